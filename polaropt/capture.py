@@ -1,0 +1,119 @@
+"""Capture: the photographs, their polarizer angles, which pixels can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polaropt.errors import InputError
+from polaropt.stokes import stokes_from_intensities
+
+FloatImages = NDArray[np.float32]
+
+SMALLEST_SIDE = 16
+MOST_NEGATIVE = -0.01
+
+
+class Capture:
+    """Photographs of one scene through glass, behind a linear polarizer at several angles.
+
+    Parameters
+    ----------
+    intensities : array_like, shape (k, [channel,] h, w)
+        Linear photographs, white = 1, one per polarizer angle.
+    angles_deg : sequence of k floats
+        Polarizer angles in degrees, counter-clockwise from the image's x axis.
+    valid : array_like of bool, same shape, optional
+        Pixels that can be trusted. Default: those below white (at white and above a sensor clips).
+
+    Attributes
+    ----------
+    intensities : ndarray of float32
+    angles_deg : tuple of float
+    valid : ndarray of bool
+
+    Raises
+    ------
+    InputError
+        Wrong shape, fewer than 3 or two equal angles, NaN, values below -1 % of white, an image smaller than
+        16 px, a constant capture, or one that is clipped everywhere.
+    """
+
+    def __init__(
+        self,
+        intensities: ArrayLike,
+        angles_deg: Sequence[float] = (0.0, 45.0, 90.0, 135.0),
+        valid: ArrayLike | None = None,
+    ) -> None:
+        self.intensities: FloatImages = np.ascontiguousarray(intensities, dtype=np.float32)
+        self.angles_deg = tuple(float(angle) for angle in angles_deg)
+        self.valid: NDArray[np.bool_] = (
+            self.intensities < 1 if valid is None else np.ascontiguousarray(valid, dtype=bool)
+        )
+        _check_angles(self.angles_deg)
+        _check_shape(self.intensities, self.angles_deg, self.valid)
+        _check_values(self.intensities, self.valid)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one layer, ([channel,] h, w)."""
+        return self.intensities.shape[1:]
+
+    @property
+    def color(self) -> bool:
+        """Whether there is a channel axis."""
+        return self.intensities.ndim == 4
+
+    @property
+    def stokes(self) -> FloatImages:
+        """Least-squares Stokes images (3, [channel,] h, w), clipped pixels taken as they are."""
+        images: Any = stokes_from_intensities(self.intensities, self.angles_deg)
+        return np.asarray(images, dtype=np.float32)
+
+    def __repr__(self) -> str:
+        return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"
+
+
+def _check_angles(angles_deg: tuple[float, ...]) -> None:
+    if len(angles_deg) < 3:
+        raise InputError(f"{len(angles_deg)} polarizer angles; at least 3 different ones are needed")
+    if not np.all(np.isfinite(angles_deg)):
+        raise InputError("a polarizer angle is not a number; give angles in degrees")
+    wrapped = np.sort(np.asarray(angles_deg) % 180)
+    gaps = np.diff(np.append(wrapped, wrapped[0] + 180))
+    if gaps.min() < 1e-3:
+        listed = ", ".join(f"{angle:g}" for angle in angles_deg)
+        raise InputError(f"two polarizer angles are equal (modulo 180 degrees): {listed}; each photograph needs its own")
+
+
+def _check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid: NDArray[np.bool_]) -> None:
+    if intensities.ndim not in (3, 4):
+        raise InputError(f"photographs have shape {intensities.shape}; expected (angle, [channel,] height, width)")
+    if intensities.shape[0] != len(angles_deg):
+        raise InputError(f"{intensities.shape[0]} photographs but {len(angles_deg)} polarizer angles; give one angle each")
+    if valid.shape != intensities.shape:
+        raise InputError(f"the validity mask has shape {valid.shape}, the photographs {intensities.shape}; make them equal")
+    height, width = intensities.shape[-2:]
+    if min(height, width) < SMALLEST_SIDE:
+        raise InputError(f"images are {width}x{height} px; at least {SMALLEST_SIDE}x{SMALLEST_SIDE} px are needed")
+
+
+def _check_values(intensities: FloatImages, valid: NDArray[np.bool_]) -> None:
+    if not np.all(np.isfinite(intensities)):
+        raise InputError("photographs hold NaN or infinite values; replace them, or mask them in finite images")
+    if not valid.any():
+        raise InputError("every pixel is saturated; take the photographs again with a shorter exposure")
+    # A few outliers are defects; a percentile would hide a wrong black level.
+    if float(intensities.min(where=valid, initial=0.0)) < MOST_NEGATIVE:
+        raise InputError(
+            f"values down to {float(intensities.min()):.3g} of white; below {MOST_NEGATIVE:g} the black level must be wrong"
+        )
+    lowest = float(intensities.min(where=valid, initial=np.inf))
+    highest = float(intensities.max(where=valid, initial=-np.inf))
+    if highest <= 0:
+        raise InputError("the capture is all black; check the exposure and the black level")
+    if highest == lowest:
+        raise InputError(f"the capture is constant ({highest:g} everywhere); it holds no scene")

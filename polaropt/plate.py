@@ -1,0 +1,97 @@
+"""The pane as three scalar geometric series: how bright each ghost is.
+
+With rho the interface's reflection and tau its transmission entry, and z the shift by one ghost step:
+reflected ``rho + tau^2 rho z / (1 - rho^2 z)``, transmitted ``tau^2 / (1 - rho^2 z)`` (paper, Eqs. (3) and (4)).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.fresnel import interface
+from polaropt.scene import SceneParameters
+
+# Beyond this share of the direct light further ghosts are added in place of the last one kept.
+_NEGLIGIBLE = 1e-9
+_MOST_GHOSTS = 2000
+
+
+def ghost_weights(scene: SceneParameters, n_ghosts: int | None = None) -> NDArray[np.float64]:
+    """Weights of the direct light and of each ghost, for both layers and the three diagonal entries.
+
+    Parameters
+    ----------
+    scene : SceneParameters
+        A complete scene.
+    n_ghosts : int, optional
+        Ghosts to keep when the scene asks for all of them; the rest is added to the last, so that energy is kept.
+        Default: as many as carry light.
+
+    Returns
+    -------
+    ndarray, shape (2, n_ghosts + 1, 3)
+        [0] transmission, [1] reflection; entries (par, perp, s2').
+    """
+    incidence_deg, _, shift = scene.values()
+    rho, tau = (np.array(entries) for entries in interface(incidence_deg, scene.refractive_index))
+    if scene.single_surface:
+        weights = np.stack([tau, rho])[:, None, :]
+    else:
+        if n_ghosts is None:
+            n_ghosts = 1 if shift == 0 else ghosts_that_matter(scene)
+        weights = _plate_weights(rho, tau, n_ghosts if scene.n_bounces is None else scene.n_bounces)
+        if scene.n_bounces is None:
+            _add_tail(weights, rho, tau)
+        if scene.literal_eq3:
+            weights = _first_ghost_unshifted(weights)
+        if shift == 0:
+            weights = weights.sum(axis=1, keepdims=True)
+    # A mirror image is described as an ideal mirror shows it, which flips the reflection's s2' entry.
+    weights[1, :, 2] *= -1
+    return weights
+
+
+def ghosts_that_matter(scene: SceneParameters, share: float = _NEGLIGIBLE) -> int:
+    """Number of ghosts until a further one is fainter than `share` of the direct transmission."""
+    incidence_deg, _, _ = scene.values()
+    strongest = max(interface(incidence_deg, scene.refractive_index).reflection[:2])
+    if strongest <= 0:
+        return 1
+    return min(_MOST_GHOSTS, max(1, math.ceil(math.log(share) / (2 * math.log(strongest)))))
+
+
+def in_place_reflectance(incidence_deg: float, refractive_index: float, single_surface: bool) -> tuple[float, float]:
+    """Parallel and perpendicular reflectance of the whole pane, all bounces summed in place."""
+    r_p, r_s, _ = interface(incidence_deg, refractive_index).reflection
+    if single_surface:
+        return r_p, r_s
+    return 2 * r_p / (1 + r_p), 2 * r_s / (1 + r_s)
+
+
+def _plate_weights(
+    rho: NDArray[np.float64], tau: NDArray[np.float64], n_ghosts: int
+) -> NDArray[np.float64]:
+    order = np.arange(n_ghosts + 1)[:, None]
+    transmitted = tau**2 * rho ** (2 * order)
+    reflected = np.concatenate([rho[None], tau**2 * rho ** (2 * order[1:] - 1)])
+    return np.stack([transmitted, reflected])
+
+
+def _add_tail(weights: NDArray[np.float64], rho: NDArray[np.float64], tau: NDArray[np.float64]) -> None:
+    """Add what all ghosts beyond the last carry to the last."""
+    n_ghosts = weights.shape[1] - 1
+    beyond = tau**2 / (1 - rho**2)
+    weights[0, -1] += beyond * rho ** (2 * (n_ghosts + 1))
+    weights[1, -1] += beyond * rho ** (2 * n_ghosts + 1)
+
+
+def _first_ghost_unshifted(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Move every ghost of the reflection one step back, as Eq. (3) is printed."""
+    moved = np.zeros_like(weights)
+    moved[0] = weights[0]
+    moved[1, 0] = weights[1, 0]
+    moved[1, :-1] += weights[1, 1:]
+    return moved

@@ -1,0 +1,140 @@
+"""The few numbers that say how the glass stands before the camera."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from polaropt.errors import InputError
+from polaropt.fresnel import refraction_angle
+
+SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
+
+
+@dataclass(frozen=True)
+class SceneParameters:
+    """Geometry and material of the pane, and the polarization of the light that meets it.
+
+    Parameters
+    ----------
+    incidence_deg : float or None
+        Angle of incidence, 0 <= incidence_deg < 90. None: to be estimated.
+    azimuth_deg : float or None
+        Direction of the trace of the plane of incidence in the image, counter-clockwise from x (right).
+        Adding 180 flips the sign of `ghost_shift`. None: to be estimated.
+    ghost_shift : float or None
+        Distance from one ghost to the next in pixels along the azimuth, signed. None: to be estimated.
+    refractive_index : float
+        Index of the pane, >= 1.
+    n_bounces : int or None
+        The direct path and ghosts 1..n_bounces. None: all of them.
+    single_surface : bool
+        No back face (water).
+    transmission_polarization, reflection_polarization : (float, float)
+        Degree (0..1) and angle (degrees) of linear polarization of the light from behind the pane, and of the
+        mirrored scene as an ideal mirror would show it.
+    literal_eq3 : bool
+        The paper's Eq. (3) as printed, with the reflection's first ghost unshifted, instead of physics.
+
+    Raises
+    ------
+    InputError
+        A value outside its range.
+    """
+
+    incidence_deg: float | None = 60.0
+    azimuth_deg: float | None = 0.0
+    ghost_shift: float | None = 6.3
+    refractive_index: float = 1.5
+    n_bounces: int | None = None
+    single_surface: bool = False
+    transmission_polarization: tuple[float, float] = (0.0, 0.0)
+    reflection_polarization: tuple[float, float] = (0.0, 0.0)
+    literal_eq3: bool = False
+
+    def __post_init__(self) -> None:
+        _check_incidence(self.incidence_deg)
+        _check_index(self.refractive_index)
+        for name in ("azimuth_deg", "ghost_shift"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise InputError(f"{name} is {value}; give a finite number")
+        if self.n_bounces is not None and self.n_bounces < 0:
+            raise InputError(f"n_bounces is {self.n_bounces}; give 0 or more, or leave it out for all bounces")
+        for name in ("transmission_polarization", "reflection_polarization"):
+            dolp = getattr(self, name)[0]
+            if not 0 <= dolp <= 1:
+                raise InputError(f"{name} has degree {dolp}; a degree of polarization lies in [0, 1]")
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is left to estimate."""
+        return all(getattr(self, name) is not None for name in SEARCHED)
+
+    @property
+    def polarized(self) -> bool:
+        """Whether either layer's light arrives polarized."""
+        return self.transmission_polarization[0] > 0 or self.reflection_polarization[0] > 0
+
+    def values(self) -> tuple[float, float, float]:
+        """Incidence, azimuth and ghost shift of a complete scene."""
+        if self.incidence_deg is None or self.azimuth_deg is None or self.ghost_shift is None:
+            missing = [name for name in SEARCHED if getattr(self, name) is None]
+            raise InputError(f"the scene lacks {', '.join(missing)}; estimate or set it first")
+        return self.incidence_deg, self.azimuth_deg, self.ghost_shift
+
+    def replace(self, **changes: object) -> SceneParameters:
+        """Copy with some fields changed (names as in the constructor)."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+
+def _check_incidence(incidence_deg: float | None) -> None:
+    if incidence_deg is not None and not 0 <= incidence_deg < 90:
+        raise InputError(f"incidence is {incidence_deg} degrees; it must lie in [0, 90)")
+
+
+def _check_index(refractive_index: float) -> None:
+    if not (math.isfinite(refractive_index) and refractive_index >= 1):
+        raise InputError(f"the refractive index is {refractive_index}; it must be 1 or more")
+
+
+def ghost_step(
+    incidence_deg: float,
+    refractive_index: float,
+    thickness_px: float,
+    kind: Literal["paper", "plate"] = "paper",
+) -> float:
+    """Distance between neighbouring ghosts of a plane-parallel pane.
+
+    Parameters
+    ----------
+    incidence_deg : float
+        Angle of incidence in degrees, in [0, 90).
+    refractive_index : float
+        Index of the pane, >= 1.
+    thickness_px : float
+        Thickness of the pane in pixels of the image.
+    kind : {"paper", "plate"}
+        "paper": ``2 d tan(theta_t) sin(theta_t)`` (Eq. (3) of the source paper);
+        "plate": ``2 d tan(theta_t) cos(theta)``, the exact perpendicular offset.
+
+    Returns
+    -------
+    float
+        The step in pixels.
+
+    Raises
+    ------
+    InputError
+        An angle, index or kind outside its range.
+    """
+    _check_incidence(incidence_deg)
+    _check_index(refractive_index)
+    refracted = refraction_angle(incidence_deg, refractive_index)
+    if kind == "paper":
+        return 2 * thickness_px * math.tan(refracted) * math.sin(refracted)
+    if kind == "plate":
+        return 2 * thickness_px * math.tan(refracted) * math.cos(math.radians(incidence_deg))
+    raise InputError(f"unknown kind of ghost step {kind!r}; use 'paper' or 'plate'")

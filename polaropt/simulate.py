@@ -1,0 +1,83 @@
+"""Photographs that a polarization camera would take of two known layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from polaropt.capture import Capture, FloatImages
+from polaropt.errors import InputError
+from polaropt.forward import PSE
+from polaropt.scene import SceneParameters
+
+ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
+
+
+def simulate(
+    transmission: ArrayLike,
+    reflection: ArrayLike,
+    scene: SceneParameters,
+    angles_deg: Sequence[float] = ANGLES_DEG,
+    noise: float = 0.005,
+    bits: int | None = None,
+    seed: int = 0,
+) -> Capture:
+    """Blend two layers through a simulated pane and photograph them behind a polarizer.
+
+    Parameters
+    ----------
+    transmission, reflection : array_like, shape (h, w) or (h, w, channel)
+        Linear layers, as image libraries have them. Unpolarized light of intensity 1 gives 0.5 behind a polarizer.
+    scene : SceneParameters
+        A complete scene.
+    angles_deg : sequence of float
+        Polarizer angles in degrees.
+    noise : float
+        Standard deviation of Gaussian noise on each photograph (white = 1).
+    bits : int, optional
+        Quantize to this depth. Default: no quantization.
+    seed : int
+        Seed of the noise.
+
+    Returns
+    -------
+    Capture
+        Clipped at white, as a sensor does.
+
+    Raises
+    ------
+    InputError
+        Layers that differ in shape, or a wrong number of bits or noise.
+    """
+    layers = stack_layers(transmission, reflection)
+    if not noise >= 0:
+        raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
+    if bits is not None and not 1 <= bits <= 24:
+        raise InputError(f"{bits} bits; give a depth from 1 to 24")
+    photographs = PSE(scene, angles_deg).forward(layers)
+    random = np.random.default_rng(seed)
+    photographs = photographs + noise * random.standard_normal(photographs.shape)
+    if bits is not None:
+        steps = 2**bits - 1
+        photographs = np.round(photographs * steps) / steps
+    return Capture(np.clip(photographs, -0.009, 1), angles_deg)
+
+
+def stack_layers(transmission: ArrayLike, reflection: ArrayLike) -> FloatImages:
+    """Images (h, w[, channel]) to layers (2, [channel,] h, w), float32."""
+    both = [np.asarray(image, dtype=np.float32) for image in (transmission, reflection)]
+    if both[0].shape != both[1].shape or both[0].ndim not in (2, 3):
+        raise InputError(f"the layers have shapes {both[0].shape} and {both[1].shape}; give two equal (h, w[, channel])")
+    return np.ascontiguousarray(np.stack([planes_first(image) for image in both]))
+
+
+def planes_first(image: FloatImages) -> FloatImages:
+    """(h, w[, channel]) to ([channel,] h, w)."""
+    return np.moveaxis(image, -1, 0) if image.ndim == 3 else image
+
+
+def planes_last(image: FloatImages) -> FloatImages:
+    """([channel,] h, w) to (h, w[, channel])."""
+    return np.ascontiguousarray(np.moveaxis(image, 0, -1)) if image.ndim == 3 else image

@@ -1,0 +1,1 @@
+"""Minimizers behind one interface; they know nothing of images."""

@@ -1,0 +1,83 @@
+"""The words every solver speaks: what it minimizes, when it stops, what it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float32]
+ValueAndGrad = Callable[[Vector], tuple[float, Vector]]
+
+
+class Status(Enum):
+    """Why a solver stopped; the value is the sentence that a user reads."""
+
+    CONVERGED = "The objective changed by less than the tolerance."
+    SMALL_GRADIENT = "The gradient is smaller than the tolerance."
+    EVALUATION_LIMIT = "The limit of evaluations was reached."
+    TIME_LIMIT = "The limit of seconds was reached."
+    ROUNDOFF_LIMITED = "No further progress is possible in the precision of the arithmetic."
+    NOT_FINITE = "The objective became infinite or NaN; the best point before is returned."
+    NOT_RUN = "There was nothing to solve."
+
+    @property
+    def success(self) -> bool:
+        """Whether the point is a minimum as far as the stopping rule asks."""
+        return self in (Status.CONVERGED, Status.SMALL_GRADIENT, Status.ROUNDOFF_LIMITED, Status.NOT_RUN)
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """When to stop, in one vocabulary for all solvers."""
+
+    max_evaluations: int = 60
+    """Evaluations of objective and gradient, at most."""
+    relative_change: float = 1e-5
+    """Stop when an iteration lowers the objective by less than this share of it."""
+    gradient_norm: float = 0.0
+    """Stop when the largest entry of the gradient is smaller."""
+    seconds: float | None = None
+    """Stop after this time."""
+
+    def __post_init__(self) -> None:
+        if self.max_evaluations < 1:
+            raise ValueError(f"max_evaluations is {self.max_evaluations}; give 1 or more")
+        if self.relative_change < 0 or self.gradient_norm < 0:
+            raise ValueError("tolerances must be 0 or more")
+        if self.seconds is not None and self.seconds <= 0:
+            raise ValueError(f"seconds is {self.seconds}; give more than 0")
+
+
+@dataclass(frozen=True)
+class TracePoint:
+    """One evaluation: its number, the seconds since the start, the value and the gradient's norm."""
+
+    n_evaluations: int
+    seconds: float
+    value: float
+    gradient_norm: float
+
+
+@dataclass(frozen=True)
+class SolverResult:
+    """The best point found and how it was found."""
+
+    x: Vector
+    value: float
+    n_evaluations: int
+    n_iterations: int
+    status: Status
+    seconds: float
+    trace: list[TracePoint] = field(repr=False, default_factory=list)
+
+
+class Solver(Protocol):
+    """A minimizer of a smooth function of a flat vector."""
+
+    def minimize(self, objective: ValueAndGrad, start: Vector, stopping: StoppingRule) -> SolverResult:
+        """Minimize `objective` from `start` until `stopping` says so."""
