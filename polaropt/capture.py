@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,40 @@ FloatImages = NDArray[np.float32]
 
 SMALLEST_SIDE = 16
 MOST_NEGATIVE = -0.01
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a capture was read from, and what was done to its values.
+
+    Attributes
+    ----------
+    files : tuple of str
+    layout : str
+        "files", "stack", "mono mosaic" or "color mosaic".
+    sample_type : str
+        Type of the values in the file, such as "uint16".
+    black_level, white_level : float
+        Values that became 0 and 1, in the file's units.
+    pair_gain : float
+        Gain of the 45/135 pair that was divided out; 1 if none was.
+    gamma : float, str or None
+        Encoding that was undone.
+    encoding_hint : str
+        What the file's format says about its encoding; empty if nothing.
+    raw_noise : float, optional
+        Noise measured on raw pixels before they were interpolated (white = 1).
+    """
+
+    files: tuple[str, ...]
+    layout: str
+    sample_type: str
+    black_level: float = 0.0
+    white_level: float = 1.0
+    pair_gain: float = 1.0
+    gamma: float | str | None = None
+    encoding_hint: str = ""
+    raw_noise: float | None = None
 
 
 class Capture:
@@ -34,6 +69,8 @@ class Capture:
     intensities : ndarray of float32
     angles_deg : tuple of float
     valid : ndarray of bool
+    origin : Origin or None
+        Where it was read from; None for a capture made in memory.
 
     Raises
     ------
@@ -56,6 +93,7 @@ class Capture:
         _check_angles(self.angles_deg)
         _check_shape(self.intensities, self.angles_deg, self.valid)
         _check_values(self.intensities, self.valid)
+        self.origin: Origin | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -9,26 +9,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
+from polaropt.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
 from polaropt.stokes import analyzer_matrix
 
 _MAD_TO_SIGMA = 1.4826
 _LEAST = 1e-6
+_ENOUGH = 1000
+_SAMPLE = 65536
+_COARSEST_STEP = 1 / 60
+_PILE = 5e-4
 
 
 def noise_level(capture: Capture) -> float:
-    """Standard deviation of the noise of one photograph (white = 1).
+    """Standard deviation of the noise of one photograph (white = 1), quantization included.
 
-    From the redundancy ``I0 + I90 - I45 - I135`` (its generalization for other sets of angles), robustly; from the
-    finest wavelet coefficients of one photograph where there are only three angles.
+    From the redundancy ``I0 + I90 - I45 - I135`` (its generalization for other sets of angles), robustly, after a
+    pair gain is divided out. With three angles nothing is said twice: there it comes from the finest detail of
+    the combination of the photographs in which the scene cancels best, an upper bound.
+
+    Clipped pixels and their neighbours do not count. A capture demosaiced to full resolution has the noise of its raw
+    pixels, measured before their interpolation.
     """
+    if capture.origin is not None and capture.origin.raw_noise is not None:
+        return capture.origin.raw_noise
+    step = quantization_step(capture.intensities)
     if len(capture.angles_deg) == 3:
-        return max(_LEAST, _noise_of_one_photograph(capture))
-    residual = redundancy_residual(capture.intensities, capture.angles_deg)
-    trusted = np.broadcast_to(capture.valid.all(axis=0), residual.shape)
-    values = residual[trusted] if trusted.any() else residual.ravel()
-    # Differences of neighbours would be blind to gain errors; the median of the pixels themselves is removed instead.
-    spread = _MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))
-    return max(_LEAST, spread, _quantization_step(capture) / np.sqrt(12))
+        spread = _noise_of_three_photographs(capture, step)
+    else:
+        spread = _noise_of_redundancy(capture, step)
+    return max(_LEAST, spread, step / np.sqrt(12))
 
 
 def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:
@@ -40,14 +49,92 @@ def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:
     return np.tensordot(left[:, 3:].T.astype(intensities.dtype), intensities, axes=1)
 
 
-def _noise_of_one_photograph(capture: Capture) -> float:
-    from skimage.restoration import estimate_sigma
+def quantization_step(intensities: NDArray[np.float32]) -> float:
+    """Distance of the grey levels (white = 1), 0 for values that lie on no grid."""
+    levels = np.unique(intensities[0].ravel()[:: max(1, intensities[0].size // _SAMPLE)])
+    if levels.size < 16:
+        return 0.0
+    gaps = np.diff(levels.astype(np.float64))
+    step = float(np.median(gaps[gaps <= 1.5 * np.quantile(gaps, 0.1)]))
+    off_grid = np.abs(gaps / step - np.round(gaps / step))
+    on_grid = float(np.mean(off_grid < 0.1)) > 0.9 and step > 2e-6
+    return step if on_grid and step < _COARSEST_STEP else 0.0
 
-    first: NDArray[np.float32] = capture.intensities[0]
-    return float(estimate_sigma(first, channel_axis=0 if capture.color else None, average_sigmas=True))
+
+def _noise_of_redundancy(capture: Capture, step: float) -> float:
+    intensities = capture.intensities
+    if orthogonal_pairs(capture.angles_deg) is not None:
+        gain = pair_gain_of(intensities, capture.angles_deg, capture.valid)
+        if gain is not None and plausible(gain):
+            intensities = divide_out_gain(intensities, capture.angles_deg, gain)
+    residual = redundancy_residual(intensities, capture.angles_deg)
+    trusted = np.broadcast_to(_trusted(capture), residual.shape)
+    return _spread(residual[trusted], step / 2)
 
 
-def _quantization_step(capture: Capture) -> float:
-    """Smallest difference between values: a lower bound of the noise where all others cancel."""
-    values = np.unique(capture.intensities[0].ravel()[:65536])
-    return float(np.diff(values).min()) if values.size > 1 else 0.0
+def _noise_of_three_photographs(capture: Capture, step: float) -> float:
+    """Robust spread of second differences, in the combination of the photographs in which they are smallest.
+
+    Light of two unpolarized layers has no s2 in the pane's frame: three photographs are then combinations of two
+    pictures, and one combination holds noise alone.
+    """
+    detail = _second_differences(capture.intensities)
+    trusted = _trusted(capture)[..., 1:-1, 1:-1]
+    samples = detail[:, trusted]
+    small = np.abs(samples).max(axis=0) <= np.quantile(np.abs(samples).max(axis=0), 0.9)
+    _, directions = np.linalg.eigh(np.cov(samples[:, small].astype(np.float64)))
+    return _spread(np.tensordot(directions[:, 0].astype(np.float32), samples, axes=1), step / 6)
+
+
+def _second_differences(images: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Mixed second differences in both directions (Immerkaer 1996), scaled so that white noise keeps its sigma."""
+    down = images[..., :-2, :] - 2 * images[..., 1:-1, :] + images[..., 2:, :]
+    return (down[..., :-2] - 2 * down[..., 1:-1] + down[..., 2:]) / np.float32(6)
+
+
+def _trusted(capture: Capture) -> NDArray[np.bool_]:
+    """Pixels ([channel,] h, w) away from anything clipped, at white or at the lowest value."""
+    valid = capture.valid.all(axis=0)
+    lowest = capture.intensities.min()
+    at_lowest = capture.intensities == lowest
+    if np.count_nonzero(at_lowest) > _PILE * at_lowest.size:
+        valid &= ~at_lowest.any(axis=0)
+    # Beside clipped pixels those survive whose noise happens to be small: a biased sample.
+    inner = _eroded(valid)
+    for mask in (inner, valid):
+        if np.count_nonzero(mask) >= _ENOUGH:
+            return mask
+    return valid if valid.any() else np.ones_like(valid)
+
+
+def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    rows = mask.copy()
+    rows[..., 1:, :] &= mask[..., :-1, :]
+    rows[..., :-1, :] &= mask[..., 1:, :]
+    both = rows.copy()
+    both[..., :, 1:] &= rows[..., :, :-1]
+    both[..., :, :-1] &= rows[..., :, 1:]
+    return both
+
+
+def _spread(values: NDArray[np.float32], step: float) -> float:
+    """Robust standard deviation of values on a grid of `step`.
+
+    On a coarse grid the median deviation is a whole number of steps; a uniform jitter of one step fills the gaps, and
+    its variance is taken off again. Where quantization itself is most of the noise the values are far from normal: the
+    standard deviation without outliers is the better measure there.
+    """
+    center = float(np.median(values))
+    jitter = np.random.default_rng(0).uniform(-0.5, 0.5, values.shape).astype(np.float32) * np.float32(step)
+    jittered = values + jitter if step > 0 else values
+    sigma = _MAD_TO_SIGMA * float(np.median(np.abs(jittered - np.float32(center))))
+    if sigma < 2 * step:
+        sigma = _clipped_deviation(jittered, center, sigma)
+    return float(np.sqrt(max(0.0, sigma**2 - step**2 / 12)))
+
+
+def _clipped_deviation(values: NDArray[np.float32], center: float, sigma: float) -> float:
+    for _ in range(4):
+        kept = values[np.abs(values - np.float32(center)) <= 3.5 * sigma]
+        sigma = float(np.sqrt(np.mean(np.square(kept - np.float32(center), dtype=np.float64))))
+    return sigma

@@ -1,0 +1,107 @@
+"""Two orthogonal pairs of polarizer angles: each pair sums to the intensity, up to the sensor's gain.
+
+On polarization cameras ``I45 + I135 = g (I0 + I90)`` with g between 1.01 and 1.03; taken as 1 it biases every Stokes
+image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating[Any]]
+Pairs = tuple[tuple[int, int], tuple[int, int]]
+
+BLOCK = 8
+PLAUSIBLE_GAIN = (0.9, 1.1)
+_DARK = 0.05
+_FEWEST_BLOCKS = 12
+
+
+def orthogonal_pairs(angles_deg: Sequence[float], tolerance_deg: float = 0.5) -> Pairs | None:
+    """Indices of the two orthogonal pairs among four angles, the pair nearest to 0/90 first; None if there are none."""
+    if len(angles_deg) != 4:
+        return None
+    angles = np.asarray(angles_deg, dtype=np.float64) % 180
+    for partner in (1, 2, 3):
+        rest = [k for k in (1, 2, 3) if k != partner]
+        if all(abs(abs(angles[a] - angles[b]) - 90) <= tolerance_deg for a, b in ((0, partner), (rest[0], rest[1]))):
+            pairs = ((0, partner), (rest[0], rest[1]))
+            nearest = [abs(np.sin(np.radians(2 * angles[a]))) for a, _ in pairs]
+            return pairs if nearest[0] <= nearest[1] else (pairs[1], pairs[0])
+    return None
+
+
+def block_means(images: Floats, block: int = BLOCK) -> Floats:
+    """Means over whole blocks of the last two axes, (..., h // block, w // block)."""
+    rows, columns = images.shape[-2] // block, images.shape[-1] // block
+    cut = images[..., : rows * block, : columns * block]
+    blocks = cut.reshape(*images.shape[:-2], rows, block, columns, block)
+    # Column sums first: contiguous rows are the fast direction.
+    return np.asarray(blocks.sum(axis=-3).sum(axis=-1) / block**2)
+
+
+def trusted_blocks(intensities: Floats, valid: NDArray[np.bool_], block: int = BLOCK) -> Floats:
+    """Block means of photographs (k, [channel,] h, w) where all of a block is valid in all of them, shape (k, n)."""
+    means = block_means(intensities, block)
+    rows, columns = means.shape[-2:]
+    every = valid.all(axis=0)[..., : rows * block, : columns * block]
+    whole = every.reshape(*every.shape[:-2], rows, block, columns, block).all(axis=-3).all(axis=-1)
+    bright = means.mean(axis=0)
+    bright_enough = bright > _DARK * np.quantile(bright, 0.99)
+    return means[:, whole & bright_enough & (means.min(axis=0) > 0)]
+
+
+def pair_gain_of(
+    intensities: Floats, angles_deg: Sequence[float], valid: NDArray[np.bool_] | None = None
+) -> float | None:
+    """Gain g of the second orthogonal pair against the first, ``I45 + I135 = g (I0 + I90)``.
+
+    Parameters
+    ----------
+    intensities : ndarray, shape (4, [channel,] h, w)
+        Linear photographs.
+    angles_deg : sequence of 4 floats
+        Their polarizer angles in degrees: two orthogonal pairs.
+    valid : ndarray of bool, same shape, optional
+        Pixels that can be trusted.
+
+    Returns
+    -------
+    float or None
+        The weighted median over 8x8 blocks that are valid throughout; None where the angles are no two orthogonal
+        pairs or too little of the capture can be used.
+    """
+    pairs = orthogonal_pairs(angles_deg)
+    if pairs is None:
+        return None
+    trusted = np.ones(intensities.shape, dtype=bool) if valid is None else valid
+    means = trusted_blocks(intensities, trusted)
+    if means.shape[1] < _FEWEST_BLOCKS:
+        return None
+    first, second = (means[a] + means[b] for a, b in pairs)
+    return _weighted_median(second / first, first)
+
+
+def divide_out_gain(intensities: Floats, angles_deg: Sequence[float], gain: float) -> Floats:
+    """Photographs with the gain of the second orthogonal pair (45/135) removed."""
+    pairs = orthogonal_pairs(angles_deg)
+    if pairs is None or gain == 1:
+        return intensities
+    corrected = intensities.copy()
+    corrected[list(pairs[1])] /= corrected.dtype.type(gain)
+    return corrected
+
+
+def plausible(gain: float | None) -> bool:
+    """Whether a fitted gain can be a sensor's, and not the sign of swapped or encoded photographs."""
+    return gain is not None and PLAUSIBLE_GAIN[0] <= gain <= PLAUSIBLE_GAIN[1]
+
+
+def _weighted_median(values: Floats, weights: Floats) -> float:
+    order = np.argsort(values)
+    cumulated = np.cumsum(weights[order], dtype=np.float64)
+    return float(values[order][np.searchsorted(cumulated, cumulated[-1] / 2)])
