@@ -7,19 +7,25 @@ With the scene fixed the pane is linear in the layers. Each layer's light is tak
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
+from array_api_compat import array_namespace, is_numpy_namespace
 from numpy.typing import NDArray
 
 from polaropt.plate import ghost_weights
 from polaropt.scene import SceneParameters
-from polaropt.shift import shift_image, shift_image_adjoint
+from polaropt.shift import PaddedFrame, Shift, device_of, zeros
 from polaropt.stokes import analyzer_matrix, frame_matrix, stokes_vector
 
 TRANSMISSION, REFLECTION = 0, 1
+
+Weights = NDArray[np.float64]
+
+# Samples that numpy works on at a time: few enough to stay in a core's cache through all ghosts.
+_BLOCK = 1 << 15
 
 
 class PSE:
@@ -52,7 +58,8 @@ class PSE:
         self._to_frame = frame_matrix(azimuth_deg)
         self.mixing: NDArray[np.float64] = analyzer_matrix(angles_deg) @ np.linalg.inv(self._to_frame)
         """(k, 3): photographs from the plate's (I_par, I_perp, s2')."""
-        light = np.stack([stokes_vector(*scene.transmission_polarization), stokes_vector(*scene.reflection_polarization)])
+        incoming = (scene.transmission_polarization, scene.reflection_polarization)
+        light = np.stack([stokes_vector(dolp, aolp_deg) for dolp, aolp_deg in incoming])
         n_entries = 3 if scene.polarized else 2
         entries = light @ self._to_frame.T
         self.taps: NDArray[np.float64] = (self.weights * entries[:, None, :])[..., :n_entries]
@@ -74,12 +81,7 @@ class PSE:
 
     def entries(self, layers: Any) -> Any:
         """The mixture in the plate's frame, (I_par, I_perp[, s2']), of layers (2, [channel,] h, w)."""
-        xp = array_namespace(layers)
-        total = None
-        for k, (dx, dy) in enumerate(self._shifts(layers.shape)):
-            part = _mix(self.taps[:, k].T, shift_image(layers, dx, dy, xp), xp)
-            total = part if total is None else total + part
-        return total
+        return self._filtered(layers, self.taps)
 
     def forward_stokes(self, layers: Any) -> Any:
         """Photographs of two layers that have their own Stokes vector per pixel.
@@ -94,49 +96,132 @@ class PSE:
         array, shape (k, [channel,] h, w)
         """
         xp = array_namespace(layers)
+        layers = _as_real(layers, xp)
         light = xp.stack([_mix(self._to_frame, layers[i, ...], xp) for i in (TRANSMISSION, REFLECTION)])
-        total = None
-        for k, (dx, dy) in enumerate(self._shifts(layers.shape)):
-            shifted = shift_image(light, dx, dy, xp)
-            weights = xp.asarray(self.weights[:, k], dtype=layers.dtype, device=_device_of(layers, xp))
-            part = xp.sum(shifted * xp.reshape(weights, (2, 3) + (1,) * (layers.ndim - 2)), axis=0)
-            total = part if total is None else total + part
-        return self._photographs(total)
+        frame = self._frame(light)
+        planes = frame.extend(light, xp)
+        return self._photographs(
+            xp.stack([_entry(frame, planes[:, i, ...], self.weights[..., i], xp) for i in range(3)])
+        )
 
     def adjoint(self, intensities: Any) -> Any:
         """Transpose of `forward`: photographs (k, [channel,] h, w) to layers (2, [channel,] h, w)."""
         xp = array_namespace(intensities)
-        return self.entries_adjoint(_mix(self.mixing[:, : self.taps.shape[2]].T, intensities, xp))
+        return self.entries_adjoint(_mix(self.mixing[:, : self.taps.shape[2]].T, _as_real(intensities, xp), xp))
 
     def entries_adjoint(self, entries: Any) -> Any:
         """Transpose of `entries`."""
         xp = array_namespace(entries)
-        total = None
-        for k, (dx, dy) in enumerate(self._shifts(entries.shape)):
-            part = shift_image_adjoint(_mix(self.taps[:, k], entries, xp), dx, dy, xp)
-            total = part if total is None else total + part
-        return total
+        entries = _as_real(entries, xp)
+        frame = self._frame(entries)
+        planes = zeros((2, *entries.shape[1:-2], frame.padded_size), entries, xp)
+        for i in range(entries.shape[0]):
+            _add_entry_transposed(frame, frame.spread(entries[i, ...], xp), self.taps[..., i], planes, xp)
+        return frame.fold(planes, xp)
 
     def components(self, layers: Any) -> Any:
         """The parts of the photographs that come from each layer, (2, k, [channel,] h, w)."""
         xp = array_namespace(layers)
-        nothing = xp.zeros_like(layers[0, ...])
-        only = (xp.stack([layers[0, ...], nothing]), xp.stack([nothing, layers[1, ...]]))
-        return xp.stack([self.forward(part) for part in only])
+        alone = np.eye(2)[:, :, None, None] * self.taps
+        return xp.stack([self._photographs(self._filtered(layers, taps)) for taps in alone])
+
+    def _filtered(self, layers: Any, taps: Weights) -> Any:
+        xp = array_namespace(layers)
+        layers = _as_real(layers, xp)
+        frame = self._frame(layers)
+        planes = frame.extend(layers, xp)
+        return xp.stack([_entry(frame, planes, taps[..., i], xp) for i in range(taps.shape[2])])
 
     def _photographs(self, entries: Any) -> Any:
         return _mix(self.mixing[:, : entries.shape[0]], entries, array_namespace(entries))
 
-    def _shifts(self, shape: Sequence[int]) -> list[tuple[float, float]]:
-        return [(k * self.step[0], k * self.step[1]) for k in range(self.taps.shape[1])]
+    def _frame(self, images: Any) -> PaddedFrame:
+        height, width = images.shape[-2:]
+        return _padded_frame(height, width, self.step, self.taps.shape[1])
 
 
-def _device_of(x: Any, xp: Any) -> Any:
-    return getattr(x, "device", None) if xp.__name__.endswith("torch") else None
+@lru_cache(maxsize=16)
+def _padded_frame(height: int, width: int, step: tuple[float, float], n_taps: int) -> PaddedFrame:
+    return PaddedFrame(height, width, [(k * step[0], k * step[1]) for k in range(n_taps)])
 
 
-def _mix(matrix: NDArray[np.float64], images: Any, xp: Any) -> Any:
+def _entry(frame: PaddedFrame, planes: Any, taps: Weights, xp: Any) -> Any:
+    """One entry of the mixture (..., h, w): all ghosts of both layers' planes (2, ..., samples)."""
+    ghosts = _ghosts_that_show(frame, taps, planes, xp)
+    lead = planes.shape[1:-1]
+    planes = xp.reshape(planes, (2, -1, planes.shape[-1]))
+    parts = []
+    for which, start, stop in _blocks(planes.shape[1], 0, frame.size, xp):
+        total = None
+        for shift, factors in ghosts:
+            span = slice(shift.offset + start - frame.reach(shift), shift.offset + stop)
+            part = frame.interpolate(_weighted_sum(planes[:, which, span], factors), shift)
+            total = part if total is None else _add(total, part)
+        parts.append(xp.reshape(total, (-1,)))
+    return frame.crop(xp.reshape(xp.concat(parts), (*lead, frame.size)), xp)
+
+
+def _add_entry_transposed(frame: PaddedFrame, samples: Any, taps: Weights, planes: Any, xp: Any) -> None:
+    """Add the transpose of `_entry` to planes (2, ..., samples); `samples` come from `PaddedFrame.spread`."""
+    planes = xp.reshape(planes, (2, -1, planes.shape[-1]))
+    samples = xp.reshape(samples, (-1, samples.shape[-1]))
+    ahead = frame.stride + 1
+    for shift, factors in _ghosts_that_show(frame, taps, planes, xp):
+        reach = frame.reach(shift)
+        for which, start, stop in _blocks(samples.shape[0], -reach, frame.size, xp):
+            part = frame.interpolate_transposed(samples[which, ahead + start : ahead + stop + reach], shift)
+            for layer, factor in enumerate(factors):
+                if factor:
+                    planes[layer, which, shift.offset + start : shift.offset + stop] += factor * part
+
+
+def _ghosts_that_show(
+    frame: PaddedFrame, taps: Weights, like: Any, xp: Any
+) -> list[tuple[Shift, tuple[float, float]]]:
+    """Shifts with the factors of both layers, less what the arrays' precision cannot tell from nothing."""
+    least = float(xp.finfo(like.dtype).eps) / 8
+    together: dict[Shift, Weights] = {}
+    for shift, factors in zip(frame.shifts, taps.T, strict=True):
+        together[shift] = together.get(shift, 0.0) + shift.scale * factors
+    shown = {shift: np.where(np.abs(factors) > least, factors, 0.0) for shift, factors in together.items()}
+    direct = frame.shifts[0]
+    return [
+        (shift, (float(factors[0]), float(factors[1])))
+        for shift, factors in shown.items()
+        if factors.any() or shift == direct
+    ]
+
+
+def _blocks(n_planes: int, start: int, stop: int, xp: Any) -> Iterator[tuple[Any, int, int]]:
+    """What to work on at a time: planes and a range of samples. Libraries other than numpy take all at once."""
+    if not is_numpy_namespace(xp):
+        yield slice(None), start, stop
+        return
+    for plane in range(n_planes):
+        for first in range(start, stop, _BLOCK):
+            yield plane, first, min(first + _BLOCK, stop)
+
+
+def _weighted_sum(pair: Any, factors: tuple[float, float]) -> Any:
+    if not factors[0]:
+        return factors[1] * pair[1, ...]
+    if not factors[1]:
+        return factors[0] * pair[0, ...]
+    return _add(factors[0] * pair[0, ...], factors[1] * pair[1, ...])
+
+
+def _add(total: Any, part: Any) -> Any:
+    total += part
+    return total
+
+
+def _as_real(x: Any, xp: Any) -> Any:
+    """Whole numbers as float32; others as they are."""
+    return x if xp.isdtype(x.dtype, ("real floating", "complex floating")) else xp.astype(x, xp.float32)
+
+
+def _mix(matrix: Weights, images: Any, xp: Any) -> Any:
     """Matrix product over the first axis of `images`, in their dtype."""
-    factors = xp.asarray(np.ascontiguousarray(matrix), dtype=images.dtype, device=_device_of(images, xp))
+    factors = xp.asarray(np.ascontiguousarray(matrix), dtype=images.dtype, device=device_of(images, xp))
     flat = xp.reshape(images, (images.shape[0], -1))
     return xp.reshape(factors @ flat, (matrix.shape[0], *images.shape[1:]))
