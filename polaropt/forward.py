@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from polaropt.plate import ghost_weights
 from polaropt.scene import SceneParameters
-from polaropt.shift import PaddedFrame, Shift, device_of, zeros
-from polaropt.stokes import analyzer_matrix, frame_matrix, stokes_vector
+from polaropt.shift import PaddedFrame, Shift, zeros
+from polaropt.stokes import analyzer_matrix, as_floating, change_basis, frame_matrix, stokes_vector
 
 TRANSMISSION, REFLECTION = 0, 1
 
@@ -96,8 +96,7 @@ class PSE:
         array, shape (k, [channel,] h, w)
         """
         xp = array_namespace(layers)
-        layers = _as_real(layers, xp)
-        light = xp.stack([_mix(self._to_frame, layers[i, ...], xp) for i in (TRANSMISSION, REFLECTION)])
+        light = xp.stack([change_basis(self._to_frame, layers[i, ...]) for i in (TRANSMISSION, REFLECTION)])
         frame = self._frame(light)
         planes = frame.extend(light, xp)
         return self._photographs(
@@ -106,13 +105,12 @@ class PSE:
 
     def adjoint(self, intensities: Any) -> Any:
         """Transpose of `forward`: photographs (k, [channel,] h, w) to layers (2, [channel,] h, w)."""
-        xp = array_namespace(intensities)
-        return self.entries_adjoint(_mix(self.mixing[:, : self.taps.shape[2]].T, _as_real(intensities, xp), xp))
+        return self.entries_adjoint(change_basis(self.mixing[:, : self.taps.shape[2]].T, intensities))
 
     def entries_adjoint(self, entries: Any) -> Any:
         """Transpose of `entries`."""
         xp = array_namespace(entries)
-        entries = _as_real(entries, xp)
+        entries = as_floating(entries, xp)
         frame = self._frame(entries)
         planes = zeros((2, *entries.shape[1:-2], frame.padded_size), entries, xp)
         for i in range(entries.shape[0]):
@@ -127,13 +125,13 @@ class PSE:
 
     def _filtered(self, layers: Any, taps: Weights) -> Any:
         xp = array_namespace(layers)
-        layers = _as_real(layers, xp)
+        layers = as_floating(layers, xp)
         frame = self._frame(layers)
         planes = frame.extend(layers, xp)
         return xp.stack([_entry(frame, planes, taps[..., i], xp) for i in range(taps.shape[2])])
 
     def _photographs(self, entries: Any) -> Any:
-        return _mix(self.mixing[:, : entries.shape[0]], entries, array_namespace(entries))
+        return change_basis(self.mixing[:, : entries.shape[0]], entries)
 
     def _frame(self, images: Any) -> PaddedFrame:
         height, width = images.shape[-2:]
@@ -214,14 +212,3 @@ def _add(total: Any, part: Any) -> Any:
     total += part
     return total
 
-
-def _as_real(x: Any, xp: Any) -> Any:
-    """Whole numbers as float32; others as they are."""
-    return x if xp.isdtype(x.dtype, ("real floating", "complex floating")) else xp.astype(x, xp.float32)
-
-
-def _mix(matrix: Weights, images: Any, xp: Any) -> Any:
-    """Matrix product over the first axis of `images`, in their dtype."""
-    factors = xp.asarray(np.ascontiguousarray(matrix), dtype=images.dtype, device=device_of(images, xp))
-    flat = xp.reshape(images, (images.shape[0], -1))
-    return xp.reshape(factors @ flat, (matrix.shape[0], *images.shape[1:]))

@@ -39,26 +39,38 @@ def amplitudes(incidence_deg: float, refractive_index: float) -> tuple[float, fl
     ----------
     E. Collett, Field Guide to Polarization, SPIE, 2005.
     """
-    cos_i = math.cos(math.radians(incidence_deg))
-    cos_t = math.cos(refraction_angle(incidence_deg, refractive_index))
-    n = refractive_index
-    return (n * cos_i - cos_t) / (n * cos_i + cos_t), (cos_i - n * cos_t) / (cos_i + n * cos_t)
+    return _amplitudes(*_cosines(incidence_deg, refractive_index), refractive_index)
 
 
 def refraction_angle(incidence_deg: float, refractive_index: float) -> float:
     """Angle of the refracted ray in radians, by Snell's law."""
-    return math.asin(math.sin(math.radians(incidence_deg)) / refractive_index)
+    _, inside = _cosines(incidence_deg, refractive_index)
+    return math.atan2(math.sin(math.radians(incidence_deg)), inside)
 
 
 def interface(incidence_deg: float, refractive_index: float) -> Interface:
     """Reflection and transmission entries of one interface (arguments as for `amplitudes`)."""
-    r_p, r_s = amplitudes(incidence_deg, refractive_index)
-    reflectance_p, reflectance_s = r_p * r_p, r_s * r_s
-    transmittance_p, transmittance_s = 1 - reflectance_p, 1 - reflectance_s
+    outside, inside = _cosines(incidence_deg, refractive_index)
+    r_p, r_s = _amplitudes(outside, inside, refractive_index)
+    # 1 - R, in the form that keeps its precision at grazing incidence.
+    square = refractive_index**2
+    transmittance_p = 4 * square * outside * inside / (square * outside + inside) ** 2
+    transmittance_s = 4 * outside * inside / (outside + inside) ** 2
     return Interface(
-        (reflectance_p, reflectance_s, r_p * r_s),
+        (r_p * r_p, r_s * r_s, r_p * r_s),
         (transmittance_p, transmittance_s, math.sqrt(transmittance_p * transmittance_s)),
     )
+
+
+def _cosines(incidence_deg: float, refractive_index: float) -> tuple[float, float]:
+    """``cos(theta)`` and ``n cos(theta_t)``, the latter without the sine, which says little at grazing incidence."""
+    outside = math.cos(math.radians(incidence_deg))
+    return outside, math.sqrt((refractive_index - 1) * (refractive_index + 1) + outside * outside)
+
+
+def _amplitudes(outside: float, inside: float, refractive_index: float) -> tuple[float, float]:
+    square = refractive_index**2
+    return (square * outside - inside) / (square * outside + inside), (outside - inside) / (outside + inside)
 
 
 def brewster_angle_deg(refractive_index: float) -> float:

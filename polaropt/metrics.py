@@ -20,8 +20,17 @@ def psnr_db(image: ArrayLike, reference: ArrayLike, border: int = 0, peak: float
     Returns
     -------
     float
+
+    Raises
+    ------
+    ValueError
+        Images of different shape, or a border that leaves nothing.
     """
+    if np.shape(image) != np.shape(reference):
+        raise ValueError(f"the images have shapes {np.shape(image)} and {np.shape(reference)}; give two equal ones")
     difference = np.asarray(image, dtype=np.float64) - np.asarray(reference, dtype=np.float64)
     if border:
         difference = difference[..., border:-border, border:-border]
+    if difference.size == 0:
+        raise ValueError(f"a border of {border} px leaves nothing of images of shape {np.shape(image)}")
     return float(10 * np.log10(peak**2 / max(float(np.mean(difference**2)), 1e-20)))

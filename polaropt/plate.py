@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from polaropt.fresnel import interface
 from polaropt.scene import SceneParameters
 
-# Beyond this share of the direct light further ghosts are added in place of the last one kept.
-_NEGLIGIBLE = 1e-9
+# Ghosts fainter than this share of the light are added to the last one kept.
+_NEGLIGIBLE = 1e-12
 _MOST_GHOSTS = 2000
 
 
@@ -27,8 +27,8 @@ def ghost_weights(scene: SceneParameters, n_ghosts: int | None = None) -> NDArra
     scene : SceneParameters
         A complete scene.
     n_ghosts : int, optional
-        Ghosts to keep when the scene asks for all of them; the rest is added to the last, so that energy is kept.
-        Default: as many as carry light.
+        Ghosts to keep where the scene asks for all of them; the rest is added to the last, so that energy is kept.
+        Default: as many as carry light. A scene with its own number of bounces keeps that.
 
     Returns
     -------
@@ -55,11 +55,13 @@ def ghost_weights(scene: SceneParameters, n_ghosts: int | None = None) -> NDArra
 
 
 def ghosts_that_matter(scene: SceneParameters, share: float = _NEGLIGIBLE) -> int:
-    """Number of ghosts until a further one is fainter than `share` of the direct transmission."""
+    """Number of ghosts until the next is fainter than `share` of the first."""
     incidence_deg, _, _ = scene.values()
     strongest = max(interface(incidence_deg, scene.refractive_index).reflection[:2])
     if strongest <= 0:
         return 1
+    if strongest >= 1:
+        return _MOST_GHOSTS
     return min(_MOST_GHOSTS, max(1, math.ceil(math.log(share) / (2 * math.log(strongest)))))
 
 
@@ -71,9 +73,8 @@ def in_place_reflectance(incidence_deg: float, refractive_index: float, single_s
     return 2 * r_p / (1 + r_p), 2 * r_s / (1 + r_s)
 
 
-def _plate_weights(
-    rho: NDArray[np.float64], tau: NDArray[np.float64], n_ghosts: int
-) -> NDArray[np.float64]:
+def _plate_weights(rho: NDArray[np.float64], tau: NDArray[np.float64], n_ghosts: int) -> NDArray[np.float64]:
+    """The two series up to ghost `n_ghosts`, shape (2, n_ghosts + 1, 3)."""
     order = np.arange(n_ghosts + 1)[:, None]
     transmitted = tau**2 * rho ** (2 * order)
     reflected = np.concatenate([rho[None], tau**2 * rho ** (2 * order[1:] - 1)])
@@ -83,7 +84,9 @@ def _plate_weights(
 def _add_tail(weights: NDArray[np.float64], rho: NDArray[np.float64], tau: NDArray[np.float64]) -> None:
     """Add what all ghosts beyond the last carry to the last."""
     n_ghosts = weights.shape[1] - 1
-    beyond = tau**2 / (1 - rho**2)
+    # tau^2 / (1 - rho^2), with 1 - rho^2 written in the transmittances so that it does not cancel.
+    product, total = tau[0] * tau[1], tau[0] + tau[1]
+    beyond = np.array([tau[0] / (2 - tau[0]), tau[1] / (2 - tau[1]), product / (total - product)])
     weights[0, -1] += beyond * rho ** (2 * (n_ghosts + 1))
     weights[1, -1] += beyond * rho ** (2 * n_ghosts + 1)
 

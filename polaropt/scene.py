@@ -61,12 +61,16 @@ class SceneParameters:
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
                 raise InputError(f"{name} is {value}; give a finite number")
-        if self.n_bounces is not None and self.n_bounces < 0:
-            raise InputError(f"n_bounces is {self.n_bounces}; give 0 or more, or leave it out for all bounces")
+        if self.n_bounces is not None and not (self.n_bounces >= 0 and self.n_bounces == int(self.n_bounces)):
+            raise InputError(
+                f"n_bounces is {self.n_bounces}; give a whole number from 0 on, or leave it out for all bounces"
+            )
         for name in ("transmission_polarization", "reflection_polarization"):
-            dolp = getattr(self, name)[0]
+            dolp, aolp_deg = getattr(self, name)
             if not 0 <= dolp <= 1:
                 raise InputError(f"{name} has degree {dolp}; a degree of polarization lies in [0, 1]")
+            if not math.isfinite(aolp_deg):
+                raise InputError(f"{name} has angle {aolp_deg}; give degrees")
 
     @property
     def complete(self) -> bool:
@@ -128,10 +132,12 @@ def ghost_step(
     Raises
     ------
     InputError
-        An angle, index or kind outside its range.
+        An angle, index, thickness or kind outside its range.
     """
     _check_incidence(incidence_deg)
     _check_index(refractive_index)
+    if not 0 <= thickness_px < math.inf:
+        raise InputError(f"the thickness is {thickness_px} px; it must be 0 or more")
     refracted = refraction_angle(incidence_deg, refractive_index)
     if kind == "paper":
         return 2 * thickness_px * math.tan(refracted) * math.sin(refracted)

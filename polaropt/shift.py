@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from array_api_compat import is_torch_namespace
+
 # Rounding of cos and sin must not make a whole shift a fractional one.
 _SNAP = 1e-12
 
@@ -121,12 +123,7 @@ class PaddedFrame:
 
 def zeros(shape: tuple[int, ...], like: Any, xp: Any) -> Any:
     """Zeros of the dtype and on the device of another array."""
-    return xp.zeros(shape, dtype=like.dtype, device=device_of(like, xp))
-
-
-def device_of(x: Any, xp: Any) -> Any:
-    """Where an array lies, as the array's namespace wants to be told."""
-    return getattr(x, "device", None) if xp.__name__.endswith("torch") else None
+    return xp.zeros(shape, dtype=like.dtype, device=like.device if is_torch_namespace(xp) else None)
 
 
 def _add_scaled(x: Any, y: Any, factor: float) -> Any:

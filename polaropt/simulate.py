@@ -7,12 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from polaropt.capture import Capture, FloatImages
+from polaropt.capture import MOST_NEGATIVE, Capture, FloatImages
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.scene import SceneParameters
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
+
+# Noise below black is kept as far as a capture may have it.
+_DARKEST = 0.9 * MOST_NEGATIVE
 
 
 def simulate(
@@ -29,7 +32,8 @@ def simulate(
     Parameters
     ----------
     transmission, reflection : array_like, shape (h, w) or (h, w, channel)
-        Linear layers, as image libraries have them. Unpolarized light of intensity 1 gives 0.5 behind a polarizer.
+        Linear layers, as image libraries have them: floating point with white = 1, or 8 or 16 bit unsigned integers
+        with white at their largest value. Unpolarized light of intensity 1 gives 0.5 behind a polarizer.
     scene : SceneParameters
         A complete scene.
     angles_deg : sequence of float
@@ -44,7 +48,7 @@ def simulate(
     Returns
     -------
     Capture
-        Clipped at white, as a sensor does.
+        Clipped at white, as a sensor does, and a little below black.
 
     Raises
     ------
@@ -52,7 +56,7 @@ def simulate(
         Layers that differ in shape, or a wrong number of bits or noise.
     """
     layers = stack_layers(transmission, reflection)
-    if not noise >= 0:
+    if not 0 <= noise < np.inf:
         raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
     if bits is not None and not 1 <= bits <= 24:
         raise InputError(f"{bits} bits; give a depth from 1 to 24")
@@ -62,15 +66,22 @@ def simulate(
     if bits is not None:
         steps = 2**bits - 1
         photographs = np.round(photographs * steps) / steps
-    return Capture(np.clip(photographs, -0.009, 1), angles_deg)
+    return Capture(np.clip(photographs, _DARKEST, 1), angles_deg)
 
 
 def stack_layers(transmission: ArrayLike, reflection: ArrayLike) -> FloatImages:
     """Images (h, w[, channel]) to layers (2, [channel,] h, w), float32."""
-    both = [np.asarray(image, dtype=np.float32) for image in (transmission, reflection)]
+    both = [_as_linear(image) for image in (transmission, reflection)]
     if both[0].shape != both[1].shape or both[0].ndim not in (2, 3):
-        raise InputError(f"the layers have shapes {both[0].shape} and {both[1].shape}; give two equal (h, w[, channel])")
+        shapes = f"{both[0].shape} and {both[1].shape}"
+        raise InputError(f"the layers have shapes {shapes}; give two equal (h, w[, channel])")
     return np.ascontiguousarray(np.stack([planes_first(image) for image in both]))
+
+
+def _as_linear(image: ArrayLike) -> FloatImages:
+    values = np.asarray(image)
+    white = np.iinfo(values.dtype).max if values.dtype in (np.uint8, np.uint16) else 1
+    return values.astype(np.float32) / np.float32(white)
 
 
 def planes_first(image: FloatImages) -> FloatImages:

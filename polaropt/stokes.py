@@ -10,7 +10,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace, is_torch_namespace
 from numpy.typing import NDArray
+
+from polaropt.errors import InputError
 
 Matrix = NDArray[np.float64]
 
@@ -39,22 +42,51 @@ def stokes_from_intensities(intensities: Any, angles_deg: Sequence[float]) -> An
 
     Parameters
     ----------
-    intensities : ndarray, shape (k, ...)
+    intensities : numpy array or torch tensor, shape (k, ...)
         Linear photographs.
     angles_deg : sequence of k floats
         Polarizer angles in degrees.
 
     Returns
     -------
-    ndarray, shape (3, ...)
-        s0, s1, s2 in the camera's frame, in the dtype of the input.
+    array, shape (3, ...)
+        s0, s1, s2 in the camera's frame, in the dtype of the input (float32 for whole numbers).
+
+    Raises
+    ------
+    InputError
+        Fewer than three angles that differ modulo 180 degrees.
     """
-    inverse = np.linalg.pinv(analyzer_matrix(angles_deg)).astype(intensities.dtype)
-    return np.tensordot(inverse, intensities, axes=1)
+    analyzer = analyzer_matrix(angles_deg)
+    if np.linalg.matrix_rank(analyzer, tol=1e-6) < 3:
+        raise InputError("fewer than 3 different polarizer angles; three are needed to know the polarization")
+    return change_basis(np.asarray(np.linalg.pinv(analyzer), dtype=np.float64), intensities)
 
 
 def dolp_aolp(stokes: Any) -> tuple[Any, Any]:
-    """Degree (0..1) and angle (degrees, 0..180) of linear polarization of Stokes images (3, ...)."""
-    polarized = np.hypot(stokes[1], stokes[2])
-    dolp = np.clip(polarized / np.maximum(stokes[0], np.finfo(stokes.dtype).tiny), 0, 1)
-    return dolp, np.degrees(np.arctan2(stokes[2], stokes[1])) / 2 % 180
+    """Degree (0..1) and angle (degrees, 0 <= angle < 180) of linear polarization of Stokes images (3, ...)."""
+    xp = array_namespace(stokes)
+    stokes = as_floating(stokes, xp)
+    s0, s1, s2 = stokes[0, ...], stokes[1, ...], stokes[2, ...]
+    polarized = xp.hypot(s1, s2)
+    # Noise can leave more polarized light than light.
+    light = xp.where(s0 > polarized, s0, polarized)
+    dolp = polarized / xp.where(light > 0, light, xp.ones_like(light))
+    half_turn = xp.atan2(s2, s1) * (90 / np.pi) % 180
+    # The remainder of a tiny negative angle rounds to 180 itself.
+    return dolp, xp.where(half_turn < 180, half_turn, xp.zeros_like(half_turn))
+
+
+def change_basis(matrix: Matrix, images: Any) -> Any:
+    """Product of a matrix with the first axis of numpy or torch images (n, ...), in their dtype."""
+    xp = array_namespace(images)
+    images = as_floating(images, xp)
+    device = images.device if is_torch_namespace(xp) else None
+    factors = xp.asarray(np.ascontiguousarray(matrix), dtype=images.dtype, device=device)
+    flat = xp.reshape(images, (images.shape[0], -1))
+    return xp.reshape(factors @ flat, (matrix.shape[0], *images.shape[1:]))
+
+
+def as_floating(x: Any, xp: Any) -> Any:
+    """Whole numbers as float32; others as they are."""
+    return x if xp.isdtype(x.dtype, ("real floating", "complex floating")) else xp.astype(x, xp.float32)
