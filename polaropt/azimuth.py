@@ -1,0 +1,83 @@
+"""Azimuth of the pane, from the cloud of (s1, s2): unpolarized layers leave s2' = 0, whatever the ghosts do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Images = NDArray[np.float32]
+Matrix = NDArray[np.float64]
+
+_ROUNDS = 6
+_LEAST = 1e-14
+
+
+@dataclass(frozen=True)
+class PrincipalAxis:
+    """The dominant axis of the polarized light.
+
+    Attributes
+    ----------
+    azimuth_deg : float
+        Azimuth modulo 90, in [0, 90): the axis is that of the plane of incidence or the one across it.
+    error_deg : float
+        Standard error of the azimuth that the noise leads to (90 where there is nothing but noise).
+    snr : float
+        Polarized energy found, in standard errors of what noise alone would leave.
+    """
+
+    azimuth_deg: float
+    error_deg: float
+    snr: float
+
+
+def principal_axis(polarized: Images, noise_covariance: Matrix) -> PrincipalAxis:
+    """Dominant axis of Wiener-smoothed (s1, s2), by their uncentred second moment.
+
+    Parameters
+    ----------
+    polarized : ndarray, shape (2, channel, h, w)
+        s1 and s2 in the camera's frame, complete (no gaps).
+    noise_covariance : ndarray, shape (2, 2)
+        Covariance of the noise of s1 and s2 in a pixel.
+
+    Notes
+    -----
+    Each frequency counts as far as it stands out of the noise: s1' of natural layers has the power ``A / |omega|^2``.
+    The cosine transform has no seam at the borders, and white noise stays white in it.
+    """
+    from scipy.fft import dctn
+
+    coefficients = dctn(polarized, axes=(-2, -1), norm="ortho")
+    radius2 = _squared_frequency(*polarized.shape[-2:])
+    noise = float(np.trace(noise_covariance))
+    gains = np.stack([_wiener_gain(np.sum(c * c, axis=0, dtype=np.float64), radius2, noise)
+                      for c in np.moveaxis(coefficients, 1, 0)])
+    moment = np.einsum("icyx,jcyx,cyx->ij", coefficients, coefficients, gains, optimize=True)
+    moment = moment - noise_covariance * gains.sum()
+    twice = math.atan2(2 * moment[0, 1], moment[0, 0] - moment[1, 1])
+    signal = math.hypot(2 * moment[0, 1], moment[0, 0] - moment[1, 1])
+    of_noise = 0.5 * noise * math.sqrt(float((gains**2).sum())) + _LEAST
+    cross = math.sqrt(of_noise**2 + 0.5 * noise * max(signal, 0.0))
+    error_deg = math.degrees(0.5 * math.atan2(cross, max(signal, _LEAST)))
+    return PrincipalAxis(math.degrees(twice) / 4 % 90, 2 * error_deg, signal / of_noise)
+
+
+def _squared_frequency(height: int, width: int) -> Matrix:
+    rows, columns = (np.pi * np.arange(n) / n for n in (height, width))
+    radius2: Matrix = rows[:, None] ** 2 + columns[None, :] ** 2
+    radius2[0, 0] = (np.pi / max(height, width)) ** 2
+    return radius2
+
+
+def _wiener_gain(power: Matrix, radius2: Matrix, noise: float) -> Matrix:
+    """Share of signal in the power at each frequency, the signal's level A estimated along the way."""
+    level = max(float(np.mean((power - noise) * radius2, where=radius2 < 0.1)), _LEAST)
+    for _ in range(_ROUNDS):
+        gain: Matrix = level / (level + noise * radius2)
+        level = max(float(np.sum((power - noise) * radius2 * gain**2) / np.sum(gain**2)), _LEAST)
+    # Towards white noise (no signal) every frequency should count alike, hence the gain and not the filter itself.
+    return level / (level + noise * radius2)

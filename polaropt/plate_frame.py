@@ -1,0 +1,96 @@
+"""A capture seen in the plate's frame: the two intensity images that the pane's geometry is read from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture
+from polaropt.stokes import analyzer_matrix, frame_matrix
+
+Images = NDArray[np.float32]
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StokesImages:
+    """Stokes images without gaps, the covariance of their noise, and which pixels were measured.
+
+    Attributes
+    ----------
+    images : ndarray, shape (3, channel, h, w)
+        s0, s1, s2; pixels that cannot be trusted hold values from around them.
+    covariance : ndarray, shape (3, 3)
+    valid : ndarray of bool, shape (channel, h, w)
+    """
+
+    images: Images
+    covariance: Matrix
+    valid: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PlateFrame:
+    """(I_par, I_perp) of the pane at one azimuth: images (2, channel, h, w), noise covariance (2, 2), valid pixels."""
+
+    images: Images
+    covariance: Matrix
+    valid: NDArray[np.bool_]
+    azimuth_deg: float
+
+
+def stokes_images(capture: Capture, noise: float) -> StokesImages:
+    """Stokes images of a capture whose photographs have noise of standard deviation `noise`."""
+    analyzer = analyzer_matrix(capture.angles_deg)
+    inverse = np.linalg.pinv(analyzer)
+    intensities = capture.intensities if capture.color else capture.intensities[:, None]
+    valid = capture.valid.all(axis=0).reshape(intensities.shape[1:])
+    images = np.tensordot(inverse.astype(np.float32), intensities, axes=1)
+    if not valid.all():
+        images = np.stack([fill_gaps(image, valid) for image in images])
+    return StokesImages(images, noise**2 * inverse @ inverse.T, valid)
+
+
+def plate_frame(stokes: StokesImages, azimuth_deg: float) -> PlateFrame:
+    """Turn Stokes images into the frame of a pane at `azimuth_deg`."""
+    rotation = frame_matrix(azimuth_deg)[:2]
+    images = np.tensordot(rotation.astype(np.float32), stokes.images, axes=1)
+    return PlateFrame(images, rotation @ stokes.covariance @ rotation.T, stokes.valid, azimuth_deg)
+
+
+def fill_gaps(images: Images, valid: NDArray[np.bool_]) -> Images:
+    """Replace invalid pixels of images (channel, h, w) by the mean of the finest block around them that has any."""
+    filled = np.where(valid, images, 0).astype(np.float32)
+    known = valid.copy()
+    size = 2
+    while not known.all():
+        weights = block_mean(valid.astype(np.float32), size, partial=True)
+        means = block_mean(np.where(valid, images, 0).astype(np.float32), size, partial=True)
+        values = np.where(weights > 0, means / np.maximum(weights, 1e-6), 0)
+        fine, there = (_enlarge(x, size, images.shape) for x in (values, weights > 0))
+        filled = np.where(known, filled, fine).astype(np.float32)
+        known |= there
+        if size > 2 * max(images.shape[-2:]):
+            break
+        size *= 2
+    return filled
+
+
+def block_mean(images: Images, size: int, partial: bool = False) -> Images:
+    """Means over blocks of `size` pixels; `partial` keeps the incomplete blocks at the far sides, zeros beyond."""
+    if size == 1:
+        return images
+    height, width = images.shape[-2:]
+    if partial:
+        more = [(0, 0)] * (images.ndim - 2) + [(0, -height % size), (0, -width % size)]
+        images = np.pad(images, more)
+        height, width = images.shape[-2:]
+    rows, columns = height // size, width // size
+    inside = images[..., : rows * size, : columns * size]
+    return np.asarray(inside.reshape(*images.shape[:-2], rows, size, columns, size).mean(axis=(-3, -1)), np.float32)
+
+
+def _enlarge(images: NDArray[np.generic], size: int, shape: tuple[int, ...]) -> NDArray[np.generic]:
+    return images.repeat(size, axis=-2).repeat(size, axis=-1)[..., : shape[-2], : shape[-1]]
