@@ -38,18 +38,20 @@ class StoppingRule:
     max_evaluations: int = 60
     """Evaluations of objective and gradient, at most."""
     relative_change: float = 1e-5
-    """Stop when an iteration lowers the objective by less than this share of it."""
+    """Stop when two iterations in a row lower the objective by less than this share of it each; 0: never."""
     gradient_norm: float = 0.0
-    """Stop when the largest entry of the gradient is smaller."""
+    """Stop when no entry of the gradient is larger."""
     seconds: float | None = None
-    """Stop after this time."""
+    """Stop after this time; the evaluation that runs is completed."""
 
     def __post_init__(self) -> None:
-        if self.max_evaluations < 1:
+        # Written so that NaN fails too.
+        if not self.max_evaluations >= 1:
             raise ValueError(f"max_evaluations is {self.max_evaluations}; give 1 or more")
-        if self.relative_change < 0 or self.gradient_norm < 0:
-            raise ValueError("tolerances must be 0 or more")
-        if self.seconds is not None and self.seconds <= 0:
+        for name in ("relative_change", "gradient_norm"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} is {getattr(self, name)}; give 0 or more")
+        if self.seconds is not None and not self.seconds > 0:
             raise ValueError(f"seconds is {self.seconds}; give more than 0")
 
 
@@ -68,12 +70,16 @@ class SolverResult:
     """The best point found and how it was found."""
 
     x: Vector
+    """float32, of the start's length; the start itself where no evaluation was finite."""
     value: float
+    """Of the objective at `x`; infinite where no evaluation was finite."""
     n_evaluations: int
+    """All of them, also one that was not finite."""
     n_iterations: int
     status: Status
     seconds: float
     trace: list[TracePoint] = field(repr=False, default_factory=list)
+    """The finite evaluations, in order."""
 
 
 class Solver(Protocol):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.base import SolverResult, Status, StoppingRule, ValueAndGrad, Vector
-from solvers.trace import StopSolving, Traced
+from solvers.trace import Progress, StopSolving, Traced
 
 
 @dataclass(frozen=True)
@@ -23,58 +23,36 @@ class ScipyLBFGSB:
         from scipy.optimize import minimize
 
         traced = Traced(objective, stopping)
-        scale = _Scale()
-        iterations = _Iterations(traced, stopping)
-
-        def scaled(x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-            value, gradient = traced(x.astype(np.float32))
-            return scale(value), gradient.astype(np.float64) / scale.size
-
+        progress = Progress(traced, stopping)
+        scaled = _Scaled(traced)
+        # Its own tests look at one step alone and can stop far from the minimum (scipy#23161); ours replace them.
+        unlimited = 10 * stopping.max_evaluations + 100
+        options = {"maxcor": self.history, "ftol": 0.0, "gtol": 0.0, "maxfun": unlimited, "maxiter": unlimited}
         try:
-            found = minimize(
+            minimize(
                 scaled,
                 start.astype(np.float64),
                 jac=True,
                 method="L-BFGS-B",
-                callback=iterations,
-                # Its own tests look at one step alone and can stop far from the minimum (scipy#23161).
-                options={
-                    "maxcor": self.history,
-                    "ftol": 0.0,
-                    "gtol": 0.0,
-                    "maxfun": 10 * stopping.max_evaluations + 100,
-                    "maxiter": 10 * stopping.max_evaluations + 100,
-                },
+                callback=lambda x: progress.iteration(),
+                options=options,
             )
-            status = Status.ROUNDOFF_LIMITED if found.status == 2 else Status.CONVERGED
+            # With its tests off it ends by itself only where a line search finds nothing lower.
+            status = Status.ROUNDOFF_LIMITED
         except StopSolving as stop:
             status = stop.status
-        return traced.result(status, iterations.count, start)
+        return traced.result(status, progress.count, start)
 
 
-class _Scale:
-    """Divides the objective by its first value: L-BFGS-B's first step has the gradient's length."""
+class _Scaled:
+    """The objective in units of its first value, in float64: L-BFGS-B's constants expect values near 1."""
 
-    def __init__(self) -> None:
-        self.size = 0.0
+    def __init__(self, traced: Traced) -> None:
+        self._traced = traced
+        self._unit = 0.0
 
-    def __call__(self, value: float) -> float:
-        if self.size == 0.0:
-            self.size = max(abs(value), 1e-30)
-        return value / self.size
-
-
-class _Iterations:
-    """Counts iterations and stops when one lowers the objective too little."""
-
-    def __init__(self, traced: Traced, stopping: StoppingRule) -> None:
-        self._traced, self._stopping = traced, stopping
-        self._last = np.inf
-        self.count = 0
-
-    def __call__(self, x: NDArray[np.float64]) -> None:
-        self.count += 1
-        value = self._traced.best_value
-        if self._last - value <= self._stopping.relative_change * max(abs(value), 1e-30):
-            raise StopSolving(Status.CONVERGED)
-        self._last = value
+    def __call__(self, x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        value, gradient = self._traced(x.astype(np.float32))
+        if self._unit == 0.0:
+            self._unit = abs(value) or 1.0
+        return value / self._unit, np.divide(gradient, self._unit, dtype=np.float64)
