@@ -85,8 +85,8 @@ class Capture:
         angles_deg: Sequence[float] = (0.0, 45.0, 90.0, 135.0),
         valid: ArrayLike | None = None,
     ) -> None:
-        self.intensities: FloatImages = np.ascontiguousarray(intensities, dtype=np.float32)
-        self.angles_deg = tuple(float(angle) for angle in angles_deg)
+        self.intensities: FloatImages = _float_images(intensities)
+        self.angles_deg = _angles(angles_deg)
         self.valid: NDArray[np.bool_] = (
             self.intensities < 1 if valid is None else np.ascontiguousarray(valid, dtype=bool)
         )
@@ -115,6 +115,23 @@ class Capture:
         return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"
 
 
+def _float_images(intensities: ArrayLike) -> FloatImages:
+    try:
+        images = np.asarray(intensities)
+    except (TypeError, ValueError):
+        raise InputError("the photographs differ in shape; give images of one size") from None
+    if images.dtype.kind not in "buif":
+        raise InputError(f"photographs hold values of type {images.dtype}; real numbers are needed, white = 1")
+    return np.ascontiguousarray(images, dtype=np.float32)
+
+
+def _angles(angles_deg: Sequence[float]) -> tuple[float, ...]:
+    try:
+        return tuple(float(angle) for angle in angles_deg)
+    except (TypeError, ValueError):
+        raise InputError(f"{angles_deg!r} are no polarizer angles; give numbers in degrees") from None
+
+
 def _check_angles(angles_deg: tuple[float, ...]) -> None:
     if len(angles_deg) < 3:
         raise InputError(f"{len(angles_deg)} polarizer angles; at least 3 different ones are needed")
@@ -124,16 +141,22 @@ def _check_angles(angles_deg: tuple[float, ...]) -> None:
     gaps = np.diff(np.append(wrapped, wrapped[0] + 180))
     if gaps.min() < 1e-3:
         listed = ", ".join(f"{angle:g}" for angle in angles_deg)
-        raise InputError(f"two polarizer angles are equal (modulo 180 degrees): {listed}; each photograph needs its own")
+        raise InputError(
+            f"two polarizer angles are equal (modulo 180 degrees): {listed}; each photograph needs its own"
+        )
 
 
 def _check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid: NDArray[np.bool_]) -> None:
     if intensities.ndim not in (3, 4):
         raise InputError(f"photographs have shape {intensities.shape}; expected (angle, [channel,] height, width)")
     if intensities.shape[0] != len(angles_deg):
-        raise InputError(f"{intensities.shape[0]} photographs but {len(angles_deg)} polarizer angles; give one angle each")
+        raise InputError(
+            f"{intensities.shape[0]} photographs but {len(angles_deg)} polarizer angles; give one angle each"
+        )
     if valid.shape != intensities.shape:
-        raise InputError(f"the validity mask has shape {valid.shape}, the photographs {intensities.shape}; make them equal")
+        raise InputError(
+            f"the validity mask has shape {valid.shape}, the photographs {intensities.shape}; make them equal"
+        )
     height, width = intensities.shape[-2:]
     if min(height, width) < SMALLEST_SIDE:
         raise InputError(f"images are {width}x{height} px; at least {SMALLEST_SIDE}x{SMALLEST_SIDE} px are needed")
@@ -145,11 +168,11 @@ def _check_values(intensities: FloatImages, valid: NDArray[np.bool_]) -> None:
     if not valid.any():
         raise InputError("every pixel is saturated; take the photographs again with a shorter exposure")
     # A few outliers are defects; a percentile would hide a wrong black level.
-    if float(intensities.min(where=valid, initial=0.0)) < MOST_NEGATIVE:
-        raise InputError(
-            f"values down to {float(intensities.min()):.3g} of white; below {MOST_NEGATIVE:g} the black level must be wrong"
-        )
     lowest = float(intensities.min(where=valid, initial=np.inf))
+    if lowest < MOST_NEGATIVE:
+        raise InputError(
+            f"values down to {lowest:.3g} of white; below {MOST_NEGATIVE:g} it is no noise: correct the black level"
+        )
     highest = float(intensities.max(where=valid, initial=-np.inf))
     if highest <= 0:
         raise InputError("the capture is all black; check the exposure and the black level")

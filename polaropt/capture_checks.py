@@ -15,7 +15,10 @@ from polaropt.pair_gain import Floats, orthogonal_pairs, trusted_blocks
 
 _FEWEST_BLOCKS = 50
 _CERTAIN = 0.15
-_LINEAR = (0.8, 1.25)
+_SURE = 3
+# Differences in exposure between the photographs of one pair, as logarithms.
+_EXPOSURES = (0.02, 0.02)
+_LINEAR = (0.75, 1.3)
 _MUCH_BETTER = 0.5
 _ABOVE_NOISE = 0.003
 
@@ -42,16 +45,17 @@ class GammaFit:
     @property
     def encoded(self) -> bool:
         """Whether the photographs are surely not linear."""
-        return self.certain and not _LINEAR[0] <= self.exponent <= _LINEAR[1]
+        beyond_doubt = abs(self.exponent - 1) > _SURE * self.standard_error
+        return self.certain and beyond_doubt and not _LINEAR[0] <= self.exponent <= _LINEAR[1]
 
 
 def fit_gamma(capture: Capture) -> GammaFit | None:
     """How the photographs are encoded, from sums of orthogonal pairs.
 
-    If values are ``v = I^(1/gamma)``, the sum of an orthogonal pair depends on how strongly the light is polarized along
-    it: ``log((v45 + v135) / (v0 + v90))`` has the slope ``(gamma - 1)/2`` against ``d0^2 - d45^2``, where d0 and d45 are
-    the contrasts of the two pairs (first order in their squares; repeated on the linearized values until it is 1). A
-    constant gain of one pair does not matter.
+    If values are ``v = I^(1/gamma)``, the sum of an orthogonal pair depends on how strongly the light is polarized
+    along it: ``log((v45 + v135) / (v0 + v90))`` has the slope ``(gamma - 1)/2`` against ``d0^2 - d45^2``, where d0 and
+    d45 are the contrasts of the two pairs. That is the first order in their squares; it is repeated on the linearized
+    values. A gain of one pair or of one photograph does not matter.
 
     Returns
     -------
@@ -75,35 +79,43 @@ def fit_gamma(capture: Capture) -> GammaFit | None:
 
 
 def _pair_slope(blocks: Floats, pairs: tuple[tuple[int, int], tuple[int, int]]) -> tuple[float, float]:
+    """Slope of the logarithmic ratio of the pair sums against d0^2 - d45^2, and its standard error."""
     sums = [blocks[a] + blocks[b] for a, b in pairs]
-    contrasts = [(blocks[a] - blocks[b]) / total for (a, b), total in zip(pairs, sums, strict=True)]
-    return _robust_slope(contrasts[0] ** 2 - contrasts[1] ** 2, np.log(sums[1] / sums[0]))
+    first, second = ((blocks[a] - blocks[b]) / total for (a, b), total in zip(pairs, sums, strict=True))
+    # An exposure of its own in each photograph makes the ratio follow the contrasts themselves.
+    columns = np.stack([first**2 - second**2, first, second, np.ones_like(first)], axis=1)
+    weights, error = _robust_regression(columns, np.log(sums[1] / sums[0]), expected=(np.inf, *_EXPOSURES, np.inf))
+    return float(weights[0]), error
 
 
-def _robust_slope(x: Floats, y: Floats) -> tuple[float, float]:
-    """Slope of y against x and its standard error; outliers beyond 3 robust deviations are left out."""
-    kept = np.ones(x.shape, dtype=bool)
-    slope, error = 0.0, np.inf
-    for _ in range(4):
-        centered = x[kept] - x[kept].mean()
-        spread = float(np.sum(centered**2))
-        if spread <= 0:
-            return 0.0, np.inf
-        slope = float(np.sum(centered * y[kept])) / spread
-        residual = y - slope * x
-        residual -= np.median(residual[kept])
-        deviation = 1.4826 * float(np.median(np.abs(residual)))
-        error = float(np.sqrt(np.mean(residual[kept] ** 2) / spread))
-        kept = np.abs(residual) <= 3 * max(deviation, 1e-9)
-    return slope, error
+def _robust_regression(columns: Floats, values: Floats, expected: tuple[float, ...]) -> tuple[Floats, float]:
+    """Least squares without outliers beyond 3 robust deviations, and the first coefficient's standard error.
+
+    `expected` holds how large each coefficient may be expected to be (a Gaussian prior).
+    """
+    kept = np.ones(values.shape, dtype=bool)
+    weights: Floats = np.zeros(columns.shape[1])
+    error = np.inf
+    variance = float(np.var(values))
+    for _ in range(5):
+        used = columns[kept]
+        normal = used.T @ used / max(variance, 1e-12) + np.diag([size**-2 for size in expected])
+        if np.linalg.cond(normal) > 1e12:
+            return weights, np.inf
+        weights = np.linalg.solve(normal, used.T @ values[kept] / max(variance, 1e-12))
+        error = float(np.sqrt(np.linalg.inv(normal)[0, 0]))
+        residual = values - columns @ weights
+        variance = float(np.mean(residual[kept] ** 2))
+        kept = np.abs(residual) <= 3 * max(1.4826 * float(np.median(np.abs(residual))), 1e-9)
+    return weights, error
 
 
 def swapped_photographs(capture: Capture) -> tuple[tuple[int, int], ...]:
     """Pairs of photographs of which one looks swapped, by their indices; empty if the order looks right.
 
     A wrong order breaks ``I0 + I90 = I45 + I135`` (its generalization for other angles). Each exchange of two
-    photographs is tried; those are named that mend the identity at least twice better than the given order. With four angles the
-    identity cannot tell exchanging 45 and 90 from exchanging 0 and 135: then both are named. Three angles tell nothing.
+    photographs is tried; those are named with which the identity holds at least twice as well. With four angles it
+    cannot tell exchanging 45 and 90 from exchanging 0 and 135: then both are named. Three angles tell nothing.
     """
     count = len(capture.angles_deg)
     blocks = trusted_blocks(capture.intensities, capture.valid)

@@ -37,7 +37,7 @@ def noise_level(capture: Capture) -> float:
         spread = _noise_of_three_photographs(capture, step)
     else:
         spread = _noise_of_redundancy(capture, step)
-    return max(_LEAST, spread, step / np.sqrt(12))
+    return float(max(_LEAST, spread, step / np.sqrt(12)))
 
 
 def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:
@@ -89,12 +89,12 @@ def _noise_of_three_photographs(capture: Capture, step: float) -> float:
 def _second_differences(images: NDArray[np.float32]) -> NDArray[np.float32]:
     """Mixed second differences in both directions (Immerkaer 1996), scaled so that white noise keeps its sigma."""
     down = images[..., :-2, :] - 2 * images[..., 1:-1, :] + images[..., 2:, :]
-    return (down[..., :-2] - 2 * down[..., 1:-1] + down[..., 2:]) / np.float32(6)
+    return np.asarray((down[..., :-2] - 2 * down[..., 1:-1] + down[..., 2:]) / np.float32(6))
 
 
 def _trusted(capture: Capture) -> NDArray[np.bool_]:
     """Pixels ([channel,] h, w) away from anything clipped, at white or at the lowest value."""
-    valid = capture.valid.all(axis=0)
+    valid: NDArray[np.bool_] = np.asarray(capture.valid.all(axis=0))
     lowest = capture.intensities.min()
     at_lowest = capture.intensities == lowest
     if np.count_nonzero(at_lowest) > _PILE * at_lowest.size:
@@ -104,7 +104,7 @@ def _trusted(capture: Capture) -> NDArray[np.bool_]:
     for mask in (inner, valid):
         if np.count_nonzero(mask) >= _ENOUGH:
             return mask
-    return valid if valid.any() else np.ones_like(valid)
+    return np.asarray(valid if valid.any() else np.ones_like(valid))
 
 
 def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

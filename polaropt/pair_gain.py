@@ -48,7 +48,8 @@ def trusted_blocks(intensities: Floats, valid: NDArray[np.bool_], block: int = B
     """Block means of photographs (k, [channel,] h, w) where all of a block is valid in all of them, shape (k, n)."""
     means = block_means(intensities, block)
     rows, columns = means.shape[-2:]
-    every = valid.all(axis=0)[..., : rows * block, : columns * block]
+    every: NDArray[np.bool_] = np.asarray(valid.all(axis=0))
+    every = every[..., : rows * block, : columns * block]
     whole = every.reshape(*every.shape[:-2], rows, block, columns, block).all(axis=-3).all(axis=-1)
     bright = means.mean(axis=0)
     bright_enough = bright > _DARK * np.quantile(bright, 0.99)

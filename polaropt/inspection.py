@@ -1,0 +1,186 @@
+"""What a capture is, before anything is solved."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from polaropt.capture import Capture
+from polaropt.capture_checks import GammaFit, fit_gamma, swapped_photographs
+from polaropt.noise import noise_level, quantization_step
+from polaropt.pair_gain import block_means, orthogonal_pairs, pair_gain_of, plausible
+from polaropt.stokes import stokes_from_intensities
+
+_DIM = 0.1
+_SUMMARY_BLOCK = 2
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Facts about a capture.
+
+    Attributes
+    ----------
+    width, height, channels : int
+        Size of a photograph in pixels; 1 channel for grey.
+    angles_deg : tuple of float
+    layout : str
+        "files", "stack", "mono mosaic", "color mosaic" or "memory".
+    sample_type : str
+        Type of the values in the file; empty for a capture made in memory.
+    grey_levels : int or None
+        Number of levels between black and white; None where values lie on no grid.
+    black_level, white_level : float
+        In the file's units.
+    brightest : float
+        Highest value (white = 1).
+    noise : float
+        Standard deviation of the noise of one photograph (white = 1).
+    pair_gain : float or None
+        Gain of the 45/135 pair against the 0/90 pair as photographed; None where the angles tell nothing.
+    pair_gain_removed : float
+        What of it was divided out when the capture was read.
+    saturated_share : float
+        Share of pixels that are invalid at one angle at least.
+    dolp_median, dolp_95 : float
+        Degree of linear polarization, colours together, over unclipped blocks of 2x2 pixels.
+    aolp_deg, aolp_spread_deg : float
+        Mean angle of linear polarization (0..180), weighted by the polarized light, and its circular deviation.
+    gamma_exponent, gamma_error : float or None
+        Exponent that makes the photographs linear, and its standard error; None where nothing tells it.
+    looks_encoded : bool or None
+        Whether the photographs look gamma-encoded; None: cannot be told.
+    encoding_hint : str
+        What the file format says about encoding.
+    swapped_deg : tuple of pairs of float
+        Angles of photographs of which one pair looks swapped; empty if the order looks right.
+    """
+
+    width: int
+    height: int
+    channels: int
+    angles_deg: tuple[float, ...]
+    layout: str
+    sample_type: str
+    grey_levels: int | None
+    black_level: float
+    white_level: float
+    brightest: float
+    noise: float
+    pair_gain: float | None
+    pair_gain_removed: float
+    saturated_share: float
+    dolp_median: float
+    dolp_95: float
+    aolp_deg: float
+    aolp_spread_deg: float
+    gamma_exponent: float | None
+    gamma_error: float | None
+    looks_encoded: bool | None
+    encoding_hint: str
+    swapped_deg: tuple[tuple[float, float], ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same as plain values, for JSON."""
+        return {name: _plain(value) for name, value in asdict(self).items()}
+
+    def sentences(self) -> tuple[str, ...]:
+        """The same for people, one fact per sentence; what needs attention last."""
+        from polaropt.inspection_text import sentences
+
+        return sentences(self)
+
+
+def inspect_capture(capture: Capture) -> Inspection:
+    """Measure what a capture is: size, noise, gain, saturation, polarization, and signs of mistakes.
+
+    Parameters
+    ----------
+    capture : Capture
+        `capture.origin` adds what only the files tell.
+
+    Returns
+    -------
+    Inspection
+    """
+    origin = capture.origin
+    removed = 1.0 if origin is None else origin.pair_gain
+    swapped = swapped_photographs(capture)
+    # Swapped photographs break the same identity that the encoding does.
+    gamma = None if swapped else fit_gamma(capture)
+    hint = "" if origin is None or origin.gamma is not None else origin.encoding_hint
+    return Inspection(
+        width=capture.shape[-1],
+        height=capture.shape[-2],
+        channels=capture.shape[0] if capture.color else 1,
+        angles_deg=capture.angles_deg,
+        layout="memory" if origin is None else origin.layout,
+        sample_type="" if origin is None else origin.sample_type,
+        grey_levels=_grey_levels(capture),
+        black_level=0.0 if origin is None else origin.black_level,
+        white_level=1.0 if origin is None else origin.white_level,
+        brightest=float(capture.intensities.max()),
+        noise=noise_level(capture),
+        pair_gain=_gain_as_photographed(capture, removed),
+        pair_gain_removed=removed,
+        saturated_share=float(np.mean(~capture.valid.all(axis=0))),
+        **_polarization(capture),
+        gamma_exponent=gamma.exponent if gamma is not None and gamma.certain else None,
+        gamma_error=gamma.standard_error if gamma is not None and gamma.certain else None,
+        looks_encoded=_looks_encoded(gamma, hint),
+        encoding_hint=hint,
+        swapped_deg=tuple((capture.angles_deg[a], capture.angles_deg[b]) for a, b in swapped),
+    )
+
+
+def _looks_encoded(gamma: GammaFit | None, hint: str) -> bool | None:
+    """The photographs' own word counts; the file format's only where they say nothing."""
+    if gamma is not None and gamma.certain:
+        return gamma.encoded
+    certain_hint = hint and "often" not in hint
+    return True if certain_hint else None
+
+
+def _gain_as_photographed(capture: Capture, removed: float) -> float | None:
+    gain = pair_gain_of(capture.intensities, capture.angles_deg, capture.valid)
+    return None if gain is None else gain * removed
+
+
+def _grey_levels(capture: Capture) -> int | None:
+    first = 0 if orthogonal_pairs(capture.angles_deg) is None else orthogonal_pairs(capture.angles_deg)[0][0]  # type: ignore[index]
+    step = quantization_step(capture.intensities[first : first + 1])
+    return None if step == 0 else round(1 / step) + 1
+
+
+def _polarization(capture: Capture) -> dict[str, float]:
+    """DoLP and AoLP of small blocks that are valid at every angle (of all blocks, if there are none)."""
+    images = capture.intensities.mean(axis=1) if capture.color else capture.intensities
+    valid = capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0)
+    stokes = stokes_from_intensities(block_means(images, _SUMMARY_BLOCK), capture.angles_deg)
+    whole = block_means(np.asarray(valid, dtype=np.float32), _SUMMARY_BLOCK) == 1
+    whole &= stokes[0] > 0
+    s0, s1, s2 = stokes[:, whole] if whole.any() else stokes.reshape(3, -1)
+    polarized = np.hypot(s1, s2)
+    dolp = np.clip(polarized / np.maximum(s0, 1e-9), 0, 1)
+    total = float(np.sum(polarized, dtype=np.float64))
+    resultant = np.sum(s1 + 1j * s2, dtype=np.complex128) / max(total, 1e-30)
+    length = float(np.clip(np.abs(resultant), 1e-12, 1))
+    return {
+        "dolp_median": float(np.median(dolp)),
+        "dolp_95": float(np.quantile(dolp, 0.95)),
+        "aolp_deg": float(np.degrees(np.angle(resultant)) / 2 % 180),
+        "aolp_spread_deg": float(np.degrees(np.sqrt(-2 * np.log(length))) / 2),
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return value
+
+
+def gain_is_plausible(inspection: Inspection) -> bool:
+    """Whether the measured pair gain can be a sensor's."""
+    return plausible(inspection.pair_gain)
