@@ -180,11 +180,11 @@ def _ghosts_that_show(
     least = float(xp.finfo(like.dtype).eps) / 8
     together: dict[Shift, Weights] = {}
     for shift, factors in zip(frame.shifts, taps.T, strict=True):
-        together[shift] = together.get(shift, 0.0) + shift.scale * factors
+        together[shift] = together.get(shift, 0.0) + factors
     shown = {shift: np.where(np.abs(factors) > least, factors, 0.0) for shift, factors in together.items()}
     direct = frame.shifts[0]
     return [
-        (shift, (float(factors[0]), float(factors[1])))
+        (shift, (shift.scale * float(factors[0]), shift.scale * float(factors[1])))
         for shift, factors in shown.items()
         if factors.any() or shift == direct
     ]
