@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from polaropt.capture import MOST_NEGATIVE, Capture, FloatImages
 from polaropt.errors import InputError
@@ -63,10 +63,16 @@ def simulate(
     photographs = PSE(scene, angles_deg).forward(layers)
     random = np.random.default_rng(seed)
     photographs = photographs + noise * random.standard_normal(photographs.shape)
-    if bits is not None:
-        steps = 2**bits - 1
-        photographs = np.round(photographs * steps) / steps
-    return Capture(np.clip(photographs, _DARKEST, 1), angles_deg)
+    return Capture(_digitized(photographs, bits), angles_deg)
+
+
+def _digitized(photographs: NDArray[np.float64], bits: int | None) -> NDArray[np.float64]:
+    """What a sensor of `bits` makes of it, with some noise left below black."""
+    if bits is None:
+        return np.clip(photographs, _DARKEST, 1)
+    white = 2**bits - 1
+    steps: NDArray[np.float64] = np.clip(np.round(photographs * white), np.ceil(_DARKEST * white), white)
+    return steps / white
 
 
 def stack_layers(transmission: ArrayLike, reflection: ArrayLike) -> FloatImages:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -62,7 +63,8 @@ def test_shifts_are_bilinear_with_continued_edges(height: int, width: int, moves
 def test_the_transpose_is_exact(height: int, width: int, moves: list[tuple[float, float]]) -> None:
     frame = PaddedFrame(height, width, moves)
     for i in range(len(moves)):
-        assert_adjoint(lambda x: shift_images(x, frame, i), lambda y: shift_transposed(y, frame, i), (2, height, width))
+        there, back = partial(shift_images, frame=frame, i=i), partial(shift_transposed, frame=frame, i=i)
+        assert_adjoint(there, back, (2, height, width))
 
 
 def test_a_whole_shift_copies() -> None:
