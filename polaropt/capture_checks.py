@@ -114,8 +114,8 @@ def swapped_photographs(capture: Capture) -> tuple[tuple[int, int], ...]:
     """Pairs of photographs of which one looks swapped, by their indices; empty if the order looks right.
 
     A wrong order breaks ``I0 + I90 = I45 + I135`` (its generalization for other angles). Each exchange of two
-    photographs is tried; those are named with which the identity holds at least twice as well. With four angles it
-    cannot tell exchanging 45 and 90 from exchanging 0 and 135: then both are named. Three angles tell nothing.
+    photographs is tried; those are named with which the identity holds at least twice as well. Where several serve
+    equally all are named: exchanging 45 and 90 or 0 and 135, of four, forms the same pairs. Three angles tell nothing.
     """
     count = len(capture.angles_deg)
     blocks = trusted_blocks(capture.intensities, capture.valid)

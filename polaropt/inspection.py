@@ -10,7 +10,7 @@ import numpy as np
 from polaropt.capture import Capture
 from polaropt.capture_checks import GammaFit, fit_gamma, swapped_photographs
 from polaropt.noise import noise_level, quantization_step
-from polaropt.pair_gain import block_means, orthogonal_pairs, pair_gain_of, plausible
+from polaropt.pair_gain import block_means, orthogonal_pairs, pair_gain_of
 from polaropt.stokes import stokes_from_intensities
 
 _DIM = 0.1
@@ -149,7 +149,9 @@ def _gain_as_photographed(capture: Capture, removed: float) -> float | None:
 
 
 def _grey_levels(capture: Capture) -> int | None:
-    first = 0 if orthogonal_pairs(capture.angles_deg) is None else orthogonal_pairs(capture.angles_deg)[0][0]  # type: ignore[index]
+    # A divided gain makes the levels of its pair denser or sparser; the first pair is as stored.
+    pairs = orthogonal_pairs(capture.angles_deg)
+    first = 0 if pairs is None else pairs[0][0]
     step = quantization_step(capture.intensities[first : first + 1])
     return None if step == 0 else round(1 / step) + 1
 
@@ -179,8 +181,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
     return value
-
-
-def gain_is_plausible(inspection: Inspection) -> bool:
-    """Whether the measured pair gain can be a sensor's."""
-    return plausible(inspection.pair_gain)

@@ -21,6 +21,7 @@ _NARROWEST = 240
 _GAP = 12
 _TITLE = 26
 _KEY = 48
+_LETTERS = 13
 _BACKGROUND = 255
 # Dark to bright, also in grey print.
 _DOLP_COLORS = ((0, 0, 4), (60, 15, 110), (140, 41, 129), (222, 73, 104), (254, 159, 109), (252, 253, 191))
@@ -29,9 +30,9 @@ _DOLP_COLORS = ((0, 0, 4), (60, 15, 110), (140, 41, 129), (222, 73, 104), (254, 
 def inspection_picture(capture: Capture) -> Picture:
     """Picture (h, w, 3) of intensity | DoLP | AoLP with titles and colour keys, for people.
 
-    Intensity is s0, its 99 % quantile white, sRGB. DoLP runs from black (0) over purple to pale yellow (1). AoLP is the hue; brightness there
-    is the DoLP, full from its 95 % quantile up, so that unpolarized pixels are black. Saturated pixels are grey in the last two.
-    Large captures are reduced to at most 640 px per panel.
+    Intensity is s0, its 99 % quantile white, sRGB. DoLP runs from black (0) over purple to pale yellow (1). AoLP is the
+    hue; brightness there is the DoLP, full from its 95 % quantile up, so that unpolarized pixels are black. Saturated
+    pixels are grey in the last two. Large captures are reduced to at most 640 px per panel.
     """
     stokes, valid = _gray_stokes(capture)
     dolp, aolp = dolp_aolp(stokes)
@@ -83,10 +84,9 @@ def _gray_stokes(capture: Capture) -> tuple[Floats, NDArray[np.bool_]]:
 def _intensity_panel(capture: Capture) -> Picture:
     s0 = block_means(capture.stokes[0], _reduction(capture))
     view = encode_srgb(s0 / max(float(np.quantile(s0, 0.99)), 1e-9))
-    planes = (view[0], view[-1]) if capture.color and view.shape[0] != 3 else view
     if capture.color and view.shape[0] == 3:
         return np.round(255 * np.moveaxis(view, 0, -1)).astype(np.uint8)
-    gray = np.mean(planes, axis=0) if capture.color else view
+    gray = view.mean(axis=0) if capture.color else view
     return np.repeat(np.round(255 * gray).astype(np.uint8)[..., None], 3, axis=-1)
 
 
@@ -101,9 +101,9 @@ def _column(panel: Picture, title: str, key: Picture | None, ticks: tuple[str, .
     width = max(panel.shape[1], _NARROWEST)
     canvas = Image.new("RGB", (width, panel.shape[0] + _TITLE + _KEY), (_BACKGROUND,) * 3)
     canvas.paste(Image.fromarray(panel), (0, _TITLE))
-    draw, font = ImageDraw.Draw(canvas), ImageFont.load_default()
+    draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(_LETTERS)
     below = _TITLE + panel.shape[0]
-    draw.text((0, 8), f"{title}   {note}" if note else title, fill=0, font=font)
+    draw.text((0, 6), f"{title}   {note}" if note else title, fill=0, font=font)
     if key is not None:
         length = min(200, width - 40)
         canvas.paste(Image.fromarray(key).resize((length, 12)), (4, below + 8))

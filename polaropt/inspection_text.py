@@ -73,8 +73,8 @@ def _gain(it: Inspection) -> str:
     low, high = PLAUSIBLE_GAIN
     if not low <= it.pair_gain <= high:
         return (
-            f"ATTENTION: the 45/135 pair is {it.pair_gain:.3f} times as bright as the 0/90 pair, too much for a sensor's "
-            "gain; check the order of the files, their exposure and the black level."
+            f"ATTENTION: the 45/135 pair is {it.pair_gain:.3f} times as bright as the 0/90 pair, too far from 1 for a "
+            "sensor; check the order of the files, their exposure and the black level."
         )
     done = "divided out" if it.pair_gain_removed != 1 else "left as it is"
     return f"The 45/135 pair is {it.pair_gain:.3f} times as bright as the 0/90 pair ({done})."
