@@ -1,0 +1,39 @@
+# Only Python 3.11, pip and make are needed; everything else goes into .venv.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.polaropt-installed
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint clean
+
+help:
+	@echo "make demo   set up, separate an example and name the pictures to look at"
+	@echo "make test   set up and run the tests"
+	@echo "make lint   set up and run ruff and mypy"
+	@echo "make setup  only set up ($(VENV) in this folder)"
+	@echo "make clean  remove everything that the above made"
+
+setup: $(STAMP)
+
+# Touched last, so that an interrupted installation starts again.
+$(STAMP): pyproject.toml constraints.txt
+	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev,demosaic,studies,torch]"
+	touch $@
+
+demo: setup
+	$(BIN)/polaropt demo --output demo-output
+
+test: setup
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) demo-output build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
