@@ -15,6 +15,7 @@ from polaropt.stokes import analyzer_matrix
 _MAD_TO_SIGMA = 1.4826
 _LEAST = 1e-6
 _ENOUGH = 1000
+_FEWEST = 100
 _SAMPLE = 65536
 _COARSEST_STEP = 1 / 60
 _PILE = 5e-4
@@ -80,7 +81,7 @@ def _noise_of_three_photographs(capture: Capture, step: float) -> float:
     """
     detail = _second_differences(capture.intensities)
     trusted = _trusted(capture)[..., 1:-1, 1:-1]
-    samples = detail[:, trusted]
+    samples = detail[:, trusted if trusted.any() else np.ones_like(trusted)]
     small = np.abs(samples).max(axis=0) <= np.quantile(np.abs(samples).max(axis=0), 0.9)
     _, directions = np.linalg.eigh(np.cov(samples[:, small].astype(np.float64)))
     return _spread(np.tensordot(directions[:, 0].astype(np.float32), samples, axes=1), step / 6)
@@ -101,10 +102,10 @@ def _trusted(capture: Capture) -> NDArray[np.bool_]:
         valid &= ~at_lowest.any(axis=0)
     # Beside clipped pixels those survive whose noise happens to be small: a biased sample.
     inner = _eroded(valid)
-    for mask in (inner, valid):
-        if np.count_nonzero(mask) >= _ENOUGH:
+    for mask, enough in ((inner, _ENOUGH), (valid, _FEWEST)):
+        if np.count_nonzero(mask) >= enough:
             return mask
-    return np.asarray(valid if valid.any() else np.ones_like(valid))
+    return np.ones_like(valid)
 
 
 def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

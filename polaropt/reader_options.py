@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,7 +43,8 @@ def checked_options(
     """Check every option of `polaropt.reader.read_capture` by itself; InputError with what to give instead."""
     if sensor not in SENSORS:
         raise InputError(f"sensor {sensor!r} does not exist; choose one of {', '.join(SENSORS)}")
-    angles = tuple(_number(angle, "a polarizer angle") for angle in angles_deg)
+    listed: Sequence[Any] = angles_deg if isinstance(angles_deg, Iterable) else (angles_deg,)
+    angles = tuple(_number(angle, "a polarizer angle") for angle in listed)
     black = _number(black_level, "the black level")
     white = None if white_level is None else _number(white_level, "the white level")
     if white is not None and white <= black:

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from captured import ANGLES, mono_mosaic, photographed, scene_intensities
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from polaropt import Capture, read_capture
 from polaropt.capture_checks import fit_gamma, swapped_photographs
@@ -128,6 +130,24 @@ def test_angles_half_a_turn_apart_have_one_colour():
     colors = aolp_colors(angles, np.ones(36)).astype(int)
     steps = np.abs(np.diff(colors, axis=0, append=colors[:1])).sum(axis=1)
     assert steps.max() < 3 * np.median(steps)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(3, 5),
+    st.sampled_from([(16, 16), (17, 40), (3, 16, 31), (1, 20, 20)]),
+    st.sampled_from([0.0, 0.001, 0.3, 3.0, 300.0]),
+    st.sampled_from([2, 3, 255, 4095]),
+    st.integers(0, 9),
+)
+def test_every_capture_can_be_inspected(count, shape, exposure, levels, seed):
+    images = exposure * np.random.default_rng(seed).random((count, *shape)) ** 4
+    images = np.round(np.clip(images, 0, 1) * levels) / levels
+    images[:, ..., 3, 3], images[:, ..., 3, 4] = 0, 0.5
+    it = inspect_capture(Capture(images, [180 * k / count for k in range(count)]))
+    json.dumps(it.as_dict(), allow_nan=False)
+    assert all(sentence.endswith(".") for sentence in it.sentences())
+    assert it.noise > 0
 
 
 @needs_real

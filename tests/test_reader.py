@@ -170,6 +170,7 @@ def stack(folder, images):
         (lambda folder: [*written(folder, GOOD)[:3], *written(folder, GOOD)[:1]], {}, "given twice"),
         (lambda folder: written(folder, GOOD), {"angles_deg": (0, 45, 0, 90)}, "equal"),
         (lambda folder: written(folder, GOOD), {"angles_deg": (0, 45, "x", 90)}, "give a number"),
+        (lambda folder: written(folder, GOOD), {"angles_deg": 5}, "4 photographs but 1|at least 3"),
         (lambda folder: written(folder, GOOD), {"sensor": "mono"}, "for one raw mosaic"),
         (lambda folder: written(folder, GOOD), {"sensor": "foveon"}, "choose one of auto, mono, color"),
         (lambda folder: written(folder, GOOD), {"full_resolution": True}, "for one raw mosaic"),
