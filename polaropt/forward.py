@@ -76,6 +76,11 @@ class PSE:
         Returns
         -------
         array, shape (k, [channel,] h, w)
+
+        Raises
+        ------
+        ValueError
+            Another shape.
         """
         return self._photographs(self.entries(layers))
 
@@ -94,8 +99,14 @@ class PSE:
         Returns
         -------
         array, shape (k, [channel,] h, w)
+
+        Raises
+        ------
+        ValueError
+            Another shape.
         """
         xp = array_namespace(layers)
+        _check_shape("Stokes layers", layers, (2, 3))
         light = xp.stack([change_basis(self._to_frame, layers[i, ...]) for i in (TRANSMISSION, REFLECTION)])
         frame = self._frame(light)
         planes = frame.extend(light, xp)
@@ -105,11 +116,13 @@ class PSE:
 
     def adjoint(self, intensities: Any) -> Any:
         """Transpose of `forward`: photographs (k, [channel,] h, w) to layers (2, [channel,] h, w)."""
+        _check_shape("photographs", intensities, (len(self.angles_deg),))
         return self.entries_adjoint(change_basis(self.mixing[:, : self.taps.shape[2]].T, intensities))
 
     def entries_adjoint(self, entries: Any) -> Any:
         """Transpose of `entries`."""
         xp = array_namespace(entries)
+        _check_shape("entries", entries, (self.taps.shape[2],))
         entries = as_floating(entries, xp)
         frame = self._frame(entries)
         planes = zeros((2, *entries.shape[1:-2], frame.padded_size), entries, xp)
@@ -125,6 +138,7 @@ class PSE:
 
     def _filtered(self, layers: Any, taps: Weights) -> Any:
         xp = array_namespace(layers)
+        _check_shape("layers", layers, (2,))
         layers = as_floating(layers, xp)
         frame = self._frame(layers)
         planes = frame.extend(layers, xp)
@@ -136,6 +150,12 @@ class PSE:
     def _frame(self, images: Any) -> PaddedFrame:
         height, width = images.shape[-2:]
         return _padded_frame(height, width, self.step, self.taps.shape[1])
+
+
+def _check_shape(name: str, images: Any, first: tuple[int, ...]) -> None:
+    if tuple(images.shape[: len(first)]) != first or not 2 <= len(images.shape) - len(first) <= 3:
+        expected = ", ".join(map(str, first))
+        raise ValueError(f"{name} have shape {tuple(images.shape)}; expected ({expected}, [channel,] height, width)")
 
 
 @lru_cache(maxsize=16)

@@ -71,8 +71,8 @@ def _digitized(photographs: NDArray[np.float64], bits: int | None) -> NDArray[np
     if bits is None:
         return np.clip(photographs, _DARKEST, 1)
     white = 2**bits - 1
-    steps: NDArray[np.float64] = np.clip(np.round(photographs * white), np.ceil(_DARKEST * white), white)
-    return steps / white
+    steps = np.clip(np.round(photographs * white), np.ceil(_DARKEST * white), white)
+    return np.asarray(steps / white, dtype=np.float64)
 
 
 def stack_layers(transmission: ArrayLike, reflection: ArrayLike) -> FloatImages:

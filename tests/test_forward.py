@@ -351,3 +351,21 @@ def test_torch_differentiates_the_engine(scene: SceneParameters) -> None:
     torch.testing.assert_close(gradient, pse.forward(layers))
     light = torch.rand((2, 3, 4, 3), dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(pse.forward_stokes, (light,))
+
+
+def test_torch_tensors_stay_on_their_device() -> None:
+    torch = pytest.importorskip("torch")
+    pse = PSE(SceneParameters(60, 33, 1.7, reflection_polarization=(0.2, 10)), ANGLES)
+    # Tensors on "meta" hold nothing, and refuse to meet those of any other device.
+    for function, shape in ((pse.forward, (2, 3, 8, 9)), (pse.forward_stokes, (2, 3, 8, 9)), (pse.adjoint, (4, 8, 9))):
+        assert function(torch.empty(shape, device="meta")).device.type == "meta"
+
+
+@pytest.mark.parametrize("shape", [(3, 8, 9), (2, 8), (2, 1, 3, 8, 9), (4, 3, 8, 9)])
+def test_layers_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    pse = PSE(SceneParameters(), (0, 45, 90))
+    for function in (pse.forward, pse.components, pse.forward_stokes):
+        with pytest.raises(ValueError, match="expected"):
+            function(np.zeros(shape))
+    with pytest.raises(ValueError, match=r"expected \(3,"):
+        pse.adjoint(np.zeros((4, 8, 9)))
