@@ -44,6 +44,7 @@ class PSE:
     Notes
     -----
     Layers and photographs are numpy arrays or torch tensors; results come back in their dtype and on their device.
+    Where shapes say [channel,] any number of axes may stand, for batches too.
     Ghost k is interpolated once, at k times the ghost shift. Layers go on by their edge values beyond the frame.
     """
 
@@ -153,7 +154,7 @@ class PSE:
 
 
 def _check_shape(name: str, images: Any, first: tuple[int, ...]) -> None:
-    if tuple(images.shape[: len(first)]) != first or not 2 <= len(images.shape) - len(first) <= 3:
+    if tuple(images.shape[: len(first)]) != first or len(images.shape) < len(first) + 2:
         expected = ", ".join(map(str, first))
         raise ValueError(f"{name} have shape {tuple(images.shape)}; expected ({expected}, [channel,] height, width)")
 
