@@ -1,0 +1,85 @@
+"""Commands whose options come in groups, and how they speak: sentences, JSON, a progress bar."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, get_type_hints
+
+import typer
+
+Progress = Callable[[str, float], None]
+Action = Callable[..., None]
+
+
+def add_command(app: typer.Typer, action: Action, example: str) -> None:
+    """Register a function of options dataclasses as a command with one flat list of options.
+
+    Parameters
+    ----------
+    app : Typer
+    action : callable
+        Every parameter is a dataclass whose fields are annotated with `typer.Option` or `typer.Argument`. Its
+        docstring is the command's help.
+    example : str
+        Command lines, shown below the options.
+    """
+    hints = get_type_hints(action)
+    groups = {name: hints[name] for name in inspect.signature(action).parameters}
+
+    def run(**values: Any) -> None:
+        chosen = {name: group(**{key: values[key] for key in _names(group)}) for name, group in groups.items()}
+        action(**chosen)
+
+    parameters = [parameter for group in groups.values() for parameter in _parameters(group)]
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__doc__ = _joined(inspect.getdoc(action) or "")
+    app.command(action.__name__.removesuffix("_command"), epilog=f"Example: {example}")(run)
+
+
+def _joined(text: str) -> str:
+    """One line per paragraph, so that the help is wrapped once."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
+
+
+def _names(group: type) -> list[str]:
+    return [field.name for field in dataclasses.fields(group)]
+
+
+def _parameters(group: type) -> Iterator[inspect.Parameter]:
+    hints = get_type_hints(group, include_extras=True)
+    for field in dataclasses.fields(group):
+        default = inspect.Parameter.empty if field.default is dataclasses.MISSING else field.default
+        yield inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[field.name]
+        )
+
+
+def say(*sentences: str) -> None:
+    """Sentences for people, one per line."""
+    for sentence in sentences:
+        typer.echo(sentence)
+
+
+def say_json(document: dict[str, Any]) -> None:
+    """One JSON object on standard output."""
+    typer.echo(json.dumps(document, indent=2, allow_nan=False))
+
+
+@contextmanager
+def progress_bar(wanted: bool = True) -> Iterator[Progress | None]:
+    """Bar on a terminal, taking a stage's sentence and the fraction done overall; None where nobody watches."""
+    if not (wanted and sys.stdout.isatty() and sys.stderr.isatty()):
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda stage, fraction: bar.update(task, description=stage, completed=fraction)

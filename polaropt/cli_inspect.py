@@ -1,0 +1,112 @@
+"""``polaropt inspect`` and ``polaropt estimate``: what a capture is, and how the pane stands, without separating."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from polaropt.cli_command import progress_bar, say, say_json
+from polaropt.cli_options import CaptureOptions, PaneOptions, SpeechOptions
+
+if TYPE_CHECKING:
+    from polaropt.capture import Capture
+    from polaropt.scene_estimation import SceneEstimate
+
+
+@dataclass(frozen=True)
+class PictureOption:
+    """Where the picture goes."""
+
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="PICTURE.png",
+            help="Write a picture of intensity, degree and angle of polarization.",
+        ),
+    ] = None
+
+
+def inspect_command(capture: CaptureOptions, picture: PictureOption, speech: SpeechOptions) -> None:
+    """Tell what a capture is, before anything is solved.
+
+    Size, depth, noise, gain of the two polarizer pairs, saturation and polarization; whether the values look
+    gamma-encoded and whether two files look swapped. What needs attention is marked ATTENTION.
+    """
+    from polaropt.inspection import inspect_capture
+
+    photographs = capture.read()
+    inspection = inspect_capture(photographs)
+    if picture.output is not None:
+        _write_picture(photographs, picture.output)
+    if speech.json:
+        written = [] if picture.output is None else [str(picture.output)]
+        say_json({**inspection.as_dict(), "sentences": list(inspection.sentences()), "written": written})
+        return
+    say(*inspection.sentences())
+    if picture.output is not None:
+        say(f"Written: {picture.output}")
+
+
+def _write_picture(photographs: Capture, target: Path) -> None:
+    from polaropt.errors import InputError
+    from polaropt.image_io import write_png
+    from polaropt.inspection_picture import inspection_picture
+    from polaropt.output import result_file
+
+    if target.suffix.lower() != ".png":
+        raise InputError(f"{target}: the picture is a PNG; give a name that ends in .png")
+    with result_file(target) as temporary:
+        write_png(temporary, inspection_picture(photographs))
+
+
+def estimate_command(capture: CaptureOptions, pane: PaneOptions, speech: SpeechOptions) -> None:
+    """Estimate how the pane stands: incidence, azimuth and the distance between double images.
+
+    Nothing is separated. What is given with an option stays as it is.
+    """
+    from polaropt.scene_estimation import estimate_scene
+
+    scene = pane.scene()
+    photographs = capture.read()
+    with progress_bar(not speech.json) as progress:
+        if progress is not None:
+            progress("Estimating the scene", 0.0)
+        estimate = estimate_scene(
+            photographs, scene, thickness_px=pane.thickness_px, thickness_kind=pane.thickness_kind
+        )
+    if speech.json:
+        from polaropt.report import scene_report
+
+        say_json({**scene_report(estimate.scene, scene), "polarized": estimate.polarized})
+        return
+    say(*estimate_sentences(estimate, pane))
+
+
+def estimate_sentences(estimate: SceneEstimate, pane: PaneOptions) -> list[str]:
+    """The scene, line by line, and what it rests on."""
+    incidence, azimuth, shift = estimate.scene.values()
+    lines = [
+        f"incidence  {incidence:7.2f} deg  {_source(pane.incidence)}",
+        f"azimuth    {azimuth:7.2f} deg  {_source(pane.azimuth)}",
+    ]
+    if pane.single_surface:
+        lines.append("a single surface, without ghosts")
+    else:
+        lines.append(f"shift      {shift:7.2f} px   {_shift_source(pane)}")
+    lines.append(f"index      {pane.index:7.2f}      (given or assumed)")
+    if not estimate.polarized:
+        lines.append("ATTENTION: the light is not polarized beyond the noise; these numbers mean nothing.")
+    return lines
+
+
+def _source(given: float | None) -> str:
+    return "(estimated)" if given is None else "(given)"
+
+
+def _shift_source(pane: PaneOptions) -> str:
+    return _source(pane.shift) if pane.thickness_px is None else "(from the thickness)"

@@ -1,0 +1,199 @@
+"""Options that several commands share, in groups, and what they mean."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from polaropt.errors import InputError
+
+if TYPE_CHECKING:
+    from polaropt.capture import Capture
+    from polaropt.scene import SceneParameters
+
+ThicknessKind = Literal["paper", "plate"]
+_FILES = "Reading the photographs"
+_PANE = "The pane"
+
+
+@dataclass(frozen=True)
+class CaptureOptions:
+    """The photographs and how their values are to be taken."""
+
+    captures: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CAPTURE",
+            help="The photographs: one file per polarizer angle in the order of --angles; or one stack (TIFF of "
+            "several pages, npz); or one raw mosaic of a polarization camera.",
+            show_default=False,
+        ),
+    ]
+    angles: Annotated[
+        str,
+        typer.Option(
+            metavar="DEG,DEG,...",
+            help="Polarizer angles in degrees, counter-clockwise from horizontal.",
+            rich_help_panel=_FILES,
+        ),
+    ] = "0,45,90,135"
+    sensor: Annotated[
+        str,
+        typer.Option(metavar="KIND", help="Kind of mosaic: auto, mono or color.", rich_help_panel=_FILES),
+    ] = "auto"
+    cell_order: Annotated[
+        str,
+        typer.Option(
+            metavar="DEG,DEG,...",
+            help="Angles in a mosaic's 2x2 cell: top left, top right, bottom left, bottom right.",
+            rich_help_panel=_FILES,
+        ),
+    ] = "90,45,135,0"
+    black_level: Annotated[
+        float, typer.Option(metavar="VALUE", help="Value of black in the file.", rich_help_panel=_FILES)
+    ] = 0.0
+    white_level: Annotated[
+        float | None,
+        typer.Option(
+            metavar="VALUE",
+            help="Value at which the camera clips. Default: found from the file.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
+    pair_gain: Annotated[
+        float | None,
+        typer.Option(
+            metavar="FACTOR",
+            help="Brightness of the 45/135 pair against the 0/90 pair. Default: measured for mosaics, else 1.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
+    gamma: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CODE",
+            help="Undo this encoding: srgb or an exponent such as 2.2. Default: the values are linear.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
+    full_resolution: Annotated[
+        bool,
+        typer.Option(
+            "--full-resolution",
+            metavar="",
+            help="Interpolate a mosaic to full size instead of one pixel per cell.",
+            rich_help_panel=_FILES,
+        ),
+    ] = False
+
+    def read(self) -> Capture:
+        """Read the files."""
+        from polaropt.reader import read_capture
+
+        return read_capture(
+            self.captures,
+            numbers(self.angles, "--angles"),
+            self.sensor,
+            numbers(self.cell_order, "--cell-order"),
+            self.black_level,
+            self.white_level,
+            self.pair_gain,
+            gamma=self.gamma,
+            full_resolution=self.full_resolution,
+        )
+
+
+@dataclass(frozen=True)
+class PaneOptions:
+    """What is known of the pane."""
+
+    incidence: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="Angle between the line of sight and the pane's normal, 0 to 90.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    azimuth: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="Direction in the picture into which the pane is tilted, counter-clockwise from horizontal.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    shift: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="Distance between the double images of a reflection, in pixels along the azimuth.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    thickness_px: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="Thickness of the pane in pixels; ties the shift to the incidence.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    thickness_kind: Annotated[
+        ThicknessKind,
+        typer.Option(
+            metavar="KIND",
+            help="How thickness becomes shift: paper (as published) or plate (exact offset).",
+            rich_help_panel=_PANE,
+        ),
+    ] = "paper"
+    index: Annotated[
+        float,
+        typer.Option(metavar="N", help="Refractive index: 1.5 for glass, 1.33 for water.", rich_help_panel=_PANE),
+    ] = 1.5
+    single_surface: Annotated[
+        bool,
+        typer.Option("--single-surface", help="No back face: a water surface.", rich_help_panel=_PANE),
+    ] = False
+
+    def scene(self) -> SceneParameters:
+        """The scene, with None for what is to be estimated."""
+        from polaropt.scene import SceneParameters
+
+        self.check()
+        return SceneParameters(self.incidence, self.azimuth, self.shift, self.index, single_surface=self.single_surface)
+
+    def check(self) -> None:
+        """InputError where two options contradict each other."""
+        if self.shift is not None and self.thickness_px is not None:
+            raise InputError("--shift and --thickness-px both set the ghost shift; give one of them")
+        for name, value in (("--shift", self.shift), ("--thickness-px", self.thickness_px)):
+            if self.single_surface and value is not None:
+                raise InputError(f"{name} is for a pane with a back face; leave it or --single-surface out")
+        if self.thickness_px is not None and not 0 <= self.thickness_px < math.inf:
+            raise InputError(f"--thickness-px is {self.thickness_px:g}; give 0 or more")
+
+
+@dataclass(frozen=True)
+class SpeechOptions:
+    """How much is said, and to whom."""
+
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, for machines.")] = False
+
+
+def numbers(text: str, option: str) -> tuple[float, ...]:
+    """Numbers separated by commas.
+
+    Raises
+    ------
+    InputError
+        Something else.
+    """
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{option} is {text!r}; give numbers separated by commas, such as 0,45,90,135") from None

@@ -1,0 +1,202 @@
+"""``polaropt separate``: two layers out of the photographs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from polaropt.cli_command import progress_bar, say, say_json
+from polaropt.cli_options import CaptureOptions, PaneOptions
+from polaropt.errors import InputError
+
+if TYPE_CHECKING:
+    from polaropt.objective import Weights
+    from solvers.base import StoppingRule
+
+_SOLVING = "Solving"
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """What is minimized, by what, and for how long."""
+
+    solver: Annotated[
+        str, typer.Option(metavar="NAME", help="Optimizer that refines the layers.", rich_help_panel=_SOLVING)
+    ] = "scipy"
+    init: Annotated[
+        str, typer.Option(metavar="NAME", help="Layers that the optimizer starts from.", rich_help_panel=_SOLVING)
+    ] = "closed-form"
+    weights: Annotated[
+        str,
+        typer.Option(
+            metavar="TERM=FACTOR,...",
+            help="Factors on the weights that follow from the noise, 0 for off; such as "
+            "edge_independence=0,gradient_sparsity=2. Terms: misfit, edge_independence, gradient_sparsity, "
+            "nonnegativity, natural_image.",
+            rich_help_panel=_SOLVING,
+            show_default=False,
+        ),
+    ] = ""
+    robust: Annotated[
+        bool,
+        typer.Option(
+            "--robust",
+            metavar="",
+            help="Let single pixels disagree with the pane (moving leaves, defects).",
+            rich_help_panel=_SOLVING,
+        ),
+    ] = False
+    max_evaluations: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Stop after so many evaluations of the objective.", rich_help_panel=_SOLVING),
+    ] = None
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            help="Stop when two iterations in a row lower the objective by less than this share of it.",
+            rich_help_panel=_SOLVING,
+        ),
+    ] = None
+
+    def stopping(self) -> StoppingRule:
+        """When to stop."""
+        from solvers.base import StoppingRule
+
+        chosen: dict[str, Any] = {"max_evaluations": self.max_evaluations, "relative_change": self.tolerance}
+        for option, name in (("--max-evaluations", "max_evaluations"), ("--tolerance", "relative_change")):
+            try:
+                if chosen[name] is not None:
+                    StoppingRule(**{name: chosen[name]})
+            except ValueError as error:
+                raise InputError(f"{option}: {str(error).removeprefix(name).strip()}") from None
+        return StoppingRule(**{name: value for name, value in chosen.items() if value is not None})
+
+    def check_names(self) -> None:
+        """InputError that lists the solvers and starts, where one does not exist."""
+        from solvers.registry import solver_names
+
+        if self.solver not in solver_names():
+            raise InputError(f"--solver {self.solver!r} does not exist; choose one of: {', '.join(solver_names())}")
+
+
+@dataclass(frozen=True)
+class FolderOptions:
+    """Where results go and what is said."""
+
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="Folder for the results; made if it does not exist.",
+            show_default=False,
+        ),
+    ]
+    json: Annotated[
+        bool, typer.Option("--json", metavar="", help="Print the report as one JSON object, for machines.")
+    ] = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print nothing but errors.")] = False
+
+
+def separate_command(capture: CaptureOptions, pane: PaneOptions, solving: SolveOptions, folder: FolderOptions) -> None:
+    """Separate what is behind the glass (transmission) from what the glass mirrors (reflection).
+
+    Nothing needs to be known: incidence, azimuth and ghost shift are estimated unless given.
+
+    Writes transmission.tiff and reflection.tiff (linear, 32-bit floating point), transmission.png and reflection.png
+    (to look at: sRGB, both with the same exposure) and report.json into the folder. Files of other names stay. A run
+    that fails or is interrupted leaves the folder as it was.
+    """
+    from polaropt.output import result_folder
+
+    scene, weights, stopping = pane.scene(), parse_weights(solving.weights), solving.stopping()
+    solving.check_names()
+    with result_folder(folder.output) as work, progress_bar(not (folder.json or folder.quiet)) as progress:
+        from polaropt.results import Request, write_separation
+        from polaropt.separation import separate
+
+        photographs = capture.read()
+        result = separate(
+            photographs,
+            scene,
+            solver=solving.solver,
+            init=solving.init,
+            weights=weights,
+            stopping=stopping,
+            thickness_px=pane.thickness_px,
+            thickness_kind=pane.thickness_kind,
+            progress=progress,
+            robust=solving.robust,
+        )
+        report = write_separation(work, result, photographs, Request(scene, solving.solver, solving.init))
+    if folder.json:
+        say_json({"output": str(folder.output), **report})
+    elif not folder.quiet:
+        say(*report_sentences(report, folder.output))
+
+
+def parse_weights(text: str) -> Weights:
+    """``name=factor,name=factor`` to `Weights`.
+
+    Raises
+    ------
+    InputError
+        A term that does not exist, or no number.
+    """
+    from polaropt.objective import Weights
+
+    names = [field.name for field in fields(Weights)]
+    chosen: dict[str, Any] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, _, factor = part.partition("=")
+        if name.strip() not in names:
+            raise InputError(f"--weights: there is no term {name.strip()!r}; choose from {', '.join(names)}")
+        chosen[name.strip()] = _factor(name.strip(), factor)
+    return Weights(**chosen)
+
+
+def _factor(name: str, text: str) -> float:
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = -1.0
+    if not 0 <= factor < float("inf"):
+        raise InputError(f"--weights: {name} is {text!r}; give a factor of 0 (off) or more, such as {name}=2")
+    return factor
+
+
+def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
+    """The report in a few lines."""
+    solver = report["solver"]
+    seconds = sum(report["seconds"].values())
+    lines = [
+        _pane_sentence(report),
+        f"Solver: {solver['n_evaluations']} evaluations, {seconds:.1f} s altogether. {solver['sentence']}",
+    ]
+    lines += [f"ATTENTION: {text}" for text in report["attention"]]
+    lines += [f"ATTENTION: {warning['sentence']}" for warning in report["diagnostics"]["warnings"]]
+    lines.append(f"Written to {folder}:")
+    lines.append("  transmission.tiff, reflection.tiff  linear values")
+    exposure = report["view"]["exposure"]
+    lines.append(f"  transmission.png, reflection.png    to look at (sRGB, {exposure:.3g} times the linear values)")
+    lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
+    return lines
+
+
+def _pane_sentence(report: dict[str, Any]) -> str:
+    scene, estimated = report["scene"], report["estimated"]
+    parts = [
+        f"{word} {scene[name]:.2f} {unit} ({'estimated' if name in estimated else 'given'})"
+        for name, word, unit in (
+            ("incidence_deg", "incidence", "deg"),
+            ("azimuth_deg", "azimuth", "deg"),
+            ("ghost_shift", "ghost shift", "px"),
+        )
+        if not (name == "ghost_shift" and scene["single_surface"])
+    ]
+    return f"Pane: {', '.join(parts)}, refractive index {scene['refractive_index']:g}."

@@ -1,0 +1,70 @@
+"""The files of a separation."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from polaropt.capture import Capture
+from polaropt.image_io import write_png_view, write_tiff
+from polaropt.inspection import inspect_capture
+from polaropt.report import plain, separation_report
+from polaropt.scene import SceneParameters
+from polaropt.view import common_exposure
+
+if TYPE_CHECKING:
+    from polaropt.separation import Separation
+
+LAYERS = ("transmission", "reflection")
+_MARK = "ATTENTION: "
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for: a scene (None in it: to be estimated), a solver and a start by name."""
+
+    scene: SceneParameters
+    solver: str = "scipy"
+    init: str = "closed-form"
+
+
+def write_separation(folder: Path, result: Separation, capture: Capture, request: Request) -> dict[str, Any]:
+    """Write the layers (TIFF linear, PNG to look at) and ``report.json`` into a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    result : Separation
+    capture : Capture
+        What was separated.
+    request : Request
+
+    Returns
+    -------
+    dict
+        The report.
+    """
+    exposure = common_exposure(result.transmission, result.reflection)
+    for name in LAYERS:
+        layer = getattr(result, name)
+        write_tiff(folder / f"{name}.tiff", layer)
+        write_png_view(folder / f"{name}.png", layer * exposure)
+    inspection = inspect_capture(capture)
+    report = {
+        "request": request,
+        **separation_report(result, capture, request.scene),
+        "inspection": inspection.as_dict(),
+        "attention": attention(inspection.sentences()),
+        "view": {"exposure": exposure, "encoding": "sRGB of exposure times the linear values"},
+    }
+    document: dict[str, Any] = plain(report)
+    text = json.dumps(document, indent=2, allow_nan=False)
+    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    return document
+
+
+def attention(sentences: tuple[str, ...]) -> list[str]:
+    """What an inspection says that a person must look at."""
+    return [sentence.partition(_MARK)[2] for sentence in sentences if _MARK in sentence]
