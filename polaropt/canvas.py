@@ -1,0 +1,87 @@
+"""The canvas of the solve: the photographs' frame with a margin, so that ghosts find content beyond the frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.forward import PSE
+
+Images = NDArray[np.float32]
+
+LEAST_MARGIN = 16
+MOST_MARGIN = 48
+# Ghosts fainter than this share of the direct light, summed over both layers, need no canvas of their own.
+_FAINT = 0.02
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """Margins around a frame (h, w), in pixels.
+
+    Attributes
+    ----------
+    top, bottom, left, right : int
+    height, width : int
+        Of the frame.
+    """
+
+    height: int
+    width: int
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the whole canvas."""
+        return self.top + self.height + self.bottom, self.left + self.width + self.right
+
+    def crop(self, images: Any) -> Any:
+        """The frame within canvas images (..., H, W)."""
+        return images[..., self.top : self.top + self.height, self.left : self.left + self.width]
+
+    def extend(self, images: Images) -> Images:
+        """Frame images (..., h, w), mirrored into the margins."""
+        padding = [(0, 0)] * (images.ndim - 2) + [(self.top, self.bottom), (self.left, self.right)]
+        return np.pad(images, padding, mode="symmetric")
+
+    def pad_zeros(self, images: Any) -> Any:
+        """Frame images (..., h, w) with zeros in the margins."""
+        padding = [(0, 0)] * (images.ndim - 2) + [(self.top, self.bottom), (self.left, self.right)]
+        return np.pad(images, padding)
+
+    def window(self) -> Images:
+        """Weights (H, W) that fall smoothly to zero over the margins."""
+        rows = _fading(self.height, self.top, self.bottom)
+        columns = _fading(self.width, self.left, self.right)
+        return (rows[:, None] * columns[None, :]).astype(np.float32)
+
+
+def canvas_for(pse: PSE, height: int, width: int) -> Canvas:
+    """Canvas that holds the ghosts which show, with sides that the Fourier transform likes."""
+    from scipy.fft import next_fast_len
+
+    reach = math.hypot(*pse.step) * _ghosts_that_show(pse)
+    margin = min(MOST_MARGIN, max(LEAST_MARGIN, math.ceil(reach)), height // 2, width // 2)
+    rows, columns = (int(next_fast_len(side + 2 * margin, real=True)) for side in (height, width))
+    more_rows, more_columns = rows - height - 2 * margin, columns - width - 2 * margin
+    more_rows, more_columns = min(more_rows, height - margin), min(more_columns, width - margin)
+    return Canvas(height, width, margin, margin + more_rows, margin, margin + more_columns)
+
+
+def _ghosts_that_show(pse: PSE) -> int:
+    strength = np.abs(pse.taps).sum(axis=2).max(axis=0)
+    return int(np.flatnonzero(strength > _FAINT * strength.max()).max())
+
+
+def _fading(inside: int, before: int, after: int) -> NDArray[np.float64]:
+    def ramp(n: int) -> NDArray[np.float64]:
+        return 0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n) if n else np.ones(0)
+
+    return np.concatenate([ramp(before), np.ones(inside), ramp(after)[::-1]])

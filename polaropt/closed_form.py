@@ -1,0 +1,169 @@
+"""Closed-form layers: per pixel, and per frequency with all ghosts and a natural-image prior fitted to the capture.
+
+Per frequency the photographs are a 2x2 mixture of the layers. The layers are taken as Gaussian with spectra that are
+themselves estimated (expectation maximization), each colour of an opponent basis for itself: a Wiener filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.canvas import Canvas
+from polaropt.capture import Capture
+from polaropt.color_basis import Basis, opponent_basis
+from polaropt.forward import PSE
+from polaropt.plate import in_place_reflectance
+from polaropt.scene import SceneParameters
+from polaropt.spectra import FrequencyBands, Power, Spectrum, fit_spectra, posterior
+from polaropt.transfer import plate_transfer
+
+Images = NDArray[np.float32]
+Matrix = NDArray[np.float64]
+
+# What is known of a layer's mean before anything is measured, in units of the mean intensity.
+_MEAN_SPREAD = 0.5
+_LEAST_DETERMINANT = 1e-6
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """Layers on the canvas, and what is known of them.
+
+    Attributes
+    ----------
+    layers : ndarray of float32, shape (2, channel, H, W)
+    mean : ndarray of float32, shape (2, channel, 1, 1)
+        Means of the layers in the colour basis.
+    prior, uncertainty : ndarray of float32, shape (2, channel, H, W // 2 + 1)
+        Power of each layer per frequency before and after the photographs are seen, in the colour basis, for an
+        orthonormal transform.
+    information : ndarray of complex64, shape (2, 2, H, W // 2 + 1)
+        What the photographs tell of the layers per frequency (inverse covariance).
+    basis : ndarray, shape (channel, channel)
+        The colour basis.
+    """
+
+    layers: Images
+    mean: Images
+    prior: Power
+    uncertainty: Power
+    information: Spectrum
+    basis: Basis
+
+
+def plate_entries(capture: Capture, pse: PSE) -> Images:
+    """Least-squares (I_par, I_perp[, s2']) from the trusted photographs of each pixel, (entries, channel, h, w)."""
+    mixing = pse.mixing[:, : pse.taps.shape[2]]
+    photographs = capture.intensities if capture.color else capture.intensities[:, None]
+    entries = np.tensordot(np.linalg.pinv(mixing).astype(np.float32), photographs, axes=1)
+    valid = capture.valid if capture.color else capture.valid[:, None]
+    # A pixel is told by as many photographs as there are unknowns; below that its clipped values must do.
+    partly = ~valid.all(axis=0) & (valid.sum(axis=0) >= mixing.shape[1])
+    if partly.any():
+        entries[:, partly] = _weighted_entries(photographs[:, partly], valid[:, partly], mixing)
+    return entries
+
+
+def _weighted_entries(values: Images, valid: NDArray[np.bool_], mixing: Matrix) -> Images:
+    """Least squares per pixel over valid photographs only: values and valid (k, pixels) to (entries, pixels)."""
+    normal = np.einsum("kp,ke,kf->pef", valid, mixing, mixing)
+    right = np.einsum("kp,ke->pe", valid * values, mixing)
+    ridge = 1e-6 * np.eye(mixing.shape[1])
+    return np.linalg.solve(normal + ridge, right[..., None])[..., 0].T.astype(np.float32)
+
+
+def per_pixel_layers(capture: Capture, scene: SceneParameters) -> Images:
+    """Layers from each pixel's own photographs, all bounces summed in place (paper, Eqs. (3) to (5) at shift 0).
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters
+        A complete scene; its shift and the polarization of its light are not used.
+
+    Returns
+    -------
+    ndarray of float32, shape (2, [channel,] h, w)
+        Noise is amplified by the inverse of the difference of the two reflectances.
+    """
+    incidence_deg, azimuth_deg, _ = scene.values()
+    plain = SceneParameters(incidence_deg, azimuth_deg, 0.0, scene.refractive_index, None, scene.single_surface)
+    entries = plate_entries(capture, PSE(plain, capture.angles_deg))
+    r_p, r_s = in_place_reflectance(incidence_deg, scene.refractive_index, scene.single_surface)
+    determinant = min(r_p - r_s, -_LEAST_DETERMINANT)
+    inverse = 2 / determinant * np.array([[-r_s, r_p], [1 - r_s, r_p - 1]])
+    layers: Images = np.tensordot(inverse.astype(np.float32), entries, axes=1)
+    return layers if capture.color else layers[:, 0]
+
+
+def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> ClosedForm:
+    """Layers per frequency, with all ghosts, as a Wiener filter whose spectra are fitted to the capture.
+
+    Parameters
+    ----------
+    capture : Capture
+    pse : PSE
+    canvas : Canvas
+    noise : float
+        Standard deviation of one photograph's noise (white = 1).
+
+    Returns
+    -------
+    ClosedForm
+    """
+    from scipy.fft import irfft2, rfft2
+
+    mixing = pse.mixing[:, : pse.taps.shape[2]]
+    precision = mixing.T @ mixing / noise**2
+    basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
+    entries = _in_basis(basis, plate_entries(capture, pse))
+    level = entries.mean(axis=(-1, -2), keepdims=True)
+    height, width = canvas.shape
+    data = rfft2(canvas.extend(entries - level) * canvas.window(), norm="ortho", workers=2)
+
+    transfer = plate_transfer(pse, height, width)
+    weighted = np.einsum("elhw,ef->flhw", transfer.conj(), precision.astype(np.float32), optimize=True)
+    information = np.einsum("flhw,fmhw->lmhw", weighted, transfer, optimize=True)
+    right = np.einsum("flhw,fchw->lchw", weighted, data, optimize=True)
+    prior = fit_spectra(information, right, FrequencyBands(height, width), _initial_power(entries))
+    coefficients, uncertainty = posterior(information, right, prior)
+
+    mean = _means(level[..., 0, 0], pse.taps.sum(axis=1).T, precision * canvas.height * canvas.width, basis)
+    layers = irfft2(coefficients, s=(height, width), norm="ortho", workers=2) + mean
+    return ClosedForm(
+        layers=np.ascontiguousarray(_in_basis(basis.T, layers), dtype=np.float32),
+        mean=mean,
+        prior=prior,
+        uncertainty=uncertainty,
+        information=information.astype(np.complex64),
+        basis=basis,
+    )
+
+
+def _in_basis(basis: Basis, images: Images) -> Images:
+    """Change the colours (..., channel, h, w) to another basis."""
+    if basis.shape[0] == 1:
+        return images
+    return np.einsum("oc,echw->eohw", basis.astype(np.float32), images, optimize=True)
+
+
+def _initial_power(entries: Images) -> NDArray[np.float64]:
+    """Gradient power of the total intensity per colour, at least a trifle: where the fit starts, (channel,)."""
+    total = entries[0] + entries[1]
+    power = np.square(np.diff(total, axis=-1)).mean(axis=(-1, -2)) + np.square(np.diff(total, axis=-2)).mean(
+        axis=(-1, -2)
+    )
+    return np.maximum(power.astype(np.float64), 1e-4 * float(power.max()) + 1e-12)
+
+
+def _means(level: NDArray[np.float32], sums: Matrix, precision: Matrix, basis: Basis) -> Images:
+    """Means of the layers (2, channel, 1, 1): all bounces in place, with a weak prior at the mean intensity."""
+    intensity = float(np.sqrt(np.square(level[0] + level[1]).sum()))
+    expected = intensity * np.eye(basis.shape[0])[0]
+    spread = np.eye(2) / (_MEAN_SPREAD * max(intensity, 1e-6)) ** 2
+    normal = sums.T @ precision @ sums + spread
+    right = sums.T @ precision @ level + spread @ np.stack([expected, expected])
+    return np.linalg.solve(normal, right).astype(np.float32)[:, :, None, None]

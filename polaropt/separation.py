@@ -1,0 +1,283 @@
+"""separate: from a capture to its two layers, the pipeline from end to end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.canvas import Canvas, canvas_for
+from polaropt.capture import Capture
+from polaropt.closed_form import ClosedForm, natural_image_layers
+from polaropt.diagnostics import Diagnostics, diagnose
+from polaropt.errors import InputError
+from polaropt.forward import PSE
+from polaropt.noise import noise_level
+from polaropt.objective import Misfit, Objective, Term, Weights, build_objective, unknown_shares
+from polaropt.preconditioner import FourierPreconditioner
+from polaropt.scene import SceneParameters
+from polaropt.scene_estimation import SceneEstimate, estimate_scene
+from polaropt.simulate import planes_last
+from polaropt.starts import start_layers, start_names
+from solvers.base import Solver, SolverResult, Status, StoppingRule
+from solvers.registry import get_solver
+
+Images = NDArray[np.float32]
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Two layers and how they were found.
+
+    Attributes
+    ----------
+    layers : ndarray of float32, shape (2, [channel,] h, w)
+        [0] transmission, [1] reflection, linear.
+    components : ndarray of float32, shape (2, k, [channel,] h, w)
+        The two parts of every photograph.
+    scene : SceneParameters
+        Complete: given or estimated.
+    terms : dict of str to Term
+        Raw value and weight of each term of the objective at the solution.
+    solver : SolverResult
+        Its `x` is empty: the layers are what it stands for.
+    diagnostics : Diagnostics
+    seconds : dict of str to float
+        Time of each stage.
+    """
+
+    layers: Images = field(repr=False)
+    components: Images = field(repr=False)
+    scene: SceneParameters
+    terms: dict[str, Term]
+    solver: SolverResult
+    diagnostics: Diagnostics
+    seconds: dict[str, float]
+
+    @property
+    def transmission(self) -> Images:
+        """What is behind the glass, (h, w) or (h, w, channel)."""
+        return planes_last(self.layers[0])
+
+    @property
+    def reflection(self) -> Images:
+        """What the glass mirrors, (h, w) or (h, w, channel)."""
+        return planes_last(self.layers[1])
+
+
+def separate(
+    capture: Capture,
+    scene: SceneParameters | None = None,
+    solver: str = "scipy",
+    init: str = "closed-form",
+    refractive_index: float = 1.5,
+    single_surface: bool = False,
+    weights: Weights = Weights(),  # noqa: B008 (frozen)
+    stopping: StoppingRule = StoppingRule(),  # noqa: B008 (frozen)
+    *,
+    thickness_px: float | None = None,
+    thickness_kind: Literal["paper", "plate"] = "paper",
+    robust: bool = False,
+    progress: Progress | None = None,
+) -> Separation:
+    """Separate the transmitted from the reflected scene.
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters, optional
+        Fields that are None are estimated, the others stay fixed. Default: all is found blind, with the two
+        parameters below.
+    solver : str
+        Name of a minimizer, see `solvers.registry.solver_names`.
+    init : str
+        Where the solve starts: "closed-form" (per frequency, with all ghosts), "per-pixel" or "cold" (the plain
+        intensity).
+    refractive_index : float
+        Index of the pane, where no scene is given.
+    single_surface : bool
+        No back face (water), where no scene is given.
+    weights : Weights
+        Factors on the terms of the objective.
+    stopping : StoppingRule
+    thickness_px : float, optional
+        Thickness of the pane in pixels: ties the ghost shift to the incidence.
+    thickness_kind : {"paper", "plate"}
+        Formula of the ghost step, see `ghost_step`.
+    robust : bool
+        Residuals of the photographs beyond three sigma count linearly.
+    progress : callable, optional
+        Called with what is being done and the fraction done, 0..1.
+
+    Returns
+    -------
+    Separation
+
+    Raises
+    ------
+    ValueError
+        Unknown solver or start (the message lists the names), or a parameter outside its range (`InputError`).
+    """
+    minimizer = get_solver(solver)
+    if init not in start_names():
+        raise InputError(f"unknown start {init!r}; there are: {', '.join(start_names())}")
+    stages = _Stages(progress)
+    asked = scene or SceneParameters(None, None, None, refractive_index, single_surface=single_surface)
+
+    stages.begin("Measuring the noise", 0.0)
+    noise = noise_level(capture)
+    stages.begin("Estimating the scene", 0.02)
+    found, estimate = _complete_scene(capture, asked, noise, thickness_px, thickness_kind)
+    if estimate is not None and not estimate.polarized and asked.incidence_deg is None:
+        return _unseparated(capture, found, noise, estimate, stages)
+    stages.begin("Closed form", 0.3)
+    problem = _Problem(capture, found, noise, weights, robust)
+    stages.begin("Solving", 0.4)
+    solution, layers = _solve(problem, minimizer, init, stopping, stages)
+    stages.begin("Taking stock", 0.97)
+    return _report(problem, solution, layers, estimate, stages)
+
+
+class _Stages:
+    """Times the stages and tells the progress."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self._progress = progress
+        self._name: str | None = None
+        self._since = time.perf_counter()
+        self._at = 0.0
+        self.seconds: dict[str, float] = {}
+
+    def begin(self, name: str, fraction: float) -> None:
+        """End the stage before and begin this one."""
+        self.end()
+        self._name, self._at = name, fraction
+        self.advance(0.0)
+
+    def advance(self, further: float) -> None:
+        """Tell how much further than its begin the stage is, in parts of the whole."""
+        if self._progress is not None and self._name is not None:
+            self._progress(self._name, self._at + further)
+
+    def end(self) -> None:
+        """End the running stage."""
+        now = time.perf_counter()
+        if self._name is not None:
+            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + now - self._since
+        self._since, self._name = now, None
+
+
+class _Problem:
+    """The capture with all that the solve needs of it."""
+
+    def __init__(
+        self, capture: Capture, scene: SceneParameters, noise: float, weights: Weights, robust: bool
+    ) -> None:
+        self.capture, self.scene, self.noise = capture, scene, noise
+        self.pse = PSE(scene, capture.angles_deg)
+        self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
+        self.known: ClosedForm = natural_image_layers(capture, self.pse, self.canvas, noise)
+        self.misfit = Misfit(capture, self.pse, self.canvas, noise, robust)
+        self.objective: Objective = build_objective(self.misfit, self.known, noise, weights)
+
+    def cropped(self, layers: Images) -> Images:
+        """Canvas layers within the frame, in the capture's shape (2, [channel,] h, w)."""
+        frame: Images = np.ascontiguousarray(self.canvas.crop(layers))
+        return frame if self.capture.color else frame[:, 0]
+
+    def misfit_ratio(self, layers: Images) -> float:
+        """Mean squared residual in units of the noise, less what the unknowns take up."""
+        value, _ = self.misfit.value_and_grad(layers)
+        k = len(self.capture.angles_deg)
+        free = max(1.0, float(self.capture.valid.sum()) * (k - 2) / k)
+        return 2 * value / free
+
+
+def _complete_scene(
+    capture: Capture,
+    scene: SceneParameters,
+    noise: float,
+    thickness_px: float | None,
+    thickness_kind: Literal["paper", "plate"],
+) -> tuple[SceneParameters, SceneEstimate | None]:
+    if scene.complete and thickness_px is None:
+        return scene, None
+    estimate = estimate_scene(
+        capture, scene, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind
+    )
+    return estimate.scene, estimate
+
+
+def _solve(
+    problem: _Problem, minimizer: Solver, init: str, stopping: StoppingRule, stages: _Stages
+) -> tuple[SolverResult, Images]:
+    known = problem.known
+    start = start_layers(init, problem.capture, problem.scene, problem.canvas, known)
+    whitened = FourierPreconditioner(start, known.information, known.prior, known.basis)
+    evaluations = 0
+
+    def objective(z: Images) -> tuple[float, Images]:
+        nonlocal evaluations
+        evaluations += 1
+        stages.advance(0.57 * min(1.0, evaluations / stopping.max_evaluations))
+        value, gradient = problem.objective.value_and_grad(whitened.layers(z))
+        return value, whitened.gradient(gradient)
+
+    solution = minimizer.minimize(objective, np.zeros(whitened.size, dtype=np.float32), stopping)
+    return solution, whitened.layers(solution.x)
+
+
+def _report(
+    problem: _Problem, solution: SolverResult, layers: Images, estimate: SceneEstimate | None, stages: _Stages
+) -> Separation:
+    diagnostics = diagnose(
+        problem.capture,
+        problem.noise,
+        misfit_ratio=problem.misfit_ratio(layers),
+        reflection_unknown=float(unknown_shares(problem.known)[1]),
+        estimate=estimate,
+        finite=solution.status is not Status.NOT_FINITE,
+    )
+    terms = problem.objective.terms(layers)
+    components = problem.canvas.crop(problem.pse.components(layers))
+    if not problem.capture.color:
+        components = components[:, :, 0]
+    stages.end()
+    return Separation(
+        layers=problem.cropped(layers),
+        components=np.ascontiguousarray(components),
+        scene=problem.scene,
+        terms=terms,
+        solver=_without_point(solution),
+        diagnostics=diagnostics,
+        seconds=stages.seconds,
+    )
+
+
+def _unseparated(
+    capture: Capture, scene: SceneParameters, noise: float, estimate: SceneEstimate, stages: _Stages
+) -> Separation:
+    """The intensity as transmission: all that an unpolarized capture tells."""
+    intensity = capture.stokes[0]
+    half = np.broadcast_to(intensity / 2, capture.intensities.shape)
+    stages.end()
+    return Separation(
+        layers=np.stack([intensity, np.zeros_like(intensity)]),
+        components=np.stack([half, np.zeros_like(half)]),
+        scene=scene,
+        terms={},
+        solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),
+        diagnostics=diagnose(capture, noise, misfit_ratio=1.0, reflection_unknown=1.0, estimate=estimate),
+        seconds=stages.seconds,
+    )
+
+
+def _without_point(solution: SolverResult) -> SolverResult:
+    import dataclasses
+
+    return dataclasses.replace(solution, x=np.zeros(0, dtype=np.float32))

@@ -1,0 +1,43 @@
+"""Where a solve can start, by name."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.canvas import Canvas
+from polaropt.capture import Capture
+from polaropt.closed_form import ClosedForm, per_pixel_layers
+from polaropt.scene import SceneParameters
+
+Images = NDArray[np.float32]
+
+
+def start_names() -> tuple[str, ...]:
+    """Names that `start_layers` knows."""
+    return ("closed-form", "cold", "per-pixel")
+
+
+def start_layers(name: str, capture: Capture, scene: SceneParameters, canvas: Canvas, known: ClosedForm) -> Images:
+    """Canvas layers (2, channel, H, W) to start from.
+
+    Parameters
+    ----------
+    name : {"closed-form", "cold", "per-pixel"}
+    capture : Capture
+    scene : SceneParameters
+    canvas : Canvas
+    known : ClosedForm
+        The closed form per frequency.
+    """
+    if name == "closed-form":
+        return known.layers
+    if name == "per-pixel":
+        return canvas.extend(_with_channels(per_pixel_layers(capture, scene), capture))
+    intensity = _with_channels(capture.stokes[:1], capture)
+    flat = np.broadcast_to(intensity.mean((-1, -2), keepdims=True), intensity.shape)
+    return canvas.extend(np.concatenate([intensity, flat]))
+
+
+def _with_channels(layers: Images, capture: Capture) -> Images:
+    return layers if capture.color else layers[:, None]

@@ -1,0 +1,190 @@
+"""Accuracy on the paper's kind of scenes: PSNR of both layers with the scene known and blind, per incidence.
+
+Run ``python -m studies.paper_protocol --photos DIR``; without ``--photos`` it uses photographs inside scikit-image.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from polaropt.capture import Capture
+from polaropt.metrics import psnr_db
+from polaropt.separation import Separation, separate
+from studies.protocol import (
+    EVALUATION_BORDER,
+    INCIDENCES_DEG,
+    Image,
+    Kind,
+    Pair,
+    protocol_capture,
+    protocol_pairs,
+    protocol_scene,
+    shipped_pairs,
+    truth,
+)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene to be separated twice: known and blind."""
+
+    photos: str | None
+    pair: int
+    incidence_deg: float
+    kind: Kind
+    known: bool = True
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came out: PSNR in dB, errors of the scene, evaluations and seconds."""
+
+    pair: int
+    incidence_deg: float
+    kind: str
+    nothing: float
+    minimum: float
+    start_transmission: float
+    start_reflection: float
+    known_transmission: float
+    known_reflection: float
+    blind_transmission: float
+    blind_reflection: float
+    incidence_error_deg: float
+    azimuth_error_deg: float
+    shift_error_px: float
+    evaluations: int
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+@lru_cache(maxsize=1)
+def pairs_of(photos: str | None) -> list[Pair]:
+    """The pairs, read once per process."""
+    return shipped_pairs() if photos is None else protocol_pairs(Path(photos))
+
+
+def run(job: Job) -> Row:
+    """Separate one scene, known and blind."""
+    pair = pairs_of(job.photos)[job.pair]
+    scene = protocol_scene(pair, job.incidence_deg, job.kind)
+    capture = protocol_capture(pair, job.incidence_deg, job.kind)
+    layers = truth(pair)
+    nothing, minimum = trivial_psnr(capture, layers[0])
+    start = known = (math.nan, math.nan)
+    if job.known:
+        from polaropt import StoppingRule
+
+        start = _psnr(separate(capture, scene, stopping=StoppingRule(max_evaluations=1)), layers)
+        known = _psnr(separate(capture, scene), layers)
+    blind = separate(capture)
+    incidence, azimuth, shift = scene_errors(blind, scene.values())
+    return Row(
+        job.pair, job.incidence_deg, job.kind, nothing, minimum, *start, *known, *_psnr(blind, layers),
+        incidence, azimuth, shift, blind.solver.n_evaluations, sum(blind.seconds.values()),
+        tuple(warning.name for warning in blind.diagnostics.warnings),
+    )  # fmt: skip
+
+
+def trivial_psnr(capture: Capture, transmission: Image) -> tuple[float, float]:
+    """PSNR of the plain intensity and of twice the minimum over all angles, taken as transmission."""
+    s0, s1, s2 = capture.stokes
+    target = np.moveaxis(transmission, -1, 0)
+    return (
+        psnr_db(s0, target, EVALUATION_BORDER),
+        psnr_db(s0 - np.hypot(s1, s2), target, EVALUATION_BORDER),
+    )
+
+
+def scene_errors(result: Separation, true: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Absolute errors of incidence (deg), azimuth (deg, modulo 180) and shift (px, along the true azimuth)."""
+    incidence, azimuth, shift = result.scene.values()
+    turn = (azimuth - true[1] + 90) % 360 - 90
+    if turn > 90:
+        turn, shift = turn - 180, -shift
+    return abs(incidence - true[0]), abs(turn), abs(shift - true[2])
+
+
+def _psnr(result: Separation, layers: tuple[Image, Image]) -> tuple[float, float]:
+    planes = [np.moveaxis(layer, -1, 0) for layer in layers]
+    return (
+        psnr_db(result.layers[0], planes[0], EVALUATION_BORDER),
+        psnr_db(result.layers[1], planes[1], EVALUATION_BORDER),
+    )
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Means per kind and incidence, as a Markdown table."""
+    lines = [
+        "| step | theta | s0 | T start | R start | T known | R known | T blind | R blind "
+        "| theta error (median, 90 %) | azimuth error (largest) | shift error (median) | worst against doing nothing "
+        "| evaluations | s | warned |",
+        "|" + "---|" * 16,
+    ]
+    for kind, incidence in dict.fromkeys((row.kind, row.incidence_deg) for row in rows):
+        lines.append(_line([row for row in rows if (row.kind, row.incidence_deg) == (kind, incidence)]))
+    return "\n".join(lines)
+
+
+def _line(rows: Sequence[Row]) -> str:
+    def mean(name: str) -> float:
+        return float(np.mean([getattr(row, name) for row in rows]))
+
+    def column(name: str) -> list[float]:
+        return [getattr(row, name) for row in rows]
+
+    levels = ("nothing", "start_transmission", "start_reflection", "known_transmission", "known_reflection",
+              "blind_transmission", "blind_reflection")  # fmt: skip
+    worst = min(row.blind_transmission - max(row.nothing, row.minimum) for row in rows)
+    warned = sum("REFLECTION_NOT_IDENTIFIABLE" in row.warnings for row in rows)
+    return (
+        f"| {rows[0].kind} | {rows[0].incidence_deg:g} | "
+        + " | ".join(f"{mean(name):.2f}" for name in levels)
+        + f" | {np.median(column('incidence_error_deg')):.2f}, {np.percentile(column('incidence_error_deg'), 90):.2f}"
+        f" | {max(column('azimuth_error_deg')):.2f} | {np.median(column('shift_error_px')):.2f} | {worst:+.2f}"
+        f" | {mean('evaluations'):.0f} | {mean('seconds'):.1f} | {warned}/{len(rows)} |"
+    )
+
+
+def main() -> None:
+    """Print the table and write it with all rows."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--photos", help="folder of photographs (default: those inside scikit-image)")
+    parser.add_argument("--kind", choices=("paper", "plate", "both"), default="both", help="formula of the ghost step")
+    parser.add_argument("--incidences", default=",".join(map(str, INCIDENCES_DEG)), help="degrees, comma separated")
+    parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--blind-only", action="store_true", help="leave out the solves with the scene known")
+    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON)")
+    options = parser.parse_args()
+    kinds: tuple[Kind, ...] = ("paper", "plate") if options.kind == "both" else (options.kind,)
+    n_pairs = min(options.pairs, len(pairs_of(options.photos)))
+    jobs = [
+        Job(options.photos, pair, float(incidence), kind, not options.blind_only)
+        for kind in kinds
+        for incidence in options.incidences.split(",")
+        for pair in range(n_pairs)
+    ]
+    if options.jobs > 1:
+        with ProcessPoolExecutor(options.jobs) as pool:
+            rows = list(pool.map(run, jobs))
+    else:
+        rows = [run(job) for job in jobs]
+    print(table(rows))
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+        (options.out / "paper_protocol.md").write_text(table(rows) + "\n", encoding="utf-8")
+        (options.out / "paper_protocol.json").write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
