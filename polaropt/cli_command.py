@@ -81,5 +81,5 @@ def progress_bar(wanted: bool = True) -> Iterator[Progress | None]:
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1.0)
+        task = bar.add_task("Reading", total=1.0)
         yield lambda stage, fraction: bar.update(task, description=stage, completed=fraction)

@@ -117,10 +117,11 @@ def separate_command(capture: CaptureOptions, pane: PaneOptions, solving: SolveO
     scene, weights, stopping = pane.scene(), parse_weights(solving.weights), solving.stopping()
     solving.check_names()
     with result_folder(folder.output) as work, progress_bar(not (folder.json or folder.quiet)) as progress:
+        # Imported after reading, so that an error in the files is told at once.
+        photographs = capture.read()
         from polaropt.results import Request, write_separation
         from polaropt.separation import separate
 
-        photographs = capture.read()
         result = separate(
             photographs,
             scene,
@@ -133,7 +134,8 @@ def separate_command(capture: CaptureOptions, pane: PaneOptions, solving: SolveO
             progress=progress,
             robust=solving.robust,
         )
-        report = write_separation(work, result, photographs, Request(scene, solving.solver, solving.init))
+        request = Request(scene, solving.solver, solving.init, solving.robust, weights, stopping)
+        report = write_separation(work, result, photographs, request)
     if folder.json:
         say_json({"output": str(folder.output), **report})
     elif not folder.quiet:
@@ -162,12 +164,9 @@ def parse_weights(text: str) -> Weights:
 
 def _factor(name: str, text: str) -> float:
     try:
-        factor = float(text)
+        return float(text)
     except ValueError:
-        factor = -1.0
-    if not 0 <= factor < float("inf"):
-        raise InputError(f"--weights: {name} is {text!r}; give a factor of 0 (off) or more, such as {name}=2")
-    return factor
+        raise InputError(f"--weights: {name} is {text!r}; give a factor, 0 for off, such as {name}=2") from None
 
 
 def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:

@@ -15,7 +15,9 @@ from polaropt.scene import SceneParameters
 from polaropt.view import common_exposure
 
 if TYPE_CHECKING:
+    from polaropt.objective import Weights
     from polaropt.separation import Separation
+    from solvers.base import StoppingRule
 
 LAYERS = ("transmission", "reflection")
 _MARK = "ATTENTION: "
@@ -23,11 +25,14 @@ _MARK = "ATTENTION: "
 
 @dataclass(frozen=True)
 class Request:
-    """What was asked for: a scene (None in it: to be estimated), a solver and a start by name."""
+    """What was asked for; None in the scene is estimated, None elsewhere is the default."""
 
     scene: SceneParameters
     solver: str = "scipy"
     init: str = "closed-form"
+    robust: bool = False
+    weights: Weights | None = None
+    stopping: StoppingRule | None = None
 
 
 def write_separation(folder: Path, result: Separation, capture: Capture, request: Request) -> dict[str, Any]:
