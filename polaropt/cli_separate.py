@@ -27,7 +27,12 @@ class SolveOptions:
         str, typer.Option(metavar="NAME", help="Optimizer that refines the layers.", rich_help_panel=_SOLVING)
     ] = "scipy"
     init: Annotated[
-        str, typer.Option(metavar="NAME", help="Layers that the optimizer starts from.", rich_help_panel=_SOLVING)
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Layers that the optimizer starts from: closed-form, per-pixel or cold.",
+            rich_help_panel=_SOLVING,
+        ),
     ] = "closed-form"
     weights: Annotated[
         str,
@@ -76,11 +81,13 @@ class SolveOptions:
         return StoppingRule(**{name: value for name, value in chosen.items() if value is not None})
 
     def check_names(self) -> None:
-        """InputError that lists the solvers and starts, where one does not exist."""
+        """InputError that lists the solvers or starts, where one does not exist."""
+        from polaropt.starts import start_names
         from solvers.registry import solver_names
 
-        if self.solver not in solver_names():
-            raise InputError(f"--solver {self.solver!r} does not exist; choose one of: {', '.join(solver_names())}")
+        for option, name, known in (("--solver", self.solver, solver_names()), ("--init", self.init, start_names())):
+            if name not in known:
+                raise InputError(f"{option} {name!r} does not exist; choose one of: {', '.join(known)}")
 
 
 @dataclass(frozen=True)

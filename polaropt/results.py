@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from polaropt.capture import Capture
 from polaropt.image_io import write_png_view, write_tiff
-from polaropt.inspection import inspect_capture
+from polaropt.inspection import Inspection, inspect_capture
 from polaropt.report import plain, separation_report
 from polaropt.scene import SceneParameters
 from polaropt.view import common_exposure
@@ -61,7 +63,7 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
         "request": request,
         **separation_report(result, capture, request.scene),
         "inspection": inspection.as_dict(),
-        "attention": attention(inspection.sentences()),
+        "attention": attention(inspection, result.diagnostics.warnings),
         "view": {"exposure": exposure, "encoding": "sRGB of exposure times the linear values"},
     }
     document: dict[str, Any] = plain(report)
@@ -70,6 +72,10 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
     return document
 
 
-def attention(sentences: tuple[str, ...]) -> list[str]:
-    """What an inspection says that a person must look at."""
+def attention(inspection: Inspection, warnings: Iterable[Enum]) -> list[str]:
+    """What an inspection says that a person must look at, and that the separation's warnings do not say already."""
+    told: dict[str, Any] = {"dolp_95": 1.0}
+    if any(warning.name == "GAMMA_ENCODED" for warning in warnings):
+        told["looks_encoded"] = False
+    sentences = replace(inspection, **told).sentences()
     return [sentence.partition(_MARK)[2] for sentence in sentences if _MARK in sentence]
