@@ -37,7 +37,7 @@ class StoppingRule:
 
     max_evaluations: int = 60
     """Evaluations of objective and gradient, at most."""
-    relative_change: float = 1e-5
+    relative_change: float = 5e-4
     """Stop when two iterations in a row lower the objective by less than this share of it each; 0: never."""
     gradient_norm: float = 0.0
     """Stop when no entry of the gradient is larger."""
