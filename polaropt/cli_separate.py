@@ -115,9 +115,9 @@ def separate_command(capture: CaptureOptions, pane: PaneOptions, solving: SolveO
 
     Nothing needs to be known: incidence, azimuth and ghost shift are estimated unless given.
 
-    Writes transmission.tiff and reflection.tiff (linear, 32-bit floating point), transmission.png and reflection.png
-    (to look at: sRGB, both with the same exposure) and report.json into the folder. Files of other names stay. A run
-    that fails or is interrupted leaves the folder as it was.
+    Writes into the folder: transmission.tiff and reflection.tiff (linear, 32-bit floating point), transmission.png and
+    reflection.png (to look at: sRGB, each with the exposure that report.json tells) and report.json. Files of other
+    names stay. A run that fails or is interrupted leaves the folder as it was.
     """
     from polaropt.output import result_folder
 
@@ -188,8 +188,8 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
     lines += [f"ATTENTION: {warning['sentence']}" for warning in report["diagnostics"]["warnings"]]
     lines.append(f"Written to {folder}:")
     lines.append("  transmission.tiff, reflection.tiff  linear values")
-    exposure = report["view"]["exposure"]
-    lines.append(f"  transmission.png, reflection.png    to look at (sRGB, {exposure:.3g} times the linear values)")
+    exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in ("transmission", "reflection"))
+    lines.append(f"  transmission.png, reflection.png    to look at: sRGB of {exposures} times the linear values")
     lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
     return lines
 

@@ -13,12 +13,12 @@ from polaropt.metrics import psnr_db
 from polaropt.photographs import cut, shipped_photograph
 from polaropt.scene import SceneParameters, ghost_step
 from polaropt.simulate import planes_last
-from polaropt.view import Picture, common_exposure, side_by_side
+from polaropt.view import Picture, side_by_side, viewing_exposure
 
 Image = NDArray[np.float32]
 
 SIZE = 288
-SCENE = SceneParameters(incidence_deg=58.0, azimuth_deg=25.0, ghost_shift=ghost_step(58.0, 1.5, 10.0))
+SCENE = SceneParameters(incidence_deg=68.0, azimuth_deg=25.0, ghost_shift=ghost_step(68.0, 1.5, 6.0))
 # A room seen from the street: what the pane mirrors is brighter than what is behind it.
 ROOM_LIGHT = 0.5
 BORDER = 16
@@ -84,7 +84,7 @@ def comparison(example: Example, transmission: Image, reflection: Image) -> Pict
             ("truth: reflection", example.reflection),
         ),
     )
-    return side_by_side(rows, common_exposure(example.transmission, example.reflection))
+    return side_by_side(rows, viewing_exposure(example.reflection))
 
 
 def _psnr(image: Image, truth: Image) -> float:

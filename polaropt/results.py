@@ -14,7 +14,7 @@ from polaropt.image_io import write_png_view, write_tiff
 from polaropt.inspection import Inspection, inspect_capture
 from polaropt.report import plain, separation_report
 from polaropt.scene import SceneParameters
-from polaropt.view import common_exposure
+from polaropt.view import viewing_exposure
 
 if TYPE_CHECKING:
     from polaropt.objective import Weights
@@ -53,18 +53,19 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
     dict
         The report.
     """
-    exposure = common_exposure(result.transmission, result.reflection)
+    exposures = {}
     for name in LAYERS:
         layer = getattr(result, name)
+        exposures[name] = viewing_exposure(layer)
         write_tiff(folder / f"{name}.tiff", layer)
-        write_png_view(folder / f"{name}.png", layer * exposure)
+        write_png_view(folder / f"{name}.png", layer * exposures[name])
     inspection = inspect_capture(capture)
     report = {
         "request": request,
         **separation_report(result, capture, request.scene),
         "inspection": inspection.as_dict(),
         "attention": attention(inspection, result.diagnostics.warnings),
-        "view": {"exposure": exposure, "encoding": "sRGB of exposure times the linear values"},
+        "view": {"exposure": exposures, "encoding": "sRGB of exposure times the linear values"},
     }
     document: dict[str, Any] = plain(report)
     text = json.dumps(document, indent=2, allow_nan=False)

@@ -1,4 +1,4 @@
-"""Linear layers made visible: one exposure for both, and pictures side by side."""
+"""Linear layers made visible: exposure, and pictures side by side."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ _GAP = 8
 _LETTERS = 14
 
 
-def common_exposure(transmission: Image, reflection: Image) -> float:
-    """Factor on both layers that brings the 99 % quantile of the brighter one to white.
+def viewing_exposure(layer: Image) -> float:
+    """Factor that brings the 99 % quantile of a layer to white.
 
-    One factor, so that the two pictures compare as the layers do.
+    Each layer has its own: a mirrored sky is up to fifty times as bright as what is behind the surface, and with one
+    factor for both the other picture would be black.
     """
-    brightest = max(float(np.quantile(layer, _WHITE_SHARE)) for layer in (transmission, reflection))
-    return 1 / brightest if brightest > 0 else 1.0
+    bright = float(np.quantile(layer, _WHITE_SHARE))
+    return 1 / bright if bright > 0 else 1.0
 
 
 def side_by_side(rows: Sequence[Sequence[tuple[str, Image | None]]], exposure: float = 1.0) -> Picture:
