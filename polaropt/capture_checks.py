@@ -15,10 +15,12 @@ from polaropt.pair_gain import Floats, orthogonal_pairs, trusted_blocks
 
 _FEWEST_BLOCKS = 50
 _CERTAIN = 0.15
-_SURE = 3
+# Blocks are no independent samples: an accusation needs far more than the usual three deviations.
+_SURE = 10.5
 # Differences in exposure between the photographs of one pair, as logarithms.
 _EXPOSURES = (0.02, 0.02)
 _LINEAR = (0.75, 1.3)
+_BRIGHT = 0.4
 _MUCH_BETTER = 0.5
 _ABOVE_NOISE = 0.003
 
@@ -45,8 +47,8 @@ class GammaFit:
     @property
     def encoded(self) -> bool:
         """Whether the photographs are surely not linear."""
-        beyond_doubt = abs(self.exponent - 1) > _SURE * self.standard_error
-        return self.certain and beyond_doubt and not _LINEAR[0] <= self.exponent <= _LINEAR[1]
+        beyond_doubt = abs(np.log(self.exponent)) * self.exponent > _SURE * self.standard_error
+        return bool(self.certain and beyond_doubt and not _LINEAR[0] <= self.exponent <= _LINEAR[1])
 
 
 def fit_gamma(capture: Capture) -> GammaFit | None:
@@ -81,6 +83,9 @@ def fit_gamma(capture: Capture) -> GammaFit | None:
 def _pair_slope(blocks: Floats, pairs: tuple[tuple[int, int], tuple[int, int]]) -> tuple[float, float]:
     """Slope of the logarithmic ratio of the pair sums against d0^2 - d45^2, and its standard error."""
     sums = [blocks[a] + blocks[b] for a, b in pairs]
+    # Dark blocks: noise makes both contrasts and ratio large together, which looks like an exponent.
+    bright = sums[0] + sums[1] > _BRIGHT * np.median(sums[0] + sums[1])
+    sums, blocks = [total[bright] for total in sums], blocks[:, bright]
     first, second = ((blocks[a] - blocks[b]) / total for (a, b), total in zip(pairs, sums, strict=True))
     # An exposure of its own in each photograph makes the ratio follow the contrasts themselves.
     columns = np.stack([first**2 - second**2, first, second, np.ones_like(first)], axis=1)
