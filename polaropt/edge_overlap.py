@@ -8,21 +8,25 @@ copies are taken once, and every incidence is a sum of them.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polaropt.fresnel import interface
-from polaropt.plate_frame import Images, Matrix, PlateFrame, block_mean
+from polaropt.plate_frame import Images, Mask, Matrix, PlateFrame, block_mean
 from polaropt.scene import SceneParameters
 
 SHRINK = 2.0
 """Gradients are shrunk by this many standard errors."""
+SIZES = (2, 4, 8, 16, 32)
 _MOSTLY = 0.75
 _PSEUDO = 0.01
+_NOISE_BEYOND = 0.0115
+"""Mean square of what noise alone leaves of a gradient shrunk by two standard errors."""
+_SEEN = 1.4
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,12 @@ class Overlap:
     reflection: float
     transmission: float
     n_blocks: int
+    n_gradients: int
+
+    @property
+    def reflection_seen(self) -> bool:
+        """Whether the reflection's edges stand out of the noise at this scale."""
+        return self.reflection > _SEEN * _NOISE_BEYOND * self.n_gradients * self.n_blocks
 
     @property
     def value(self) -> float:
@@ -65,7 +75,7 @@ class EdgeOverlap:
     """
 
     def __init__(
-        self, frame: PlateFrame, scene: SceneParameters, ghost_shift: float, scales: Sequence[int] = (4, 8, 16)
+        self, frame: PlateFrame, scene: SceneParameters, ghost_shift: float, scales: Sequence[int] = SIZES
     ) -> None:
         self._scene = scene
         self._in_place = ghost_shift == 0 or scene.single_surface or scene.n_bounces == 0
@@ -82,6 +92,20 @@ class EdgeOverlap:
         """Overlap at each scale."""
         factors = self._factors(incidence_deg)
         return [_overlap(scale, factors, self._covariance) for scale in self._scales]
+
+    def joint(self, incidence_deg: float) -> float:
+        """Geometric mean of the overlap over the scales, 0..1."""
+        return math.exp(sum(math.log(part.value) for part in self.at(incidence_deg)) / len(self.scales))
+
+    def at_best_scales(self, incidence_deg: float, n_scales: int = 3) -> EdgeOverlap:
+        """The same on the finest scale at which the reflection's edges stand out of the noise, and coarser ones."""
+        seen = [part.reflection_seen for part in self.at(incidence_deg)]
+        first = seen.index(True) if True in seen else len(seen) - 1
+        first = max(0, min(first, len(seen) - n_scales))
+        chosen = copy.copy(self)
+        chosen.scales = self.scales[first : first + n_scales]
+        chosen._scales = self._scales[first : first + n_scales]
+        return chosen
 
     def _factors(self, incidence_deg: float) -> Matrix:
         """Weights (layer, copy, entry) that leave one layer of two: [0] reflection, [1] transmission."""
@@ -104,7 +128,7 @@ def _times(polynomial: Sequence[float], reflectance: float) -> Matrix:
 
 def _shifted_copies(
     frame: PlateFrame, step: tuple[float, float], n_copies: int
-) -> tuple[Images, NDArray[np.bool_] | None]:
+) -> tuple[Images, Mask | None]:
     """Copies (copy, entry, channel, h, w) shifted by 0, 1, 2 ghost steps, cut to where all of them exist."""
     everywhere = bool(frame.valid.all())
     images = [_shifted_inside(frame.images, step, k, n_copies - 1) for k in range(n_copies)]
@@ -137,19 +161,21 @@ def _shift_cut(images: Images, axis: int, length: int, distance: float, margin: 
     return np.asarray((1 - fraction) * part(whole) + fraction * part(whole + 1), np.float32)
 
 
-def _scale(copies: Images, valid: NDArray[np.bool_] | None, step: tuple[float, float], size: int) -> _Scale:
+def _scale(copies: Images, valid: Mask | None, step: tuple[float, float], size: int) -> _Scale:
     blocks = block_mean(copies, size)
     if valid is None:
         return _Scale(_gradients(blocks), _noise_factors(len(copies), step, size), None)
     share = block_mean(valid.astype(np.float32), size)
-    means = block_mean(copies * valid, size) / np.maximum(share, 1e-3)
+    means = block_mean((copies * valid).astype(np.float32), size) / np.maximum(share, 1e-3)
     good = share >= _MOSTLY
     usable = good[..., :-1, :-1] & good[..., :-1, 1:] & good[..., 1:, :-1]
-    return _Scale(_gradients(means), _noise_factors(len(copies), step, size), usable.astype(np.float32))
+    gradients = _gradients(means.astype(np.float32))
+    return _Scale(gradients, _noise_factors(len(copies), step, size), usable.astype(np.float32))
 
 
 def _gradients(blocks: Images) -> Images:
-    return np.stack([np.diff(blocks, axis=-1)[..., :-1, :], np.diff(blocks, axis=-2)[..., :, :-1]], axis=2)
+    gradients: Images = np.stack([np.diff(blocks, axis=-1)[..., :-1, :], np.diff(blocks, axis=-2)[..., :, :-1]], axis=2)
+    return gradients
 
 
 def _noise_factors(n_copies: int, step: tuple[float, float], size: int) -> Matrix:
@@ -164,7 +190,8 @@ def _noise_factors(n_copies: int, step: tuple[float, float], size: int) -> Matri
 
 
 def _triangle(distance: Matrix) -> Matrix:
-    return np.maximum(0, 1 - np.abs(distance))
+    triangle: Matrix = np.maximum(0, 1 - np.abs(distance))
+    return triangle
 
 
 def _overlap(scale: _Scale, factors: Matrix, covariance: Matrix) -> Overlap:
@@ -185,4 +212,5 @@ def _overlap(scale: _Scale, factors: Matrix, covariance: Matrix) -> Overlap:
         float(np.sum(reflection**2 * weight, dtype=np.float64)),
         float(np.sum(transmission**2 * weight, dtype=np.float64)),
         reflection.size if scale.weight is None else int(np.sum(weight)),
+        beyond.shape[1] * beyond.shape[2],
     )

@@ -12,6 +12,7 @@ from polaropt.stokes import analyzer_matrix, frame_matrix
 
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class StokesImages:
 
     images: Images
     covariance: Matrix
-    valid: NDArray[np.bool_]
+    valid: Mask
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class PlateFrame:
 
     images: Images
     covariance: Matrix
-    valid: NDArray[np.bool_]
+    valid: Mask
     azimuth_deg: float
 
 
@@ -46,7 +47,7 @@ def stokes_images(capture: Capture, noise: float) -> StokesImages:
     analyzer = analyzer_matrix(capture.angles_deg)
     inverse = np.linalg.pinv(analyzer)
     intensities = capture.intensities if capture.color else capture.intensities[:, None]
-    valid = capture.valid.all(axis=0).reshape(intensities.shape[1:])
+    valid = np.asarray(capture.valid.all(axis=0)).reshape(intensities.shape[1:])
     images = np.tensordot(inverse.astype(np.float32), intensities, axes=1)
     if not valid.all():
         images = np.stack([fill_gaps(image, valid) for image in images])
@@ -60,7 +61,7 @@ def plate_frame(stokes: StokesImages, azimuth_deg: float) -> PlateFrame:
     return PlateFrame(images, rotation @ stokes.covariance @ rotation.T, stokes.valid, azimuth_deg)
 
 
-def fill_gaps(images: Images, valid: NDArray[np.bool_]) -> Images:
+def fill_gaps(images: Images, valid: Mask) -> Images:
     """Replace invalid pixels of images (channel, h, w) by the mean of the finest block around them that has any."""
     filled = np.where(valid, images, 0).astype(np.float32)
     known = valid.copy()
@@ -69,7 +70,8 @@ def fill_gaps(images: Images, valid: NDArray[np.bool_]) -> Images:
         weights = block_mean(valid.astype(np.float32), size, partial=True)
         means = block_mean(np.where(valid, images, 0).astype(np.float32), size, partial=True)
         values = np.where(weights > 0, means / np.maximum(weights, 1e-6), 0)
-        fine, there = (_enlarge(x, size, images.shape) for x in (values, weights > 0))
+        fine = _enlarge(values, size, images.shape)
+        there = _enlarge(weights, size, images.shape) > 0
         filled = np.where(known, filled, fine).astype(np.float32)
         known |= there
         if size > 2 * max(images.shape[-2:]):
@@ -92,5 +94,5 @@ def block_mean(images: Images, size: int, partial: bool = False) -> Images:
     return np.asarray(inside.reshape(*images.shape[:-2], rows, size, columns, size).mean(axis=(-3, -1)), np.float32)
 
 
-def _enlarge(images: NDArray[np.generic], size: int, shape: tuple[int, ...]) -> NDArray[np.generic]:
+def _enlarge(images: Images, size: int, shape: tuple[int, ...]) -> Images:
     return images.repeat(size, axis=-2).repeat(size, axis=-1)[..., : shape[-2], : shape[-1]]

@@ -1,0 +1,115 @@
+"""Mean spectra of what a pane shows in its two polarizations, for the likelihood of a ghost shift."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.plate_frame import Images, Mask, Matrix, PlateFrame
+from polaropt.transfer import frequencies
+
+_LOWEST_CYCLES = 2.5
+_HIGHEST = 2.8
+_MOST_INVALID = 0.2
+
+
+@dataclass(frozen=True)
+class CrossSpectra:
+    """Mean periodograms over tiles and colours; all arrays have one value per usable frequency.
+
+    Attributes
+    ----------
+    par, perp : ndarray of float32
+        Power of I_par and I_perp.
+    cross : ndarray of complex64
+        Their cross spectrum.
+    along, across : ndarray
+        Angular frequency along and across the azimuth, per pixel.
+    multiplicity : ndarray of float32
+        1 or 2: whether a frequency stands for its mirror image, too.
+    covariance : ndarray, shape (2, 2)
+        Power of the noise.
+    """
+
+    par: Images
+    perp: Images
+    cross: NDArray[np.complex64]
+    along: Matrix
+    across: Matrix
+    multiplicity: Images
+    covariance: Matrix
+
+
+def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
+    """Welch's mean periodograms over half-overlapping Hann tiles of `tile` pixels."""
+    from scipy.fft import rfft2
+
+    side = min(tile, *frame.images.shape[-2:])
+    profile = np.hanning(side + 2)[1:-1]
+    window = np.outer(profile, profile)
+    window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)
+    images = _opponent(frame.images)
+    par: Matrix = np.zeros((side, side // 2 + 1))
+    perp = par.copy()
+    cross = np.zeros((side, side // 2 + 1), np.complex128)
+    corners = _tile_corners(frame.valid, side)
+    for top, left in corners:
+        part = images[..., top : top + side, left : left + side]
+        mean = np.sum(part * window, axis=(-2, -1), keepdims=True) / np.sum(window)
+        first, second = rfft2((part - mean) * window)
+        par += _power(first).sum(axis=0)
+        perp += _power(second).sum(axis=0)
+        cross += (first * second.conj()).sum(axis=0)
+    return _usable((par, perp, cross), len(corners) * images.shape[1], side, frame)
+
+
+def _power(spectrum: NDArray[np.complex64]) -> Matrix:
+    power: Matrix = spectrum.real**2 + spectrum.imag**2
+    return power
+
+
+def _usable(
+    sums: tuple[Matrix, Matrix, NDArray[np.complex128]], count: int, side: int, frame: PlateFrame
+) -> CrossSpectra:
+    rows, columns = frequencies(side, side)
+    azimuth = math.radians(frame.azimuth_deg)
+    along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
+    across = columns * math.sin(azimuth) + rows * math.cos(azimuth)
+    multiplicity = np.full(along.shape, 2, np.float32)
+    multiplicity[:, 0] = 1
+    if side % 2 == 0:
+        multiplicity[:, -1] = 1
+    radius: Matrix = np.hypot(columns, rows)
+    # The window leaks the lowest frequencies; interpolation, in an eye or a computer, spoils the highest.
+    use = (radius > _LOWEST_CYCLES * 2 * np.pi / side) & (radius < _HIGHEST)
+    par, perp = ((total[use] / count).astype(np.float32) for total in sums[:2])
+    cross = (sums[2][use] / count).astype(np.complex64)
+    return CrossSpectra(par, perp, cross, along[use], across[use], multiplicity[use], frame.covariance)
+
+
+def _tile_corners(valid: Mask, side: int) -> list[tuple[int, int]]:
+    """Corners of half-overlapping tiles, without those that are mostly unknown."""
+    starts = [_starts(length, side) for length in valid.shape[-2:]]
+    corners = [(top, left) for top in starts[0] for left in starts[1]]
+    if valid.all():
+        return corners
+    shares = [1 - float(valid[..., y : y + side, x : x + side].mean()) for y, x in corners]
+    limit = max(_MOST_INVALID, min(shares))
+    return [corner for corner, share in zip(corners, shares, strict=True) if share <= limit]
+
+
+def _starts(length: int, side: int) -> list[int]:
+    n = max(1, math.ceil(2 * length / side) - 1)
+    return sorted({int(start) for start in np.linspace(0, length - side, n)})
+
+
+def _opponent(images: Images) -> Images:
+    """Colours (2, 3, h, w) to their sum and differences, which are less alike; anything else unchanged."""
+    if images.shape[1] != 3:
+        return images
+    basis = np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3], [2], [6]])
+    turned: Images = np.einsum("dc,ec...->ed...", basis.astype(np.float32), images)
+    return turned

@@ -1,0 +1,179 @@
+"""The search for incidence and ghost shift in the plate's frame, coarse to fine.
+
+Edge overlap tells the incidence finely once the ghosts are accounted for; the spectral likelihood tells the ghost
+shift once the incidence is about right, and the two together tell where to begin. So trial incidences, each with its
+likeliest shift, are compared first, and from the best of them incidence and shift are improved in turns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.cross_spectra import cross_spectra
+from polaropt.edge_overlap import EdgeOverlap
+from polaropt.fresnel import interface
+from polaropt.ghost_shift import ShiftLikelihood
+from polaropt.plate_frame import PlateFrame
+from polaropt.scene import SceneParameters, ghost_step
+
+Curve = NDArray[np.float64]
+
+INCIDENCE_GRID_DEG: Curve = np.arange(2.0, 89.0)
+LOWEST_DEG, HIGHEST_DEG = 0.5, 89.0
+_TRIAL_DEG = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 86.0)
+_TRIAL_HALF_WIDTH_DEG = 7.5
+_TRIAL_SCALES = (4, 8, 16)
+_N_TRIALS = 3
+_OVERLAP_WEIGHT = 0.2
+"""Misfit per frequency that a unit of log overlap is worth."""
+_MOST_SHIFT = 24.0
+_TURNS = 4
+
+
+@dataclass(frozen=True)
+class Thickness:
+    """Thickness of the pane in pixels, and the formula of its ghost step."""
+
+    pixels: float
+    kind: Literal["paper", "plate"]
+
+    def step(self, incidence_deg: float, refractive_index: float) -> float:
+        """Ghost step at an incidence, in pixels."""
+        return ghost_step(incidence_deg, refractive_index, self.pixels, self.kind)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An incidence and a ghost shift, and how well they explain the capture (less is better)."""
+
+    incidence_deg: float
+    ghost_shift: float
+    score: float
+
+
+class SceneSearch:
+    """Search at one azimuth for those of incidence and ghost shift that the scene leaves open."""
+
+    def __init__(self, frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None) -> None:
+        self._frame = frame
+        self._scene = scene
+        self._thickness = thickness
+        self._open_shift = scene.ghost_shift is None and not scene.single_surface
+        self._likelihood = ShiftLikelihood(cross_spectra(frame), scene)
+
+    def first(self) -> Trial:
+        """The best of a few trial incidences, each with its likeliest ghost shift."""
+        given = self._scene.incidence_deg
+        likely = [self._likeliest(incidence) for incidence in (_TRIAL_DEG if given is None else (given,))]
+        likely.sort(key=lambda trial: trial.score)
+        return min((self._with_overlap(trial) for trial in likely[:_N_TRIALS]), key=lambda trial: trial.score)
+
+    def improved(self, trial: Trial) -> Trial:
+        """Ghost shift and incidence in turns until both rest."""
+        for _ in range(_TURNS):
+            before = trial
+            shift = self._best_shift(trial.incidence_deg) if self._open_shift else trial.ghost_shift
+            trial = self._best_incidence(trial.incidence_deg, shift)
+            moved = abs(trial.ghost_shift - before.ghost_shift), abs(trial.incidence_deg - before.incidence_deg)
+            if not self._open_shift or (moved[0] < 0.05 and moved[1] < 0.05):
+                break
+        return trial
+
+    def curve(self, trial: Trial) -> Curve:
+        """Edge overlap over all trial incidences, at the trial's ghost shift."""
+        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
+        return np.array([overlap.joint(float(incidence)) for incidence in INCIDENCE_GRID_DEG])
+
+    def shift_curve(self, trial: Trial) -> tuple[Curve, Curve]:
+        """Ghost shifts and their misfit less its minimum, at the trial's incidence."""
+        grid = self._shift_grid(trial.incidence_deg, 0.5)
+        misfit = self._likelihood.misfit(trial.incidence_deg, grid)
+        return grid, misfit - misfit.min()
+
+    def _likeliest(self, incidence_deg: float) -> Trial:
+        grid = self._shift_grid(incidence_deg, 1.0)
+        misfit = self._likelihood.misfit(incidence_deg, grid)
+        best = int(np.argmin(misfit))
+        return Trial(incidence_deg, float(grid[best]), float(misfit[best]))
+
+    def _with_overlap(self, trial: Trial) -> Trial:
+        """The trial moved to the least edge overlap around it, which counts in its score."""
+        incidences = np.array([trial.incidence_deg])
+        if self._scene.incidence_deg is None:
+            near = incidences + np.arange(-_TRIAL_HALF_WIDTH_DEG, _TRIAL_HALF_WIDTH_DEG + 1, 2.5)
+            incidences = near[(near > LOWEST_DEG) & (near < HIGHEST_DEG)]
+        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, _TRIAL_SCALES)
+        values = [overlap.joint(float(incidence)) for incidence in incidences]
+        best = int(np.argmin(values))
+        score = trial.score + _OVERLAP_WEIGHT * math.log(values[best])
+        return Trial(float(incidences[best]), trial.ghost_shift, score)
+
+    def _best_incidence(self, incidence_deg: float, shift: float) -> Trial:
+        overlap = EdgeOverlap(self._frame, self._scene, shift).at_best_scales(incidence_deg)
+        if self._scene.incidence_deg is None:
+            near = np.arange(-8, 9) + round(incidence_deg)
+            near = near[(near > LOWEST_DEG) & (near < HIGHEST_DEG)]
+            start = float(near[np.argmin([overlap.joint(float(x)) for x in near])])
+            incidence_deg = local_minimum(overlap.joint, start, 0.5, (LOWEST_DEG, HIGHEST_DEG))
+        return Trial(incidence_deg, shift, overlap.joint(incidence_deg))
+
+    def _best_shift(self, incidence_deg: float) -> float:
+        """Among the likeliest shifts the one that is best in likelihood and edge overlap together."""
+        candidates = self._likely_shifts(incidence_deg, 0.5, 4)
+        misfits = self._likelihood.misfit(incidence_deg, candidates)
+        overlaps = [
+            EdgeOverlap(self._frame, self._scene, shift, _TRIAL_SCALES).joint(incidence_deg) for shift in candidates
+        ]
+        scores = misfits + _overlap_weight(incidence_deg, self._scene.refractive_index) * np.log(overlaps)
+        best = candidates[int(np.argmin(scores))]
+        if self._thickness is not None:
+            return best
+        likelihood = self._likelihood
+        return local_minimum(
+            lambda shift: float(likelihood.misfit(incidence_deg, [shift])[0]), best, 0.1, (best - 0.5, best + 0.5)
+        )
+
+    def _likely_shifts(self, incidence_deg: float, spacing: float, most: int) -> list[float]:
+        """Local minima of the misfit, least first."""
+        grid = self._shift_grid(incidence_deg, spacing)
+        if self._thickness is not None:
+            return [float(shift) for shift in grid]
+        misfit = self._likelihood.misfit(incidence_deg, grid)
+        padded = np.pad(misfit, 1, constant_values=np.inf)
+        minima = np.flatnonzero((misfit <= padded[:-2]) & (misfit < padded[2:]))
+        return [float(grid[i]) for i in minima[np.argsort(misfit[minima])][:most]]
+
+    def _shift_grid(self, incidence_deg: float, spacing: float) -> Curve:
+        if not self._open_shift:
+            return np.array([0.0 if self._scene.ghost_shift is None else self._scene.ghost_shift])
+        if self._thickness is not None:
+            step = self._thickness.step(incidence_deg, self._scene.refractive_index)
+            return np.array([step, -step])
+        most = math.floor(min(_MOST_SHIFT, min(self._frame.images.shape[-2:]) / 6) / spacing)
+        return np.arange(-most, most + 1) * spacing
+
+
+def _overlap_weight(incidence_deg: float, refractive_index: float) -> float:
+    """Only where ghosts of the transmission are bright does the overlap tell shifts apart, too."""
+    reflectance = interface(incidence_deg, refractive_index).reflection[1]
+    return _OVERLAP_WEIGHT * min(1.0, 10 * reflectance**2)
+
+
+def local_minimum(value: Callable[[float], float], start: float, step: float, bounds: tuple[float, float]) -> float:
+    """Minimum of a function of one variable near a start, by nlopt's subplex search."""
+    import nlopt
+
+    search = nlopt.opt(nlopt.LN_SBPLX, 1)
+    search.set_min_objective(lambda x, _gradient: value(float(x[0])))
+    search.set_lower_bounds([bounds[0]])
+    search.set_upper_bounds([bounds[1]])
+    search.set_initial_step([step])
+    search.set_xtol_abs([1e-2])
+    search.set_maxeval(30)
+    return float(search.optimize([min(max(start, bounds[0]), bounds[1])])[0])
