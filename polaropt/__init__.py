@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from polaropt.scene import ghost_step as ghost_step
     from polaropt.separation import Separation as Separation
     from polaropt.separation import separate as separate
-    from polaropt.simulate import simulate as simulate
+    from polaropt.simulation import simulate as simulate
     from solvers.base import StoppingRule as StoppingRule
 
 __version__ = "0.1.0"
@@ -34,7 +34,7 @@ _HOMES = {
     "ghost_step": "polaropt.scene",
     "read_capture": "polaropt.reader",
     "separate": "polaropt.separation",
-    "simulate": "polaropt.simulate",
+    "simulate": "polaropt.simulation",
 }
 __all__ = [
     "PSE",

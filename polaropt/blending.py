@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture
 from polaropt.scene import SceneParameters
-from polaropt.simulate import ANGLES_DEG, simulate
+from polaropt.simulation import ANGLES_DEG, simulate
 
 Image = NDArray[np.float32]
 

@@ -12,7 +12,7 @@ from polaropt.capture import Capture
 from polaropt.metrics import psnr_db
 from polaropt.photographs import cut, shipped_photograph
 from polaropt.scene import SceneParameters, ghost_step
-from polaropt.simulate import planes_last
+from polaropt.simulation import planes_last
 from polaropt.view import Picture, side_by_side, viewing_exposure
 
 Image = NDArray[np.float32]

@@ -21,7 +21,7 @@ from polaropt.objective import Misfit, Objective, Term, Weights, build_objective
 from polaropt.preconditioner import FourierPreconditioner
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
-from polaropt.simulate import planes_last
+from polaropt.simulation import planes_last
 from polaropt.starts import start_layers, start_names
 from solvers.base import Solver, SolverResult, Status, StoppingRule
 from solvers.registry import get_solver

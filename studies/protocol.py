@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.scene import SceneParameters, ghost_step
-from polaropt.simulate import simulate
+from polaropt.simulation import simulate
 
 INCIDENCES_DEG = (10, 40, 60, 70, 80, 85)
 N_PAIRS = 12

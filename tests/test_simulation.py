@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from polaropt import PSE, InputError, SceneParameters, simulate
-from polaropt.simulate import planes_first, planes_last, stack_layers
+from polaropt.simulation import planes_first, planes_last, stack_layers
 
 SCENE = SceneParameters(60, 33, 2.3)
 RANDOM = np.random.default_rng(2)
