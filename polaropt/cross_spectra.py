@@ -67,8 +67,7 @@ def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
 
 
 def _power(spectrum: NDArray[np.complex64]) -> Matrix:
-    power: Matrix = spectrum.real**2 + spectrum.imag**2
-    return power
+    return np.asarray(spectrum.real**2 + spectrum.imag**2, np.float64)
 
 
 def _usable(

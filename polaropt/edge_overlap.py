@@ -22,6 +22,8 @@ from polaropt.scene import SceneParameters
 SHRINK = 2.0
 """Gradients are shrunk by this many standard errors."""
 SIZES = (2, 4, 8, 16, 32)
+_MOST_BLOCKS = 160
+"""Per side; a larger frame has enough of them at a coarser scale."""
 _MOSTLY = 0.75
 _PSEUDO = 0.01
 _NOISE_BEYOND = 0.0115
@@ -84,7 +86,7 @@ class EdgeOverlap:
         step = (ghost_shift * math.cos(azimuth), -ghost_shift * math.sin(azimuth))
         copies, valid = _shifted_copies(frame, step, 1 if self._in_place else 3)
         smallest = min(frame.images.shape[-2:])
-        kept = [size for size in scales if smallest // size >= 8] or [1]
+        kept = [size for size in scales if 8 <= smallest // size <= _MOST_BLOCKS] or [1]
         self.scales = tuple(kept)
         self._scales = [_scale(copies, valid, step, size) for size in kept]
 
@@ -201,10 +203,12 @@ def _overlap(scale: _Scale, factors: Matrix, covariance: Matrix) -> Overlap:
     gradients = (mixing.astype(np.float32) @ flat).reshape(2, *scale.gradients.shape[2:])
     variance = np.einsum("lae,dab,lbf,ef->ld", factors, scale.noise, factors, covariance)
     error = np.sqrt(np.maximum(variance, 1e-30))
-    scaled = np.abs(gradients) / error[:, :, None, None, None].astype(np.float32)
-    beyond = np.maximum(scaled - SHRINK, 0)
+    np.abs(gradients, out=gradients)
+    gradients /= error[:, :, None, None, None].astype(np.float32)
+    gradients -= SHRINK
+    beyond = np.maximum(gradients, 0, out=gradients)
     # All directions and colours of a block together: an edge need not show in all of them.
-    strength = np.sqrt(np.sum(beyond * beyond, axis=(1, 2)))
+    strength = np.sqrt(np.einsum("ldcyx,ldcyx->lyx", beyond, beyond))
     weight = 1.0 if scale.weight is None else scale.weight.min(axis=0)
     reflection, transmission = strength
     return Overlap(

@@ -54,15 +54,18 @@ class ShiftLikelihood:
         self._shapes = _spectral_shapes(spectra.along, spectra.across)
         """(level, frequency): natural images' power, split over a few radii and two directions."""
 
-    def misfit(self, incidence_deg: float, shifts: Sequence[float] | Matrix) -> Matrix:
-        """Minus log likelihood per frequency of each shift (pixels, signed), up to a constant."""
+    def misfit(self, incidence_deg: float, shifts: Sequence[float] | Matrix, quick: bool = False) -> Matrix:
+        """Minus log likelihood per frequency of each shift (pixels, signed), up to a constant.
+
+        `quick` fits the spectra less closely.
+        """
         shifts = np.asarray(shifts, dtype=np.float64)
         sparse = shifts[::_EVERY]
         levels = np.full((2, sparse.size, len(self._shapes)), 1e-3, np.float32)
         levels = self._fitted(self._responses(incidence_deg, sparse), levels, _FIRST_ROUNDS)
         nearest = np.minimum((np.arange(shifts.size) + _EVERY // 2) // _EVERY, sparse.size - 1)
         responses = self._responses(incidence_deg, shifts)
-        levels = self._fitted(responses, levels[:, nearest], _ROUNDS)
+        levels = self._fitted(responses, levels[:, nearest], 1 if quick else _ROUNDS)
         _, determinant, distance = self._model(responses, levels)
         nu = _DEGREES_OF_FREEDOM
         value: Matrix = (np.log(determinant) + (nu + 2) * np.log(nu + distance)) @ self._multiplicity.astype(np.float64)
@@ -135,8 +138,8 @@ def _sandwich(inverse: _Hermitian, data: _Hermitian) -> _Hermitian:
     low_left = conjugate * data.par + inverse.perp * data.cross.conj()
     low_right = conjugate * data.cross + inverse.perp * data.perp
     return _Hermitian(
-        (top_left * inverse.par + top_right * conjugate).real,
-        (low_left * inverse.cross + low_right * inverse.perp).real,
+        (top_left * inverse.par + top_right * conjugate).real.astype(np.float32),
+        (low_left * inverse.cross + low_right * inverse.perp).real.astype(np.float32),
         top_left * inverse.cross + top_right * inverse.perp,
     )
 

@@ -24,9 +24,9 @@ from polaropt.scene import SceneParameters, ghost_step
 
 Curve = NDArray[np.float64]
 
-INCIDENCE_GRID_DEG: Curve = np.arange(2.0, 89.0)
+INCIDENCE_GRID_DEG: Curve = np.arange(2.0, 89.0, 2.0)
 LOWEST_DEG, HIGHEST_DEG = 0.5, 89.0
-_TRIAL_DEG = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 86.0)
+_TRIAL_DEG = (12.0, 25.0, 38.0, 50.0, 60.0, 70.0, 80.0, 86.0)
 _TRIAL_HALF_WIDTH_DEG = 7.5
 _TRIAL_SCALES = (4, 8, 16)
 _N_TRIALS = 3
@@ -34,6 +34,9 @@ _OVERLAP_WEIGHT = 0.2
 """Misfit per frequency that a unit of log overlap is worth."""
 _MOST_SHIFT = 24.0
 _TURNS = 4
+_FINE = 4
+_LEAST_GAIN, _SAFE_GAIN = 2e-4, 3e-3
+"""Misfit per frequency that a shift must gain over none, where the reflection is sharp and where it is not."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,7 @@ class SceneSearch:
 
     def _likeliest(self, incidence_deg: float) -> Trial:
         grid = self._shift_grid(incidence_deg, 1.0)
-        misfit = self._likelihood.misfit(incidence_deg, grid)
+        misfit = self._likelihood.misfit(incidence_deg, grid, quick=True)
         best = int(np.argmin(misfit))
         return Trial(incidence_deg, float(grid[best]), float(misfit[best]))
 
@@ -117,10 +120,10 @@ class SceneSearch:
     def _best_incidence(self, incidence_deg: float, shift: float) -> Trial:
         overlap = EdgeOverlap(self._frame, self._scene, shift).at_best_scales(incidence_deg)
         if self._scene.incidence_deg is None:
-            near = np.arange(-8, 9) + round(incidence_deg)
+            near = incidence_deg + np.arange(-6, 7, 2)
             near = near[(near > LOWEST_DEG) & (near < HIGHEST_DEG)]
             start = float(near[np.argmin([overlap.joint(float(x)) for x in near])])
-            incidence_deg = local_minimum(overlap.joint, start, 0.5, (LOWEST_DEG, HIGHEST_DEG))
+            incidence_deg = local_minimum(overlap.joint, start, 0.7, (LOWEST_DEG, HIGHEST_DEG))
         return Trial(incidence_deg, shift, overlap.joint(incidence_deg))
 
     def _best_shift(self, incidence_deg: float) -> float:
@@ -130,14 +133,21 @@ class SceneSearch:
         overlaps = [
             EdgeOverlap(self._frame, self._scene, shift, _TRIAL_SCALES).joint(incidence_deg) for shift in candidates
         ]
-        scores = misfits + _overlap_weight(incidence_deg, self._scene.refractive_index) * np.log(overlaps)
-        best = candidates[int(np.argmin(scores))]
+        weight = _overlap_weight(incidence_deg, self._scene.refractive_index)
+        best = candidates[int(np.argmin(misfits + weight * np.log(overlaps)))]
         if self._thickness is not None:
             return best
-        likelihood = self._likelihood
-        return local_minimum(
-            lambda shift: float(likelihood.misfit(incidence_deg, [shift])[0]), best, 0.1, (best - 0.5, best + 0.5)
-        )
+
+        def misfit(shift: float) -> float:
+            return float(self._likelihood.misfit(incidence_deg, [shift])[0])
+
+        best = local_minimum(misfit, best, 0.1, (best - 0.5, best + 0.5))
+        gain = misfit(0.0) - misfit(best)
+        return best if gain > (_LEAST_GAIN if self._reflection_is_sharp(incidence_deg) else _SAFE_GAIN) else 0.0
+
+    def _reflection_is_sharp(self, incidence_deg: float) -> bool:
+        """Whether the reflection's fine edges stand out of the noise."""
+        return EdgeOverlap(self._frame, self._scene, 0.0, (_FINE,)).at(incidence_deg)[0].reflection_seen
 
     def _likely_shifts(self, incidence_deg: float, spacing: float, most: int) -> list[float]:
         """Local minima of the misfit, least first."""
@@ -162,7 +172,7 @@ class SceneSearch:
 def _overlap_weight(incidence_deg: float, refractive_index: float) -> float:
     """Only where ghosts of the transmission are bright does the overlap tell shifts apart, too."""
     reflectance = interface(incidence_deg, refractive_index).reflection[1]
-    return _OVERLAP_WEIGHT * min(1.0, 10 * reflectance**2)
+    return _OVERLAP_WEIGHT * min(1.0, (reflectance / 0.6) ** 4)
 
 
 def local_minimum(value: Callable[[float], float], start: float, step: float, bounds: tuple[float, float]) -> float:
@@ -174,6 +184,6 @@ def local_minimum(value: Callable[[float], float], start: float, step: float, bo
     search.set_lower_bounds([bounds[0]])
     search.set_upper_bounds([bounds[1]])
     search.set_initial_step([step])
-    search.set_xtol_abs([1e-2])
-    search.set_maxeval(30)
+    search.set_xtol_abs([2e-2])
+    search.set_maxeval(15)
     return float(search.optimize([min(max(start, bounds[0]), bounds[1])])[0])
