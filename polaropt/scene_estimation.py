@@ -21,6 +21,8 @@ from polaropt.scene import SceneParameters
 from polaropt.scene_search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial
 
 _POLARIZED_SNR = 10.0
+_CLOSE = 0.03
+"""Axes whose scores differ by less are compared again after the search."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,6 @@ def estimate_scene(
     axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
     azimuth_deg, search, trial, margin = _choose_axis(stokes, axis, scene, thickness)
-    trial = search.improved(trial)
     overlap = search.curve(trial)
     shift_grid, shift_misfit = search.shift_curve(trial)
     return SceneEstimate(
@@ -110,14 +111,23 @@ def estimate_scene(
 def _choose_axis(
     stokes: StokesImages, axis: PrincipalAxis, scene: SceneParameters, thickness: Thickness | None
 ) -> tuple[float, SceneSearch, Trial, float]:
-    """The given azimuth, or that one of the two axes which explains the capture better."""
-    given = scene.azimuth_deg
-    azimuths = [axis.azimuth_deg, axis.azimuth_deg + 90] if given is None else [given]
+    """The given azimuth, or that one of the two axes which explains the capture better, and the best trial there."""
+    azimuths = [axis.azimuth_deg, axis.azimuth_deg + 90] if scene.azimuth_deg is None else [scene.azimuth_deg]
     searches = [SceneSearch(plate_frame(stokes, azimuth), scene, thickness) for azimuth in azimuths]
     trials = [search.first() for search in searches]
-    best = int(np.argmin([trial.score for trial in trials]))
-    margin = math.inf if given is not None else trials[1 - best].score - trials[best].score
-    return azimuths[best], searches[best], trials[best], margin
+    margin = _margin(trials)
+    if abs(margin) < _CLOSE:
+        trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
+        margin = _margin(trials)
+        best = 0 if margin >= 0 else 1
+        return azimuths[best], searches[best], trials[best], abs(margin)
+    best = 0 if margin >= 0 else 1
+    return azimuths[best], searches[best], searches[best].improved(trials[best]), abs(margin)
+
+
+def _margin(trials: list[Trial]) -> float:
+    """How much better the first axis is than the second."""
+    return math.inf if len(trials) == 1 else trials[1].score - trials[0].score
 
 
 def _completed(scene: SceneParameters, azimuth_deg: float, trial: Trial) -> SceneParameters:

@@ -30,6 +30,7 @@ _TRIAL_DEG = (12.0, 25.0, 38.0, 50.0, 60.0, 70.0, 80.0, 86.0)
 _TRIAL_HALF_WIDTH_DEG = 7.5
 _TRIAL_SCALES = (4, 8, 16)
 _N_TRIALS = 3
+_N_CANDIDATES = 6
 _OVERLAP_WEIGHT = 0.2
 """Misfit per frequency that a unit of log overlap is worth."""
 _MOST_SHIFT = 24.0
@@ -81,12 +82,18 @@ class SceneSearch:
         """Ghost shift and incidence in turns until both rest."""
         for _ in range(_TURNS):
             before = trial
-            shift = self._best_shift(trial.incidence_deg) if self._open_shift else trial.ghost_shift
-            trial = self._best_incidence(trial.incidence_deg, shift)
+            if self._open_shift:
+                trial = self._best_shift(trial.incidence_deg)
+            trial = self._best_incidence(trial)
             moved = abs(trial.ghost_shift - before.ghost_shift), abs(trial.incidence_deg - before.incidence_deg)
-            if not self._open_shift or (moved[0] < 0.05 and moved[1] < 0.05):
+            if not self._open_shift or (moved[0] < 0.1 and moved[1] < 0.1):
                 break
-        return trial
+        return Trial(trial.incidence_deg, trial.ghost_shift, self._score(trial))
+
+    def _score(self, trial: Trial) -> float:
+        misfit = float(self._likelihood.misfit(trial.incidence_deg, [trial.ghost_shift])[0])
+        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, _TRIAL_SCALES)
+        return misfit + _OVERLAP_WEIGHT * math.log(overlap.joint(trial.incidence_deg))
 
     def curve(self, trial: Trial) -> Curve:
         """Edge overlap over all trial incidences, at the trial's ghost shift."""
@@ -109,41 +116,45 @@ class SceneSearch:
         """The trial moved to the least edge overlap around it, which counts in its score."""
         incidences = np.array([trial.incidence_deg])
         if self._scene.incidence_deg is None:
-            near = incidences + np.arange(-_TRIAL_HALF_WIDTH_DEG, _TRIAL_HALF_WIDTH_DEG + 1, 2.5)
-            incidences = near[(near > LOWEST_DEG) & (near < HIGHEST_DEG)]
+            incidences = _around(trial.incidence_deg, _TRIAL_HALF_WIDTH_DEG, 2.5)
         overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, _TRIAL_SCALES)
         values = [overlap.joint(float(incidence)) for incidence in incidences]
         best = int(np.argmin(values))
         score = trial.score + _OVERLAP_WEIGHT * math.log(values[best])
         return Trial(float(incidences[best]), trial.ghost_shift, score)
 
-    def _best_incidence(self, incidence_deg: float, shift: float) -> Trial:
-        overlap = EdgeOverlap(self._frame, self._scene, shift).at_best_scales(incidence_deg)
-        if self._scene.incidence_deg is None:
-            near = incidence_deg + np.arange(-6, 7, 2)
-            near = near[(near > LOWEST_DEG) & (near < HIGHEST_DEG)]
-            start = float(near[np.argmin([overlap.joint(float(x)) for x in near])])
-            incidence_deg = local_minimum(overlap.joint, start, 0.7, (LOWEST_DEG, HIGHEST_DEG))
-        return Trial(incidence_deg, shift, overlap.joint(incidence_deg))
+    def _best_incidence(self, trial: Trial) -> Trial:
+        """The trial moved to the least edge overlap around it."""
+        if self._scene.incidence_deg is not None:
+            return trial
+        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
+        near = _around(trial.incidence_deg, 6, 2)
+        start = float(near[np.argmin([overlap.joint(float(x)) for x in near])])
+        incidence = local_minimum(overlap.joint, start, 0.7, (LOWEST_DEG, HIGHEST_DEG))
+        return Trial(incidence, trial.ghost_shift, trial.score)
 
-    def _best_shift(self, incidence_deg: float) -> float:
-        """Among the likeliest shifts the one that is best in likelihood and edge overlap together."""
-        candidates = self._likely_shifts(incidence_deg, 0.5, 4)
-        misfits = self._likelihood.misfit(incidence_deg, candidates)
-        overlaps = [
-            EdgeOverlap(self._frame, self._scene, shift, _TRIAL_SCALES).joint(incidence_deg) for shift in candidates
-        ]
-        weight = _overlap_weight(incidence_deg, self._scene.refractive_index)
-        best = candidates[int(np.argmin(misfits + weight * np.log(overlaps)))]
-        if self._thickness is not None:
-            return best
+    def _best_shift(self, incidence_deg: float) -> Trial:
+        """Among the likeliest shifts the best in likelihood and edge overlap together, the incidence free to give."""
+        shifts = self._likely_shifts(incidence_deg, 0.5, _N_CANDIDATES)
+        overlaps = [EdgeOverlap(self._frame, self._scene, shift, _TRIAL_SCALES) for shift in shifts]
+        trials = []
+        for incidence in (incidence_deg,) if self._scene.incidence_deg is not None else _around(incidence_deg, 5, 2.5):
+            weight = _overlap_weight(incidence, self._scene.refractive_index)
+            misfits = self._likelihood.misfit(incidence, shifts)
+            for shift, misfit, overlap in zip(shifts, misfits, overlaps, strict=True):
+                trials.append(Trial(float(incidence), shift, misfit + weight * math.log(overlap.joint(incidence))))
+        best = min(trials, key=lambda trial: trial.score)
+        return best if self._thickness is not None else self._refined(best)
+
+    def _refined(self, trial: Trial) -> Trial:
+        """The trial's shift between the grid's points; none where it gains too little over none."""
 
         def misfit(shift: float) -> float:
-            return float(self._likelihood.misfit(incidence_deg, [shift])[0])
+            return float(self._likelihood.misfit(trial.incidence_deg, [shift])[0])
 
-        best = local_minimum(misfit, best, 0.1, (best - 0.5, best + 0.5))
-        gain = misfit(0.0) - misfit(best)
-        return best if gain > (_LEAST_GAIN if self._reflection_is_sharp(incidence_deg) else _SAFE_GAIN) else 0.0
+        shift = local_minimum(misfit, trial.ghost_shift, 0.1, (trial.ghost_shift - 0.5, trial.ghost_shift + 0.5))
+        least = _LEAST_GAIN if self._reflection_is_sharp(trial.incidence_deg) else _SAFE_GAIN
+        return Trial(trial.incidence_deg, shift if misfit(0.0) - misfit(shift) > least else 0.0, trial.score)
 
     def _reflection_is_sharp(self, incidence_deg: float) -> bool:
         """Whether the reflection's fine edges stand out of the noise."""
@@ -169,10 +180,15 @@ class SceneSearch:
         return np.arange(-most, most + 1) * spacing
 
 
+def _around(incidence_deg: float, half_width: float, spacing: float) -> Curve:
+    near = incidence_deg + np.arange(-half_width, half_width + spacing / 2, spacing)
+    return near[(near > LOWEST_DEG) & (near < HIGHEST_DEG)]
+
+
 def _overlap_weight(incidence_deg: float, refractive_index: float) -> float:
     """Only where ghosts of the transmission are bright does the overlap tell shifts apart, too."""
     reflectance = interface(incidence_deg, refractive_index).reflection[1]
-    return _OVERLAP_WEIGHT * min(1.0, (reflectance / 0.6) ** 4)
+    return _OVERLAP_WEIGHT * min(1.0, max(0.025, (reflectance / 0.6) ** 4))
 
 
 def local_minimum(value: Callable[[float], float], start: float, step: float, bounds: tuple[float, float]) -> float:
