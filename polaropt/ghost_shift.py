@@ -23,6 +23,7 @@ Spectrum = NDArray[np.complex64]
 _RADIAL_KNOTS = 3
 _DEGREES_OF_FREEDOM = 4.0
 _FIRST_ROUNDS, _ROUNDS = 12, 6
+_LEAST_DETERMINANT = np.float32(1e-6)
 _EVERY = 8
 """Levels are first fitted for every so-many-th shift, then carried to those between."""
 
@@ -111,7 +112,8 @@ class ShiftLikelihood:
             powers[0] * r + powers[1] * t + n for r, t, n in zip(*responses, noise, strict=True)
         )
         model = _Hermitian(par, perp, cross)
-        determinant = par * perp - cross.real**2 - cross.imag**2
+        # Rounding must not make a covariance singular where one layer outshines noise and the other layer by far.
+        determinant = np.maximum(par * perp - cross.real**2 - cross.imag**2, _LEAST_DETERMINANT * par * perp)
         swapped = _Hermitian(perp, par, -cross)
         return model, determinant, _trace(swapped, self._data) / determinant
 

@@ -21,6 +21,8 @@ from polaropt.scene import SceneParameters
 from polaropt.scene_search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial
 
 _POLARIZED_SNR = 10.0
+_LEAST_NOISE = 1e-4
+"""Below this the model itself is not exact."""
 _CLOSE = 0.03
 """Axes whose scores differ by less are compared again after the search."""
 
@@ -88,7 +90,7 @@ def estimate_scene(
     -------
     SceneEstimate
     """
-    stokes = stokes_images(capture, noise_level(capture) if noise is None else noise)
+    stokes = stokes_images(capture, max(_LEAST_NOISE, noise_level(capture) if noise is None else noise))
     axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
     azimuth_deg, search, trial, margin = _choose_axis(stokes, axis, scene, thickness)
