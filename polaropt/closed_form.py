@@ -147,16 +147,16 @@ def _in_basis(basis: Basis, images: Images) -> Images:
     """Change the colours (..., channel, h, w) to another basis."""
     if basis.shape[0] == 1:
         return images
-    return np.einsum("oc,echw->eohw", basis.astype(np.float32), images, optimize=True)
+    turned: Images = np.einsum("oc,echw->eohw", basis.astype(np.float32), images)
+    return turned
 
 
 def _initial_power(entries: Images) -> NDArray[np.float64]:
     """Gradient power of the total intensity per colour, at least a trifle: where the fit starts, (channel,)."""
     total = entries[0] + entries[1]
-    power = np.square(np.diff(total, axis=-1)).mean(axis=(-1, -2)) + np.square(np.diff(total, axis=-2)).mean(
-        axis=(-1, -2)
-    )
-    return np.maximum(power.astype(np.float64), 1e-4 * float(power.max()) + 1e-12)
+    across, down = (np.square(np.diff(total, axis=axis)).mean(axis=(-1, -2), dtype=np.float64) for axis in (-1, -2))
+    power = across + down
+    return np.asarray(np.maximum(power, 1e-4 * float(power.max()) + 1e-12))
 
 
 def _means(level: NDArray[np.float32], sums: Matrix, precision: Matrix, basis: Basis) -> Images:

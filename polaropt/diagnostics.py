@@ -28,7 +28,7 @@ class Warning(Enum):
     )
     SATURATED = "More than 1 % of the pixels are clipped at white; they were left out and filled in from the others."
     GAMMA_ENCODED = (
-        "The photographs look gamma-encoded: intensities do not add up. Give linear files, or tell the encoding (gamma)."
+        "The photographs look gamma-encoded: pairs do not add up. Give linear files, or tell the encoding (gamma)."
     )
     MODEL_DOES_NOT_EXPLAIN = (
         "The pane with these parameters does not explain the photographs down to their noise: "

@@ -25,10 +25,12 @@ from priors.nonnegativity import Nonnegativity
 Images = NDArray[np.float32]
 
 # Found on photographs of the studies, see studies/README.md.
-_SPARSITY = 12.0
-_INDISTINCT = 0.05**2
-_UNCERTAIN = 0.3
-_LEAST_SPECTRAL = 0.1
+_SPARSITY = 7.0
+_INDISTINCT = 0.02**2
+_UNCERTAIN = 0.15
+_LEAST_SPECTRAL = 0.4
+# Share of the reflection's gradient energy that must be told before sparsity may divide edges between the layers.
+_TOLD = 0.2
 _INDEPENDENCE = 0.1
 _ROBUST_SIGMAS = 3.0
 
@@ -153,11 +155,12 @@ def build_objective(misfit: Misfit, known: ClosedForm, noise: float, weights: We
     scale, unknown = _gradient_energy(known, known.prior), _gradient_energy(known, known.uncertainty)
     open_share = unknown_shares(known)
     floor = _INDISTINCT * scale + _UNCERTAIN * unknown
+    told = min(1.0, float(1 - open_share[1]) / _TOLD)
     sparsity = [
-        LayerSparsity(_SPARSITY * float(1 - share), float(size), float(least))
+        LayerSparsity(_SPARSITY * told * float(1 - share), float(size), float(least))
         for share, size, least in zip(open_share, scale, floor, strict=True)
     ]
-    spectral = np.maximum(open_share, _LEAST_SPECTRAL)
+    spectral = np.maximum(open_share, 1 - told * (1 - _LEAST_SPECTRAL))
     typical = scale + unknown
     terms: dict[str, Regularizer] = {
         "misfit": misfit,

@@ -52,6 +52,8 @@ def trusted_blocks(intensities: Floats, valid: NDArray[np.bool_], block: int = B
     every = every[..., : rows * block, : columns * block]
     whole = every.reshape(*every.shape[:-2], rows, block, columns, block).all(axis=-3).all(axis=-1)
     bright = means.mean(axis=0)
+    if not bright.size:
+        return means.reshape(len(means), 0)
     bright_enough = bright > _DARK * np.quantile(bright, 0.99)
     return means[:, whole & bright_enough & (means.min(axis=0) > 0)]
 

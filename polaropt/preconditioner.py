@@ -42,7 +42,7 @@ class FourierPreconditioner:
     def size(self) -> int:
         """Length of z."""
         height, width = self._shape[-2:]
-        return 2 * 2 * self._shape[1] * height * (width // 2 + 1)
+        return int(2 * 2 * self._shape[1] * height * (width // 2 + 1))
 
     def layers(self, z: Vector) -> Images:
         """Layers (2, channel, H, W) at coordinates z."""
@@ -50,13 +50,14 @@ class FourierPreconditioner:
 
         coefficients = self._rooted(self._coefficients(z)) / self._length
         step = irfft2(coefficients, s=self._shape[-2:], norm="ortho", workers=2)
-        return self._start + np.einsum("oc,lohw->lchw", self._basis, step, optimize=True)
+        layers: Images = self._start + np.einsum("oc,lohw->lchw", self._basis, step)
+        return layers
 
     def gradient(self, gradient: Images) -> Vector:
         """Gradient by z of a function with this gradient by the layers."""
         from scipy.fft import rfft2
 
-        turned = np.einsum("oc,lchw->lohw", self._basis, gradient, optimize=True)
+        turned = np.einsum("oc,lchw->lohw", self._basis, gradient)
         spectrum = rfft2(turned, norm="ortho", workers=2) * self._length
         return np.ascontiguousarray(self._rooted(spectrum)).view(np.float32).ravel()
 

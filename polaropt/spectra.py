@@ -25,7 +25,8 @@ class FrequencyBands:
         # The finite frequency at zero stands for all that is slower than the frame.
         squared = 4 - 2 * np.cos(rows) - 2 * np.cos(columns) + (2 * np.pi / max(height, width)) ** 2
         self.squared_frequency: Power = squared.astype(np.float32)
-        self.multiplicity: Power = (column_multiplicity(width) / (height * width) * np.ones_like(squared)).astype(np.float32)
+        share = column_multiplicity(width) / (height * width)
+        self.multiplicity: Power = np.broadcast_to(share, squared.shape).astype(np.float32)
         position = np.log(squared)
         position = (position - position.min()) / np.ptp(position) * (_N_BANDS - 1)
         self._lower = np.minimum(position.astype(np.intp), _N_BANDS - 2)
@@ -42,7 +43,7 @@ class FrequencyBands:
     def _sums(self, values: Power) -> NDArray[np.float64]:
         lower = np.bincount(self._lower.ravel(), (values * (1 - self._share)).ravel(), _N_BANDS)
         upper = np.bincount(self._lower.ravel() + 1, (values * self._share).ravel(), _N_BANDS)
-        return lower + upper
+        return np.asarray(lower + upper, dtype=np.float64)
 
 
 def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spectrum, Power]:

@@ -65,19 +65,6 @@ class GradientSparsity:
                 total += value
         return total, gradient
 
-    def curvature(self, layers: Layers) -> tuple[float, float]:
-        """Typical weight of a squared gradient in the penalty near `layers`: its geometric mean over the pixels.
-
-        With this weight w, the penalty of layer l behaves like ``w_l / 2 q``: what a preconditioner needs to know.
-        """
-        typical = []
-        for layer, sparsity in zip(layers, self.layers, strict=True):
-            energy = _pooled(ColorGradient(layer, CHROMA_WEIGHT).energy()) + np.float32(sparsity.floor)
-            log_mean = float(np.log(energy).mean(dtype=np.float64))
-            half = self.exponent / 2
-            typical.append(sparsity.strength * self.exponent * float(np.exp((half - 1) * log_mean)) / sparsity.scale**half)
-        return typical[0], typical[1]
-
     def _of_layer(self, layer: Layers, sparsity: LayerSparsity) -> tuple[float, Layers]:
         edges = ColorGradient(layer, CHROMA_WEIGHT)
         half = self.exponent / 2

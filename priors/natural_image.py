@@ -41,10 +41,10 @@ class NaturalImage:
         from scipy.fft import irfft2, rfft2
 
         basis = self.basis.astype(np.float32)
-        off_mean = np.einsum("oc,lchw->lohw", basis, layers, optimize=True) - self.mean
+        off_mean = np.einsum("oc,lchw->lohw", basis, layers) - self.mean
         spectrum = rfft2(off_mean, norm="ortho", workers=2)
         spectrum *= np.array(self.strength, dtype=np.float32)[:, None, None, None] / self.power
         filtered = irfft2(spectrum, s=layers.shape[-2:], norm="ortho", workers=2)
         value = 0.5 * float(np.einsum("lchw,lchw->", off_mean, filtered, dtype=np.float64))
-        gradient: Layers = np.einsum("oc,lohw->lchw", basis, filtered, optimize=True)
+        gradient: Layers = np.einsum("oc,lohw->lchw", basis, filtered)
         return value, gradient

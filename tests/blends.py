@@ -1,0 +1,47 @@
+"""Small blended captures of photographs that ship inside scikit-image, with their true layers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from skimage import data
+
+from polaropt.capture import Capture
+from polaropt.scene import SceneParameters
+from polaropt.simulation import planes_first, simulate
+
+MARGIN = 48
+
+
+@dataclass(frozen=True)
+class Blend:
+    """A capture, its scene and the layers (2, [channel,] h, w) behind it."""
+
+    capture: Capture
+    scene: SceneParameters
+    layers: np.ndarray
+
+
+def blend(
+    incidence_deg: float = 60.0,
+    size: int = 96,
+    *,
+    azimuth_deg: float = 25.0,
+    ghost_shift: float = 5.3,
+    color: bool = True,
+    noise: float = 0.005,
+    angles_deg: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0),
+    exposure: float = 1.0,
+    **scene: object,
+) -> Blend:
+    """Astronaut behind the glass, a coffee cup mirrored; ghosts find content beyond the frame."""
+    whole = size + 2 * MARGIN
+    images = [exposure * photo[40 : 40 + whole, 150 : 150 + whole] / 255 for photo in (data.astronaut(), data.coffee())]
+    if not color:
+        images = [image.mean(axis=-1) for image in images]
+    parameters = SceneParameters(incidence_deg, azimuth_deg, ghost_shift).replace(**scene)
+    larger = simulate(images[0], images[1], parameters, angles_deg, noise=noise)
+    inside = (..., slice(MARGIN, -MARGIN), slice(MARGIN, -MARGIN))
+    capture = Capture(larger.intensities[inside], angles_deg, larger.valid[inside])
+    return Blend(capture, parameters, np.stack([planes_first(image)[inside] for image in images]))

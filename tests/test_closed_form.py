@@ -1,0 +1,111 @@
+"""Closed forms: exact where the model is, and a Wiener filter where noise rules."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polaropt.canvas import Canvas, canvas_for
+from polaropt.capture import Capture
+from polaropt.closed_form import natural_image_layers, per_pixel_layers, plate_entries
+from polaropt.forward import PSE
+from polaropt.metrics import psnr_db
+from polaropt.scene import SceneParameters
+from polaropt.spectra import FrequencyBands, fit_spectra, mean_power, posterior
+from tests.blends import blend
+
+
+@pytest.mark.parametrize("single_surface", [False, True])
+@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize("angles", [(0, 45, 90, 135), (10, 70, 130)])
+def test_each_pixel_is_inverted_exactly_without_noise_and_ghosts(single_surface, color, angles):
+    example = blend(55, 32, ghost_shift=0.0, color=color, noise=0, angles_deg=angles, single_surface=single_surface)
+    found = per_pixel_layers(example.capture, example.scene)
+    assert found.shape == example.layers.shape
+    np.testing.assert_allclose(found, example.layers, atol=2e-5)
+
+
+def test_a_clipped_photograph_is_made_up_for_by_the_others():
+    example = blend(50, 32, ghost_shift=0.0, noise=0)
+    pse = PSE(example.scene, example.capture.angles_deg)
+    expected = plate_entries(example.capture, pse)
+    damaged = example.capture.intensities.copy()
+    valid = np.ones(damaged.shape, dtype=bool)
+    damaged[1, 0, 5:9, 5:9], valid[1, 0, 5:9, 5:9] = 0.9, False
+    found = plate_entries(Capture(damaged, example.capture.angles_deg, valid), pse)
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_the_posterior_is_that_of_the_dense_system():
+    random = np.random.default_rng(0)
+    mixing = random.standard_normal((2, 2)) + 1j * random.standard_normal((2, 2))
+    information = (mixing.conj().T @ mixing)[:, :, None, None]
+    right = (random.standard_normal((2, 1, 1, 1)) + 1j * random.standard_normal((2, 1, 1, 1))).astype(complex)
+    prior = random.uniform(0.5, 2, (2, 1, 1, 1))
+    coefficients, uncertainty = posterior(information, right, prior)
+    dense = np.linalg.inv(information[..., 0, 0] + np.diag(1 / prior[:, 0, 0, 0]))
+    np.testing.assert_allclose(coefficients[:, 0, 0, 0], dense @ right[:, 0, 0, 0])
+    np.testing.assert_allclose(uncertainty[:, 0, 0, 0], np.diag(dense).real)
+
+
+def test_spectra_of_random_layers_are_recovered():
+    height, width, noise = 128, 96, 0.01
+    bands = FrequencyBands(height, width)
+    true = np.stack([[0.02 / bands.squared_frequency], [0.3 / bands.squared_frequency**1.4]])
+    random = np.random.default_rng(1)
+    white = np.fft.rfft2(random.standard_normal((2, 1, height, width)), norm="ortho")
+    mixing = np.array([[0.9, 0.1], [0.7, 0.3]])
+    data = np.einsum("el,lchw->echw", mixing, white * np.sqrt(true))
+    data += noise * np.fft.rfft2(random.standard_normal((2, 1, height, width)), norm="ortho")
+    information = np.broadcast_to((mixing.T @ mixing / noise**2)[:, :, None, None], (2, 2, height, width // 2 + 1))
+    right = np.einsum("el,echw->lchw", mixing, data) / noise**2
+    found = fit_spectra(information.astype(complex), right, bands, np.array([0.05]))
+    slow = np.broadcast_to(bands.squared_frequency < 1, true.shape)
+    assert np.abs(np.log(found / true))[slow].mean() < 0.3
+
+
+def test_mean_power_is_parsevals():
+    for width in (14, 15):
+        image = np.random.default_rng(0).standard_normal((12, width))
+        power = np.abs(np.fft.rfft2(image, norm="ortho")) ** 2
+        assert mean_power(power, np.ones_like(power), width) == pytest.approx(np.mean(image**2))
+
+
+@pytest.mark.parametrize("incidence_deg", [10, 40, 70])
+def test_all_ghosts_at_once_beat_doing_nothing(incidence_deg):
+    example = blend(incidence_deg, 96)
+    pse = PSE(example.scene, example.capture.angles_deg)
+    canvas = canvas_for(pse, 96, 96)
+    known = natural_image_layers(example.capture, pse, canvas, 0.005)
+    transmission = canvas.crop(known.layers)[0]
+    assert psnr_db(transmission, example.layers[0]) > psnr_db(example.capture.stokes[0], example.layers[0]) + 3
+
+
+def test_what_the_photographs_do_not_tell_stays_uncertain():
+    shares = []
+    for incidence in (5, 65):
+        example = blend(incidence, 64)
+        pse = PSE(example.scene, example.capture.angles_deg)
+        known = natural_image_layers(example.capture, pse, canvas_for(pse, 64, 64), 0.005)
+        shares.append(float(known.uncertainty[1].sum() / known.prior[1].sum()))
+    assert shares[0] > 0.5 > shares[1]
+
+
+@pytest.mark.parametrize(("height", "width", "shift"), [(16, 16, 3.0), (41, 90, -11.5), (64, 33, 0.0)])
+def test_the_canvas_holds_the_frame_and_its_ghosts(height, width, shift):
+    pse = PSE(SceneParameters(70, 20, shift), (0, 45, 90, 135))
+    canvas = canvas_for(pse, height, width)
+    images = np.random.default_rng(0).standard_normal((2, height, width)).astype(np.float32)
+    for extended in (canvas.extend(images), canvas.pad_zeros(images)):
+        assert extended.shape[-2:] == canvas.shape
+        np.testing.assert_array_equal(canvas.crop(extended), images)
+    window = canvas.window()
+    assert (canvas.crop(window) == 1).all()
+    assert window.min() >= 0
+    assert min(canvas.top, canvas.left) >= min(abs(shift), height // 2, width // 2)
+
+
+def test_a_canvas_without_margins_is_the_frame():
+    canvas = Canvas(20, 30, 0, 0, 0, 0)
+    assert canvas.shape == (20, 30)
+    assert (canvas.window() == 1).all()
