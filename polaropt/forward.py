@@ -194,9 +194,7 @@ def _add_entry_transposed(frame: PaddedFrame, samples: Any, taps: Weights, plane
                     planes[layer, which, shift.offset + start : shift.offset + stop] += factor * part
 
 
-def _ghosts_that_show(
-    frame: PaddedFrame, taps: Weights, like: Any, xp: Any
-) -> list[tuple[Shift, tuple[float, float]]]:
+def _ghosts_that_show(frame: PaddedFrame, taps: Weights, like: Any, xp: Any) -> list[tuple[Shift, tuple[float, float]]]:
     """Shifts with the factors of both layers, less what the arrays' precision cannot tell from nothing."""
     least = float(xp.finfo(like.dtype).eps) / 8
     together: dict[Shift, Weights] = {}
@@ -232,4 +230,3 @@ def _weighted_sum(pair: Any, factors: tuple[float, float]) -> Any:
 def _add(total: Any, part: Any) -> Any:
     total += part
     return total
-

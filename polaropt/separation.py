@@ -175,9 +175,7 @@ class _Stages:
 class _Problem:
     """The capture with all that the solve needs of it."""
 
-    def __init__(
-        self, capture: Capture, scene: SceneParameters, noise: float, weights: Weights, robust: bool
-    ) -> None:
+    def __init__(self, capture: Capture, scene: SceneParameters, noise: float, weights: Weights, robust: bool) -> None:
         self.capture, self.scene, self.noise = capture, scene, noise
         self.pse = PSE(scene, capture.angles_deg)
         self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
@@ -207,9 +205,7 @@ def _complete_scene(
 ) -> tuple[SceneParameters, SceneEstimate | None]:
     if scene.complete and thickness_px is None:
         return scene, None
-    estimate = estimate_scene(
-        capture, scene, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind
-    )
+    estimate = estimate_scene(capture, scene, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
     return estimate.scene, estimate
 
 

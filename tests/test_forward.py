@@ -121,9 +121,7 @@ def test_forward_stokes_equals_mueller_matrices_bounce_by_bounce(scene: ScenePar
 def test_forward_stokes_equals_forward_for_constant_polarization(scene: SceneParameters, n_ghosts: int) -> None:
     layers = RANDOM.random((2, 3, 8, 9))
     pse = PSE(scene, ANGLES)
-    np.testing.assert_allclose(
-        pse.forward_stokes(constantly_polarized(layers, scene)), pse.forward(layers), atol=1e-13
-    )
+    np.testing.assert_allclose(pse.forward_stokes(constantly_polarized(layers, scene)), pse.forward(layers), atol=1e-13)
 
 
 @pytest.mark.parametrize("incidence_deg", [20, 60, 80])

@@ -37,9 +37,7 @@ def test_frame_takes_out_what_polarizers_along_it_would_see(azimuth_deg: float) 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 33.0, 90.0])
 def test_frame_is_the_rotation_of_the_paper(azimuth_deg: float) -> None:
     double = np.radians(2 * azimuth_deg)
-    local_to_camera = np.array(
-        [[1, 0, 0], [0, np.cos(double), -np.sin(double)], [0, np.sin(double), np.cos(double)]]
-    )
+    local_to_camera = np.array([[1, 0, 0], [0, np.cos(double), -np.sin(double)], [0, np.sin(double), np.cos(double)]])
     local = np.array([[1, 1, 0], [1, -1, 0], [0, 0, 1]]) @ frame_matrix(azimuth_deg)
     np.testing.assert_allclose(local, local_to_camera.T, atol=1e-15)
 
