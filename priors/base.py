@@ -22,7 +22,8 @@ class ColorGradient:
     """Forward differences of one layer and their energy, all colours together.
 
     The energy weighs chroma more than luminance, since natural edges have little of it: with the mean over channels
-    m, ``q = w |grad x|^2 - (w - 1) C |grad m|^2``, which for three channels is the opponent basis with factors 1, w, w.
+    m, ``q = |grad x|^2 + (w - 1) |grad (x - m)|^2``, which for three channels is the opponent basis with energies
+    weighted 1, w, w.
 
     Parameters
     ----------
@@ -31,26 +32,32 @@ class ColorGradient:
     """
 
     def __init__(self, layer: Layers, chroma_weight: float) -> None:
-        self._weight = np.float32(chroma_weight)
+        self._excess = np.float32(chroma_weight - 1)
         self._x = np.zeros_like(layer)
         self._y = np.zeros_like(layer)
         np.subtract(layer[..., 1:], layer[..., :-1], out=self._x[..., :-1])
         np.subtract(layer[..., 1:, :], layer[..., :-1, :], out=self._y[..., :-1, :])
-        self._mean_x = self._x.mean(axis=0)
-        self._mean_y = self._y.mean(axis=0)
+        self._flows = [self._turned(difference) for difference in (self._x, self._y)]
+
+    def _turned(self, difference: Layers) -> Layers:
+        """Half the derivative of q by a difference: the difference itself, and more of its chroma."""
+        if len(difference) == 1:
+            return difference
+        chroma: Layers = difference - difference.mean(axis=0)
+        chroma *= self._excess
+        chroma += difference
+        return chroma
 
     def energy(self) -> Plane:
         """q per pixel, shape (h, w)."""
-        total = np.einsum("chw,chw->hw", self._x, self._x) + np.einsum("chw,chw->hw", self._y, self._y)
-        mean = self._mean_x * self._mean_x + self._mean_y * self._mean_y
-        plane: Plane = self._weight * total - (self._weight - 1) * np.float32(self._x.shape[0]) * mean
+        plane: Plane = np.einsum("chw,chw->hw", self._x, self._flows[0])
+        plane += np.einsum("chw,chw->hw", self._y, self._flows[1])
         return plane
 
     def backward(self, slope: Plane) -> Layers:
         """Gradient with respect to the layer of a function whose derivative by q is `slope`."""
         twice = 2 * slope
-        flow_x = twice * (self._weight * self._x - (self._weight - 1) * self._mean_x)
-        flow_y = twice * (self._weight * self._y - (self._weight - 1) * self._mean_y)
+        flow_x, flow_y = (twice * flow for flow in self._flows)
         gradient: Layers = -flow_x
         gradient -= flow_y
         gradient[..., 1:] += flow_x[..., :-1]

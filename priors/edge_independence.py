@@ -44,19 +44,23 @@ class EdgeIndependence:
 
     def _at_scale(self, layers: Layers) -> tuple[float, Layers]:
         edges = [ColorGradient(layer, CHROMA_WEIGHT) for layer in layers]
-        energies = [edge.energy() for edge in edges]
-        shares = [_share(energy, typical) for energy, typical in zip(energies, self.typical, strict=True)]
-        value = self.strength * float(np.einsum("hw,hw->", shares[0], shares[1], dtype=np.float64))
+        # Both from one quotient: u = 1 - w and du/dq = w^2 / typical with w = typical / (q + typical).
+        rests = [_rest(edge.energy(), typical) for edge, typical in zip(edges, self.typical, strict=True)]
+        value = float(np.einsum("hw,hw->", 1 - rests[0], 1 - rests[1], dtype=np.float64))
         gradient = np.empty_like(layers)
         for i, typical in enumerate(self.typical):
-            slope = np.float32(self.strength * typical) * shares[1 - i] / np.square(energies[i] + np.float32(typical))
+            slope = np.square(rests[i])
+            slope *= 1 - rests[1 - i]
+            slope *= np.float32(self.strength / typical)
             gradient[i] = edges[i].backward(slope)
-        return value, gradient
+        return self.strength * value, gradient
 
 
-def _share(energy: Plane, typical: float) -> Plane:
-    share: Plane = energy / (energy + np.float32(typical))
-    return share
+def _rest(energy: Plane, typical: float) -> Plane:
+    rest: Plane = energy
+    rest += np.float32(typical)
+    np.divide(np.float32(typical), rest, out=rest)
+    return rest
 
 
 def _halved(layers: Layers) -> Layers:

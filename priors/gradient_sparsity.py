@@ -69,16 +69,23 @@ class GradientSparsity:
         edges = ColorGradient(layer, CHROMA_WEIGHT)
         half = self.exponent / 2
         factor = sparsity.strength / sparsity.scale**half
-        energy = _pooled(edges.energy()) + np.float32(sparsity.floor)
-        powers = energy ** np.float32(half)
+        energy = _pooled(edges.energy())
+        energy += np.float32(sparsity.floor)
+        # Several times faster than a power.
+        powers = np.exp(np.float32(half) * np.log(energy))
         value = factor * (float(powers.sum(dtype=np.float64)) - powers.size * sparsity.floor**half)
-        slope = np.float32(factor * half) * powers / energy
-        return value, edges.backward(_pooled(slope))
+        powers /= energy
+        powers *= np.float32(factor * half)
+        return value, edges.backward(_pooled(powers))
 
 
 def _pooled(plane: Plane) -> Plane:
     """Mean over 3x3 pixels, nothing beyond the frame: its own transpose."""
-    from scipy.ndimage import uniform_filter
-
-    pooled: Plane = uniform_filter(plane, 3, mode="constant")
+    rows = plane.copy()
+    rows[1:] += plane[:-1]
+    rows[:-1] += plane[1:]
+    pooled: Plane = rows.copy()
+    pooled[:, 1:] += rows[:, :-1]
+    pooled[:, :-1] += rows[:, 1:]
+    pooled *= np.float32(1 / 9)
     return pooled

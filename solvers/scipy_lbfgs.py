@@ -15,7 +15,7 @@ from solvers.trace import Progress, StopSolving, Traced
 class ScipyLBFGSB:
     """Options of scipy.optimize's L-BFGS-B."""
 
-    history: int = 10
+    history: int = 5
     """Pairs of steps and gradient differences that are kept."""
 
     def minimize(self, objective: ValueAndGrad, start: Vector, stopping: StoppingRule) -> SolverResult:
