@@ -22,7 +22,7 @@ Spectrum = NDArray[np.complex64]
 
 _RADIAL_KNOTS = 3
 _DEGREES_OF_FREEDOM = 4.0
-_FIRST_ROUNDS, _ROUNDS = 12, 6
+_FIRST_ROUNDS, _ROUNDS = 12, 4
 _LEAST_DETERMINANT = np.float32(1e-6)
 _EVERY = 8
 """Levels are first fitted for every so-many-th shift, then carried to those between."""
@@ -102,15 +102,11 @@ class ShiftLikelihood:
                 level *= np.maximum(gain / expected, np.float32(1e-3))
         return levels
 
-    def _model(
-        self, responses: tuple[_Hermitian, _Hermitian], levels: Images
-    ) -> tuple[_Hermitian, Images, Images]:
+    def _model(self, responses: tuple[_Hermitian, _Hermitian], levels: Images) -> tuple[_Hermitian, Images, Images]:
         """Covariance at each shift and frequency, its determinant, and the data's squared distance from it."""
         powers = levels @ self._shapes
         noise = (self._noise[0, 0], self._noise[1, 1], self._noise[0, 1])
-        par, perp, cross = (
-            powers[0] * r + powers[1] * t + n for r, t, n in zip(*responses, noise, strict=True)
-        )
+        par, perp, cross = (powers[0] * r + powers[1] * t + n for r, t, n in zip(*responses, noise, strict=True))
         model = _Hermitian(par, perp, cross)
         # Rounding must not make a covariance singular where one layer outshines noise and the other layer by far.
         determinant = np.maximum(par * perp - cross.real**2 - cross.imag**2, _LEAST_DETERMINANT * par * perp)

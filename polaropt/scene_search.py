@@ -25,7 +25,7 @@ from polaropt.scene import SceneParameters, ghost_step
 Curve = NDArray[np.float64]
 
 INCIDENCE_GRID_DEG: Curve = np.arange(2.0, 89.0, 2.0)
-LOWEST_DEG, HIGHEST_DEG = 0.5, 89.0
+LOWEST_DEG, HIGHEST_DEG = 0.5, 88.0
 _TRIAL_DEG = (12.0, 25.0, 38.0, 50.0, 60.0, 70.0, 80.0, 86.0)
 _TRIAL_HALF_WIDTH_DEG = 7.5
 _TRIAL_SCALES = (4, 8, 16)
@@ -80,19 +80,21 @@ class SceneSearch:
 
     def improved(self, trial: Trial) -> Trial:
         """Ghost shift and incidence in turns until both rest."""
-        for _ in range(_TURNS):
+        trial = self._with_overlap_minimum(trial)
+        for _ in range(_TURNS if self._open_shift else 0):
             before = trial
-            if self._open_shift:
-                trial = self._best_shift(trial.incidence_deg)
-            trial = self._best_incidence(trial)
-            moved = abs(trial.ghost_shift - before.ghost_shift), abs(trial.incidence_deg - before.incidence_deg)
-            if not self._open_shift or (moved[0] < 0.1 and moved[1] < 0.1):
+            trial = self._with_overlap_minimum(self._best_shift(trial.incidence_deg))
+            if trial.ghost_shift == before.ghost_shift and abs(trial.incidence_deg - before.incidence_deg) < 0.5:
                 break
+        if self._open_shift and self._thickness is None:
+            trial = self._with_overlap_minimum(self._refined(trial))
+        elif self._thickness is not None:
+            trial = self._with_tied_shift(trial)
         return Trial(trial.incidence_deg, trial.ghost_shift, self._score(trial))
 
     def _score(self, trial: Trial) -> float:
         misfit = float(self._likelihood.misfit(trial.incidence_deg, [trial.ghost_shift])[0])
-        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, _TRIAL_SCALES)
+        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, (2, *_TRIAL_SCALES))
         return misfit + _OVERLAP_WEIGHT * math.log(overlap.joint(trial.incidence_deg))
 
     def curve(self, trial: Trial) -> Curve:
@@ -123,7 +125,7 @@ class SceneSearch:
         score = trial.score + _OVERLAP_WEIGHT * math.log(values[best])
         return Trial(float(incidences[best]), trial.ghost_shift, score)
 
-    def _best_incidence(self, trial: Trial) -> Trial:
+    def _with_overlap_minimum(self, trial: Trial) -> Trial:
         """The trial moved to the least edge overlap around it."""
         if self._scene.incidence_deg is not None:
             return trial
@@ -138,13 +140,12 @@ class SceneSearch:
         shifts = self._likely_shifts(incidence_deg, 0.5, _N_CANDIDATES)
         overlaps = [EdgeOverlap(self._frame, self._scene, shift, _TRIAL_SCALES) for shift in shifts]
         trials = []
+        weight = _overlap_weight(incidence_deg, self._scene.refractive_index)
         for incidence in (incidence_deg,) if self._scene.incidence_deg is not None else _around(incidence_deg, 5, 2.5):
-            weight = _overlap_weight(incidence, self._scene.refractive_index)
             misfits = self._likelihood.misfit(incidence, shifts)
             for shift, misfit, overlap in zip(shifts, misfits, overlaps, strict=True):
                 trials.append(Trial(float(incidence), shift, misfit + weight * math.log(overlap.joint(incidence))))
-        best = min(trials, key=lambda trial: trial.score)
-        return best if self._thickness is not None else self._refined(best)
+        return min(trials, key=lambda trial: trial.score)
 
     def _refined(self, trial: Trial) -> Trial:
         """The trial's shift between the grid's points; none where it gains too little over none."""
@@ -155,6 +156,12 @@ class SceneSearch:
         shift = local_minimum(misfit, trial.ghost_shift, 0.1, (trial.ghost_shift - 0.5, trial.ghost_shift + 0.5))
         least = _LEAST_GAIN if self._reflection_is_sharp(trial.incidence_deg) else _SAFE_GAIN
         return Trial(trial.incidence_deg, shift if misfit(0.0) - misfit(shift) > least else 0.0, trial.score)
+
+    def _with_tied_shift(self, trial: Trial) -> Trial:
+        """The trial with exactly the shift that the thickness gives at its incidence, in the same sense."""
+        assert self._thickness is not None
+        step = self._thickness.step(trial.incidence_deg, self._scene.refractive_index)
+        return Trial(trial.incidence_deg, math.copysign(step, trial.ghost_shift), trial.score)
 
     def _reflection_is_sharp(self, incidence_deg: float) -> bool:
         """Whether the reflection's fine edges stand out of the noise."""
