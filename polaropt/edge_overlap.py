@@ -22,7 +22,7 @@ from polaropt.scene import SceneParameters
 SHRINK = 2.0
 """Gradients are shrunk by this many standard errors."""
 SIZES = (2, 4, 8, 16, 32)
-_MOST_BLOCKS = 160
+_LEAST_BLOCKS, _MOST_BLOCKS = 8, 160
 """Per side; a larger frame has enough of them at a coarser scale."""
 _MOSTLY = 0.75
 _PSEUDO = 0.01
@@ -85,10 +85,8 @@ class EdgeOverlap:
         azimuth = math.radians(frame.azimuth_deg)
         step = (ghost_shift * math.cos(azimuth), -ghost_shift * math.sin(azimuth))
         copies, valid = _shifted_copies(frame, step, 1 if self._in_place else 3)
-        smallest = min(frame.images.shape[-2:])
-        kept = [size for size in scales if 8 <= smallest // size <= _MOST_BLOCKS] or [1]
-        self.scales = tuple(kept)
-        self._scales = [_scale(copies, valid, step, size) for size in kept]
+        self.scales = _usable_sizes(scales, min(frame.images.shape[-2:]))
+        self._scales = [_scale(copies, valid, step, size) for size in self.scales]
 
     def at(self, incidence_deg: float) -> list[Overlap]:
         """Overlap at each scale."""
@@ -122,15 +120,20 @@ class EdgeOverlap:
         return factors.sum(axis=1, keepdims=True) if self._in_place else factors
 
 
+def _usable_sizes(sizes: Sequence[int], side: int) -> tuple[int, ...]:
+    """Block sizes that leave enough blocks, and not needlessly many."""
+    enough = [size for size in sizes if side // size >= _LEAST_BLOCKS] or [1]
+    few = [size for size in enough if side // size <= _MOST_BLOCKS]
+    return tuple(few or enough[-1:])
+
+
 def _times(polynomial: Sequence[float], reflectance: float) -> Matrix:
     """Coefficients of ``polynomial (1 - R^2 z)`` in z, three of them."""
     product = np.convolve(polynomial, [1, -reflectance * reflectance])
     return np.pad(product, (0, 3 - product.size))
 
 
-def _shifted_copies(
-    frame: PlateFrame, step: tuple[float, float], n_copies: int
-) -> tuple[Images, Mask | None]:
+def _shifted_copies(frame: PlateFrame, step: tuple[float, float], n_copies: int) -> tuple[Images, Mask | None]:
     """Copies (copy, entry, channel, h, w) shifted by 0, 1, 2 ghost steps, cut to where all of them exist."""
     everywhere = bool(frame.valid.all())
     images = [_shifted_inside(frame.images, step, k, n_copies - 1) for k in range(n_copies)]
@@ -198,9 +201,10 @@ def _triangle(distance: Matrix) -> Matrix:
 
 def _overlap(scale: _Scale, factors: Matrix, covariance: Matrix) -> Overlap:
     n_copies, n_entries = scale.gradients.shape[:2]
-    mixing = factors.reshape(2, n_copies * n_entries)
+    mixing = factors.reshape(2, n_copies * n_entries).astype(np.float32)
     flat = scale.gradients.reshape(n_copies * n_entries, -1)
-    gradients = (mixing.astype(np.float32) @ flat).reshape(2, *scale.gradients.shape[2:])
+    # Not BLAS: its threads cost more than so small a product.
+    gradients = np.einsum("la,an->ln", mixing, flat).reshape(2, *scale.gradients.shape[2:])
     variance = np.einsum("lae,dab,lbf,ef->ld", factors, scale.noise, factors, covariance)
     error = np.sqrt(np.maximum(variance, 1e-30))
     np.abs(gradients, out=gradients)

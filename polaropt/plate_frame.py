@@ -90,6 +90,13 @@ def block_mean(images: Images, size: int, partial: bool = False) -> Images:
         images = np.pad(images, more)
         height, width = images.shape[-2:]
     rows, columns = height // size, width // size
+    if size == 2:
+        # Four strided views are several times faster than numpy's mean over two short axes.
+        even, odd = images[..., : 2 * rows : 2, :], images[..., 1 : 2 * rows : 2, :]
+        pairs = even + odd
+        return np.asarray(0.25 * (pairs[..., : 2 * columns : 2] + pairs[..., 1 : 2 * columns : 2]), np.float32)
+    if size % 2 == 0:
+        return block_mean(block_mean(images, 2), size // 2)
     inside = images[..., : rows * size, : columns * size]
     return np.asarray(inside.reshape(*images.shape[:-2], rows, size, columns, size).mean(axis=(-3, -1)), np.float32)
 
