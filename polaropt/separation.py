@@ -18,6 +18,7 @@ from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.noise import noise_level
 from polaropt.objective import Misfit, Objective, Term, Weights, build_objective, unknown_shares
+from polaropt.plate import ghosts_that_matter
 from polaropt.preconditioner import FourierPreconditioner
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
@@ -27,6 +28,9 @@ from solvers.base import Solver, SolverResult, Status, StoppingRule
 from solvers.registry import get_solver
 
 Images = NDArray[np.float32]
+
+# A ghost shows if it carries more than this share of the noise where the light is white.
+_GHOST_SHARE = 0.3
 Progress = Callable[[str, float], None]
 
 
@@ -123,24 +127,27 @@ def separate(
     ValueError
         Unknown solver or start (the message lists the names), or a parameter outside its range (`InputError`).
     """
+    from threadpoolctl import threadpool_limits
+
     minimizer = get_solver(solver)
     if init not in start_names():
         raise InputError(f"unknown start {init!r}; there are: {', '.join(start_names())}")
-    stages = _Stages(progress)
     asked = scene or SceneParameters(None, None, None, refractive_index, single_surface=single_surface)
-
-    stages.begin("Measuring the noise", 0.0)
-    noise = noise_level(capture)
-    stages.begin("Estimating the scene", 0.02)
-    found, estimate = _complete_scene(capture, asked, noise, thickness_px, thickness_kind)
-    if estimate is not None and not estimate.polarized and asked.incidence_deg is None:
-        return _unseparated(capture, found, noise, estimate, stages)
-    stages.begin("Closed form", 0.3)
-    problem = _Problem(capture, found, noise, weights, robust)
-    stages.begin("Solving", 0.4)
-    solution, layers = _solve(problem, minimizer, init, stopping, stages)
-    stages.begin("Taking stock", 0.97)
-    return _report(problem, solution, layers, estimate, stages)
+    stages = _Stages(progress)
+    # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
+    with threadpool_limits(1, "blas"):
+        stages.begin("Measuring the noise", 0.0)
+        noise = noise_level(capture)
+        stages.begin("Estimating the scene", 0.02)
+        found, estimate = _complete_scene(capture, asked, noise, thickness_px, thickness_kind)
+        if estimate is not None and not estimate.polarized and asked.incidence_deg is None:
+            return _unseparated(capture, found, noise, estimate, stages)
+        stages.begin("Closed form", 0.3)
+        problem = _Problem(capture, found, noise, weights, robust)
+        stages.begin("Solving", 0.4)
+        solution, layers = _solve(problem, minimizer, init, stopping, stages)
+        stages.begin("Taking stock", 0.97)
+        return _report(problem, solution, layers, estimate, stages)
 
 
 class _Stages:
@@ -177,7 +184,8 @@ class _Problem:
 
     def __init__(self, capture: Capture, scene: SceneParameters, noise: float, weights: Weights, robust: bool) -> None:
         self.capture, self.scene, self.noise = capture, scene, noise
-        self.pse = PSE(scene, capture.angles_deg)
+        # Ghosts that drown in the noise cost as much as the others; their light is added to the last one kept.
+        self.pse = PSE(scene, capture.angles_deg, n_ghosts=ghosts_that_matter(scene, _GHOST_SHARE * noise))
         self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
         self.known: ClosedForm = natural_image_layers(capture, self.pse, self.canvas, noise)
         self.misfit = Misfit(capture, self.pse, self.canvas, noise, robust)
