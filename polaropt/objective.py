@@ -24,7 +24,7 @@ from priors.nonnegativity import Nonnegativity
 
 Images = NDArray[np.float32]
 
-# Found on photographs of the studies, see studies/README.md.
+# Found with ``python -m studies.paper_protocol``.
 _SPARSITY = 7.0
 _INDISTINCT = 0.02**2
 _UNCERTAIN = 0.15
