@@ -1,0 +1,83 @@
+"""The studies' scenes and tables."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from skimage.io import imsave
+
+from polaropt.errors import InputError
+from polaropt.scene import SceneParameters
+from studies.paper_protocol import scene_errors
+from studies.protocol import protocol_capture, protocol_pairs, protocol_scene, shipped_pairs, truth
+from studies.real_captures import edge_correlation
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("photos")
+    for number in range(24):
+        imsave(folder / f"p{number:02d}.png", np.full((40, 50, 3), 10 * number, np.uint8), check_contrast=False)
+    return folder
+
+
+def test_pairs_are_every_second_photograph_with_the_eleventh_after_it(photos):
+    pairs = protocol_pairs(photos, size=16, margin=8)
+    assert len(pairs) == 12
+    for i, pair in enumerate(pairs):
+        behind, mirrored = truth(pair)
+        assert behind.shape == (16, 16, 3)
+        assert behind[0, 0, 0] * 255 == pytest.approx(10 * 2 * i)
+        assert mirrored[0, 0, 0] * 255 == pytest.approx(10 * ((2 * i + 11) % 24))
+
+
+def test_photographs_are_mirrored_where_they_end(tmp_path):
+    ramp = np.repeat(np.arange(20, dtype=np.uint8)[:, None], 20, axis=1)
+    for name in "ab":
+        imsave(tmp_path / f"{name}.png", np.stack([ramp] * 3, axis=-1), check_contrast=False)
+    larger = protocol_pairs(tmp_path, size=20, margin=4)[0].transmission[:, 0, 0] * 255
+    np.testing.assert_allclose(larger, [3, 2, 1, 0, *range(20), 19, 18, 17, 16], atol=1e-4)
+
+
+def test_a_folder_without_photographs_is_refused(tmp_path):
+    with pytest.raises(InputError, match="at least 2"):
+        protocol_pairs(tmp_path)
+
+
+def test_captures_are_the_same_each_time():
+    pair = shipped_pairs(size=32, margin=32)[0]
+    first, second = (protocol_capture(pair, 60) for _ in range(2))
+    np.testing.assert_array_equal(first.intensities, second.intensities)
+    assert protocol_scene(pair, 60).ghost_shift == pytest.approx(8.165, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("found", "errors"),
+    [((61, 30, 5.5), (1, 0, 0.5)), ((60, 210, -5), (0, 0, 0)), ((60, 209, -5), (0, 1, 0)), ((60, 120, 5), (0, 90, 0))],
+)
+def test_a_turned_azimuth_with_a_turned_shift_is_the_same_scene(found, errors):
+    result = SimpleNamespace(scene=SceneParameters(*map(float, found)))
+    assert scene_errors(result, (60.0, 30.0, 5.0)) == pytest.approx(errors)
+
+
+def test_edges_correlate_with_themselves():
+    random = np.random.default_rng(0)
+    image, other = random.standard_normal((2, 40, 40))
+    assert edge_correlation(image, image) == pytest.approx(1)
+    assert abs(edge_correlation(image, other)) < 0.2
+
+
+def test_the_table_is_one_command(tmp_path):
+    command = [sys.executable, "-m", "studies.paper_protocol", "--pairs", "1", "--incidences", "65", "--kind", "paper"]
+    done = subprocess.run([*command, "-o", str(tmp_path)], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert "| paper | 65 |" in done.stdout
+    (row,) = json.loads((tmp_path / "paper_protocol.json").read_text())
+    assert row["blind_transmission"] > row["nothing"] + 10
