@@ -29,7 +29,7 @@ _SPARSITY = 7.0
 _INDISTINCT = 0.02**2
 _UNCERTAIN = 0.15
 _LEAST_SPECTRAL = 0.4
-# Share of the reflection's gradient energy that must be told before sparsity may divide edges between the layers.
+# Share of the reflection's gradient energy that must be told before edges and signs may be divided between the layers.
 _TOLD = 0.2
 _INDEPENDENCE = 0.1
 _ROBUST_SIGMAS = 3.0
@@ -155,18 +155,19 @@ def build_objective(misfit: Misfit, known: ClosedForm, noise: float, weights: We
     scale, unknown = _gradient_energy(known, known.prior), _gradient_energy(known, known.uncertainty)
     open_share = unknown_shares(known)
     floor = _INDISTINCT * scale + _UNCERTAIN * unknown
-    told = min(1.0, float(1 - open_share[1]) / _TOLD)
+    told = min(1.0, float(1 - open_share[1]) / _TOLD) ** 2
     sparsity = [
         LayerSparsity(_SPARSITY * told * float(1 - share), float(size), float(least))
         for share, size, least in zip(open_share, scale, floor, strict=True)
     ]
     spectral = np.maximum(open_share, 1 - told * (1 - _LEAST_SPECTRAL))
     typical = scale + unknown
+    variance = noise**2 + _pixel_variance(known)
     terms: dict[str, Regularizer] = {
         "misfit": misfit,
-        "edge_independence": EdgeIndependence(_INDEPENDENCE, (float(typical[0]), float(typical[1]))),
+        "edge_independence": EdgeIndependence(_INDEPENDENCE * told, (float(typical[0]), float(typical[1]))),
         "gradient_sparsity": GradientSparsity((sparsity[0], sparsity[1])),
-        "nonnegativity": Nonnegativity(1 / noise**2),
+        "nonnegativity": Nonnegativity((told / float(variance[0]), told / float(variance[1]))),
         "natural_image": NaturalImage((float(spectral[0]), float(spectral[1])), known.prior, known.mean, known.basis),
     }
     return Objective(terms, weights)
@@ -176,6 +177,13 @@ def unknown_shares(known: ClosedForm) -> NDArray[np.float64]:
     """Share of each layer's gradient energy that the photographs leave open, (2,), 0..1."""
     share = _gradient_energy(known, known.uncertainty) / _gradient_energy(known, known.prior)
     return np.minimum(share, 1.0)
+
+
+def _pixel_variance(known: ClosedForm) -> NDArray[np.float64]:
+    """Variance that the photographs leave to a pixel of each layer, mean over colours, (2,)."""
+    everything = np.ones(known.uncertainty.shape[-2:])
+    variance: NDArray[np.float64] = mean_power(known.uncertainty, everything, known.layers.shape[-1]).mean(axis=1)
+    return variance
 
 
 def _gradient_energy(known: ClosedForm, power: NDArray[np.float32]) -> NDArray[np.float64]:

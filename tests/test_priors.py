@@ -29,7 +29,7 @@ def penalties(channels: int, height: int, width: int) -> list[object]:
     return [
         SPARSITY,
         EdgeIndependence(0.3, (0.02, 0.05), 3),
-        Nonnegativity(4.0),
+        Nonnegativity((4.0, 2.0)),
         natural(channels, height, width),
     ]
 
@@ -79,9 +79,9 @@ def test_an_edge_of_one_colour_costs_more_than_a_grey_edge_of_the_same_energy():
 
 def test_light_that_is_not_negative_is_free():
     layers = np.random.default_rng(0).uniform(0, 1, (2, 1, 8, 8)).astype(np.float32)
-    assert Nonnegativity(3.0).value_and_grad(layers)[0] == 0
+    assert Nonnegativity((1.0, 3.0)).value_and_grad(layers)[0] == 0
     layers[1, 0, 2, 3] = -0.5
-    value, gradient = Nonnegativity(3.0).value_and_grad(layers)
+    value, gradient = Nonnegativity((1.0, 3.0)).value_and_grad(layers)
     assert value == pytest.approx(3 / 2 * 0.25)
     assert gradient[1, 0, 2, 3] == pytest.approx(-1.5)
 
