@@ -54,8 +54,9 @@ def principal_axis(polarized: Images, noise_covariance: Matrix) -> PrincipalAxis
     coefficients = dctn(polarized, axes=(-2, -1), norm="ortho")
     radius2 = _squared_frequency(*polarized.shape[-2:])
     noise = float(np.trace(noise_covariance))
-    gains = np.stack([_wiener_gain(np.sum(c * c, axis=0, dtype=np.float64), radius2, noise)
-                      for c in np.moveaxis(coefficients, 1, 0)])
+    gains = np.stack(
+        [_wiener_gain(np.sum(c * c, axis=0, dtype=np.float64), radius2, noise) for c in np.moveaxis(coefficients, 1, 0)]
+    )
     moment = np.einsum("icyx,jcyx,cyx->ij", coefficients, coefficients, gains, optimize=True)
     moment = moment - noise_covariance * gains.sum()
     twice = math.atan2(2 * moment[0, 1], moment[0, 0] - moment[1, 1])

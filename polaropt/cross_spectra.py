@@ -32,6 +32,9 @@ class CrossSpectra:
         1 or 2: whether a frequency stands for its mirror image, too.
     covariance : ndarray, shape (2, 2)
         Power of the noise.
+    tile : int
+        Side of the tiles in pixels.
+    azimuth_deg : float
     """
 
     par: Images
@@ -41,6 +44,14 @@ class CrossSpectra:
     across: Matrix
     multiplicity: Images
     covariance: Matrix
+    tile: int
+    azimuth_deg: float
+
+    def coherence(self, shifts: Matrix) -> Images:
+        """Share of its light that a tile's window has in common with itself one ghost shift along the azimuth."""
+        azimuth = math.radians(self.azimuth_deg)
+        common = _hann_autocorrelation(shifts * math.cos(azimuth) / self.tile)
+        return (common * _hann_autocorrelation(shifts * math.sin(azimuth) / self.tile)).astype(np.float32)
 
 
 def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
@@ -66,6 +77,13 @@ def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
     return _usable((par, perp, cross), len(corners) * images.shape[1], side, frame)
 
 
+def _hann_autocorrelation(lag: Matrix) -> Matrix:
+    """Normalized autocorrelation of a Hann window at a lag in units of its length."""
+    lag = np.minimum(np.abs(lag), 1)
+    bulk: Matrix = (1 - lag) * (2 + np.cos(2 * np.pi * lag)) / 3
+    return bulk + np.sin(2 * np.pi * lag) / (2 * np.pi)
+
+
 def _power(spectrum: NDArray[np.complex64]) -> Matrix:
     return np.asarray(spectrum.real**2 + spectrum.imag**2, np.float64)
 
@@ -86,7 +104,9 @@ def _usable(
     use = (radius > _LOWEST_CYCLES * 2 * np.pi / side) & (radius < _HIGHEST)
     par, perp = ((total[use] / count).astype(np.float32) for total in sums[:2])
     cross = (sums[2][use] / count).astype(np.complex64)
-    return CrossSpectra(par, perp, cross, along[use], across[use], multiplicity[use], frame.covariance)
+    return CrossSpectra(
+        par, perp, cross, along[use], across[use], multiplicity[use], frame.covariance, side, frame.azimuth_deg
+    )
 
 
 def _tile_corners(valid: Mask, side: int) -> list[tuple[int, int]]:

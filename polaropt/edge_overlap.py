@@ -24,6 +24,7 @@ SHRINK = 2.0
 SIZES = (2, 4, 8, 16, 32)
 _LEAST_BLOCKS, _MOST_BLOCKS = 8, 160
 """Per side; a larger frame has enough of them at a coarser scale."""
+_LEAST_SHIFT = 1.25
 _MOSTLY = 0.75
 _PSEUDO = 0.01
 _NOISE_BEYOND = 0.0115
@@ -80,7 +81,8 @@ class EdgeOverlap:
         self, frame: PlateFrame, scene: SceneParameters, ghost_shift: float, scales: Sequence[int] = SIZES
     ) -> None:
         self._scene = scene
-        self._in_place = ghost_shift == 0 or scene.single_surface or scene.n_bounces == 0
+        # Copies a pixel apart only differ by noise and a derivative; what is left of edges then says little.
+        self._in_place = abs(ghost_shift) < _LEAST_SHIFT or scene.single_surface or scene.n_bounces == 0
         self._covariance = frame.covariance
         azimuth = math.radians(frame.azimuth_deg)
         step = (ghost_shift * math.cos(azimuth), -ghost_shift * math.sin(azimuth))

@@ -50,6 +50,7 @@ class ShiftLikelihood:
         self._data = _Hermitian(spectra.par, spectra.perp, spectra.cross)
         self._noise = spectra.covariance.astype(np.float32)
         self._along = spectra.along
+        self._coherence = spectra.coherence
         self._multiplicity = spectra.multiplicity
         self._scene = scene
         self._shapes = _spectral_shapes(spectra.along, spectra.across)
@@ -75,18 +76,24 @@ class ShiftLikelihood:
     def _responses(self, incidence_deg: float, shifts: Matrix) -> tuple[_Hermitian, _Hermitian]:
         """Outer products of the transfer functions of reflection and transmission."""
         z = np.exp((-1j * self._along * shifts[:, None]).astype(np.complex64))
-        reflected, transmitted = [], []
-        for reflectance in interface(incidence_deg, self._scene.refractive_index).reflection[:2]:
-            through = 1 - reflectance
-            if self._scene.single_surface or self._scene.n_bounces == 0:
-                series = np.full_like(z, through if self._scene.single_surface else through**2)
-                ghosts = np.zeros_like(z)
+        coherence = self._coherence(shifts)[:, None]
+        scene = self._scene
+        reflected, transmitted, direct = [], [], []
+        for reflectance in interface(incidence_deg, scene.refractive_index).reflection[:2]:
+            through = (1 - reflectance) if scene.single_surface else (1 - reflectance) ** 2
+            direct.append((reflectance, through))
+            if scene.single_surface or scene.n_bounces == 0:
+                reflected.append(np.zeros_like(z))
+                transmitted.append(np.zeros_like(z))
             else:
-                series = (through**2 / (1 - reflectance**2 * z)).astype(np.complex64)
-                ghosts = series * z
-            transmitted.append(series)
-            reflected.append((reflectance * (1 + ghosts)).astype(np.complex64))
-        return _outer(*reflected), _outer(*transmitted)
+                series = z / (1 - reflectance**2 * z)
+                reflected.append((reflectance * through * series).astype(np.complex64))
+                transmitted.append((through * reflectance**2 * series).astype(np.complex64))
+        (r_par, t_par), (r_perp, t_perp) = direct
+        return (
+            _outer((r_par, r_perp), reflected, coherence),
+            _outer((t_par, t_perp), transmitted, coherence),
+        )
 
     def _fitted(self, responses: tuple[_Hermitian, _Hermitian], levels: Images, rounds: int) -> Images:
         """Levels of both layers' spectra by multiplicative steps towards the maximum of the likelihood."""
@@ -124,8 +131,15 @@ def _spectral_shapes(along: Matrix, across: Matrix) -> Images:
     return shapes
 
 
-def _outer(par: Spectrum, perp: Spectrum) -> _Hermitian:
-    return _Hermitian(par.real**2 + par.imag**2, perp.real**2 + perp.imag**2, par * perp.conj())
+def _outer(direct: tuple[float, float], ghosts: Sequence[Spectrum], coherence: Images) -> _Hermitian:
+    """Outer product of direct light plus ghosts, which the window tells apart from it as far as they are shifted."""
+    par, perp = (np.float32(value) for value in direct)
+    first, second = ghosts
+    return _Hermitian(
+        par * (par + 2 * coherence * first.real) + first.real**2 + first.imag**2,
+        perp * (perp + 2 * coherence * second.real) + second.real**2 + second.imag**2,
+        par * perp + first * second.conj() + coherence * (par * second.conj() + perp * first),
+    )
 
 
 def _sandwich(inverse: _Hermitian, data: _Hermitian) -> _Hermitian:

@@ -23,7 +23,7 @@ from polaropt.scene_search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickn
 _POLARIZED_SNR = 10.0
 _LEAST_NOISE = 1e-4
 """Below this the model itself is not exact."""
-_CLOSE = 0.03
+_CLOSE = 0.06
 """Axes whose scores differ by less are compared again after the search."""
 
 

@@ -26,7 +26,7 @@ Curve = NDArray[np.float64]
 
 INCIDENCE_GRID_DEG: Curve = np.arange(2.0, 89.0, 2.0)
 LOWEST_DEG, HIGHEST_DEG = 0.5, 88.0
-_TRIAL_DEG = (12.0, 25.0, 38.0, 50.0, 60.0, 70.0, 80.0, 86.0)
+_TRIAL_DEG = (12.0, 25.0, 35.0, 42.0, 48.0, 54.0, 61.0, 68.0, 75.0, 81.0, 86.0)
 _TRIAL_HALF_WIDTH_DEG = 7.5
 _TRIAL_SCALES = (4, 8, 16)
 _N_TRIALS = 3
@@ -35,9 +35,11 @@ _OVERLAP_WEIGHT = 0.2
 """Misfit per frequency that a unit of log overlap is worth."""
 _MOST_SHIFT = 24.0
 _TURNS = 4
+_GRAZING_DEG, _GRAZING_PENALTY = 85.5, 0.03
+"""Score per degree beyond: panes are hardly ever seen so, and one across, its layers exchanged, looks much alike."""
 _FINE = 4
-_LEAST_GAIN, _SAFE_GAIN = 2e-4, 3e-3
-"""Misfit per frequency that a shift must gain over none, where the reflection is sharp and where it is not."""
+_LEAST_GAIN = 5e-5
+"""Misfit per frequency that a shift must gain over none."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,7 @@ class SceneSearch:
         self._thickness = thickness
         self._open_shift = scene.ghost_shift is None and not scene.single_surface
         self._likelihood = ShiftLikelihood(cross_spectra(frame), scene)
+        self._in_place = EdgeOverlap(frame, scene, 0.0, _TRIAL_SCALES)
 
     def first(self) -> Trial:
         """The best of a few trial incidences, each with its likeliest ghost shift."""
@@ -94,8 +97,8 @@ class SceneSearch:
 
     def _score(self, trial: Trial) -> float:
         misfit = float(self._likelihood.misfit(trial.incidence_deg, [trial.ghost_shift])[0])
-        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, (2, *_TRIAL_SCALES))
-        return misfit + _OVERLAP_WEIGHT * math.log(overlap.joint(trial.incidence_deg))
+        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, _TRIAL_SCALES)
+        return misfit + _OVERLAP_WEIGHT * self._log_overlap(overlap, trial.incidence_deg)
 
     def curve(self, trial: Trial) -> Curve:
         """Edge overlap over all trial incidences, at the trial's ghost shift."""
@@ -121,9 +124,17 @@ class SceneSearch:
             incidences = _around(trial.incidence_deg, _TRIAL_HALF_WIDTH_DEG, 2.5)
         overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, _TRIAL_SCALES)
         values = [overlap.joint(float(incidence)) for incidence in incidences]
-        best = int(np.argmin(values))
-        score = trial.score + _OVERLAP_WEIGHT * math.log(values[best])
-        return Trial(float(incidences[best]), trial.ghost_shift, score)
+        best = float(incidences[int(np.argmin(values))])
+        return Trial(best, trial.ghost_shift, trial.score + _OVERLAP_WEIGHT * self._log_overlap(overlap, best))
+
+    def _log_overlap(self, overlap: EdgeOverlap, incidence_deg: float) -> float:
+        """Log overlap with ghosts or, where that is less, without: doubled edges raise the one, ghosts the other."""
+        values = [overlap.joint(incidence_deg)]
+        if self._open_shift:
+            near = [incidence_deg] if self._scene.incidence_deg is not None else _around(incidence_deg, 4, 2)
+            values += [self._in_place.joint(float(x)) for x in near]
+        grazing = _GRAZING_PENALTY / _OVERLAP_WEIGHT * max(0.0, incidence_deg - _GRAZING_DEG)
+        return math.log(min(values)) + grazing
 
     def _with_overlap_minimum(self, trial: Trial) -> Trial:
         """The trial moved to the least edge overlap around it."""
@@ -141,7 +152,7 @@ class SceneSearch:
         overlaps = [EdgeOverlap(self._frame, self._scene, shift, _TRIAL_SCALES) for shift in shifts]
         trials = []
         weight = _overlap_weight(incidence_deg, self._scene.refractive_index)
-        for incidence in (incidence_deg,) if self._scene.incidence_deg is not None else _around(incidence_deg, 5, 2.5):
+        for incidence in self._near(incidence_deg):
             misfits = self._likelihood.misfit(incidence, shifts)
             for shift, misfit, overlap in zip(shifts, misfits, overlaps, strict=True):
                 trials.append(Trial(float(incidence), shift, misfit + weight * math.log(overlap.joint(incidence))))
@@ -154,8 +165,19 @@ class SceneSearch:
             return float(self._likelihood.misfit(trial.incidence_deg, [shift])[0])
 
         shift = local_minimum(misfit, trial.ghost_shift, 0.1, (trial.ghost_shift - 0.5, trial.ghost_shift + 0.5))
-        least = _LEAST_GAIN if self._reflection_is_sharp(trial.incidence_deg) else _SAFE_GAIN
-        return Trial(trial.incidence_deg, shift if misfit(0.0) - misfit(shift) > least else 0.0, trial.score)
+        both = [self._likelihood.misfit(float(x), [0.0, shift]) for x in self._near(trial.incidence_deg)]
+        without, with_ghosts = np.min(both, axis=0)
+        found = without - with_ghosts > self._least_gain(trial.incidence_deg)
+        return Trial(trial.incidence_deg, shift if found else 0.0, trial.score)
+
+    def _near(self, incidence_deg: float) -> Curve:
+        """Incidences at which shifts are compared: what is gained by the one is lost by the other."""
+        return np.array([incidence_deg]) if self._scene.incidence_deg is not None else _around(incidence_deg, 4.8, 1.2)
+
+    def _least_gain(self, incidence_deg: float) -> float:
+        """What a shift must gain over none: more towards normal incidence and in noise, where errors mimic ghosts."""
+        least = _LEAST_GAIN * (1 + (25 / incidence_deg) ** 6)
+        return least if self._reflection_is_sharp(incidence_deg) else 3 * least
 
     def _with_tied_shift(self, trial: Trial) -> Trial:
         """The trial with exactly the shift that the thickness gives at its incidence, in the same sense."""
