@@ -15,6 +15,7 @@ import numpy as np
 
 from polaropt.azimuth import PrincipalAxis, principal_axis
 from polaropt.capture import Capture
+from polaropt.grazing import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.noise import noise_level
 from polaropt.plate_frame import StokesImages, plate_frame, stokes_images
 from polaropt.scene import SceneParameters
@@ -90,14 +91,18 @@ def estimate_scene(
     -------
     SceneEstimate
     """
-    stokes = stokes_images(capture, max(_LEAST_NOISE, noise_level(capture) if noise is None else noise))
+    noise = max(_LEAST_NOISE, noise_level(capture) if noise is None else noise)
+    stokes = stokes_images(capture, noise)
     axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
     azimuth_deg, search, trial, margin = _choose_axis(stokes, axis, scene, thickness)
+    found = _completed(scene, azimuth_deg, trial)
+    if axis.snr > _POLARIZED_SNR:
+        found = _refined(capture, scene, found, noise, thickness)
     overlap = search.curve(trial)
     shift_grid, shift_misfit = search.shift_curve(trial)
     return SceneEstimate(
-        scene=_completed(scene, azimuth_deg, trial),
+        scene=found,
         polarization_snr=axis.snr,
         azimuth_error_deg=axis.error_deg,
         polarized=axis.snr > _POLARIZED_SNR,
@@ -139,3 +144,18 @@ def _completed(scene: SceneParameters, azimuth_deg: float, trial: Trial) -> Scen
         shift = 0.0 if scene.single_surface else trial.ghost_shift
     incidence = trial.incidence_deg if scene.incidence_deg is None else scene.incidence_deg
     return scene.replace(incidence_deg=incidence, azimuth_deg=azimuth_deg, ghost_shift=shift)
+
+
+def _refined(
+    capture: Capture, asked: SceneParameters, found: SceneParameters, noise: float, thickness: Thickness | None
+) -> SceneParameters:
+    """The scene with its incidence looked at again, where one was asked for and ghosts are strong."""
+    incidence, _, shift = found.values()
+    if asked.incidence_deg is not None or incidence < STRONG_GHOSTS_DEG or shift == 0:
+        return found
+    incidence = refined_incidence(capture, found, noise)
+    found = found.replace(incidence_deg=incidence)
+    if thickness is None or asked.ghost_shift is not None:
+        return found
+    step = thickness.step(incidence, found.refractive_index)
+    return found.replace(ghost_shift=math.copysign(step, shift))
