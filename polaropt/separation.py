@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -282,6 +283,4 @@ def _unseparated(
 
 
 def _without_point(solution: SolverResult) -> SolverResult:
-    import dataclasses
-
     return dataclasses.replace(solution, x=np.zeros(0, dtype=np.float32))
