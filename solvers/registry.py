@@ -6,7 +6,10 @@ from importlib import import_module
 
 from solvers.base import Solver
 
-_BACKENDS = {"scipy": ("solvers.scipy_lbfgs", "ScipyLBFGSB")}
+_BACKENDS = {
+    "lbfgs": ("solvers.lbfgs", "LBFGS"),
+    "scipy": ("solvers.scipy_lbfgs", "ScipyLBFGSB"),
+}
 
 
 def solver_names() -> tuple[str, ...]:
