@@ -51,6 +51,19 @@ class Canvas:
         padding = [(0, 0)] * (images.ndim - 2) + [(self.top, self.bottom), (self.left, self.right)]
         return np.pad(images, padding, mode="symmetric")
 
+    def continued(self, images: Images) -> Images:
+        """Frame images (..., h, w) with the smoothest margins (harmonic) between their opposite edges.
+
+        Nothing is known of a margin but that it is natural: where a solve starts from a mirrored one it spends
+        nearly all of its evaluations on smoothing it.
+        """
+        # Mirrored, since the transform along a side takes it for periodic.
+        sides = [np.concatenate([side, side[..., ::-1]], axis=-1) for side in (images[..., -1], images[..., 0])]
+        across = _between(sides[0], sides[1], self.left + self.right)[..., : self.height]
+        wide = np.swapaxes(_wrapped(np.swapaxes(images, -1, -2), across, self.left), -1, -2)
+        down = _between(wide[..., -1, :], wide[..., 0, :], self.top + self.bottom)
+        return np.ascontiguousarray(_wrapped(wide, down, self.top), dtype=np.float32)
+
     def pad_zeros(self, images: Any) -> Any:
         """Frame images (..., h, w) with zeros in the margins."""
         padding = [(0, 0)] * (images.ndim - 2) + [(self.top, self.bottom), (self.left, self.right)]
@@ -78,6 +91,32 @@ def canvas_for(pse: PSE, height: int, width: int) -> Canvas:
 def _ghosts_that_show(pse: PSE) -> int:
     strength = np.abs(pse.taps).sum(axis=2).max(axis=0)
     return int(np.flatnonzero(strength > _FAINT * strength.max()).max())
+
+
+def _between(before: Images, after: Images, n: int) -> Images:
+    """Harmonic function on n lines between two lines of values (..., length), periodic along them, (..., n, length)."""
+    from scipy.fft import irfft, rfft
+
+    length = before.shape[-1]
+    slowness = 2 * np.pi * np.fft.rfftfreq(length)
+    # A trifle at zero frequency, where sinh(k t) / sinh(k d) becomes t / d.
+    slowness = np.maximum(slowness, 1e-6)
+    steps = np.arange(1, n + 1)[:, None]
+    share = _sinh_ratio(slowness, steps, n + 1)
+    spectrum = rfft(before)[..., None, :] * share[::-1] + rfft(after)[..., None, :] * share
+    lines: Images = irfft(spectrum, length)
+    return lines
+
+
+def _sinh_ratio(k: NDArray[np.float64], t: NDArray[np.int_], d: int) -> Images:
+    """sinh(k t) / sinh(k d) for 0 <= t <= d, without overflow."""
+    return (np.exp(k * (t - d)) * np.expm1(-2 * k * t) / np.expm1(-2 * k * d)).astype(np.float32)
+
+
+def _wrapped(lines: Images, between: Images, before: int) -> Images:
+    """Lines (..., n, length) with the last `before` lines of what lies between the ends in front, the rest behind."""
+    split = between.shape[-2] - before
+    return np.concatenate([between[..., split:, :], lines, between[..., :split, :]], axis=-2)
 
 
 def _fading(inside: int, before: int, after: int) -> NDArray[np.float64]:

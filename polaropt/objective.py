@@ -119,6 +119,24 @@ def _pseudo_huber(residual: Images) -> tuple[float, Images]:
     return _ROBUST_SIGMAS**2 * float((root - 1).sum(dtype=np.float64)), residual / root
 
 
+class WithinFrame:
+    """A penalty on the part of the canvas that the photographs show.
+
+    Parameters
+    ----------
+    penalty : Regularizer
+    canvas : Canvas
+    """
+
+    def __init__(self, penalty: Regularizer, canvas: Canvas) -> None:
+        self._penalty, self._canvas = penalty, canvas
+
+    def value_and_grad(self, layers: Images) -> tuple[float, Images]:
+        """Value and gradient at canvas layers (2, channel, H, W)."""
+        value, gradient = self._penalty.value_and_grad(self._canvas.crop(layers))
+        return value, self._canvas.pad_zeros(gradient)
+
+
 class Objective:
     """Weighted sum of named terms.
 
@@ -146,8 +164,10 @@ class Objective:
         return {name: Term(term.value_and_grad(layers)[0], weight) for name, (weight, term) in self._terms.items()}
 
 
-def build_objective(misfit: Misfit, known: ClosedForm, noise: float, weights: Weights) -> Objective:
+def build_objective(misfit: Misfit, known: ClosedForm, canvas: Canvas, noise: float, weights: Weights) -> Objective:
     """The default objective: `misfit` with the priors that the fitted spectra imply.
+
+    Edges and signs are judged within the frame; the margins, which only ghosts tell of, follow from the spectra.
 
     Where the photographs hardly tell a layer's gradients, the sparse prior gives way to the Gaussian one: the most
     probable point of a sparse prior is no good estimate there.
@@ -163,11 +183,13 @@ def build_objective(misfit: Misfit, known: ClosedForm, noise: float, weights: We
     spectral = np.maximum(open_share, 1 - told * (1 - _LEAST_SPECTRAL))
     typical = scale + unknown
     variance = noise**2 + _pixel_variance(known)
+    independence = EdgeIndependence(_INDEPENDENCE * told, (float(typical[0]), float(typical[1])))
+    nonnegativity = Nonnegativity((told / float(variance[0]), told / float(variance[1])))
     terms: dict[str, Regularizer] = {
         "misfit": misfit,
-        "edge_independence": EdgeIndependence(_INDEPENDENCE * told, (float(typical[0]), float(typical[1]))),
-        "gradient_sparsity": GradientSparsity((sparsity[0], sparsity[1])),
-        "nonnegativity": Nonnegativity((told / float(variance[0]), told / float(variance[1]))),
+        "edge_independence": WithinFrame(independence, canvas),
+        "gradient_sparsity": WithinFrame(GradientSparsity((sparsity[0], sparsity[1])), canvas),
+        "nonnegativity": WithinFrame(nonnegativity, canvas),
         "natural_image": NaturalImage((float(spectral[0]), float(spectral[1])), known.prior, known.mean, known.basis),
     }
     return Objective(terms, weights)

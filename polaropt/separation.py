@@ -190,7 +190,7 @@ class _Problem:
         self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
         self.known: ClosedForm = natural_image_layers(capture, self.pse, self.canvas, noise)
         self.misfit = Misfit(capture, self.pse, self.canvas, noise, robust)
-        self.objective: Objective = build_objective(self.misfit, self.known, noise, weights)
+        self.objective: Objective = build_objective(self.misfit, self.known, self.canvas, noise, weights)
 
     def cropped(self, layers: Images) -> Images:
         """Canvas layers within the frame, in the capture's shape (2, [channel,] h, w)."""

@@ -31,12 +31,12 @@ def start_layers(name: str, capture: Capture, scene: SceneParameters, canvas: Ca
         The closed form per frequency.
     """
     if name == "closed-form":
-        return known.layers
+        return canvas.continued(canvas.crop(known.layers))
     if name == "per-pixel":
-        return canvas.extend(_with_channels(per_pixel_layers(capture, scene), capture))
+        return canvas.continued(_with_channels(per_pixel_layers(capture, scene), capture))
     intensity = _with_channels(capture.stokes[:1], capture)
     flat = np.broadcast_to(intensity.mean((-1, -2), keepdims=True), intensity.shape)
-    return canvas.extend(np.concatenate([intensity, flat]))
+    return canvas.continued(np.concatenate([intensity, flat]))
 
 
 def _with_channels(layers: Images, capture: Capture) -> Images:

@@ -96,7 +96,7 @@ def test_the_canvas_holds_the_frame_and_its_ghosts(height, width, shift):
     pse = PSE(SceneParameters(70, 20, shift), (0, 45, 90, 135))
     canvas = canvas_for(pse, height, width)
     images = np.random.default_rng(0).standard_normal((2, height, width)).astype(np.float32)
-    for extended in (canvas.extend(images), canvas.pad_zeros(images)):
+    for extended in (canvas.extend(images), canvas.pad_zeros(images), canvas.continued(images)):
         assert extended.shape[-2:] == canvas.shape
         np.testing.assert_array_equal(canvas.crop(extended), images)
     window = canvas.window()
@@ -105,7 +105,28 @@ def test_the_canvas_holds_the_frame_and_its_ghosts(height, width, shift):
     assert min(canvas.top, canvas.left) >= min(abs(shift), height // 2, width // 2)
 
 
+@pytest.mark.parametrize(("height", "width"), [(16, 16), (41, 90)])
+def test_smooth_margins_are_harmonic_between_opposite_edges(height, width):
+    canvas = Canvas(height, width, 9, 12, 11, 10)
+    images = np.random.default_rng(0).standard_normal((1, height, width)).astype(np.float32)
+    extended = canvas.continued(images)[0].astype(np.float64)
+    around = sum(np.roll(extended, step, axis) for step in (-1, 1) for axis in (0, 1)) / 4
+    assert extended.min() >= images.min()
+    assert extended.max() <= images.max()
+    deep = np.abs(around - extended)[canvas.top + height + 3 : -1]
+    assert deep.max() < 0.1 * images.std()
+
+
+def test_smooth_margins_pass_straight_from_edge_to_edge():
+    canvas = Canvas(20, 30, 4, 5, 6, 7)
+    images = np.broadcast_to(np.linspace(0, 1, 30, dtype=np.float32), (20, 30))
+    across = canvas.continued(images)[10]
+    np.testing.assert_allclose(np.concatenate([across[36:], across[:6]]), np.linspace(1, 0, 15)[1:-1], atol=1e-5)
+
+
 def test_a_canvas_without_margins_is_the_frame():
     canvas = Canvas(20, 30, 0, 0, 0, 0)
     assert canvas.shape == (20, 30)
     assert (canvas.window() == 1).all()
+    images = np.random.default_rng(0).standard_normal((3, 20, 30)).astype(np.float32)
+    np.testing.assert_array_equal(canvas.continued(images), images)

@@ -24,7 +24,7 @@ def built(example: Blend, noise: float = 0.005, weights: Weights | None = None, 
     canvas = canvas_for(pse, *example.capture.shape[-2:])
     known = natural_image_layers(example.capture, pse, canvas, noise)
     misfit = Misfit(example.capture, pse, canvas, noise, robust)
-    return build_objective(misfit, known, noise, weights or Weights()), known, misfit, canvas
+    return build_objective(misfit, known, canvas, noise, weights or Weights()), known, misfit, canvas
 
 
 @pytest.mark.parametrize("robust", [False, True])

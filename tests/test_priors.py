@@ -28,7 +28,7 @@ def natural(channels: int, height: int, width: int) -> NaturalImage:
 def penalties(channels: int, height: int, width: int) -> list[object]:
     return [
         SPARSITY,
-        EdgeIndependence(0.3, (0.02, 0.05), 3),
+        EdgeIndependence(0.3, (0.02, 0.05)),
         Nonnegativity((4.0, 2.0)),
         natural(channels, height, width),
     ]
@@ -54,9 +54,9 @@ def test_edges_in_different_places_are_independent():
     layers = np.zeros((2, 1, 32, 32), dtype=np.float32)
     layers[0, :, :, 8:] = 1
     layers[1, :, :, 24:] = 1
-    apart, _ = EdgeIndependence(1.0, (0.1, 0.1), 2).value_and_grad(layers)
+    apart, _ = EdgeIndependence(1.0, (0.1, 0.1)).value_and_grad(layers)
     layers[1] = layers[0]
-    together, _ = EdgeIndependence(1.0, (0.1, 0.1), 2).value_and_grad(layers)
+    together, _ = EdgeIndependence(1.0, (0.1, 0.1)).value_and_grad(layers)
     assert apart == 0
     assert together > 10
 
