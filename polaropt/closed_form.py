@@ -16,8 +16,9 @@ from polaropt.capture import Capture
 from polaropt.color_basis import Basis, opponent_basis
 from polaropt.forward import PSE
 from polaropt.plate import in_place_reflectance
+from polaropt.preconditioner import AssumedHessian
 from polaropt.scene import SceneParameters
-from polaropt.spectra import FrequencyBands, Power, Spectrum, fit_spectra, posterior
+from polaropt.spectra import FittedSpectra, FrequencyBands, Power, Spectrum, fit_spectra
 from polaropt.transfer import plate_transfer
 
 Images = NDArray[np.float32]
@@ -37,21 +38,30 @@ class ClosedForm:
     layers : ndarray of float32, shape (2, channel, H, W)
     mean : ndarray of float32, shape (2, channel, 1, 1)
         Means of the layers in the colour basis.
-    prior, uncertainty : ndarray of float32, shape (2, channel, H, W // 2 + 1)
-        Power of each layer per frequency before and after the photographs are seen, in the colour basis, for an
-        orthonormal transform.
-    information : ndarray of complex64, shape (2, 2, H, W // 2 + 1)
-        What the photographs tell of the layers per frequency (inverse covariance).
+    prior : ndarray of float32, shape (2, channel, H, W // 2 + 1)
+        Power of each layer per frequency before the photographs are seen, in the colour basis, for an orthonormal
+        transform.
+    told : ndarray of float32, shape (2, H, W // 2 + 1)
+        What the photographs tell of each layer per frequency (inverse variance).
+    cross : ndarray of complex64, shape (H, W // 2 + 1)
+        What they tell of both together: the entry in the transmission's row.
     basis : ndarray, shape (channel, channel)
         The colour basis.
+    edges, unknown_edges : ndarray, shape (2, channel)
+        Expected gradient energy of each layer before and after the photographs are seen.
+    variance : ndarray, shape (2, channel)
+        That the photographs leave to a pixel of each layer.
     """
 
     layers: Images
     mean: Images
     prior: Power
-    uncertainty: Power
-    information: Spectrum
+    told: Power
+    cross: Spectrum
     basis: Basis
+    edges: NDArray[np.float64]
+    unknown_edges: NDArray[np.float64]
+    variance: NDArray[np.float64]
 
 
 def plate_entries(capture: Capture, pse: PSE) -> Images:
@@ -114,33 +124,73 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     -------
     ClosedForm
     """
-    from scipy.fft import irfft2, rfft2
-
     mixing = pse.mixing[:, : pse.taps.shape[2]]
     precision = mixing.T @ mixing / noise**2
     basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
     entries = _in_basis(basis, plate_entries(capture, pse))
     level = entries.mean(axis=(-1, -2), keepdims=True)
-    height, width = canvas.shape
-    data = rfft2(canvas.extend(entries - level) * canvas.window(), norm="ortho", workers=2)
-
-    transfer = plate_transfer(pse, height, width)
-    weighted = np.einsum("elhw,ef->flhw", transfer.conj(), precision.astype(np.float32), optimize=True)
-    information = np.einsum("flhw,fmhw->lmhw", weighted, transfer, optimize=True)
-    right = np.einsum("flhw,fchw->lchw", weighted, data, optimize=True)
-    prior = fit_spectra(information, right, FrequencyBands(height, width), _initial_power(entries))
-    coefficients, uncertainty = posterior(information, right, prior)
-
-    mean = _means(level[..., 0, 0], pse.taps.sum(axis=1).T, precision * canvas.height * canvas.width, basis)
-    layers = irfft2(coefficients, s=(height, width), norm="ortho", workers=2) + mean
+    power = _initial_power(entries)
+    told, cross, right = _normal_equations(pse, precision, _transformed(entries - level, canvas), canvas)
+    bands = FrequencyBands(*canvas.shape)
+    fitted = _fitted(told, cross, right, bands, power)
+    prior = fitted.everywhere(bands)
+    sums = pse.taps.sum(axis=1).T
+    mean = _means(level[..., 0, 0], sums, precision * canvas.height * canvas.width, basis)
     return ClosedForm(
-        layers=np.ascontiguousarray(_in_basis(basis.T, layers), dtype=np.float32),
+        layers=_wiener(told, cross, prior, right, mean, basis, canvas),
         mean=mean,
         prior=prior,
-        uncertainty=uncertainty,
-        information=information.astype(np.complex64),
+        told=told,
+        cross=cross,
         basis=basis,
+        edges=(fitted.prior * (bands.share * bands.squared_frequency)).sum(axis=-1, dtype=np.float64),
+        unknown_edges=(fitted.uncertainty * (bands.share * bands.squared_frequency)).sum(axis=-1, dtype=np.float64),
+        variance=(fitted.uncertainty * bands.share).sum(axis=-1, dtype=np.float64),
     )
+
+
+def _transformed(entries: Images, canvas: Canvas) -> Spectrum:
+    """Half spectra (entries, channel, H, W // 2 + 1), mirrored and fading in the margins."""
+    from scipy.fft import rfft2
+
+    window = canvas.window()
+    planes = [[rfft2(canvas.extend(plane) * window, norm="ortho") for plane in entry] for entry in entries]
+    return np.array(planes)
+
+
+def _normal_equations(pse: PSE, precision: Matrix, data: Spectrum, canvas: Canvas) -> tuple[Power, Spectrum, Spectrum]:
+    """What the entries' spectra tell of the layers: diagonal, upper entry and right-hand side (2, channel, ...)."""
+    transfer = plate_transfer(pse, *canvas.shape)
+    weighted = np.tensordot(precision.astype(np.float32), transfer.conj(), axes=1)
+    told = np.stack([(weighted[:, i] * transfer[:, i]).real.sum(axis=0) for i in (0, 1)])
+    cross = (weighted[:, 0] * transfer[:, 1]).sum(axis=0)
+    right = np.stack([sum(weighted[e, i] * data[e] for e in range(len(data))) for i in (0, 1)])
+    return told, cross, right
+
+
+def _fitted(
+    told: Power, cross: Spectrum, right: Spectrum, bands: FrequencyBands, power: NDArray[np.float64]
+) -> FittedSpectra:
+    """Spectra fitted at the bands' sample."""
+    of_t, of_r = (layer.ravel()[bands.sample] for layer in told)
+    both = cross.ravel()[bands.sample]
+    information = np.array([[of_t, both], [both.conj(), of_r]])
+    sampled = right.reshape(*right.shape[:2], -1)[..., bands.sample]
+    return fit_spectra(information, sampled, bands, power)
+
+
+def _wiener(
+    told: Power, cross: Spectrum, prior: Power, right: Spectrum, mean: Images, basis: Basis, canvas: Canvas
+) -> Images:
+    """The layers that are most likely under Gaussian layers of these spectra."""
+    from polaropt.fused_preconditioner import FusedPreconditioner
+
+    hessian = AssumedHessian(told, cross, np.float32(1) / prior, np.zeros(prior.shape[:2]))
+    whitened = FusedPreconditioner(hessian, mean, basis, canvas.shape[1])
+    layers = np.empty((*prior.shape[:2], *canvas.shape), dtype=np.float32)
+    nothing = np.zeros(whitened.size, dtype=np.float32)
+    whitened.layers(whitened.whitened(right, nothing, np.eye(len(basis), dtype=np.float32), 0.0), layers)
+    return layers
 
 
 def _in_basis(basis: Basis, images: Images) -> Images:

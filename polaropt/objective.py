@@ -5,9 +5,12 @@ Every term is in units of the noise, so that no weight depends on brightness, ex
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
 from polaropt.canvas import Canvas
@@ -15,14 +18,11 @@ from polaropt.capture import Capture
 from polaropt.closed_form import ClosedForm
 from polaropt.errors import InputError
 from polaropt.forward import PSE
-from polaropt.spectra import mean_power
 from priors.base import CHROMA_WEIGHT, Regularizer
 from priors.edge_independence import EdgeIndependence
 from priors.gradient_sparsity import GradientSparsity, LayerSparsity
 from priors.natural_image import NaturalImage
 from priors.nonnegativity import Nonnegativity
-
-Images = NDArray[np.float32]
 
 # Found with ``python -m studies.paper_protocol``.
 _SPARSITY = 7.0
@@ -90,33 +90,41 @@ class Misfit:
     noise : float
     robust : bool
         Pseudo-Huber instead of squares: residuals beyond 3 sigma count linearly.
+    place : callable, optional
+        Turns numpy arrays into those to work with, such as tensors on a device.
     """
 
-    def __init__(self, capture: Capture, pse: PSE, canvas: Canvas, noise: float, robust: bool = False) -> None:
+    def __init__(
+        self,
+        capture: Capture,
+        pse: PSE,
+        canvas: Canvas,
+        noise: float,
+        robust: bool = False,
+        place: Callable[[NDArray[Any]], Any] = np.asarray,
+    ) -> None:
         shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
-        self._photographs = canvas.pad_zeros(capture.intensities.reshape(shape))
-        self._precision = canvas.pad_zeros(capture.valid.reshape(shape).astype(np.float32) / np.float32(noise))
+        self._photographs = place(canvas.pad_zeros(capture.intensities.reshape(shape)))
+        self._precision = place(canvas.pad_zeros(capture.valid.reshape(shape).astype(np.float32) / np.float32(noise)))
         self._pse = pse
         self._robust = robust
 
-    def value_and_grad(self, layers: Images) -> tuple[float, Images]:
-        """Value and gradient at canvas layers (2, channel, H, W)."""
-        residual = self._pse.forward(layers)
-        residual -= self._photographs
-        residual *= self._precision
+    def value_and_grad(self, layers: Any) -> tuple[float, Any]:
+        """Value and gradient at canvas layers (2, channel, H, W), arrays or tensors."""
+        residual = (self._pse.forward(layers) - self._photographs) * self._precision
         value, slope = _pseudo_huber(residual) if self._robust else _half_square(residual)
-        slope *= self._precision
-        gradient: Images = self._pse.adjoint(slope)
-        return value, gradient
+        return value, self._pse.adjoint(slope * self._precision)
 
 
-def _half_square(residual: Images) -> tuple[float, Images]:
-    return 0.5 * float(np.vdot(residual, residual)), residual
+def _half_square(residual: Any) -> tuple[float, Any]:
+    xp = array_namespace(residual)
+    return 0.5 * float(xp.sum(residual**2, dtype=xp.float64)), residual
 
 
-def _pseudo_huber(residual: Images) -> tuple[float, Images]:
-    root = np.sqrt(1 + np.square(residual / np.float32(_ROBUST_SIGMAS)))
-    return _ROBUST_SIGMAS**2 * float((root - 1).sum(dtype=np.float64)), residual / root
+def _pseudo_huber(residual: Any) -> tuple[float, Any]:
+    xp = array_namespace(residual)
+    root = xp.sqrt(1 + (residual / _ROBUST_SIGMAS) ** 2)
+    return _ROBUST_SIGMAS**2 * float(xp.sum(root - 1, dtype=xp.float64)), residual / root
 
 
 class WithinFrame:
@@ -131,14 +139,18 @@ class WithinFrame:
     def __init__(self, penalty: Regularizer, canvas: Canvas) -> None:
         self._penalty, self._canvas = penalty, canvas
 
-    def value_and_grad(self, layers: Images) -> tuple[float, Images]:
-        """Value and gradient at canvas layers (2, channel, H, W)."""
-        value, gradient = self._penalty.value_and_grad(self._canvas.crop(layers))
-        return value, self._canvas.pad_zeros(gradient)
+    def value_and_grad(self, layers: Any) -> tuple[float, Any]:
+        """Value and gradient at canvas layers (2, channel, H, W), arrays or tensors."""
+        value, within = self._penalty.value_and_grad(self._canvas.crop(layers))
+        gradient = array_namespace(layers).zeros_like(layers)
+        self._canvas.crop(gradient)[...] = within
+        return value, gradient
 
 
 class Objective:
-    """Weighted sum of named terms.
+    """Weighted sum of named terms, in its readable form.
+
+    `polaropt.fused` has the same value and gradient in compiled passes.
 
     Parameters
     ----------
@@ -149,30 +161,44 @@ class Objective:
     def __init__(self, terms: dict[str, Regularizer], weights: Weights) -> None:
         self._terms = {name: (weights.factor(name), term) for name, term in terms.items()}
 
-    def value_and_grad(self, layers: Images) -> tuple[float, Images]:
-        """Value (float64) and gradient (float32) at canvas layers (2, channel, H, W)."""
-        total, gradient = 0.0, np.zeros_like(layers)
+    def value_and_grad(self, layers: Any) -> tuple[float, Any]:
+        """Value (float64) and gradient (float32) at canvas layers (2, channel, H, W), arrays or tensors."""
+        total, gradient = 0.0, array_namespace(layers).zeros_like(layers)
         for weight, term in self._terms.values():
             if weight:
                 value, part = term.value_and_grad(layers)
                 total += weight * value
-                gradient += part if weight == 1 else np.float32(weight) * part
+                gradient += weight * part
         return total, gradient
 
-    def terms(self, layers: Images) -> dict[str, Term]:
+    def terms(self, layers: Any) -> dict[str, Term]:
         """Raw value and weight of every term, also of those switched off."""
         return {name: Term(term.value_and_grad(layers)[0], weight) for name, (weight, term) in self._terms.items()}
 
 
-def build_objective(misfit: Misfit, known: ClosedForm, canvas: Canvas, noise: float, weights: Weights) -> Objective:
-    """The default objective: `misfit` with the priors that the fitted spectra imply.
+@dataclass(frozen=True)
+class Penalties:
+    """The priors of the default objective; their names are those of `Weights`."""
 
-    Edges and signs are judged within the frame; the margins, which only ghosts tell of, follow from the spectra.
+    edge_independence: EdgeIndependence
+    gradient_sparsity: GradientSparsity
+    nonnegativity: Nonnegativity
+    natural_image: NaturalImage
+
+    def placed(self, place: Callable[[NDArray[Any]], Any]) -> Penalties:
+        """With arrays that `place` has turned into those to work with."""
+        natural = self.natural_image
+        parts = (place(natural.stiffness), place(natural.mean), place(natural.basis.astype(np.float32)))
+        return replace(self, natural_image=NaturalImage(*parts))
+
+
+def default_penalties(known: ClosedForm, noise: float) -> Penalties:
+    """The priors that the fitted spectra imply.
 
     Where the photographs hardly tell a layer's gradients, the sparse prior gives way to the Gaussian one: the most
     probable point of a sparse prior is no good estimate there.
     """
-    scale, unknown = _gradient_energy(known, known.prior), _gradient_energy(known, known.uncertainty)
+    scale, unknown = _gradient_energy(known.edges), _gradient_energy(known.unknown_edges)
     open_share = unknown_shares(known)
     floor = _INDISTINCT * scale + _UNCERTAIN * unknown
     told = min(1.0, float(1 - open_share[1]) / _TOLD) ** 2
@@ -180,40 +206,39 @@ def build_objective(misfit: Misfit, known: ClosedForm, canvas: Canvas, noise: fl
         LayerSparsity(_SPARSITY * told * float(1 - share), float(size), float(least))
         for share, size, least in zip(open_share, scale, floor, strict=True)
     ]
-    spectral = np.maximum(open_share, 1 - told * (1 - _LEAST_SPECTRAL))
+    spectral = np.maximum(open_share, 1 - told * (1 - _LEAST_SPECTRAL)).astype(np.float32)
     typical = scale + unknown
-    variance = noise**2 + _pixel_variance(known)
-    independence = EdgeIndependence(_INDEPENDENCE * told, (float(typical[0]), float(typical[1])))
-    nonnegativity = Nonnegativity((told / float(variance[0]), told / float(variance[1])))
+    variance = noise**2 + known.variance.mean(axis=1)
+    return Penalties(
+        edge_independence=EdgeIndependence(_INDEPENDENCE * told, (float(typical[0]), float(typical[1]))),
+        gradient_sparsity=GradientSparsity((sparsity[0], sparsity[1])),
+        nonnegativity=Nonnegativity((told / float(variance[0]), told / float(variance[1]))),
+        natural_image=NaturalImage(spectral[:, None, None, None] / known.prior, known.mean, known.basis),
+    )
+
+
+def build_objective(misfit: Misfit, penalties: Penalties, canvas: Canvas, weights: Weights) -> Objective:
+    """The objective in its readable form.
+
+    Edges and signs are judged within the frame; the margins, which only ghosts tell of, follow from the spectra.
+    """
     terms: dict[str, Regularizer] = {
         "misfit": misfit,
-        "edge_independence": WithinFrame(independence, canvas),
-        "gradient_sparsity": WithinFrame(GradientSparsity((sparsity[0], sparsity[1])), canvas),
-        "nonnegativity": WithinFrame(nonnegativity, canvas),
-        "natural_image": NaturalImage((float(spectral[0]), float(spectral[1])), known.prior, known.mean, known.basis),
+        "edge_independence": WithinFrame(penalties.edge_independence, canvas),
+        "gradient_sparsity": WithinFrame(penalties.gradient_sparsity, canvas),
+        "nonnegativity": WithinFrame(penalties.nonnegativity, canvas),
+        "natural_image": penalties.natural_image,
     }
     return Objective(terms, weights)
 
 
 def unknown_shares(known: ClosedForm) -> NDArray[np.float64]:
     """Share of each layer's gradient energy that the photographs leave open, (2,), 0..1."""
-    share = _gradient_energy(known, known.uncertainty) / _gradient_energy(known, known.prior)
-    return np.minimum(share, 1.0)
+    return np.minimum(_gradient_energy(known.unknown_edges) / _gradient_energy(known.edges), 1.0)
 
 
-def _pixel_variance(known: ClosedForm) -> NDArray[np.float64]:
-    """Variance that the photographs leave to a pixel of each layer, mean over colours, (2,)."""
-    everything = np.ones(known.uncertainty.shape[-2:])
-    variance: NDArray[np.float64] = mean_power(known.uncertainty, everything, known.layers.shape[-1]).mean(axis=1)
-    return variance
-
-
-def _gradient_energy(known: ClosedForm, power: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Expected gradient energy of each layer, chroma weighted as the penalties do, (2,)."""
-    height, width = known.layers.shape[-2:]
-    rows = 2 * np.pi * np.fft.fftfreq(height)[:, None]
-    columns = 2 * np.pi * np.fft.rfftfreq(width)[None, :]
-    per_color = mean_power(power, 4 - 2 * np.cos(rows) - 2 * np.cos(columns), width)
+def _gradient_energy(per_color: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Gradient energy of each layer, chroma weighted as the penalties do, (2,)."""
     color_weights = np.full(per_color.shape[1], CHROMA_WEIGHT)
     color_weights[0] = 1.0
     energy: NDArray[np.float64] = per_color @ color_weights

@@ -1,87 +1,136 @@
 """Change of variables that makes the objective nearly round: Fourier coefficients, whitened per frequency.
 
-With H the Hessian's approximation per frequency (what the photographs tell plus the prior), layers are
-``start + F^-1 H^(-1/2) z``. Any solver that knows nothing of preconditioning gains from it.
+With H the Hessian's approximation per frequency and colour (what the photographs tell, the spectral prior and the mean
+curvature of the edges), layers are ``mean + F^-1 H^(-1/2) z``. Any solver that knows nothing of preconditioning gains
+from it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace, is_torch_namespace
 from numpy.typing import NDArray
 
 from polaropt.color_basis import Basis
-from polaropt.spectra import Power, Spectrum, column_multiplicity
+from polaropt.spectra import Power, Spectrum, column_multiplicity, squared_frequencies
+from priors.natural_image import in_basis
 
-Images = NDArray[np.float32]
-Vector = NDArray[np.float32]
+
+@dataclass(frozen=True)
+class AssumedHessian:
+    """The Hessian that is assumed, a 2x2 matrix per frequency and colour of the basis.
+
+    Attributes
+    ----------
+    told : ndarray of float32, shape (2, H, W // 2 + 1)
+        What the photographs tell of each layer.
+    cross : ndarray of complex64, shape (H, W // 2 + 1)
+        What they tell of both together: the entry in the transmission's row.
+    stiffness : ndarray of float32, shape (2, channel, H, W // 2 + 1)
+        Of the spectral prior.
+    curvature : ndarray, shape (2, channel)
+        Of the penalties on gradients, per squared frequency.
+    """
+
+    told: Power
+    cross: Spectrum
+    stiffness: Power
+    curvature: NDArray[np.float64]
+
+    def diagonal(self, width: int) -> Power:
+        """Its diagonal, (2, channel, H, W // 2 + 1)."""
+        rows, columns = squared_frequencies(self.told.shape[1], width)
+        squared = (rows[:, None] + columns).astype(np.float32)
+        diagonal: Power = self.told[:, None] + self.stiffness
+        diagonal += self.curvature.astype(np.float32)[:, :, None, None] * squared
+        return diagonal
 
 
 class FourierPreconditioner:
-    """Whitened coordinates around a start.
+    """Layers from whitened coordinates and back, for numpy arrays or torch tensors.
+
+    The readable form: `polaropt.fused_preconditioner` does the same in compiled passes.
 
     Parameters
     ----------
-    start : ndarray, shape (2, channel, H, W)
-        Layers at z = 0.
-    information : ndarray, shape (2, 2, H, W // 2 + 1)
-        What the photographs tell per frequency.
-    prior : ndarray, shape (2, channel, H, W // 2 + 1)
-        Expected power of each layer per frequency, in the colour basis.
+    hessian : AssumedHessian
+    mean : ndarray, shape (2, channel, 1, 1)
+        Means of the layers in the colour basis.
     basis : ndarray, shape (channel, channel)
+    width : int
+        W, which half spectra do not tell.
+    place : callable, optional
+        Turns numpy arrays into those to work with, such as tensors on a device.
     """
 
-    def __init__(self, start: Images, information: Spectrum, prior: Power, basis: Basis) -> None:
-        self._start = start
-        self._basis = basis.astype(np.float32)
-        self._shape = start.shape
+    def __init__(
+        self,
+        hessian: AssumedHessian,
+        mean: NDArray[np.float32],
+        basis: Basis,
+        width: int,
+        place: Callable[[NDArray[Any]], Any] = np.asarray,
+    ) -> None:
+        self._frame = (hessian.told.shape[1], width)
+        self._basis = place(basis.astype(np.float32))
+        self._mean = place(mean)
         # The half spectrum stands for two; scaled, the transform keeps lengths.
-        self._length = np.sqrt(column_multiplicity(start.shape[-1])).astype(np.float32)
-        self._own, self._cross = _inverse_root(information, prior)
+        self._length = place(np.sqrt(column_multiplicity(width)).astype(np.float32))
+        self._roots = [
+            (place(own.astype(np.float32)), place(cross.astype(np.complex64))) for own, cross in _roots(hessian, width)
+        ]
 
-    @property
-    def size(self) -> int:
-        """Length of z."""
-        height, width = self._shape[-2:]
-        return int(2 * 2 * self._shape[1] * height * (width // 2 + 1))
+    def layers(self, z: Any) -> Any:
+        """Layers (2, channel, H, W) at coordinates z, a flat float32 vector."""
+        xp = array_namespace(z)
+        coefficients = _applied(self._roots[0], self._spectrum(z, xp), xp) / self._length
+        own = xp.fft.irfftn(coefficients, s=self._frame, axes=(-2, -1), norm="ortho") + self._mean
+        return in_basis(self._basis.T, own, xp)
 
-    def layers(self, z: Vector) -> Images:
-        """Layers (2, channel, H, W) at coordinates z."""
-        from scipy.fft import irfft2
+    def coordinates(self, layers: Any) -> Any:
+        """Coordinates of layers: the inverse of `layers`."""
+        xp = array_namespace(layers)
+        return _flat(_applied(self._roots[1], self._transformed(layers, self._mean, xp), xp), xp)
 
-        coefficients = self._rooted(self._coefficients(z)) / self._length
-        step = irfft2(coefficients, s=self._shape[-2:], norm="ortho", workers=2)
-        layers: Images = self._start + np.einsum("oc,lohw->lchw", self._basis, step)
-        return layers
-
-    def gradient(self, gradient: Images) -> Vector:
+    def gradient(self, gradient: Any) -> Any:
         """Gradient by z of a function with this gradient by the layers."""
-        from scipy.fft import rfft2
+        xp = array_namespace(gradient)
+        return _flat(_applied(self._roots[0], self._transformed(gradient, 0.0, xp), xp), xp)
 
-        turned = np.einsum("oc,lchw->lohw", self._basis, gradient)
-        spectrum = rfft2(turned, norm="ortho", workers=2) * self._length
-        return np.ascontiguousarray(self._rooted(spectrum)).view(np.float32).ravel()
+    def _transformed(self, images: Any, mean: Any, xp: Any) -> Any:
+        own = in_basis(self._basis, images, xp) - mean
+        return xp.fft.rfftn(own, axes=(-2, -1), norm="ortho") * self._length
 
-    def _coefficients(self, z: Vector) -> Spectrum:
-        height, width = self._shape[-2:]
-        return z.view(np.complex64).reshape(2, self._shape[1], height, width // 2 + 1)
-
-    def _rooted(self, pair: Spectrum) -> Spectrum:
-        """Hermitian square root of the inverse Hessian applied per frequency."""
-        rooted = self._own * pair
-        rooted[0] += self._cross * pair[1]
-        rooted[1] += self._cross.conj() * pair[0]
-        return rooted
+    def _spectrum(self, z: Any, xp: Any) -> Any:
+        height, width = self._frame
+        shape = (2, self._basis.shape[0], height, width // 2 + 1)
+        if is_torch_namespace(xp):
+            return xp.view_as_complex(xp.reshape(z, (*shape, 2)))
+        return z.view(np.complex64).reshape(shape)
 
 
-def _inverse_root(information: Spectrum, prior: Power) -> tuple[Power, Spectrum]:
-    """Diagonal (2, channel, ...) and upper entry (channel, ...) of H^(-1/2), H = information + diag(1 / prior)."""
-    h_t = information[0, 0].real + 1 / prior[0]
-    h_r = information[1, 1].real + 1 / prior[1]
-    cross = information[0, 1]
-    determinant = h_t * h_r - np.abs(cross) ** 2
-    inverse_t, inverse_r, inverse_cross = h_r / determinant, h_t / determinant, -cross / determinant
+def _flat(spectrum: Any, xp: Any) -> Any:
+    if is_torch_namespace(xp):
+        return xp.reshape(xp.view_as_real(spectrum), (-1,))
+    return np.ascontiguousarray(spectrum, dtype=np.complex64).view(np.float32).ravel()
+
+
+def _applied(root: tuple[Any, Any], pair: Any, xp: Any) -> Any:
+    """A Hermitian 2x2 matrix per frequency, as its diagonal and upper entry, times a pair of layers."""
+    own, cross = root
+    t, r = pair[0, ...], pair[1, ...]
+    return xp.stack([own[0, ...] * t + cross * r, own[1, ...] * r + xp.conj(cross) * t])
+
+
+def _roots(hessian: AssumedHessian, width: int) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+    """Diagonal (2, channel, ...) and upper entry (channel, ...) of H^(-1/2) and of H^(1/2)."""
+    t, r = hessian.diagonal(width)
     # Square root of a 2x2 matrix B: (B + sqrt(det B)) / sqrt(tr B + 2 sqrt(det B)).
-    root = 1 / np.sqrt(determinant)
-    scale = 1 / np.sqrt(inverse_t + inverse_r + 2 * root)
-    own = np.stack([inverse_t + root, inverse_r + root]) * scale
-    return own.astype(np.float32), (inverse_cross * scale).astype(np.complex64)
+    root = np.sqrt(t * r - np.abs(hessian.cross) ** 2)
+    scale = 1 / np.sqrt(t + r + 2 * root)
+    inverse = (np.stack([r + root, t + root]) * scale / root, -hessian.cross * scale / root)
+    return [inverse, (np.stack([t + root, r + root]) * scale, hessian.cross * scale)]

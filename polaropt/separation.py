@@ -6,32 +6,30 @@ import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import cached_property, partial
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.canvas import Canvas, canvas_for
+from polaropt.canvas import Canvas
 from polaropt.capture import Capture
-from polaropt.closed_form import ClosedForm, natural_image_layers
 from polaropt.diagnostics import Diagnostics, diagnose
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.noise import noise_level
-from polaropt.objective import Misfit, Objective, Term, Weights, build_objective, unknown_shares
-from polaropt.plate import ghosts_that_matter
-from polaropt.preconditioner import FourierPreconditioner
+from polaropt.objective import Term, Weights, unknown_shares
+from polaropt.problem import Problem, component_images
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
 from polaropt.simulation import planes_last
 from polaropt.starts import start_layers, start_names
 from solvers.base import Solver, SolverResult, Status, StoppingRule
+from solvers.compiled import told_of_compiling
 from solvers.registry import get_solver
 
 Images = NDArray[np.float32]
 
-# A ghost shows if it carries more than this share of the noise where the light is white.
-_GHOST_SHARE = 0.3
 Progress = Callable[[str, float], None]
 
 
@@ -43,8 +41,6 @@ class Separation:
     ----------
     layers : ndarray of float32, shape (2, [channel,] h, w)
         [0] transmission, [1] reflection, linear.
-    components : ndarray of float32, shape (2, k, [channel,] h, w)
-        The two parts of every photograph.
     scene : SceneParameters
         Complete: given or estimated.
     terms : dict of str to Term
@@ -54,15 +50,22 @@ class Separation:
     diagnostics : Diagnostics
     seconds : dict of str to float
         Time of each stage.
+    parts : callable
+        Makes `components`.
     """
 
     layers: Images = field(repr=False)
-    components: Images = field(repr=False)
     scene: SceneParameters
     terms: dict[str, Term]
     solver: SolverResult
     diagnostics: Diagnostics
     seconds: dict[str, float]
+    parts: Callable[[], Images] = field(repr=False)
+
+    @cached_property
+    def components(self) -> Images:
+        """The two parts of every photograph, (2, k, [channel,] h, w); simulated when first asked for."""
+        return self.parts()
 
     @property
     def transmission(self) -> Images:
@@ -78,7 +81,7 @@ class Separation:
 def separate(
     capture: Capture,
     scene: SceneParameters | None = None,
-    solver: str = "scipy",
+    solver: str = "lbfgs",
     init: str = "closed-form",
     refractive_index: float = 1.5,
     single_surface: bool = False,
@@ -88,6 +91,7 @@ def separate(
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
     robust: bool = False,
+    device: str | None = None,
     progress: Progress | None = None,
 ) -> Separation:
     """Separate the transmitted from the reflected scene.
@@ -116,6 +120,8 @@ def separate(
         Formula of the ghost step, see `ghost_step`.
     robust : bool
         Residuals of the photographs beyond three sigma count linearly.
+    device : str, optional
+        Where the torch solver works, as torch names it: "cpu" or "cuda".
     progress : callable, optional
         Called with what is being done and the fraction done, 0..1.
 
@@ -126,7 +132,8 @@ def separate(
     Raises
     ------
     ValueError
-        Unknown solver or start (the message lists the names), or a parameter outside its range (`InputError`).
+        Unknown solver or start (the message lists the names), a solver that cannot take so large an image, or a
+        parameter outside its range (`InputError`).
     """
     from threadpoolctl import threadpool_limits
 
@@ -134,9 +141,12 @@ def separate(
     if init not in start_names():
         raise InputError(f"unknown start {init!r}; there are: {', '.join(start_names())}")
     asked = scene or SceneParameters(None, None, None, refractive_index, single_surface=single_surface)
+    if device is not None and solver != "torch":
+        raise InputError(f"device {device!r} is for the solver torch, not {solver}")
+    device = device or ("cpu" if solver == "torch" else None)
     stages = _Stages(progress)
     # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
-    with threadpool_limits(1, "blas"):
+    with threadpool_limits(1, "blas"), told_of_compiling(stages.compiling):
         stages.begin("Measuring the noise", 0.0)
         noise = noise_level(capture)
         stages.begin("Estimating the scene", 0.02)
@@ -144,11 +154,11 @@ def separate(
         if estimate is not None and not estimate.polarized and asked.incidence_deg is None:
             return _unseparated(capture, found, noise, estimate, stages)
         stages.begin("Closed form", 0.3)
-        problem = _Problem(capture, found, noise, weights, robust)
+        problem = Problem(capture, found, noise, weights, robust)
         stages.begin("Solving", 0.4)
-        solution, layers = _solve(problem, minimizer, init, stopping, stages)
+        solution, layers, terms = _solve(problem, minimizer, init, stopping, device, stages)
         stages.begin("Taking stock", 0.97)
-        return _report(problem, solution, layers, estimate, stages)
+        return _report(problem, solution, layers, terms, estimate, stages)
 
 
 class _Stages:
@@ -172,37 +182,17 @@ class _Stages:
         if self._progress is not None and self._name is not None:
             self._progress(self._name, self._at + further)
 
+    def compiling(self, kernel: str) -> None:
+        """Tell that a kernel is being compiled, which happens once on a computer."""
+        if self._progress is not None:
+            self._progress("Compiling (first use only)", self._at)
+
     def end(self) -> None:
         """End the running stage."""
         now = time.perf_counter()
         if self._name is not None:
             self.seconds[self._name] = self.seconds.get(self._name, 0.0) + now - self._since
         self._since, self._name = now, None
-
-
-class _Problem:
-    """The capture with all that the solve needs of it."""
-
-    def __init__(self, capture: Capture, scene: SceneParameters, noise: float, weights: Weights, robust: bool) -> None:
-        self.capture, self.scene, self.noise = capture, scene, noise
-        # Ghosts that drown in the noise cost as much as the others; their light is added to the last one kept.
-        self.pse = PSE(scene, capture.angles_deg, n_ghosts=ghosts_that_matter(scene, _GHOST_SHARE * noise))
-        self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
-        self.known: ClosedForm = natural_image_layers(capture, self.pse, self.canvas, noise)
-        self.misfit = Misfit(capture, self.pse, self.canvas, noise, robust)
-        self.objective: Objective = build_objective(self.misfit, self.known, self.canvas, noise, weights)
-
-    def cropped(self, layers: Images) -> Images:
-        """Canvas layers within the frame, in the capture's shape (2, [channel,] h, w)."""
-        frame: Images = np.ascontiguousarray(self.canvas.crop(layers))
-        return frame if self.capture.color else frame[:, 0]
-
-    def misfit_ratio(self, layers: Images) -> float:
-        """Mean squared residual in units of the noise, less what the unknowns take up."""
-        value, _ = self.misfit.value_and_grad(layers)
-        k = len(self.capture.angles_deg)
-        free = max(1.0, float(self.capture.valid.sum()) * (k - 2) / k)
-        return 2 * value / free
 
 
 def _complete_scene(
@@ -219,48 +209,47 @@ def _complete_scene(
 
 
 def _solve(
-    problem: _Problem, minimizer: Solver, init: str, stopping: StoppingRule, stages: _Stages
-) -> tuple[SolverResult, Images]:
-    known = problem.known
-    start = start_layers(init, problem.capture, problem.scene, problem.canvas, known)
-    whitened = FourierPreconditioner(start, known.information, known.prior, known.basis)
+    problem: Problem, minimizer: Solver, init: str, stopping: StoppingRule, device: str | None, stages: _Stages
+) -> tuple[SolverResult, Images, dict[str, Term]]:
+    start = start_layers(init, problem.capture, problem.scene, problem.canvas, problem.known)
+    objective = problem.compiled(start) if device is None else problem.readable(start, device)
     evaluations = 0
 
-    def objective(z: Images) -> tuple[float, Images]:
+    def evaluate(z: Any) -> tuple[float, Any]:
         nonlocal evaluations
         evaluations += 1
         stages.advance(0.57 * min(1.0, evaluations / stopping.max_evaluations))
-        value, gradient = problem.objective.value_and_grad(whitened.layers(z))
-        return value, whitened.gradient(gradient)
+        return objective.value_and_grad(z)
 
-    solution = minimizer.minimize(objective, np.zeros(whitened.size, dtype=np.float32), stopping)
-    return solution, whitened.layers(solution.x)
+    solution = minimizer.minimize(evaluate, objective.coordinates(start), stopping)
+    return solution, objective.layers(solution.x), objective.terms(solution.x)
 
 
 def _report(
-    problem: _Problem, solution: SolverResult, layers: Images, estimate: SceneEstimate | None, stages: _Stages
+    problem: Problem,
+    solution: SolverResult,
+    layers: Images,
+    terms: dict[str, Term],
+    estimate: SceneEstimate | None,
+    stages: _Stages,
 ) -> Separation:
     diagnostics = diagnose(
         problem.capture,
         problem.noise,
-        misfit_ratio=problem.misfit_ratio(layers),
+        misfit_ratio=problem.misfit_ratio(terms["misfit"].value),
         reflection_unknown=float(unknown_shares(problem.known)[1]),
         estimate=estimate,
         finite=solution.status is not Status.NOT_FINITE,
     )
-    terms = problem.objective.terms(layers)
-    components = problem.canvas.crop(problem.pse.components(layers))
-    if not problem.capture.color:
-        components = components[:, :, 0]
     stages.end()
     return Separation(
         layers=problem.cropped(layers),
-        components=np.ascontiguousarray(components),
         scene=problem.scene,
         terms=terms,
         solver=_without_point(solution),
         diagnostics=diagnostics,
         seconds=stages.seconds,
+        parts=partial(_components, problem.pse, problem.canvas, layers, problem.capture.color),
     )
 
 
@@ -269,17 +258,26 @@ def _unseparated(
 ) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells."""
     intensity = capture.stokes[0]
-    half = np.broadcast_to(intensity / 2, capture.intensities.shape)
     stages.end()
     return Separation(
         layers=np.stack([intensity, np.zeros_like(intensity)]),
-        components=np.stack([half, np.zeros_like(half)]),
         scene=scene,
         terms={},
         solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),
         diagnostics=diagnose(capture, noise, misfit_ratio=1.0, reflection_unknown=1.0, estimate=estimate),
         seconds=stages.seconds,
+        parts=partial(_halves, capture),
     )
+
+
+def _components(pse: PSE, canvas: Canvas, layers: Images, color: bool) -> Images:
+    components = component_images(pse, canvas, layers)
+    return components if color else components[:, :, 0]
+
+
+def _halves(capture: Capture) -> Images:
+    half = np.broadcast_to(capture.stokes[0] / 2, capture.intensities.shape)
+    return np.stack([half, np.zeros_like(half)])
 
 
 def _without_point(solution: SolverResult) -> SolverResult:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,36 +16,88 @@ _TURNS_POWER_LAW = 3
 _TURNS_BANDS = 9
 # Share of all frequencies that a band must hold before it moves freely.
 _BAND_INERTIA = 2e-4
+# Frequencies that the fit looks at: all the low ones, of which there are few, and a sample of the others.
+_SAMPLED = 16384
 
 
 class FrequencyBands:
-    """Radial bands, evenly spaced in the logarithm of frequency, with linear weights between neighbours."""
+    """Radial bands of a half spectrum, evenly spaced in the logarithm of frequency, linear between neighbours.
+
+    Parameters
+    ----------
+    height, width : int
+        Of the images.
+
+    Attributes
+    ----------
+    sample : ndarray of int, shape (n,)
+        Flat indices of the frequencies that stand for all.
+    share : ndarray of float32, shape (n,)
+        Of all frequencies of the whole spectrum, for which a sampled one stands.
+    squared_frequency : ndarray of float32, shape (n,)
+        Of the sample.
+    """
 
     def __init__(self, height: int, width: int) -> None:
-        rows = 2 * np.pi * np.fft.fftfreq(height)[:, None]
-        columns = 2 * np.pi * np.fft.rfftfreq(width)[None, :]
+        rows, columns = squared_frequencies(height, width)
         # The finite frequency at zero stands for all that is slower than the frame.
-        squared = 4 - 2 * np.cos(rows) - 2 * np.cos(columns) + (2 * np.pi / max(height, width)) ** 2
-        self.squared_frequency: Power = squared.astype(np.float32)
-        share = column_multiplicity(width) / (height * width)
-        self.multiplicity: Power = np.broadcast_to(share, squared.shape).astype(np.float32)
-        position = np.log(squared)
-        position = (position - position.min()) / np.ptp(position) * (_N_BANDS - 1)
+        self._squared: Power = (rows[:, None] + columns + (2 * np.pi / max(height, width)) ** 2).astype(np.float32)
+        self.sample, weight = _sampled(self._squared.ravel())
+        multiplicity = column_multiplicity(width)[self.sample % len(columns)]
+        self.share: Power = (weight * multiplicity / (height * width)).astype(np.float32)
+        self.squared_frequency: Power = self._squared.ravel()[self.sample]
+        self._span = np.log([float(self._squared.min()), float(self._squared.max())])
+        position = self._position(self.squared_frequency)
         self._lower = np.minimum(position.astype(np.intp), _N_BANDS - 2)
-        self._share = (position - self._lower).astype(np.float32)
-        self._size = self._sums(self.multiplicity)
+        self._fraction = (position - self._lower).astype(np.float32)
+        self._size = self._sums(self.share)
 
-    def smoothed_ratio(self, ratio: Power) -> Power:
-        """Band means of a ratio near 1, interpolated over all frequencies."""
-        means = (self._sums(ratio * self.multiplicity) + _BAND_INERTIA) / (self._size + _BAND_INERTIA)
-        logs = np.log(means).astype(np.float32)
-        smooth: Power = np.exp(logs[self._lower] * (1 - self._share) + logs[self._lower + 1] * self._share)
+    def smoothed_logarithm(self, ratio: Power) -> NDArray[np.float64]:
+        """Logarithm of each band's mean of a ratio near 1 over the sample, (bands,)."""
+        means = (self._sums(ratio * self.share) + _BAND_INERTIA) / (self._size + _BAND_INERTIA)
+        return np.asarray(np.log(means))
+
+    def at_sample(self, logarithms: NDArray[np.float64]) -> Power:
+        """Exponential of the bands' logarithms, interpolated to the sample."""
+        logs = logarithms.astype(np.float32)
+        smooth: Power = np.exp(logs[self._lower] * (1 - self._fraction) + logs[self._lower + 1] * self._fraction)
         return smooth
 
+    def power_law(self, power: float, logarithms: NDArray[np.float64]) -> Power:
+        """Power of every frequency, (height, width // 2 + 1): a power law times the bands' correction of it."""
+        logs = np.log(self._squared)
+        scale = (_N_BANDS - 1) / np.ptp(self._span)
+        correction = np.interp((logs - self._span[0]) * scale, np.arange(_N_BANDS), logarithms)
+        law: Power = np.exp(correction + np.log(power) - _POWER_LAW / 2 * logs).astype(np.float32)
+        return law
+
+    def _position(self, squared: Power) -> NDArray[np.float64]:
+        position = (np.log(squared.astype(np.float64)) - self._span[0]) / np.ptp(self._span)
+        return np.asarray(np.clip(position, 0, 1) * (_N_BANDS - 1))
+
     def _sums(self, values: Power) -> NDArray[np.float64]:
-        lower = np.bincount(self._lower.ravel(), (values * (1 - self._share)).ravel(), _N_BANDS)
-        upper = np.bincount(self._lower.ravel() + 1, (values * self._share).ravel(), _N_BANDS)
+        lower = np.bincount(self._lower, values * (1 - self._fraction), _N_BANDS)
+        upper = np.bincount(self._lower + 1, values * self._fraction, _N_BANDS)
         return np.asarray(lower + upper, dtype=np.float64)
+
+
+def _sampled(squared: Power) -> tuple[NDArray[np.intp], Power]:
+    """Flat indices of a sample, and for how many frequencies each stands."""
+    if squared.size <= _SAMPLED:
+        return np.arange(squared.size), np.ones(squared.size, dtype=np.float32)
+    n_low = _SAMPLED // 4
+    order = np.argpartition(squared, n_low)
+    drawn = np.random.default_rng(0).integers(n_low, squared.size, _SAMPLED - n_low)
+    weight = np.full(_SAMPLED, (squared.size - n_low) / len(drawn), dtype=np.float32)
+    weight[:n_low] = 1
+    return np.concatenate([order[:n_low], order[drawn]]), weight
+
+
+def squared_frequencies(height: int, width: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eigenvalues of squared differences along rows (height,) and columns (width // 2 + 1,) of a real transform."""
+    rows = 2 - 2 * np.cos(2 * np.pi * np.fft.fftfreq(height))
+    columns = 2 - 2 * np.cos(2 * np.pi * np.fft.rfftfreq(width))
+    return rows, columns
 
 
 def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spectrum, Power]:
@@ -51,16 +105,16 @@ def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spe
 
     Parameters
     ----------
-    information : ndarray, shape (2, 2, H, W // 2 + 1)
-        Normal matrix of the two layers, in units of the noise.
-    right : ndarray, shape (2, channel, H, W // 2 + 1)
+    information : ndarray, shape (2, 2, ...)
+        Normal matrix of the two layers at each frequency, in units of the noise.
+    right : ndarray, shape (2, channel, ...)
         Right-hand side.
-    prior : ndarray, shape (2, channel, H, W // 2 + 1)
+    prior : ndarray, shape (2, channel, ...)
         Power of each layer.
 
     Returns
     -------
-    coefficients : ndarray, shape (2, channel, H, W // 2 + 1)
+    coefficients : ndarray, shape (2, channel, ...)
     uncertainty : ndarray, same shape
         Variance that remains.
     """
@@ -75,59 +129,68 @@ def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spe
     return coefficients, uncertainty
 
 
+@dataclass(frozen=True)
+class FittedSpectra:
+    """Spectra of the layers that explain the photographs.
+
+    Attributes
+    ----------
+    power : ndarray, shape (2, channel)
+        Of the power law.
+    logarithms : ndarray, shape (2, channel, bands)
+        Of each band's correction.
+    prior, uncertainty : ndarray of float32, shape (2, channel, n)
+        Power before and after the photographs are seen, at the sampled frequencies.
+    """
+
+    power: NDArray[np.float64]
+    logarithms: NDArray[np.float64]
+    prior: Power
+    uncertainty: Power
+
+    def everywhere(self, bands: FrequencyBands) -> Power:
+        """Power of every frequency before the photographs are seen, (2, channel, H, W // 2 + 1)."""
+        return np.stack(
+            [
+                np.stack([bands.power_law(float(p), log) for p, log in zip(powers, logs, strict=True)])
+                for powers, logs in zip(self.power, self.logarithms, strict=True)
+            ]
+        )
+
+
 def fit_spectra(
     information: Spectrum, right: Spectrum, bands: FrequencyBands, gradient_power: NDArray[np.float64]
-) -> Power:
-    """Spectra under which the photographs are most likely: first a power law, then its value in each band.
+) -> FittedSpectra:
+    """Spectra under which the photographs are most likely: first a power law, then its correction in each band.
 
     Parameters
     ----------
-    information, right : ndarray
-        As for `posterior`.
+    information : ndarray, shape (2, 2, n)
+        At the sample of `bands`, else as for `posterior`.
+    right : ndarray, shape (2, channel, n)
     bands : FrequencyBands
     gradient_power : ndarray, shape (channel,)
         Mean squared gradient per colour to start from.
-
-    Returns
-    -------
-    ndarray of float32, shape (2, channel, H, W // 2 + 1)
     """
     law = bands.squared_frequency ** (_POWER_LAW / 2)
     power = np.stack([gradient_power, gradient_power])
-    prior: Power = (power[..., None, None] / law).astype(np.float32)
+    logarithms = np.zeros((*power.shape, _N_BANDS))
+    prior: Power = (power[..., None] / law).astype(np.float32)
     for _ in range(_TURNS_POWER_LAW):
-        expected = _expected_power(information, right, prior)
-        power = (expected * (law * bands.multiplicity)).sum(axis=(-1, -2), dtype=np.float64)
-        prior = (power[..., None, None] / law).astype(np.float32)
+        power = (_expected_power(information, right, prior) * (law * bands.share)).sum(axis=-1, dtype=np.float64)
+        prior = (power[..., None] / law).astype(np.float32)
     for _ in range(_TURNS_BANDS):
         ratio = _expected_power(information, right, prior) / prior
-        for layer in range(2):
-            for channel in range(prior.shape[1]):
-                prior[layer, channel] *= bands.smoothed_ratio(ratio[layer, channel])
-    return prior
+        for where in np.ndindex(power.shape):
+            step = bands.smoothed_logarithm(ratio[where])
+            logarithms[where] += step
+            prior[where] *= bands.at_sample(step)
+    return FittedSpectra(power, logarithms, prior, posterior(information, right, prior)[1])
 
 
 def _expected_power(information: Spectrum, right: Spectrum, prior: Power) -> Power:
     coefficients, uncertainty = posterior(information, right, prior)
     return np.square(coefficients.real) + np.square(coefficients.imag) + uncertainty
-
-
-def mean_power(power: Power, gain: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    """Mean square over the pixels of images whose power per frequency is `power`, filtered by `gain` (a power).
-
-    Parameters
-    ----------
-    power : ndarray, shape (..., H, W // 2 + 1)
-    gain : ndarray, shape (H, W // 2 + 1)
-    width : int
-        W, which the half spectrum does not tell.
-
-    Returns
-    -------
-    ndarray, shape (...)
-    """
-    weights = gain * column_multiplicity(width) / (power.shape[-2] * width)
-    return np.asarray((power * weights).sum(axis=(-1, -2), dtype=np.float64))
 
 
 def column_multiplicity(width: int) -> NDArray[np.float64]:

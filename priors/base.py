@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from array_api_compat import array_namespace
 
-Layers = NDArray[np.float32]
-Plane = NDArray[np.float32]
+# numpy arrays or torch tensors, float32 but in tests.
+Layers = Any
+Plane = Any
 
 
 class Regularizer(Protocol):
@@ -27,39 +27,36 @@ class ColorGradient:
 
     Parameters
     ----------
-    layer : ndarray, shape (channel, h, w)
+    layer : array, shape (channel, h, w)
     chroma_weight : float
     """
 
     def __init__(self, layer: Layers, chroma_weight: float) -> None:
-        self._excess = np.float32(chroma_weight - 1)
-        self._x = np.zeros_like(layer)
-        self._y = np.zeros_like(layer)
-        np.subtract(layer[..., 1:], layer[..., :-1], out=self._x[..., :-1])
-        np.subtract(layer[..., 1:, :], layer[..., :-1, :], out=self._y[..., :-1, :])
-        self._flows = [self._turned(difference) for difference in (self._x, self._y)]
+        self._excess = chroma_weight - 1
+        self._xp = xp = array_namespace(layer)
+        x, y = xp.zeros_like(layer), xp.zeros_like(layer)
+        x[..., :-1] = layer[..., 1:] - layer[..., :-1]
+        y[..., :-1, :] = layer[..., 1:, :] - layer[..., :-1, :]
+        self._differences = (x, y)
+        self._flows = [self._turned(difference) for difference in self._differences]
 
     def _turned(self, difference: Layers) -> Layers:
         """Half the derivative of q by a difference: the difference itself, and more of its chroma."""
-        if len(difference) == 1:
+        if difference.shape[0] == 1:
             return difference
-        chroma: Layers = difference - difference.mean(axis=0)
-        chroma *= self._excess
-        chroma += difference
-        return chroma
+        chroma = difference - self._xp.mean(difference, axis=0)
+        return difference + self._excess * chroma
 
     def energy(self) -> Plane:
         """q per pixel, shape (h, w)."""
-        plane: Plane = np.einsum("chw,chw->hw", self._x, self._flows[0])
-        plane += np.einsum("chw,chw->hw", self._y, self._flows[1])
-        return plane
+        pairs = zip(self._differences, self._flows, strict=True)
+        return sum(self._xp.sum(difference * flow, axis=0) for difference, flow in pairs)
 
     def backward(self, slope: Plane) -> Layers:
         """Gradient with respect to the layer of a function whose derivative by q is `slope`."""
         twice = 2 * slope
         flow_x, flow_y = (twice * flow for flow in self._flows)
-        gradient: Layers = -flow_x
-        gradient -= flow_y
+        gradient = -flow_x - flow_y
         gradient[..., 1:] += flow_x[..., :-1]
         gradient[..., 1:, :] += flow_y[..., :-1, :]
         return gradient

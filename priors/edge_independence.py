@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
+from array_api_compat import array_namespace
 
-from priors.base import CHROMA_WEIGHT, ColorGradient, Layers, Plane
+from priors.base import CHROMA_WEIGHT, ColorGradient, Layers
 
 
 @dataclass(frozen=True)
@@ -32,21 +32,12 @@ class EdgeIndependence:
 
     def value_and_grad(self, layers: Layers) -> tuple[float, Layers]:
         """Value and gradient at layers (2, channel, h, w)."""
-        edges = [ColorGradient(layer, CHROMA_WEIGHT) for layer in layers]
+        xp = array_namespace(layers)
+        edges = [ColorGradient(layers[i, ...], CHROMA_WEIGHT) for i in (0, 1)]
         # Both from one quotient: u = 1 - w and du/dq = w^2 / typical with w = typical / (q + typical).
-        rests = [_rest(edge.energy(), typical) for edge, typical in zip(edges, self.typical, strict=True)]
-        value = float(np.einsum("hw,hw->", 1 - rests[0], 1 - rests[1], dtype=np.float64))
-        gradient = np.empty_like(layers)
-        for i, typical in enumerate(self.typical):
-            slope = np.square(rests[i])
-            slope *= 1 - rests[1 - i]
-            slope *= np.float32(self.strength / typical)
-            gradient[i] = edges[i].backward(slope)
+        rests = [typical / (edge.energy() + typical) for edge, typical in zip(edges, self.typical, strict=True)]
+        value = float(xp.sum((1 - rests[0]) * (1 - rests[1]), dtype=xp.float64))
+        gradient = xp.stack(
+            [edges[i].backward(self.strength / self.typical[i] * rests[i] ** 2 * (1 - rests[1 - i])) for i in (0, 1)]
+        )
         return self.strength * value, gradient
-
-
-def _rest(energy: Plane, typical: float) -> Plane:
-    rest: Plane = energy
-    rest += np.float32(typical)
-    np.divide(np.float32(typical), rest, out=rest)
-    return rest

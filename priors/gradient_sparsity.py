@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-import numpy as np
+from array_api_compat import array_namespace
 
 from priors.base import CHROMA_WEIGHT, ColorGradient, Layers, Plane
 
@@ -57,35 +58,33 @@ class GradientSparsity:
 
     def value_and_grad(self, layers: Layers) -> tuple[float, Layers]:
         """Value and gradient at layers (2, channel, h, w)."""
-        gradient = np.zeros_like(layers)
+        gradient = array_namespace(layers).zeros_like(layers)
         total = 0.0
         for i, sparsity in enumerate(self.layers):
             if sparsity.strength:
-                value, gradient[i] = self._of_layer(layers[i], sparsity)
+                value, gradient[i, ...] = self._of_layer(layers[i, ...], sparsity)
                 total += value
         return total, gradient
 
     def _of_layer(self, layer: Layers, sparsity: LayerSparsity) -> tuple[float, Layers]:
+        xp = array_namespace(layer)
         edges = ColorGradient(layer, CHROMA_WEIGHT)
         half = self.exponent / 2
         factor = sparsity.strength / sparsity.scale**half
-        energy = _pooled(edges.energy())
-        energy += np.float32(sparsity.floor)
-        # Several times faster than a power.
-        powers = np.exp(np.float32(half) * np.log(energy))
-        value = factor * (float(powers.sum(dtype=np.float64)) - powers.size * sparsity.floor**half)
-        powers /= energy
-        powers *= np.float32(factor * half)
-        return value, edges.backward(_pooled(powers))
+        energy = _pooled(edges.energy()) + sparsity.floor
+        powers = energy**half
+        total = float(xp.sum(powers, dtype=xp.float64))
+        value = factor * (total - math.prod(powers.shape) * sparsity.floor**half)
+        return value, edges.backward(_pooled(factor * half * powers / energy))
 
 
 def _pooled(plane: Plane) -> Plane:
     """Mean over 3x3 pixels, nothing beyond the frame: its own transpose."""
-    rows = plane.copy()
-    rows[1:] += plane[:-1]
-    rows[:-1] += plane[1:]
-    pooled: Plane = rows.copy()
+    xp = array_namespace(plane)
+    rows = xp.asarray(plane, copy=True)
+    rows[1:, :] += plane[:-1, :]
+    rows[:-1, :] += plane[1:, :]
+    pooled = xp.asarray(rows, copy=True)
     pooled[:, 1:] += rows[:, :-1]
     pooled[:, :-1] += rows[:, 1:]
-    pooled *= np.float32(1 / 9)
-    return pooled
+    return pooled / 9

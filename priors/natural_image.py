@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from array_api_compat import array_namespace
 
 from priors.base import Layers
 
 
 @dataclass(frozen=True)
 class NaturalImage:
-    """Penalty ``sum_l strength_l / 2 sum_frequencies |F(x_l - mean_l)|^2 / power_l`` in a basis of the colours.
+    """Penalty ``1/2 sum_l sum_frequencies stiffness_l |F(x_l - mean_l)|^2`` in a basis of the colours.
 
     Parameters
     ----------
-    strength : (float, float)
-        Weight of each layer.
-    power : ndarray, shape (2, channel, h, w // 2 + 1)
-        Expected power of each frequency of an orthonormal transform, for each colour of the basis.
-    mean : ndarray, shape (2, channel, 1, 1)
+    stiffness : array, shape (2, channel, h, w // 2 + 1)
+        Inverse of the power that is expected at each frequency of an orthonormal transform, for each colour of the
+        basis, times the weight of the penalty.
+    mean : array, shape (2, channel, 1, 1)
         Expected mean, in the basis.
-    basis : ndarray, shape (channel, channel)
+    basis : array, shape (channel, channel)
         Orthonormal rows.
 
     References
@@ -31,20 +30,24 @@ class NaturalImage:
     JOSA A 4, 1987.
     """
 
-    strength: tuple[float, float]
-    power: NDArray[np.float32]
-    mean: NDArray[np.float32]
-    basis: NDArray[np.float64]
+    stiffness: Any
+    mean: Any
+    basis: Any
 
     def value_and_grad(self, layers: Layers) -> tuple[float, Layers]:
         """Value and gradient at layers (2, channel, h, w)."""
-        from scipy.fft import irfft2, rfft2
-
-        basis = self.basis.astype(np.float32)
-        off_mean = np.einsum("oc,lchw->lohw", basis, layers) - self.mean
-        spectrum = rfft2(off_mean, norm="ortho", workers=2)
-        spectrum *= np.array(self.strength, dtype=np.float32)[:, None, None, None] / self.power
-        filtered = irfft2(spectrum, s=layers.shape[-2:], norm="ortho", workers=2)
-        value = 0.5 * float(np.einsum("lchw,lchw->", off_mean, filtered, dtype=np.float64))
-        gradient: Layers = np.einsum("oc,lohw->lchw", basis, filtered)
+        xp = array_namespace(layers)
+        off_mean = in_basis(self.basis, layers, xp) - self.mean
+        spectrum = xp.fft.rfftn(off_mean, axes=(-2, -1), norm="ortho") * self.stiffness
+        filtered = xp.fft.irfftn(spectrum, s=tuple(layers.shape[-2:]), axes=(-2, -1), norm="ortho")
+        value = 0.5 * float(xp.sum(off_mean * filtered, dtype=xp.float64))
+        gradient: Layers = in_basis(self.basis.T, filtered, xp)
         return value, gradient
+
+
+def in_basis(basis: Any, layers: Any, xp: Any) -> Any:
+    """Change the colours of images (..., channel, h, w) to another basis (new channel, channel)."""
+    if basis.shape[0] == 1:
+        return layers * basis[0, 0]
+    flat = xp.reshape(layers, (*layers.shape[:-2], -1))
+    return xp.reshape(xp.matmul(basis, flat), layers.shape)

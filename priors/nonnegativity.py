@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
+from array_api_compat import array_namespace
 
 from priors.base import Layers
 
@@ -24,8 +24,10 @@ class Nonnegativity:
 
     def value_and_grad(self, layers: Layers) -> tuple[float, Layers]:
         """Value and gradient at layers (2, channel, h, w)."""
-        below = np.minimum(layers, 0)
-        strength = np.array(self.strength)
-        squares = np.square(below).sum(axis=(1, 2, 3), dtype=np.float64)
-        gradient: Layers = below * strength.astype(layers.dtype)[:, None, None, None]
-        return 0.5 * float(strength @ squares), gradient
+        xp = array_namespace(layers)
+        below = xp.where(layers < 0, layers, xp.zeros_like(layers))
+        value = 0.0
+        for i, strength in enumerate(self.strength):
+            value += 0.5 * strength * float(xp.sum(below[i, ...] ** 2, dtype=xp.float64))
+            below[i, ...] *= strength
+        return value, below

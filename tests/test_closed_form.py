@@ -11,7 +11,7 @@ from polaropt.closed_form import natural_image_layers, per_pixel_layers, plate_e
 from polaropt.forward import PSE
 from polaropt.metrics import psnr_db
 from polaropt.scene import SceneParameters
-from polaropt.spectra import FrequencyBands, fit_spectra, mean_power, posterior
+from polaropt.spectra import FrequencyBands, column_multiplicity, fit_spectra, posterior, squared_frequencies
 from tests.blends import blend
 
 
@@ -49,26 +49,32 @@ def test_the_posterior_is_that_of_the_dense_system():
 
 
 def test_spectra_of_random_layers_are_recovered():
-    height, width, noise = 128, 96, 0.01
+    height, width, noise = 192, 200, 0.01
     bands = FrequencyBands(height, width)
-    true = np.stack([[0.02 / bands.squared_frequency], [0.3 / bands.squared_frequency**1.4]])
+    rows, columns = squared_frequencies(height, width)
+    squared = rows[:, None] + columns + (2 * np.pi / width) ** 2
+    true = np.stack([[0.02 / squared], [0.3 / squared**1.4]])
     random = np.random.default_rng(1)
     white = np.fft.rfft2(random.standard_normal((2, 1, height, width)), norm="ortho")
     mixing = np.array([[0.9, 0.1], [0.7, 0.3]])
     data = np.einsum("el,lchw->echw", mixing, white * np.sqrt(true))
     data += noise * np.fft.rfft2(random.standard_normal((2, 1, height, width)), norm="ortho")
-    information = np.broadcast_to((mixing.T @ mixing / noise**2)[:, :, None, None], (2, 2, height, width // 2 + 1))
-    right = np.einsum("el,echw->lchw", mixing, data) / noise**2
-    found = fit_spectra(information.astype(complex), right, bands, np.array([0.05]))
-    slow = np.broadcast_to(bands.squared_frequency < 1, true.shape)
+    information = np.broadcast_to((mixing.T @ mixing / noise**2)[:, :, None], (2, 2, bands.sample.size))
+    right = np.einsum("el,echw->lchw", mixing, data).reshape(2, 1, -1)[..., bands.sample] / noise**2
+    found = fit_spectra(information.astype(complex), right, bands, np.array([0.05])).everywhere(bands)
+    slow = np.broadcast_to(squared < 1, true.shape)
     assert np.abs(np.log(found / true))[slow].mean() < 0.3
 
 
-def test_mean_power_is_parsevals():
-    for width in (14, 15):
-        image = np.random.default_rng(0).standard_normal((12, width))
-        power = np.abs(np.fft.rfft2(image, norm="ortho")) ** 2
-        assert mean_power(power, np.ones_like(power), width) == pytest.approx(np.mean(image**2))
+@pytest.mark.parametrize("size", [(12, 14), (40, 15), (300, 310)])
+def test_the_sampled_frequencies_stand_for_all(size):
+    bands = FrequencyBands(*size)
+    rows, columns = squared_frequencies(*size)
+    squared = rows[:, None] + columns + (2 * np.pi / max(size)) ** 2
+    power = column_multiplicity(size[1]) / squared
+    assert bands.share.sum() == pytest.approx(1, rel=1e-3)
+    expected = power.sum() / np.prod(size)
+    assert (bands.share / bands.squared_frequency).sum() == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("incidence_deg", [10, 40, 70])
@@ -87,7 +93,7 @@ def test_what_the_photographs_do_not_tell_stays_uncertain():
         example = blend(incidence, 64)
         pse = PSE(example.scene, example.capture.angles_deg)
         known = natural_image_layers(example.capture, pse, canvas_for(pse, 64, 64), 0.005)
-        shares.append(float(known.uncertainty[1].sum() / known.prior[1].sum()))
+        shares.append(float(known.unknown_edges[1].sum() / known.edges[1].sum()))
     assert shares[0] > 0.5 > shares[1]
 
 

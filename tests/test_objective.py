@@ -8,10 +8,11 @@ import pytest
 from polaropt.canvas import canvas_for
 from polaropt.capture import Capture
 from polaropt.closed_form import natural_image_layers
+from polaropt.color_basis import opponent_basis
 from polaropt.errors import InputError
 from polaropt.forward import PSE
-from polaropt.objective import Misfit, Weights, build_objective, unknown_shares
-from polaropt.preconditioner import FourierPreconditioner
+from polaropt.objective import Misfit, Weights, build_objective, default_penalties, unknown_shares
+from polaropt.preconditioner import AssumedHessian, FourierPreconditioner
 from priors.natural_image import NaturalImage
 from tests.blends import Blend, blend
 from tests.checks import assert_gradient
@@ -24,7 +25,8 @@ def built(example: Blend, noise: float = 0.005, weights: Weights | None = None, 
     canvas = canvas_for(pse, *example.capture.shape[-2:])
     known = natural_image_layers(example.capture, pse, canvas, noise)
     misfit = Misfit(example.capture, pse, canvas, noise, robust)
-    return build_objective(misfit, known, canvas, noise, weights or Weights()), known, misfit, canvas
+    objective = build_objective(misfit, default_penalties(known, noise), canvas, weights or Weights())
+    return objective, known, misfit, canvas
 
 
 @pytest.mark.parametrize("robust", [False, True])
@@ -109,29 +111,42 @@ def test_the_reflection_is_told_less_near_normal_incidence():
     assert shares == sorted(shares, reverse=True)
 
 
+def hessian_for(shape: tuple[int, ...], curvature: float = 0.3) -> AssumedHessian:
+    random = np.random.default_rng(0)
+    half = (shape[2], shape[3] // 2 + 1)
+    return AssumedHessian(
+        told=random.uniform(2, 3, (2, *half)).astype(np.float32),
+        cross=np.exp(1j * random.uniform(0, 6, half)).astype(np.complex64),
+        stiffness=random.uniform(0.1, 1, (2, shape[1], *half)).astype(np.float32),
+        curvature=np.full((2, shape[1]), curvature),
+    )
+
+
 @pytest.mark.parametrize("shape", [(2, 1, 17, 22), (2, 3, 16, 15)])
 def test_whitened_coordinates_turn_gradients_by_the_transpose(shape):
     random = np.random.default_rng(0)
-    half = (shape[2], shape[3] // 2 + 1)
-    information = np.zeros((2, 2, *half), dtype=np.complex64)
-    information[0, 0], information[1, 1], information[0, 1] = 3.0, 2.0, 1.0
-    information[1, 0] = information[0, 1].conj()
-    prior = np.ones((2, shape[1], *half), dtype=np.float32)
-    start = random.standard_normal(shape).astype(np.float32)
-    whitened = FourierPreconditioner(start, information, prior, np.eye(shape[1]))
-    z = random.standard_normal(whitened.size).astype(np.float32)
-    g = random.standard_normal(shape).astype(np.float32)
-    np.testing.assert_array_equal(whitened.layers(np.zeros_like(z)), start)
-    assert np.vdot(whitened.layers(z) - start, g) == pytest.approx(np.vdot(z, whitened.gradient(g)), rel=1e-3)
+    mean = np.zeros((2, shape[1], 1, 1), dtype=np.float32)
+    whitened = FourierPreconditioner(hessian_for(shape), mean, opponent_basis(shape[1]), shape[3])
+    layers, g = (random.standard_normal(shape).astype(np.float32) for _ in range(2))
+    z = whitened.coordinates(layers)
+    assert np.vdot(whitened.layers(z), g) == pytest.approx(np.vdot(z, whitened.gradient(g)), rel=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(2, 1, 17, 22), (2, 3, 16, 15)])
+def test_layers_come_back_from_their_coordinates(shape):
+    mean = np.full((2, shape[1], 1, 1), 0.3, dtype=np.float32)
+    whitened = FourierPreconditioner(hessian_for(shape), mean, opponent_basis(shape[1]), shape[3])
+    layers = np.random.default_rng(0).standard_normal(shape).astype(np.float32)
+    np.testing.assert_allclose(whitened.layers(whitened.coordinates(layers)), layers, atol=2e-5)
 
 
 def test_a_quadratic_with_the_assumed_hessian_becomes_round():
     """Of the natural-image prior alone, one step along the gradient finds the minimum."""
-    _, known, _, _ = built(blend(60, 48))
-    prior = NaturalImage((1.0, 1.0), known.prior, np.zeros_like(known.mean), known.basis)
-    nothing = np.zeros_like(known.information)
-    whitened = FourierPreconditioner(np.zeros_like(known.layers), nothing, known.prior, known.basis)
-    z = np.random.default_rng(0).standard_normal(whitened.size).astype(np.float32)
+    _, known, _, canvas = built(blend(60, 48))
+    prior = NaturalImage(1 / known.prior, np.zeros_like(known.mean), known.basis)
+    nothing = AssumedHessian(np.zeros_like(known.told), np.zeros_like(known.cross), 1 / known.prior, np.zeros((2, 3)))
+    whitened = FourierPreconditioner(nothing, np.zeros_like(known.mean), known.basis, canvas.shape[1])
+    z = whitened.coordinates(np.random.default_rng(0).standard_normal(known.layers.shape).astype(np.float32))
     value, gradient = prior.value_and_grad(whitened.layers(z))
     after, _ = prior.value_and_grad(whitened.layers(z - whitened.gradient(gradient)))
     assert after < 1e-6 * value

@@ -22,7 +22,8 @@ def natural(channels: int, height: int, width: int) -> NaturalImage:
     if width % 2 == 0:
         power[..., 1:, -1] = 0.5 * (power[..., 1:, -1] + power[..., :0:-1, -1])
     mean = np.full((2, channels, 1, 1), 0.3, dtype=np.float32)
-    return NaturalImage((0.7, 0.2), power, mean, opponent_basis(channels))
+    strength = np.array([0.7, 0.2], dtype=np.float32)[:, None, None, None]
+    return NaturalImage(strength / power, mean, opponent_basis(channels))
 
 
 def penalties(channels: int, height: int, width: int) -> list[object]:

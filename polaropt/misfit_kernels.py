@@ -1,0 +1,232 @@
+"""Compiled passes over rows: from layers to whitened residuals of the plate's entries, and back."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled import compiled
+
+Array = NDArray[Any]
+
+
+class Ghosts(NamedTuple):
+    """What the pane does to the layers: weights (2, ghost, entry), whole and fractional shifts (ghost, 2) in pixels."""
+
+    taps: Array
+    whole: Array
+    fraction: Array
+
+
+@compiled
+def _continued_row(plane: Array, y: int, first: int, out: Array) -> None:
+    """Samples first, first + 1, ... of row y, continued by the edge values."""
+    height, width = plane.shape
+    row = plane[min(max(y, 0), height - 1)]
+    begin, end = min(max(-first, 0), out.size), max(min(width - first, out.size), 0)
+    if end > begin:
+        inside, source = out[begin:end], row[first + begin : first + end]
+        for x in range(inside.size):
+            inside[x] = source[x]
+    for x in range(begin):
+        out[x] = row[0]
+    for x in range(max(end, begin), out.size):
+        out[x] = row[width - 1]
+
+
+@compiled
+def _moves(whole: Array, fraction: Array) -> bool:
+    return bool(whole[0] != 0 or whole[1] != 0 or fraction[0] != 0 or fraction[1] != 0)
+
+
+@compiled
+def _shifted_row(
+    plane: Array, y: int, left: int, whole: Array, fraction: Array, padded: Array, other: Array, out: Array
+) -> None:
+    """Row y from column left on of a plane shifted by whole + fraction (columns, rows), bilinear."""
+    first = left - whole[0] - 1
+    _continued_row(plane, y - whole[1], first, padded)
+    if fraction[1] != 0:
+        _continued_row(plane, y - whole[1] - 1, first, other)
+        for x in range(padded.size):
+            padded[x] += fraction[1] * (other[x] - padded[x])
+    before, at = padded[:-1], padded[1:]
+    for x in range(out.size):
+        out[x] = at[x] + fraction[0] * (before[x] - at[x])
+
+
+@compiled
+def _add_scaled(source: Array, factor: Any, out: Array) -> None:
+    for x in range(out.size):
+        out[x] += factor * source[x]
+
+
+@compiled
+def _entries_row(layers: Array, c: int, y: int, left: int, ghosts: Ghosts, entries: Array, scratch: Array) -> None:
+    """One row of the plate's entries (entry, w), all ghosts of both layers."""
+    width = entries.shape[1]
+    padded, other, shifted = scratch[0, : width + 1], scratch[1, : width + 1], scratch[2, :width]
+    entries[:] = 0
+    for i in range(2):
+        for k in range(ghosts.taps.shape[1]):
+            source = shifted
+            if _moves(ghosts.whole[k], ghosts.fraction[k]):
+                _shifted_row(layers[i, c], y, left, ghosts.whole[k], ghosts.fraction[k], padded, other, shifted)
+            else:
+                source = layers[i, c, y, left : left + width]
+            for e in range(entries.shape[0]):
+                _add_scaled(source, ghosts.taps[i, k, e], entries[e])
+
+
+@compiled
+def _whiten_row(entries: Array, root: Array, data: Array, c: int, y: int, residual: Array) -> None:
+    """Residual root entries - data of one row, (entry, w), for pixels of one kind."""
+    for e in range(root.shape[0]):
+        out, target = residual[e], data[e, c, y]
+        for x in range(out.size):
+            out[x] = -target[x]
+        for f in range(root.shape[0]):
+            _add_scaled(entries[f], root[e, f], out)
+
+
+@compiled
+def _whiten_row_of_kinds(
+    entries: Array, roots: Array, kinds: Array, data: Array, c: int, y: int, residual: Array
+) -> None:
+    for x in range(kinds.size):
+        root = roots[kinds[x]]
+        for e in range(root.shape[0]):
+            total = -data[e, c, y, x]
+            for f in range(root.shape[0]):
+                total += root[e, f] * entries[f, x]
+            residual[e, x] = total
+
+
+@compiled
+def _unwhiten_row(residual: Array, root: Array, weight: Any, out: Array, c: int, y: int) -> None:
+    """Derivative by the entries: weight times root residual; the root is symmetric."""
+    for e in range(root.shape[0]):
+        target = out[e, c, y]
+        for x in range(target.size):
+            target[x] = 0
+        for f in range(root.shape[0]):
+            _add_scaled(residual[f], weight * root[e, f], target)
+
+
+@compiled
+def _unwhiten_row_of_kinds(
+    residual: Array, roots: Array, kinds: Array, weight: Any, out: Array, c: int, y: int
+) -> None:
+    for x in range(kinds.size):
+        root = roots[kinds[x]]
+        for e in range(root.shape[0]):
+            total = np.float32(0)
+            for f in range(root.shape[0]):
+                total += root[e, f] * residual[f, x]
+            out[e, c, y, x] = weight * total
+
+
+@compiled
+def _half_squares(residual: Array) -> Any:
+    total: Any = 0.0
+    for e in range(residual.shape[0]):
+        row, in_row = residual[e], np.float32(0)
+        for x in range(row.size):
+            in_row += row[x] * row[x]
+        total += in_row
+    return 0.5 * total
+
+
+@compiled
+def residuals(
+    layers: Array,
+    top: int,
+    left: int,
+    ghosts: Ghosts,
+    roots: Array,
+    kinds: Array,
+    data: Array,
+    weight: Any,
+    out: Array,
+    start: int,
+    stop: int,
+) -> Any:
+    """Half the sum of squared residuals of rows start..stop; weight times its slope by the entries goes into out.
+
+    Shapes: layers (2, channel, H, W), roots (kind, entry, entry), kinds (channel, h, w) or empty where all pixels are
+    of one kind, data and out (entry, channel, h, w).
+    """
+    n, colors, _, width = data.shape
+    entries, residual = np.empty((n, width), np.float32), np.empty((n, width), np.float32)
+    scratch = np.empty((3, width + 1), np.float32)
+    total: Any = 0.0
+    for y in range(start, stop):
+        for c in range(colors):
+            _entries_row(layers, c, top + y, left, ghosts, entries, scratch)
+            if kinds.size == 0:
+                _whiten_row(entries, roots[0], data, c, y, residual)
+                _unwhiten_row(residual, roots[0], weight, out, c, y)
+            else:
+                _whiten_row_of_kinds(entries, roots, kinds[c, y], data, c, y, residual)
+                _unwhiten_row_of_kinds(residual, roots, kinds[c, y], weight, out, c, y)
+            total += _half_squares(residual)
+    return total
+
+
+@compiled
+def _add_continued_row(samples: Array, factor: Any, y: int, first: int, plane: Array) -> None:
+    """Transpose of `_continued_row`, times factor."""
+    height, width = plane.shape
+    row = plane[min(max(y, 0), height - 1)]
+    begin, end = min(max(-first, 0), samples.size), max(min(width - first, samples.size), 0)
+    if end > begin:
+        _add_scaled(samples[begin:end], factor, row[first + begin : first + end])
+    at_start, at_end = np.float32(0), np.float32(0)
+    for x in range(begin):
+        at_start += samples[x]
+    for x in range(max(end, begin), samples.size):
+        at_end += samples[x]
+    row[0] += factor * at_start
+    row[width - 1] += factor * at_end
+
+
+@compiled
+def _add_shifted_row(
+    row: Array, y: int, left: int, whole: Array, fraction: Array, samples: Array, plane: Array
+) -> None:
+    """Transpose of `_shifted_row`."""
+    one = np.float32(1)
+    samples[0] = 0
+    at, before = samples[1:], samples[:-1]
+    for x in range(row.size):
+        at[x] = (one - fraction[0]) * row[x]
+    _add_scaled(row, fraction[0], before)
+    first = left - whole[0] - 1
+    _add_continued_row(samples, one - fraction[1], y - whole[1], first, plane)
+    if fraction[1] != 0:
+        _add_continued_row(samples, fraction[1], y - whole[1] - 1, first, plane)
+
+
+@compiled
+def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, start: int, stop: int) -> None:
+    """Bring slopes by the entries (entry, channel, h, w) back to the layers.
+
+    Planes start..stop of gradient (2, channel, H, W), counted through both layers, are overwritten.
+    """
+    n, colors, height, width = slopes.shape
+    mixed, samples = np.empty(width, np.float32), np.empty(width + 1, np.float32)
+    for which in range(start, stop):
+        i, c = which // colors, which % colors
+        plane = gradient[i, c]
+        plane[:] = 0
+        for y in range(height):
+            for k in range(ghosts.taps.shape[1]):
+                mixed[:] = 0
+                for e in range(n):
+                    _add_scaled(slopes[e, c, y], ghosts.taps[i, k, e], mixed)
+                if _moves(ghosts.whole[k], ghosts.fraction[k]):
+                    _add_shifted_row(mixed, top + y, left, ghosts.whole[k], ghosts.fraction[k], samples, plane)
+                else:
+                    _add_scaled(mixed, np.float32(1), plane[top + y, left : left + width])
