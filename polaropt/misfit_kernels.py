@@ -64,30 +64,71 @@ def _add_scaled(source: Array, factor: Any, out: Array) -> None:
 
 
 @compiled
+def _within(first: int, n: int, y: int, height: int, width: int) -> bool:
+    """Whether n samples from column first on, in rows y - 1 and y, lie on the canvas."""
+    return first >= 0 and first + n <= width and 1 <= y < height
+
+
+@compiled
+def _interpolate(above: Array, row: Array, fraction: Array, out: Array) -> None:
+    """Bilinear shift by a fraction to the right and down: n samples from n + 1 of a row and of the one above."""
+    across, down = fraction[0], fraction[1]
+    at, at_above = row[1:], above[1:]
+    for x in range(out.size):
+        before = row[x] + down * (above[x] - row[x])
+        here = at[x] + down * (at_above[x] - at[x])
+        out[x] = here + across * (before - here)
+
+
+@compiled
+def _add_to_both(source: Array, first: Any, second: Any, out: Array, other: Array) -> None:
+    for x in range(out.size):
+        out[x] += first * source[x]
+        other[x] += second * source[x]
+
+
+@compiled
+def _add_to_entries(source: Array, taps: Array, entries: Array) -> None:
+    if taps.size == 2:
+        _add_to_both(source, taps[0], taps[1], entries[0], entries[1])
+    else:
+        for e in range(taps.size):
+            _add_scaled(source, taps[e], entries[e])
+
+
+@compiled
 def _entries_row(layers: Array, c: int, y: int, left: int, ghosts: Ghosts, entries: Array, scratch: Array) -> None:
     """One row of the plate's entries (entry, w), all ghosts of both layers."""
     width = entries.shape[1]
     padded, other, shifted = scratch[0, : width + 1], scratch[1, : width + 1], scratch[2, :width]
     entries[:] = 0
-    for i in range(2):
-        for k in range(ghosts.taps.shape[1]):
+    for k in range(ghosts.taps.shape[1]):
+        whole, fraction = ghosts.whole[k], ghosts.fraction[k]
+        first, row = left - whole[0] - 1, y - whole[1]
+        inside = _within(first, width + 1, row, layers.shape[2], layers.shape[3])
+        for i in range(2):
             source = shifted
-            if _moves(ghosts.whole[k], ghosts.fraction[k]):
-                _shifted_row(layers[i, c], y, left, ghosts.whole[k], ghosts.fraction[k], padded, other, shifted)
-            else:
+            if not _moves(whole, fraction):
                 source = layers[i, c, y, left : left + width]
-            for e in range(entries.shape[0]):
-                _add_scaled(source, ghosts.taps[i, k, e], entries[e])
+            elif inside:
+                above, at = (
+                    layers[i, c, row - 1, first : first + width + 1],
+                    layers[i, c, row, first : first + width + 1],
+                )
+                _interpolate(above, at, fraction, shifted)
+            else:
+                _shifted_row(layers[i, c], y, left, whole, fraction, padded, other, shifted)
+            _add_to_entries(source, ghosts.taps[i, k], entries)
 
 
 @compiled
 def _whiten_row(entries: Array, root: Array, data: Array, c: int, y: int, residual: Array) -> None:
     """Residual root entries - data of one row, (entry, w), for pixels of one kind."""
     for e in range(root.shape[0]):
-        out, target = residual[e], data[e, c, y]
+        out, target, first, entry = residual[e], data[e, c, y], root[e, 0], entries[0]
         for x in range(out.size):
-            out[x] = -target[x]
-        for f in range(root.shape[0]):
+            out[x] = first * entry[x] - target[x]
+        for f in range(1, root.shape[0]):
             _add_scaled(entries[f], root[e, f], out)
 
 
@@ -108,10 +149,10 @@ def _whiten_row_of_kinds(
 def _unwhiten_row(residual: Array, root: Array, weight: Any, out: Array, c: int, y: int) -> None:
     """Derivative by the entries: weight times root residual; the root is symmetric."""
     for e in range(root.shape[0]):
-        target = out[e, c, y]
+        target, first, source = out[e, c, y], weight * root[e, 0], residual[0]
         for x in range(target.size):
-            target[x] = 0
-        for f in range(root.shape[0]):
+            target[x] = first * source[x]
+        for f in range(1, root.shape[0]):
             _add_scaled(residual[f], weight * root[e, f], target)
 
 
@@ -183,13 +224,10 @@ def _add_continued_row(samples: Array, factor: Any, y: int, first: int, plane: A
     begin, end = min(max(-first, 0), samples.size), max(min(width - first, samples.size), 0)
     if end > begin:
         _add_scaled(samples[begin:end], factor, row[first + begin : first + end])
-    at_start, at_end = np.float32(0), np.float32(0)
     for x in range(begin):
-        at_start += samples[x]
+        row[0] += factor * samples[x]
     for x in range(max(end, begin), samples.size):
-        at_end += samples[x]
-    row[0] += factor * at_start
-    row[width - 1] += factor * at_end
+        row[width - 1] += factor * samples[x]
 
 
 @compiled
@@ -210,23 +248,53 @@ def _add_shifted_row(
 
 
 @compiled
+def _interpolate_transposed(row: Array, fraction: Array, above: Array, at: Array) -> None:
+    """Transpose of `_interpolate`: adds n samples to n + 1 of a row and of the one above."""
+    n, one = row.size, np.float32(1)
+    across, down = fraction[0], fraction[1]
+    up, here = down, one - down
+    above[0] += up * across * row[0]
+    at[0] += here * across * row[0]
+    above[n] += up * (one - across) * row[n - 1]
+    at[n] += here * (one - across) * row[n - 1]
+    later, inner_above, inner = row[1:], above[1:n], at[1:n]
+    for x in range(n - 1):
+        mixed = row[x] + across * (later[x] - row[x])
+        inner_above[x] += up * mixed
+        inner[x] += here * mixed
+
+
+@compiled
+def _mix(slopes: Array, c: int, y: int, taps: Array, out: Array) -> None:
+    """Sum of the entries' slopes in row y, weighted by taps."""
+    first, second, t0, t1 = slopes[0, c, y], slopes[1, c, y], taps[0], taps[1]
+    for x in range(out.size):
+        out[x] = t0 * first[x] + t1 * second[x]
+    for e in range(2, taps.size):
+        _add_scaled(slopes[e, c, y], taps[e], out)
+
+
+@compiled
 def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, start: int, stop: int) -> None:
     """Bring slopes by the entries (entry, channel, h, w) back to the layers.
 
     Planes start..stop of gradient (2, channel, H, W), counted through both layers, are overwritten.
     """
-    n, colors, height, width = slopes.shape
+    colors, height, width = slopes.shape[1], slopes.shape[2], slopes.shape[3]
     mixed, samples = np.empty(width, np.float32), np.empty(width + 1, np.float32)
     for which in range(start, stop):
         i, c = which // colors, which % colors
         plane = gradient[i, c]
         plane[:] = 0
-        for y in range(height):
+        for y in range(top, top + height):
             for k in range(ghosts.taps.shape[1]):
-                mixed[:] = 0
-                for e in range(n):
-                    _add_scaled(slopes[e, c, y], ghosts.taps[i, k, e], mixed)
-                if _moves(ghosts.whole[k], ghosts.fraction[k]):
-                    _add_shifted_row(mixed, top + y, left, ghosts.whole[k], ghosts.fraction[k], samples, plane)
+                whole, fraction = ghosts.whole[k], ghosts.fraction[k]
+                _mix(slopes, c, y - top, ghosts.taps[i, k], mixed)
+                first, row = left - whole[0] - 1, y - whole[1]
+                if not _moves(whole, fraction):
+                    _add_scaled(mixed, np.float32(1), plane[y, left : left + width])
+                elif _within(first, width + 1, row, plane.shape[0], plane.shape[1]):
+                    above, at = plane[row - 1, first : first + width + 1], plane[row, first : first + width + 1]
+                    _interpolate_transposed(mixed, fraction, above, at)
                 else:
-                    _add_scaled(mixed, np.float32(1), plane[top + y, left : left + width])
+                    _add_shifted_row(mixed, y, left, whole, fraction, samples, plane)
