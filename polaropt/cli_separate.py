@@ -24,8 +24,17 @@ class SolveOptions:
     """What is minimized, by what, and for how long."""
 
     solver: Annotated[
-        str, typer.Option(metavar="NAME", help="Optimizer that refines the layers.", rich_help_panel=_SOLVING)
-    ] = "scipy"
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Optimizer that refines the layers: lbfgs, scipy, nlopt, casadi or torch.",
+            rich_help_panel=_SOLVING,
+        ),
+    ] = "lbfgs"
+    device: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Where the optimizer torch works: cpu or cuda.", rich_help_panel=_SOLVING),
+    ] = None
     init: Annotated[
         str,
         typer.Option(
@@ -83,11 +92,29 @@ class SolveOptions:
     def check_names(self) -> None:
         """InputError that lists the solvers or starts, where one does not exist."""
         from polaropt.starts import start_names
-        from solvers.registry import solver_names
+        from solvers.base import MissingPackage
+        from solvers.registry import get_solver, solver_names
 
         for option, name, known in (("--solver", self.solver, solver_names()), ("--init", self.init, start_names())):
             if name not in known:
                 raise InputError(f"{option} {name!r} does not exist; choose one of: {', '.join(known)}")
+        try:
+            get_solver(self.solver)
+        except MissingPackage as error:
+            raise InputError(f"--solver: {error}") from None
+        if self.device is not None:
+            self._check_device()
+
+    def _check_device(self) -> None:
+        if self.solver != "torch":
+            raise InputError(f"--device {self.device!r} is for --solver torch, not {self.solver}")
+        import torch
+
+        try:
+            torch.empty(1, device=self.device)
+        except (RuntimeError, AssertionError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(f"--device {self.device!r} cannot be used: {reason}") from None
 
 
 @dataclass(frozen=True)
@@ -140,8 +167,9 @@ def separate_command(capture: CaptureOptions, pane: PaneOptions, solving: SolveO
             thickness_kind=pane.thickness_kind,
             progress=progress,
             robust=solving.robust,
+            device=solving.device,
         )
-        request = Request(scene, solving.solver, solving.init, solving.robust, weights, stopping)
+        request = Request(scene, solving.solver, solving.device, solving.init, solving.robust, weights, stopping)
         report = write_separation(work, result, photographs, request)
     if folder.json:
         say_json({"output": str(folder.output), **report})

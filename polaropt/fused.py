@@ -75,27 +75,25 @@ class FusedObjective:
         """Coordinates of canvas layers."""
         return self._whitened.coordinates(layers)
 
-    def layers(self, z: Vector) -> Images:
-        """Canvas layers (2, channel, H, W) at coordinates z."""
-        self._whitened.layers(z, self._layers)
-        return self._layers.copy()
-
     def value_and_grad(self, z: Vector) -> tuple[float, Vector]:
         """Value (float64) and gradient (float32) at coordinates z."""
-        values = self._evaluate(z, self._weights)
+        values = self._evaluate(z)
         value = sum(self._weights.factor(name) * value for name, value in values.items())
         return value, self._whitened.gradient(self._gradient, z, self._weights.factor("natural_image"))
 
-    def terms(self, z: Vector) -> dict[str, Term]:
-        """Raw value and weight of every term, also of those switched off."""
-        values = self._evaluate(z, self._weights)
-        return {name: Term(value, self._weights.factor(name)) for name, value in values.items()}
+    def solution(self, z: Vector) -> tuple[Images, dict[str, Term]]:
+        """Canvas layers (2, channel, H, W) at z, which the next call overwrites, and the terms.
 
-    def _evaluate(self, z: Vector, weights: Weights) -> dict[str, float]:
+        Each term has its raw value and its weight, also where it is switched off.
+        """
+        values = self._evaluate(z)
+        return self._layers, {name: Term(value, self._weights.factor(name)) for name, value in values.items()}
+
+    def _evaluate(self, z: Vector) -> dict[str, float]:
         """Raw values by name; the gradient by the layers, but for the spectral prior's, goes into the buffer."""
         energy = self._whitened.layers(z, self._layers)
-        misfit = self._misfit.value_and_grad(self._layers, self._gradient, weights.factor("misfit"))
-        local = self._local.value_and_grad(self._layers, self._gradient, weights)
+        misfit = self._misfit.value_and_grad(self._layers, self._gradient, self._weights.factor("misfit"))
+        local = self._local.value_and_grad(self._layers, self._gradient, self._weights)
         return {"misfit": misfit, **local, "natural_image": energy}
 
 

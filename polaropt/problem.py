@@ -28,14 +28,11 @@ class Coordinates(Protocol):
     def coordinates(self, layers: Images) -> Any:
         """Coordinates of canvas layers."""
 
-    def layers(self, z: Any) -> Images:
-        """Canvas layers at coordinates z."""
-
     def value_and_grad(self, z: Any) -> tuple[float, Any]:
         """Value and gradient at coordinates z."""
 
-    def terms(self, z: Any) -> dict[str, Term]:
-        """Raw value and weight of every term."""
+    def solution(self, z: Any) -> tuple[Images, dict[str, Term]]:
+        """Canvas layers at coordinates z, and raw value and weight of every term."""
 
 
 class Problem:

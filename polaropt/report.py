@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from polaropt.separation import Separation
     from solvers.base import SolverResult
 
-_LIBRARIES = ("numpy", "scipy", "nlopt")
+_LIBRARIES = ("numpy", "scipy", "numba", "nlopt", "casadi", "torch")
 _ARRAYS = 16
 
 
@@ -43,10 +43,15 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
         **scene_report(result.scene, given),
         "objective": {name: {"raw": plain(term.value), "weight": plain(term.weight)} for name, term in _terms(result)},
         "solver": solver_report(result.solver),
-        "seconds": {stage: round(seconds, 4) for stage, seconds in result.seconds.items()},
+        "seconds": _rounded(result.seconds),
+        "cpu_seconds": _rounded(result.cpu_seconds),
         "diagnostics": diagnostics_report(result.diagnostics),
         "versions": versions(),
     }
+
+
+def _rounded(seconds: Mapping[str, float]) -> dict[str, float]:
+    return {stage: round(value, 4) for stage, value in seconds.items()}
 
 
 def _terms(result: Separation) -> list[tuple[str, Any]]:

@@ -30,7 +30,8 @@ class Request:
     """What was asked for; None in the scene is estimated, None elsewhere is the default."""
 
     scene: SceneParameters
-    solver: str = "scipy"
+    solver: str = "lbfgs"
+    device: str | None = None
     init: str = "closed-form"
     robust: bool = False
     weights: Weights | None = None

@@ -24,7 +24,7 @@ from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
 from polaropt.simulation import planes_last
 from polaropt.starts import start_layers, start_names
-from solvers.base import Solver, SolverResult, Status, StoppingRule
+from solvers.base import Solver, SolverResult, Status, StoppingRule, TooLarge
 from solvers.compiled import told_of_compiling
 from solvers.registry import get_solver
 
@@ -48,8 +48,8 @@ class Separation:
     solver : SolverResult
         Its `x` is empty: the layers are what it stands for.
     diagnostics : Diagnostics
-    seconds : dict of str to float
-        Time of each stage.
+    seconds, cpu_seconds : dict of str to float
+        Time of each stage: elapsed, and of all cores together.
     parts : callable
         Makes `components`.
     """
@@ -60,6 +60,7 @@ class Separation:
     solver: SolverResult
     diagnostics: Diagnostics
     seconds: dict[str, float]
+    cpu_seconds: dict[str, float]
     parts: Callable[[], Images] = field(repr=False)
 
     @cached_property
@@ -167,9 +168,10 @@ class _Stages:
     def __init__(self, progress: Progress | None) -> None:
         self._progress = progress
         self._name: str | None = None
-        self._since = time.perf_counter()
+        self._since = (time.perf_counter(), time.process_time())
         self._at = 0.0
         self.seconds: dict[str, float] = {}
+        self.cpu_seconds: dict[str, float] = {}
 
     def begin(self, name: str, fraction: float) -> None:
         """End the stage before and begin this one."""
@@ -189,9 +191,10 @@ class _Stages:
 
     def end(self) -> None:
         """End the running stage."""
-        now = time.perf_counter()
+        now = (time.perf_counter(), time.process_time())
         if self._name is not None:
-            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + now - self._since
+            self.seconds[self._name] = now[0] - self._since[0]
+            self.cpu_seconds[self._name] = now[1] - self._since[1]
         self._since, self._name = now, None
 
 
@@ -221,8 +224,11 @@ def _solve(
         stages.advance(0.57 * min(1.0, evaluations / stopping.max_evaluations))
         return objective.value_and_grad(z)
 
-    solution = minimizer.minimize(evaluate, objective.coordinates(start), stopping)
-    return solution, objective.layers(solution.x), objective.terms(solution.x)
+    try:
+        solution = minimizer.minimize(evaluate, objective.coordinates(start), stopping)
+    except TooLarge as error:
+        raise InputError(str(error)) from None
+    return solution, *objective.solution(solution.x)
 
 
 def _report(
@@ -249,6 +255,7 @@ def _report(
         solver=_without_point(solution),
         diagnostics=diagnostics,
         seconds=stages.seconds,
+        cpu_seconds=stages.cpu_seconds,
         parts=partial(_components, problem.pse, problem.canvas, layers, problem.capture.color),
     )
 
@@ -266,6 +273,7 @@ def _unseparated(
         solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),
         diagnostics=diagnose(capture, noise, misfit_ratio=1.0, reflection_unknown=1.0, estimate=estimate),
         seconds=stages.seconds,
+        cpu_seconds=stages.cpu_seconds,
         parts=partial(_halves, capture),
     )
 

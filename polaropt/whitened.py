@@ -34,23 +34,16 @@ class WhitenedObjective:
         """Coordinates of canvas layers, on the device."""
         return self._whitened.coordinates(self._place(layers))
 
-    def layers(self, z: Any) -> Images:
-        """Canvas layers (2, channel, H, W) at coordinates z, as a numpy array."""
-        layers = self._whitened.layers(self._there(z))
-        images: Images = np.asarray(layers.cpu() if is_torch_namespace(array_namespace(layers)) else layers)
-        return images
-
     def value_and_grad(self, z: Any) -> tuple[float, Any]:
         """Value (float64) and gradient (float32) at coordinates z."""
         value, gradient = self._objective.value_and_grad(self._whitened.layers(z))
         return value, self._whitened.gradient(gradient)
 
-    def terms(self, z: Any) -> dict[str, Term]:
-        """Raw value and weight of every term, also of those switched off."""
-        return self._objective.terms(self._whitened.layers(self._there(z)))
-
-    def _there(self, z: Any) -> Any:
-        return self._place(z) if isinstance(z, np.ndarray) else z
+    def solution(self, z: Any) -> tuple[Images, dict[str, Term]]:
+        """Canvas layers (2, channel, H, W) at z as a numpy array, and the terms."""
+        layers = self._whitened.layers(self._place(z) if isinstance(z, np.ndarray) else z)
+        there = is_torch_namespace(array_namespace(layers))
+        return np.asarray(layers.cpu() if there else layers), self._objective.terms(layers)
 
 
 def on_device(device: str) -> Place:

@@ -37,12 +37,12 @@ def assert_equal(problem: Problem, device: str | None = None) -> None:
     expected, slope = readable.value_and_grad(there)
     assert value == pytest.approx(expected, rel=1e-5)
     assert np.linalg.norm(gradient - np.asarray(slope)) <= 1e-5 * np.linalg.norm(gradient)
-    terms, named = fused.terms(z), readable.terms(there)
+    (images, terms), (expected_images, named) = fused.solution(z), readable.solution(there)
     assert terms.keys() == named.keys()
     for name, term in terms.items():
         assert term.value == pytest.approx(named[name].value, rel=1e-5, abs=1e-3)
         assert term.weight == named[name].weight
-    np.testing.assert_allclose(fused.layers(z), readable.layers(there), atol=1e-5)
+    np.testing.assert_allclose(images, expected_images, atol=1e-5)
 
 
 @pytest.mark.parametrize("color", [False, True])
