@@ -8,9 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.plate_frame import block_mean
+
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 
+_MOST_SIDE = 320
+_RINGS = 256
+_LOW = 0.1
 _ROUNDS = 6
 _LEAST = 1e-14
 
@@ -51,13 +56,16 @@ def principal_axis(polarized: Images, noise_covariance: Matrix) -> PrincipalAxis
     """
     from scipy.fft import dctn
 
-    coefficients = dctn(polarized, axes=(-2, -1), norm="ortho")
-    radius2 = _squared_frequency(*polarized.shape[-2:])
+    size = _thinning(max(polarized.shape[-2:]))
+    noise_covariance = noise_covariance / size**2
+    coefficients = dctn(block_mean(polarized, size), axes=(-2, -1), norm="ortho", overwrite_x=size > 1)
+    radius2 = _squared_frequency(*coefficients.shape[-2:])
     noise = float(np.trace(noise_covariance))
     gains = np.stack(
-        [_wiener_gain(np.sum(c * c, axis=0, dtype=np.float64), radius2, noise) for c in np.moveaxis(coefficients, 1, 0)]
+        [_wiener_gain(np.einsum("iyx,iyx->yx", c, c), radius2, noise) for c in coefficients.swapaxes(0, 1)]
     )
-    moment = np.einsum("icyx,jcyx,cyx->ij", coefficients, coefficients, gains, optimize=True)
+    s1, s2 = coefficients * gains
+    moment = np.array([[np.vdot(a, b) for b in coefficients] for a in (s1, s2)], np.float64)
     moment = moment - noise_covariance * gains.sum()
     twice = math.atan2(2 * moment[0, 1], moment[0, 0] - moment[1, 1])
     signal = math.hypot(2 * moment[0, 1], moment[0, 0] - moment[1, 1])
@@ -67,18 +75,29 @@ def principal_axis(polarized: Images, noise_covariance: Matrix) -> PrincipalAxis
     return PrincipalAxis(math.degrees(twice) / 4 % 90, 2 * error_deg, signal / of_noise)
 
 
-def _squared_frequency(height: int, width: int) -> Matrix:
-    rows, columns = (np.pi * np.arange(n) / n for n in (height, width))
-    radius2: Matrix = rows[:, None] ** 2 + columns[None, :] ** 2
+def _thinning(side: int) -> int:
+    """Side of the blocks that are averaged first: polarized light shows at low frequencies."""
+    return int(2 ** max(0, math.ceil(math.log2(side / _MOST_SIDE))))
+
+
+def _squared_frequency(height: int, width: int) -> Images:
+    rows, columns = (np.pi * np.arange(n, dtype=np.float32) / n for n in (height, width))
+    radius2 = np.asarray(rows[:, None] ** 2 + columns[None, :] ** 2, np.float32)
     radius2[0, 0] = (np.pi / max(height, width)) ** 2
     return radius2
 
 
-def _wiener_gain(power: Matrix, radius2: Matrix, noise: float) -> Matrix:
+def _wiener_gain(power: Images, radius2: Images, noise: float) -> Images:
     """Share of signal in the power at each frequency, the signal's level A estimated along the way."""
-    level = max(float(np.mean((power - noise) * radius2, where=radius2 < 0.1)), _LEAST)
+    # Only the distance from zero matters: rings of frequencies do.
+    ring = np.sqrt(radius2 * np.float32((_RINGS / np.pi) ** 2 / 2)).astype(np.int32).ravel()
+    count = np.maximum(np.bincount(ring), 1e-9)
+    signal = np.bincount(ring, (power - np.float32(noise)).ravel() * radius2.ravel())
+    mean_radius2 = np.bincount(ring, radius2.ravel()) / count
+    low = mean_radius2 < _LOW
+    level = max(float(signal[low].sum() / count[low].sum()), _LEAST)
     for _ in range(_ROUNDS):
-        gain: Matrix = level / (level + noise * radius2)
-        level = max(float(np.sum((power - noise) * radius2 * gain**2) / np.sum(gain**2)), _LEAST)
+        gain = level / (level + noise * mean_radius2)
+        level = max(float(np.sum(signal * gain**2) / np.sum(count * gain**2)), _LEAST)
     # Towards white noise (no signal) every frequency should count alike, hence the gain and not the filter itself.
-    return level / (level + noise * radius2)
+    return np.asarray(level / (level + noise * radius2), np.float32)

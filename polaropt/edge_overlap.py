@@ -15,15 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from polaropt.block_images import BlockImages, Step
 from polaropt.fresnel import interface
-from polaropt.plate_frame import Images, Mask, Matrix, PlateFrame, block_mean
+from polaropt.plate_frame import Images, Matrix, block_mean
 from polaropt.scene import SceneParameters
 
 SHRINK = 2.0
 """Gradients are shrunk by this many standard errors."""
-SIZES = (2, 4, 8, 16, 32)
-_LEAST_BLOCKS, _MOST_BLOCKS = 8, 160
-"""Per side; a larger frame has enough of them at a coarser scale."""
 _LEAST_SHIFT = 1.25
 _MOSTLY = 0.75
 _PSEUDO = 0.01
@@ -34,7 +32,7 @@ _SEEN = 1.4
 
 @dataclass(frozen=True)
 class _Scale:
-    """Gradients (copy, entry, direction, channel, h, w) of block means, and the noise's covariance between copies."""
+    """Gradients (direction, copy and entry, channel, block) of block means, noise (direction, copies), weights."""
 
     gradients: Images
     noise: Matrix
@@ -68,27 +66,27 @@ class EdgeOverlap:
 
     Parameters
     ----------
-    frame : PlateFrame
+    blocks : BlockImages
     scene : SceneParameters
         Index and surfaces of the pane; incidence and azimuth are not used.
     ghost_shift : float
-        Pixels along the frame's azimuth.
-    scales : sequence of int
-        Block sizes in pixels.
+        Pixels along the blocks' azimuth.
     """
 
-    def __init__(
-        self, frame: PlateFrame, scene: SceneParameters, ghost_shift: float, scales: Sequence[int] = SIZES
-    ) -> None:
+    def __init__(self, blocks: BlockImages, scene: SceneParameters, ghost_shift: float) -> None:
         self._scene = scene
         # Copies a pixel apart only differ by noise and a derivative; what is left of edges then says little.
         self._in_place = abs(ghost_shift) < _LEAST_SHIFT or scene.single_surface or scene.n_bounces == 0
-        self._covariance = frame.covariance
-        azimuth = math.radians(frame.azimuth_deg)
-        step = (ghost_shift * math.cos(azimuth), -ghost_shift * math.sin(azimuth))
-        copies, valid = _shifted_copies(frame, step, 1 if self._in_place else 3)
-        self.scales = _usable_sizes(scales, min(frame.images.shape[-2:]))
-        self._scales = [_scale(copies, valid, step, size) for size in self.scales]
+        self._covariance = blocks.covariance
+        copies, valid = blocks.copies(ghost_shift, 1 if self._in_place else 3)
+        share = None if valid is None else valid.astype(np.float32)
+        step = blocks.step(ghost_shift)
+        self._scales = []
+        for size in blocks.sizes:
+            if min(copies.shape[-2:]) < 2:
+                break
+            self._scales.append(_scale(copies, share, step, size))
+            copies, share = block_mean(copies, 2), None if share is None else block_mean(share, 2)
 
     def at(self, incidence_deg: float) -> list[Overlap]:
         """Overlap at each scale."""
@@ -97,7 +95,7 @@ class EdgeOverlap:
 
     def joint(self, incidence_deg: float) -> float:
         """Geometric mean of the overlap over the scales, 0..1."""
-        return math.exp(sum(math.log(part.value) for part in self.at(incidence_deg)) / len(self.scales))
+        return math.exp(sum(math.log(part.value) for part in self.at(incidence_deg)) / max(1, len(self._scales)))
 
     def at_best_scales(self, incidence_deg: float, n_scales: int = 3) -> EdgeOverlap:
         """The same on the finest scale at which the reflection's edges stand out of the noise, and coarser ones."""
@@ -105,7 +103,6 @@ class EdgeOverlap:
         first = seen.index(True) if True in seen else len(seen) - 1
         first = max(0, min(first, len(seen) - n_scales))
         chosen = copy.copy(self)
-        chosen.scales = self.scales[first : first + n_scales]
         chosen._scales = self._scales[first : first + n_scales]
         return chosen
 
@@ -122,67 +119,25 @@ class EdgeOverlap:
         return factors.sum(axis=1, keepdims=True) if self._in_place else factors
 
 
-def _usable_sizes(sizes: Sequence[int], side: int) -> tuple[int, ...]:
-    """Block sizes that leave enough blocks, and not needlessly many."""
-    enough = [size for size in sizes if side // size >= _LEAST_BLOCKS] or [1]
-    few = [size for size in enough if side // size <= _MOST_BLOCKS]
-    return tuple(few or enough[-1:])
-
-
 def _times(polynomial: Sequence[float], reflectance: float) -> Matrix:
     """Coefficients of ``polynomial (1 - R^2 z)`` in z, three of them."""
     product = np.convolve(polynomial, [1, -reflectance * reflectance])
     return np.pad(product, (0, 3 - product.size))
 
 
-def _shifted_copies(frame: PlateFrame, step: tuple[float, float], n_copies: int) -> tuple[Images, Mask | None]:
-    """Copies (copy, entry, channel, h, w) shifted by 0, 1, 2 ghost steps, cut to where all of them exist."""
-    everywhere = bool(frame.valid.all())
-    images = [_shifted_inside(frame.images, step, k, n_copies - 1) for k in range(n_copies)]
-    if everywhere:
-        return np.stack(images), None
-    valid = frame.valid.astype(np.float32)
-    masks = [_shifted_inside(valid, step, k, n_copies - 1) for k in range(n_copies)]
-    return np.stack(images), np.min(masks, axis=0) > 1 - 1e-3
-
-
-def _shifted_inside(images: Images, step: tuple[float, float], times: int, most: int) -> Images:
-    height, width = images.shape[-2:]
-    for axis, length, distance in ((-1, width, step[0]), (-2, height, step[1])):
-        images = _shift_cut(images, axis, length, distance * times, math.ceil(abs(distance) * most) * np.sign(distance))
-    return images
-
-
-def _shift_cut(images: Images, axis: int, length: int, distance: float, margin: float) -> Images:
-    """Bilinear shift along one axis, cut by `margin` samples on the side where samples would be missing."""
-    first, last = (int(margin), length) if margin >= 0 else (0, length + int(margin))
-    whole = math.floor(distance + 1e-9)
-    fraction = max(distance - whole, 0.0)
-
-    def part(offset: int) -> Images:
-        index = np.clip(np.arange(first - offset, last - offset), 0, length - 1)
-        return np.take(images, index, axis=axis)
-
-    if fraction < 1e-9:
-        return part(whole)
-    return np.asarray((1 - fraction) * part(whole) + fraction * part(whole + 1), np.float32)
-
-
-def _scale(copies: Images, valid: Mask | None, step: tuple[float, float], size: int) -> _Scale:
-    blocks = block_mean(copies, size)
-    if valid is None:
-        return _Scale(_gradients(blocks), _noise_factors(len(copies), step, size), None)
-    share = block_mean(valid.astype(np.float32), size)
-    means = block_mean((copies * valid).astype(np.float32), size) / np.maximum(share, 1e-3)
-    good = share >= _MOSTLY
-    usable = good[..., :-1, :-1] & good[..., :-1, 1:] & good[..., 1:, :-1]
-    gradients = _gradients(means.astype(np.float32))
-    return _Scale(gradients, _noise_factors(len(copies), step, size), usable.astype(np.float32))
-
-
-def _gradients(blocks: Images) -> Images:
-    gradients: Images = np.stack([np.diff(blocks, axis=-1)[..., :-1, :], np.diff(blocks, axis=-2)[..., :, :-1]], axis=2)
-    return gradients
+def _scale(copies: Images, share: Images | None, step: Step, size: int) -> _Scale:
+    """Gradients of block means (copy, entry, channel, h, w), and where all three blocks they need are known."""
+    n_copies, n_entries, n_channels, height, width = copies.shape
+    gradients = np.empty((2, n_copies, n_entries, n_channels, height - 1, width - 1), np.float32)
+    corner = copies[..., :-1, :-1]
+    np.subtract(copies[..., :-1, 1:], corner, out=gradients[0])
+    np.subtract(copies[..., 1:, :-1], corner, out=gradients[1])
+    weight = None
+    if share is not None:
+        good = share.min(axis=0) >= _MOSTLY
+        weight = (good[:-1, :-1] & good[:-1, 1:] & good[1:, :-1]).astype(np.float32).ravel()
+    flat = gradients.reshape(2, n_copies * n_entries, n_channels, -1)
+    return _Scale(flat, _noise_factors(n_copies, step, size), weight)
 
 
 def _noise_factors(n_copies: int, step: tuple[float, float], size: int) -> Matrix:
@@ -202,25 +157,24 @@ def _triangle(distance: Matrix) -> Matrix:
 
 
 def _overlap(scale: _Scale, factors: Matrix, covariance: Matrix) -> Overlap:
-    n_copies, n_entries = scale.gradients.shape[:2]
-    mixing = factors.reshape(2, n_copies * n_entries).astype(np.float32)
-    flat = scale.gradients.reshape(n_copies * n_entries, -1)
-    # Not BLAS: its threads cost more than so small a product.
-    gradients = np.einsum("la,an->ln", mixing, flat).reshape(2, *scale.gradients.shape[2:])
-    variance = np.einsum("lae,dab,lbf,ef->ld", factors, scale.noise, factors, covariance)
+    _, n_sources, n_channels, n_blocks = scale.gradients.shape
+    variance = np.einsum("lae,dab,lbf,ef->dl", factors, scale.noise, factors, covariance)
     error = np.sqrt(np.maximum(variance, 1e-30))
-    np.abs(gradients, out=gradients)
-    gradients /= error[:, :, None, None, None].astype(np.float32)
-    gradients -= SHRINK
-    beyond = np.maximum(gradients, 0, out=gradients)
+    mixing = (factors.reshape(1, 2, n_sources) / error[:, :, None]).astype(np.float32)
+    beyond = np.matmul(mixing, scale.gradients.reshape(2, n_sources, -1))
+    np.abs(beyond, out=beyond)
+    beyond -= np.float32(SHRINK)
+    np.maximum(beyond, 0, out=beyond)
     # All directions and colours of a block together: an edge need not show in all of them.
-    strength = np.sqrt(np.einsum("ldcyx,ldcyx->lyx", beyond, beyond))
-    weight = 1.0 if scale.weight is None else scale.weight.min(axis=0)
-    reflection, transmission = strength
+    beyond = beyond.reshape(2, 2, n_channels, n_blocks)
+    energy = np.einsum("dlcn,dlcn->ln", beyond, beyond)
+    if scale.weight is not None:
+        energy *= scale.weight
+    reflection, transmission = energy
     return Overlap(
-        float(np.sum(reflection * transmission * weight, dtype=np.float64)),
-        float(np.sum(reflection**2 * weight, dtype=np.float64)),
-        float(np.sum(transmission**2 * weight, dtype=np.float64)),
-        reflection.size if scale.weight is None else int(np.sum(weight)),
-        beyond.shape[1] * beyond.shape[2],
+        float(np.sum(np.sqrt(reflection * transmission), dtype=np.float64)),
+        float(np.sum(reflection, dtype=np.float64)),
+        float(np.sum(transmission, dtype=np.float64)),
+        n_blocks if scale.weight is None else int(np.sum(scale.weight)),
+        2 * n_channels,
     )

@@ -3,6 +3,10 @@
 The ghosts put notches across the spectra of what each polarization shows, and turn the phase between the two; the
 latter tells the shift's sense. The layers are independent, with smooth unknown power spectra that are fitted along.
 The likelihood is Student's, so that a few frequencies full of oriented edges do not decide.
+
+With P and Q the powers of the layers, the covariance at a frequency is ``M = P A + Q B + N``. For 2x2 matrices
+``a.b = trace(adj(a) b)`` is bilinear and ``a.a = 2 det a``: so det M, the data's distance from M and their derivatives
+need no more than a handful of products of A, B, N and the data, taken once for all powers that are tried.
 """
 
 from __future__ import annotations
@@ -18,22 +22,67 @@ from polaropt.fresnel import interface
 from polaropt.plate_frame import Images, Matrix
 from polaropt.scene import SceneParameters
 
-Spectrum = NDArray[np.complex64]
+_Light = tuple[Images, Images]
 
 _RADIAL_KNOTS = 3
-_DEGREES_OF_FREEDOM = 4.0
+_DEGREES_OF_FREEDOM = np.float32(4)
 _FIRST_ROUNDS, _ROUNDS = 12, 4
 _LEAST_DETERMINANT = np.float32(1e-6)
 _EVERY = 8
-"""Levels are first fitted for every so-many-th shift, then carried to those between."""
+"""Levels are first fitted for every so-many-th trial, then carried to those between."""
 
 
 class _Hermitian(NamedTuple):
-    """2x2 Hermitian matrices, one per shift and frequency."""
+    """2x2 Hermitian matrices, one per trial and frequency: diagonal, and real and imaginary part of the upper right."""
 
     par: Images
     perp: Images
-    cross: Spectrum
+    real: Images
+    imag: Images
+
+    def flattened(self) -> _Hermitian:
+        """With a single axis of trials."""
+        return _Hermitian(*(part.reshape(-1, part.shape[-1]) for part in self))
+
+    def dot(self, other: _Hermitian) -> Images:
+        """Trace of the adjugate times the other."""
+        diagonal = self.par * other.perp + self.perp * other.par
+        product: Images = diagonal - 2 * (self.real * other.real + self.imag * other.imag)
+        return product
+
+    def determinant(self) -> Images:
+        """At least what rounding leaves uncertain."""
+        product: Images = self.par * self.perp
+        least: Images = np.maximum(product - self.real**2 - self.imag**2, _LEAST_DETERMINANT * product)
+        return least
+
+
+class _Series(NamedTuple):
+    """``z / (1 - R^2 z)``: real part, imaginary part and squared size."""
+
+    real: Images
+    imag: Images
+    size: Images
+
+
+class _Products(NamedTuple):
+    """Products of the reflection's A, the transmission's B, the noise N and the data D."""
+
+    aa: Images
+    bb: Images
+    ab: Images
+    an: Images
+    bn: Images
+    ad: Images
+    bd: Images
+    nn: Images
+    nd: Images
+
+    def of(self, trials: NDArray[np.intp]) -> _Products:
+        """Those of some trials."""
+        parts = (self.aa, self.bb, self.ab, self.an, self.bn, self.ad, self.bd)
+        aa, bb, ab, an, bn, ad, bd = (part[trials] for part in parts)
+        return _Products(aa, bb, ab, an, bn, ad, bd, self.nn, self.nd)
 
 
 class ShiftLikelihood:
@@ -47,78 +96,93 @@ class ShiftLikelihood:
     """
 
     def __init__(self, spectra: CrossSpectra, scene: SceneParameters) -> None:
-        self._data = _Hermitian(spectra.par, spectra.perp, spectra.cross)
-        self._noise = spectra.covariance.astype(np.float32)
-        self._along = spectra.along
+        self._data = _Hermitian(spectra.par, spectra.perp, spectra.cross.real.copy(), spectra.cross.imag.copy())
+        (par, cross), (_, perp) = spectra.covariance.astype(np.float32)
+        self._noise = _Hermitian(par, perp, cross, np.float32(0))  # type: ignore[arg-type]
+        self._along = spectra.along.astype(np.float32)
         self._coherence = spectra.coherence
         self._multiplicity = spectra.multiplicity
         self._scene = scene
-        self._shapes = _spectral_shapes(spectra.along, spectra.across)
+        self._shapes = _spectral_shapes(spectra.along, spectra.across_azimuth)
         """(level, frequency): natural images' power, split over a few radii and two directions."""
 
-    def misfit(self, incidence_deg: float, shifts: Sequence[float] | Matrix, quick: bool = False) -> Matrix:
-        """Minus log likelihood per frequency of each shift (pixels, signed), up to a constant.
+    def misfit(self, incidence_deg: float | Matrix, shifts: Sequence[float] | Matrix, quick: bool = False) -> Matrix:
+        """Minus log likelihood per frequency of trial shifts (pixels, signed), up to a constant.
 
-        `quick` fits the spectra less closely.
+        Parameters
+        ----------
+        incidence_deg : float or ndarray
+            One incidence or several.
+        shifts : sequence of float
+        quick : bool
+            Fit the spectra less closely.
+
+        Returns
+        -------
+        ndarray, shape ([incidences,] shifts)
         """
-        shifts = np.asarray(shifts, dtype=np.float64)
-        sparse = shifts[::_EVERY]
-        levels = np.full((2, sparse.size, len(self._shapes)), 1e-3, np.float32)
-        levels = self._fitted(self._responses(incidence_deg, sparse), levels, _FIRST_ROUNDS)
-        nearest = np.minimum((np.arange(shifts.size) + _EVERY // 2) // _EVERY, sparse.size - 1)
-        responses = self._responses(incidence_deg, shifts)
-        levels = self._fitted(responses, levels[:, nearest], 1 if quick else _ROUNDS)
-        _, determinant, distance = self._model(responses, levels)
+        incidences, steps = np.atleast_1d(incidence_deg), np.asarray(shifts, dtype=np.float64)
+        products = self._products(incidences, steps)
+        sparse = np.arange(0, steps.size, _EVERY)
+        nearest = np.minimum((np.arange(steps.size) + _EVERY // 2) // _EVERY, sparse.size - 1)
+        rows = np.arange(incidences.size * steps.size).reshape(incidences.size, -1)
+        levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), 1e-3, np.float32)
+        levels = self._fitted(products.of(rows[:, sparse].ravel()), levels, _FIRST_ROUNDS)
+        carried = np.arange(levels.shape[1]).reshape(incidences.size, -1)[:, nearest].ravel()
+        levels = self._fitted(products, levels[:, carried], 1 if quick else _ROUNDS)
+        _, _, determinant, distance = self._model(products, levels)
         nu = _DEGREES_OF_FREEDOM
-        value: Matrix = (np.log(determinant) + (nu + 2) * np.log(nu + distance)) @ self._multiplicity.astype(np.float64)
-        return value / float(self._multiplicity.sum())
+        value = (np.log(determinant) + (nu + 2) * np.log(nu + distance)) @ self._multiplicity.astype(np.float64)
+        value = np.asarray(value / float(self._multiplicity.sum()))
+        return value.reshape(incidences.size, -1) if np.ndim(incidence_deg) else value
 
-    def _responses(self, incidence_deg: float, shifts: Matrix) -> tuple[_Hermitian, _Hermitian]:
-        """Outer products of the transfer functions of reflection and transmission."""
-        z = np.exp((-1j * self._along * shifts[:, None]).astype(np.complex64))
-        coherence = self._coherence(shifts)[:, None]
-        scene = self._scene
-        reflected, transmitted, direct = [], [], []
-        for reflectance in interface(incidence_deg, scene.refractive_index).reflection[:2]:
-            through = (1 - reflectance) if scene.single_surface else (1 - reflectance) ** 2
-            direct.append((reflectance, through))
-            if scene.single_surface or scene.n_bounces == 0:
-                reflected.append(np.zeros_like(z))
-                transmitted.append(np.zeros_like(z))
-            else:
-                series = z / (1 - reflectance**2 * z)
-                reflected.append((reflectance * through * series).astype(np.complex64))
-                transmitted.append((through * reflectance**2 * series).astype(np.complex64))
-        (r_par, t_par), (r_perp, t_perp) = direct
-        return (
-            _outer((r_par, r_perp), reflected, coherence),
-            _outer((t_par, t_perp), transmitted, coherence),
+    def _products(self, incidences: Matrix, shifts: Matrix) -> _Products:
+        reflection, transmission = self._responses(incidences, shifts)
+        noise, data = self._noise, self._data
+        return _Products(
+            aa=2 * reflection.determinant(),
+            bb=2 * transmission.determinant(),
+            ab=np.maximum(reflection.dot(transmission), 0),
+            an=reflection.dot(noise),
+            bn=transmission.dot(noise),
+            ad=reflection.dot(data),
+            bd=transmission.dot(data),
+            nn=noise.dot(noise),
+            nd=noise.dot(data),
         )
 
-    def _fitted(self, responses: tuple[_Hermitian, _Hermitian], levels: Images, rounds: int) -> Images:
+    def _responses(self, incidences: Matrix, shifts: Matrix) -> tuple[_Hermitian, _Hermitian]:
+        """Outer products of the transfer functions of reflection and transmission: incidences times shifts."""
+        phase = shifts.astype(np.float32)[:, None] * self._along
+        cosine, sine = np.cos(phase), np.sin(phase)
+        found = [interface(float(incidence), self._scene.refractive_index).reflection[:2] for incidence in incidences]
+        par, perp = np.array(found, np.float32).T[:, :, None, None]
+        series = _series(par**2, cosine, sine), _series(perp**2, cosine, sine)
+        layers = zip(_light(par, self._scene), _light(perp, self._scene), strict=True)
+        coherence = self._coherence(shifts)[:, None]
+        reflection, transmission = (_outer(*light, *series, coherence).flattened() for light in layers)
+        return reflection, transmission
+
+    def _fitted(self, products: _Products, levels: Images, rounds: int) -> Images:
         """Levels of both layers' spectra by multiplicative steps towards the maximum of the likelihood."""
         levels = levels.copy()
+        weights = self._multiplicity * self._shapes
         for _ in range(rounds):
-            model, determinant, distance = self._model(responses, levels)
-            inverse = _Hermitian(model.perp / determinant, model.par / determinant, -model.cross / determinant)
-            weight = self._multiplicity * (_DEGREES_OF_FREEDOM + 2) / (_DEGREES_OF_FREEDOM + distance)
-            seen = _sandwich(inverse, self._data)
-            for level, response in zip(levels, responses, strict=True):
-                gain = (_trace(seen, response) * weight) @ self._shapes.T
-                expected = (_trace(inverse, response) * self._multiplicity) @ self._shapes.T
-                level *= np.maximum(gain / expected, np.float32(1e-3))
+            a, b, determinant, distance = self._model(products, levels)
+            surprise = (_DEGREES_OF_FREEDOM + 2) / ((_DEGREES_OF_FREEDOM + distance) * determinant)
+            for level, toward, data in zip(levels, (a, b), (products.ad, products.bd), strict=True):
+                gain = ((distance * toward - data) * surprise) @ weights.T
+                level *= np.maximum(gain / ((toward / determinant) @ weights.T), np.float32(1e-3))
         return levels
 
-    def _model(self, responses: tuple[_Hermitian, _Hermitian], levels: Images) -> tuple[_Hermitian, Images, Images]:
-        """Covariance at each shift and frequency, its determinant, and the data's squared distance from it."""
-        powers = levels @ self._shapes
-        noise = (self._noise[0, 0], self._noise[1, 1], self._noise[0, 1])
-        par, perp, cross = (powers[0] * r + powers[1] * t + n for r, t, n in zip(*responses, noise, strict=True))
-        model = _Hermitian(par, perp, cross)
-        # Rounding must not make a covariance singular where one layer outshines noise and the other layer by far.
-        determinant = np.maximum(par * perp - cross.real**2 - cross.imag**2, _LEAST_DETERMINANT * par * perp)
-        swapped = _Hermitian(perp, par, -cross)
-        return model, determinant, _trace(swapped, self._data) / determinant
+    def _model(self, products: _Products, levels: Images) -> tuple[Images, Images, Images, Images]:
+        """A.M, B.M, det M and the data's squared distance from M, for each trial and frequency."""
+        of = products
+        p, q = levels @ self._shapes
+        a = p * of.aa + q * of.ab + of.an
+        b = q * of.bb + p * of.ab + of.bn
+        determinant = (p * (a + of.an) + q * (b + of.bn) + of.nn) / 2
+        return a, b, determinant, (p * of.ad + q * of.bd + of.nd) / determinant
 
 
 def _spectral_shapes(along: Matrix, across: Matrix) -> Images:
@@ -131,33 +195,29 @@ def _spectral_shapes(along: Matrix, across: Matrix) -> Images:
     return shapes
 
 
-def _outer(direct: tuple[float, float], ghosts: Sequence[Spectrum], coherence: Images) -> _Hermitian:
+def _series(square: Images, cosine: Images, sine: Images) -> _Series:
+    """The series of ghosts from R^2 and the phase of z."""
+    size = np.asarray(1 / (1 + square * (square - 2 * cosine)), np.float32)
+    real: Images = (cosine - square) * size
+    return _Series(real, -sine * size, size)
+
+
+def _light(reflectance: Images, scene: SceneParameters) -> tuple[_Light, _Light]:
+    """What of reflection and transmission comes directly, and the factor of the series of their ghosts."""
+    if scene.single_surface:
+        return (reflectance, np.zeros_like(reflectance)), (1 - reflectance, np.zeros_like(reflectance))
+    through: Images = (1 - reflectance) ** 2
+    ghosts = through * reflectance * np.float32(scene.n_bounces != 0)
+    return (reflectance, ghosts), (through, ghosts * reflectance)
+
+
+def _outer(light_par: _Light, light_perp: _Light, par: _Series, perp: _Series, coherence: Images) -> _Hermitian:
     """Outer product of direct light plus ghosts, which the window tells apart from it as far as they are shifted."""
-    par, perp = (np.float32(value) for value in direct)
-    first, second = ghosts
+    (d_par, g_par), (d_perp, g_perp) = light_par, light_perp
+    both, of_par, of_perp = g_par * g_perp, coherence * d_perp * g_par, coherence * d_par * g_perp
     return _Hermitian(
-        par * (par + 2 * coherence * first.real) + first.real**2 + first.imag**2,
-        perp * (perp + 2 * coherence * second.real) + second.real**2 + second.imag**2,
-        par * perp + first * second.conj() + coherence * (par * second.conj() + perp * first),
+        d_par**2 + (2 * coherence * d_par * g_par) * par.real + g_par**2 * par.size,
+        d_perp**2 + (2 * coherence * d_perp * g_perp) * perp.real + g_perp**2 * perp.size,
+        d_par * d_perp + both * (par.real * perp.real + par.imag * perp.imag) + of_par * par.real + of_perp * perp.real,
+        both * (par.imag * perp.real - par.real * perp.imag) + of_par * par.imag - of_perp * perp.imag,
     )
-
-
-def _sandwich(inverse: _Hermitian, data: _Hermitian) -> _Hermitian:
-    """Inverse times data times inverse."""
-    conjugate = inverse.cross.conj()
-    top_left = inverse.par * data.par + inverse.cross * data.cross.conj()
-    top_right = inverse.par * data.cross + inverse.cross * data.perp
-    low_left = conjugate * data.par + inverse.perp * data.cross.conj()
-    low_right = conjugate * data.cross + inverse.perp * data.perp
-    return _Hermitian(
-        (top_left * inverse.par + top_right * conjugate).real.astype(np.float32),
-        (low_left * inverse.cross + low_right * inverse.perp).real.astype(np.float32),
-        top_left * inverse.cross + top_right * inverse.perp,
-    )
-
-
-def _trace(a: _Hermitian, b: _Hermitian) -> Images:
-    """Trace of the product of Hermitian matrices."""
-    total: Images = a.par * b.par + a.perp * b.perp
-    total = total + 2 * (a.cross.real * b.cross.real + a.cross.imag * b.cross.imag)
-    return total

@@ -1,85 +1,143 @@
 """The incidence once more where ghosts are strong: edge overlap of layers from which all ghosts are taken out.
 
 The linear elimination that the search rests on leaves each layer with doubled edges, which bias the incidence by up to
-half a degree from about 65 degrees on. The Wiener filter's layers have no ghosts; averaged over blocks of 4x4 pixels
-its smoothing no longer matters.
+half a degree from about 65 degrees on. A Wiener filter's layers have no ghosts; averaged over blocks of 4x4 pixels
+its smoothing no longer matters, and pictures of half the size will do.
 """
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.canvas import canvas_for
-from polaropt.capture import Capture
-from polaropt.closed_form import natural_image_layers
-from polaropt.errors import InputError
-from polaropt.forward import PSE
-from polaropt.plate import ghosts_that_matter
+from polaropt.fresnel import interface
+from polaropt.parabola import vertex
+from polaropt.plate_frame import Images, Matrix, PlateFrame, block_mean
 from polaropt.scene import SceneParameters
-from priors.base import CHROMA_WEIGHT, ColorGradient
+from polaropt.transfer import frequencies
 
-Images = NDArray[np.float32]
+Spectrum = NDArray[np.complexfloating[Any, Any]]
 
 STRONG_GHOSTS_DEG = 64.0
 _STEP_DEG = 0.7
 _FARTHEST = 1.5
-_SIDE = 384
-_BLOCK = 4
+_SIDE = 512
+_HALF, _BLOCK = 2, 2
+_FADED, _LEFT_OUT = 8, 6
+"""Samples at each border over which the pictures fade out, and that do not count."""
+_FIRST_LEVEL, _LEAST_LEVEL = 3e-3, 1e-9
+_ROUNDS = 3
 
 
-def refined_incidence(capture: Capture, scene: SceneParameters, noise: float) -> float:
+def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> float:
     """Incidence in degrees near that of a complete scene at which the layers' coarse edges overlap least.
 
     Parameters
     ----------
-    capture : Capture
+    frame : PlateFrame
+        The capture in the frame of the scene's azimuth.
     scene : SceneParameters
         Complete; its shift and azimuth are kept.
-    noise : float
-        Standard deviation of the noise of one photograph.
 
     Returns
     -------
     float
     """
     start, _, _ = scene.values()
-    middle = _middle(capture)
-
-    def overlap(incidence_deg: float) -> float:
-        return coarse_overlap(_layers(middle, scene.replace(incidence_deg=incidence_deg), noise))
-
+    wiener = _Wiener(frame, scene)
+    wiener.fit(start)
     step = min(_STEP_DEG, (89.5 - start) / 2)
-    before, here, after = (overlap(start + shift) for shift in (-step, 0.0, step))
-    # The vertex of the parabola through three points: a search would need four times as many closed forms.
-    curvature = before - 2 * here + after
-    if curvature <= 0:
-        return start
-    return start + step * min(max((before - after) / (2 * curvature), -_FARTHEST), _FARTHEST)
+    before, here, after = (coarse_overlap(wiener.layers(start + shift)) for shift in (-step, 0.0, step))
+    # One parabola: a search would need four times as many inversions.
+    return start + step * vertex(before, here, after, _FARTHEST)
 
 
 def coarse_overlap(layers: Images) -> float:
-    """Cosine between the gradient magnitudes of two layers (2, channel, h, w), averaged over 4x4 pixels first."""
-    channels = layers.shape[1]
-    height, width = (side // _BLOCK * _BLOCK for side in layers.shape[-2:])
-    blocks = layers[..., :height, :width].reshape(2, channels, height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK)
-    coarse = blocks.mean(axis=(3, 5))
-    t, r = (ColorGradient(layer, CHROMA_WEIGHT).energy() for layer in coarse)
+    """Cosine between the gradient magnitudes of two layers (2, h, w), averaged over 2x2 samples first."""
+    blocks = block_mean(layers, _BLOCK)
+    across, down = np.diff(blocks, axis=-1)[:, :-1], np.diff(blocks, axis=-2)[..., :-1]
+    t, r = across**2 + down**2
     return float(np.sqrt(t * r).sum(dtype=np.float64) / np.sqrt(float(t.sum()) * float(r.sum()) + 1e-30))
 
 
-def _layers(capture: Capture, scene: SceneParameters, noise: float) -> Images:
-    pse = PSE(scene, capture.angles_deg, n_ghosts=ghosts_that_matter(scene, noise))
-    canvas = canvas_for(pse, *capture.shape[-2:])
-    layers: Images = canvas.crop(natural_image_layers(capture, pse, canvas, noise).layers)
-    return layers
+class _Wiener:
+    """Wiener filter for the luminance of both layers: in the Fourier domain each ghost is a phase.
+
+    Power of the layers is ``level / |omega|^2``.
+    """
+
+    def __init__(self, frame: PlateFrame, scene: SceneParameters) -> None:
+        from scipy.fft import rfft2
+
+        images = block_mean(_middle(frame.images).mean(axis=1), _HALF)
+        self._shape: tuple[int, int] = images.shape[-2:]
+        images -= images.mean(axis=(-2, -1), keepdims=True)
+        images *= np.outer(*(_fading(side) for side in self._shape))
+        self._seen: Spectrum = rfft2(images, norm="ortho")
+        rows, columns = frequencies(*self._shape)
+        azimuth = math.radians(frame.azimuth_deg)
+        along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
+        self._z = np.exp(-1j * along * scene.values()[2] / _HALF).astype(np.complex64)
+        self._radius2 = (rows**2 + columns**2).astype(np.float32)
+        self._radius2[0, 0] = (2 * np.pi / max(self._shape)) ** 2
+        self._noise = frame.covariance / (_HALF**2 * frame.images.shape[1])
+        self._levels: Matrix = np.full(2, _FIRST_LEVEL)
+        self._refractive_index = scene.refractive_index
+
+    def fit(self, incidence_deg: float) -> None:
+        """Fit the levels of both layers at an incidence."""
+        for _ in range(_ROUNDS):
+            power = _squared(self._spectra(incidence_deg)) * self._radius2
+            self._levels = np.maximum(power.mean(axis=(-2, -1)), _LEAST_LEVEL)
+
+    def layers(self, incidence_deg: float) -> Images:
+        """Transmission and reflection (2, h, w) of a pane at an incidence, without the borders."""
+        from scipy.fft import irfft2
+
+        layers: Images = irfft2(self._spectra(incidence_deg), s=self._shape, norm="ortho", overwrite_x=True)
+        edge = min(_LEFT_OUT, min(self._shape) // 8)
+        return layers[:, edge:-edge, edge:-edge] if edge else layers
+
+    def _spectra(self, incidence_deg: float) -> Spectrum:
+        """Spectra of the layers: ``P H^* (H P H^* + N)^-1`` times what is seen, H the pane, P the layers' powers."""
+        first, second = interface(incidence_deg, self._refractive_index).reflection[:2]
+        par, perp = self._transfer(first), self._transfer(second)
+        p = self._levels[:, None, None]
+        (n_par, n_cross), (_, n_perp) = self._noise
+        # Everything in units of 1 / |omega|^2.
+        power_par = (p * _squared(par)).sum(axis=0) + n_par * self._radius2
+        power_perp = (p * _squared(perp)).sum(axis=0) + n_perp * self._radius2
+        cross = (p * par * perp.conj()).sum(axis=0) + n_cross * self._radius2
+        determinant = power_par * power_perp - _squared(cross)
+        white_par = (power_perp * self._seen[0] - cross * self._seen[1]) / determinant
+        white_perp = (power_par * self._seen[1] - cross.conj() * self._seen[0]) / determinant
+        found: Spectrum = (p * (par.conj() * white_par + perp.conj() * white_perp)).astype(np.complex64)
+        return found
+
+    def _transfer(self, reflectance: float) -> Spectrum:
+        """What the pane passes and mirrors (layer, h, w) of one polarization; a polarizer takes half of it."""
+        through = (1 - reflectance) ** 2 / (1 - reflectance**2 * self._z) / 2
+        return np.stack([through, reflectance / 2 + reflectance * self._z * through])
 
 
-def _middle(capture: Capture) -> Capture:
-    """The middle of a large capture: enough edges, and bounded time."""
-    top, left = (max(0, (side - _SIDE) // 2) for side in capture.shape[-2:])
-    inside = (..., slice(top, top + _SIDE), slice(left, left + _SIDE))
-    try:
-        return Capture(capture.intensities[inside], capture.angles_deg, capture.valid[inside])
-    except InputError:  # Nothing to see there.
-        return capture
+def _squared(values: Spectrum) -> Matrix:
+    squared: Matrix = values.real.astype(np.float64) ** 2 + values.imag.astype(np.float64) ** 2
+    return squared
+
+
+def _fading(side: int) -> Images:
+    """One inside, falling to zero at both ends."""
+    distance = np.minimum(np.arange(side), np.arange(side)[::-1]) + 0.5
+    reach = min(_FADED, max(1, side // 8))
+    fading: Images = (0.5 - 0.5 * np.cos(np.pi * np.minimum(distance / reach, 1))).astype(np.float32)
+    return fading
+
+
+def _middle(images: Images) -> Images:
+    """The middle of large pictures: enough edges, and bounded time."""
+    height, width = images.shape[-2:]
+    top, left = (max(0, (side - _SIDE) // 2) for side in (height, width))
+    return images[..., top : top + _SIDE, left : left + _SIDE]

@@ -41,6 +41,10 @@ class PlateFrame:
     valid: Mask
     azimuth_deg: float
 
+    def across(self) -> PlateFrame:
+        """The frame of a pane whose plane of incidence lies across: the two polarizations are exchanged."""
+        return PlateFrame(self.images[::-1], self.covariance[::-1, ::-1], self.valid, self.azimuth_deg + 90)
+
 
 def stokes_images(capture: Capture, noise: float) -> StokesImages:
     """Stokes images of a capture whose photographs have noise of standard deviation `noise`."""
@@ -50,7 +54,7 @@ def stokes_images(capture: Capture, noise: float) -> StokesImages:
     valid = np.asarray(capture.valid.all(axis=0)).reshape(intensities.shape[1:])
     images = np.tensordot(inverse.astype(np.float32), intensities, axes=1)
     if not valid.all():
-        images = np.stack([fill_gaps(image, valid) for image in images])
+        images = fill_gaps(images, valid)
     return StokesImages(images, noise**2 * inverse @ inverse.T, valid)
 
 
@@ -62,21 +66,23 @@ def plate_frame(stokes: StokesImages, azimuth_deg: float) -> PlateFrame:
 
 
 def fill_gaps(images: Images, valid: Mask) -> Images:
-    """Replace invalid pixels of images (channel, h, w) by the mean of the finest block around them that has any."""
-    filled = np.where(valid, images, 0).astype(np.float32)
-    known = valid.copy()
-    size = 2
-    while not known.all():
-        weights = block_mean(valid.astype(np.float32), size, partial=True)
-        means = block_mean(np.where(valid, images, 0).astype(np.float32), size, partial=True)
-        values = np.where(weights > 0, means / np.maximum(weights, 1e-6), 0)
-        fine = _enlarge(values, size, images.shape)
-        there = _enlarge(weights, size, images.shape) > 0
-        filled = np.where(known, filled, fine).astype(np.float32)
-        known |= there
-        if size > 2 * max(images.shape[-2:]):
-            break
+    """Replace invalid pixels of images (..., channel, h, w) by the mean of the finest block around them that has any.
+
+    `valid` has the shape (channel, h, w).
+    """
+    filled = np.where(valid, images, np.float32(0))
+    means, shares = filled, valid.astype(np.float32)
+    gaps = np.stack(np.nonzero(~valid))
+    size = 1
+    while gaps.size and max(shares.shape[-2:]) > 1:
+        means, shares = block_mean(means, 2, partial=True), block_mean(shares, 2, partial=True)
         size *= 2
+        blocks = (gaps[0], gaps[1] // size, gaps[2] // size)
+        share = shares[blocks]
+        there = share > 0
+        values = means[(..., *blocks)][..., there] / share[there]
+        filled[(..., *gaps[:, there])] = values
+        gaps = gaps[:, ~there]
     return filled
 
 
@@ -99,7 +105,3 @@ def block_mean(images: Images, size: int, partial: bool = False) -> Images:
         return block_mean(block_mean(images, 2), size // 2)
     inside = images[..., : rows * size, : columns * size]
     return np.asarray(inside.reshape(*images.shape[:-2], rows, size, columns, size).mean(axis=(-3, -1)), np.float32)
-
-
-def _enlarge(images: Images, size: int, shape: tuple[int, ...]) -> Images:
-    return images.repeat(size, axis=-2).repeat(size, axis=-1)[..., : shape[-2], : shape[-1]]

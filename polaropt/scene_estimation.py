@@ -13,13 +13,13 @@ from typing import Literal
 
 import numpy as np
 
-from polaropt.azimuth import PrincipalAxis, principal_axis
+from polaropt.azimuth import principal_axis
 from polaropt.capture import Capture
 from polaropt.grazing import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.noise import noise_level
-from polaropt.plate_frame import StokesImages, plate_frame, stokes_images
+from polaropt.plate_frame import PlateFrame, plate_frame, stokes_images
 from polaropt.scene import SceneParameters
-from polaropt.scene_search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial
+from polaropt.scene_search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
 
 _POLARIZED_SNR = 10.0
 _LEAST_NOISE = 1e-4
@@ -94,11 +94,12 @@ def estimate_scene(
     noise = max(_LEAST_NOISE, noise_level(capture) if noise is None else noise)
     stokes = stokes_images(capture, noise)
     axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])
+    frame = plate_frame(stokes, axis.azimuth_deg if scene.azimuth_deg is None else scene.azimuth_deg)
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
-    azimuth_deg, search, trial, margin = _choose_axis(stokes, axis, scene, thickness)
-    found = _completed(scene, azimuth_deg, trial)
+    frame, search, trial, margin = _choose_axis(frame, scene, thickness)
+    found = _completed(scene, frame.azimuth_deg, trial)
     if axis.snr > _POLARIZED_SNR:
-        found = _refined(capture, scene, found, noise, thickness)
+        found = _refined(frame, scene, found, thickness)
     overlap = search.curve(trial)
     shift_grid, shift_misfit = search.shift_curve(trial)
     return SceneEstimate(
@@ -116,20 +117,23 @@ def estimate_scene(
 
 
 def _choose_axis(
-    stokes: StokesImages, axis: PrincipalAxis, scene: SceneParameters, thickness: Thickness | None
-) -> tuple[float, SceneSearch, Trial, float]:
-    """The given azimuth, or that one of the two axes which explains the capture better, and the best trial there."""
-    azimuths = [axis.azimuth_deg, axis.azimuth_deg + 90] if scene.azimuth_deg is None else [scene.azimuth_deg]
-    searches = [SceneSearch(plate_frame(stokes, azimuth), scene, thickness) for azimuth in azimuths]
+    frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None
+) -> tuple[PlateFrame, SceneSearch, Trial, float]:
+    """The frame at the given azimuth, or at that one of two which explains the capture better; the best trial there."""
+    seen = evidence(frame)
+    frames, seens = [frame, frame.across()], [seen, seen.across()]
+    if scene.azimuth_deg is not None:
+        frames, seens = frames[:1], seens[:1]
+    searches = [SceneSearch(part, scene, thickness) for part in seens]
     trials = [search.first() for search in searches]
     margin = _margin(trials)
     if abs(margin) < _CLOSE:
         trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
         margin = _margin(trials)
         best = 0 if margin >= 0 else 1
-        return azimuths[best], searches[best], trials[best], abs(margin)
+        return frames[best], searches[best], trials[best], abs(margin)
     best = 0 if margin >= 0 else 1
-    return azimuths[best], searches[best], searches[best].improved(trials[best]), abs(margin)
+    return frames[best], searches[best], searches[best].improved(trials[best]), abs(margin)
 
 
 def _margin(trials: list[Trial]) -> float:
@@ -147,13 +151,14 @@ def _completed(scene: SceneParameters, azimuth_deg: float, trial: Trial) -> Scen
 
 
 def _refined(
-    capture: Capture, asked: SceneParameters, found: SceneParameters, noise: float, thickness: Thickness | None
+    frame: PlateFrame, asked: SceneParameters, found: SceneParameters, thickness: Thickness | None
 ) -> SceneParameters:
     """The scene with its incidence looked at again, where one was asked for and ghosts are strong."""
     incidence, _, shift = found.values()
-    if asked.incidence_deg is not None or incidence < STRONG_GHOSTS_DEG or shift == 0:
+    ghosts = shift != 0 and not found.single_surface and found.n_bounces != 0
+    if asked.incidence_deg is not None or incidence < STRONG_GHOSTS_DEG or not ghosts:
         return found
-    incidence = refined_incidence(capture, found, noise)
+    incidence = refined_incidence(frame, found)
     found = found.replace(incidence_deg=incidence)
     if thickness is None or asked.ghost_shift is not None:
         return found

@@ -8,17 +8,18 @@ likeliest shift, are compared first, and from the best of them incidence and shi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.cross_spectra import cross_spectra
+from polaropt.block_images import BlockImages, block_images
+from polaropt.cross_spectra import CrossSpectra, cross_spectra
 from polaropt.edge_overlap import EdgeOverlap
 from polaropt.fresnel import interface
 from polaropt.ghost_shift import ShiftLikelihood
+from polaropt.parabola import local_minimum, vertex
 from polaropt.plate_frame import PlateFrame
 from polaropt.scene import SceneParameters, ghost_step
 
@@ -28,7 +29,8 @@ INCIDENCE_GRID_DEG: Curve = np.arange(2.0, 89.0, 2.0)
 LOWEST_DEG, HIGHEST_DEG = 0.5, 88.0
 _TRIAL_DEG = (12.0, 25.0, 35.0, 42.0, 48.0, 54.0, 61.0, 68.0, 75.0, 81.0, 86.0)
 _TRIAL_HALF_WIDTH_DEG = 7.5
-_TRIAL_SCALES = (4, 8, 16)
+_MOST_BLOCKS, _MOST_TRIAL_BLOCKS, _TRIAL_SIZES = 160, 80, 3
+"""Per side: a larger frame has enough blocks at a coarser scale, and trials do with fewer, and fewer scales."""
 _N_TRIALS = 3
 _N_CANDIDATES = 6
 _OVERLAP_WEIGHT = 0.2
@@ -38,6 +40,8 @@ _TURNS = 4
 _GRAZING_DEG, _GRAZING_PENALTY = 85.5, 0.03
 """Score per degree beyond: panes are hardly ever seen so, and one across, its layers exchanged, looks much alike."""
 _FINE = 4
+_FINE_SHIFTS: Curve = np.arange(-4.0, 4.5) / 8
+_STEP_DEG, _TOLERANCE_DEG = 2.0, 0.2
 _LEAST_GAIN = 5e-5
 """Misfit per frequency that a shift must gain over none."""
 
@@ -63,16 +67,36 @@ class Trial:
     score: float
 
 
+@dataclass(frozen=True)
+class Evidence:
+    """What the search reads of a capture at one azimuth: mean spectra, and blocks coarse and fine."""
+
+    spectra: CrossSpectra
+    coarse: BlockImages
+    fine: BlockImages
+
+    def across(self) -> Evidence:
+        """The same for a pane whose plane of incidence lies across."""
+        return Evidence(self.spectra.across(), self.coarse.across(), self.fine.across())
+
+
+def evidence(frame: PlateFrame) -> Evidence:
+    """Gather what the search needs of a frame."""
+    coarse = block_images(frame, _MOST_TRIAL_BLOCKS, _TRIAL_SIZES)
+    return Evidence(cross_spectra(frame), coarse, block_images(frame, _MOST_BLOCKS))
+
+
 class SceneSearch:
     """Search at one azimuth for those of incidence and ghost shift that the scene leaves open."""
 
-    def __init__(self, frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None) -> None:
-        self._frame = frame
+    def __init__(self, seen: Evidence, scene: SceneParameters, thickness: Thickness | None) -> None:
+        self._seen = seen
         self._scene = scene
         self._thickness = thickness
         self._open_shift = scene.ghost_shift is None and not scene.single_surface
-        self._likelihood = ShiftLikelihood(cross_spectra(frame), scene)
-        self._in_place = EdgeOverlap(frame, scene, 0.0, _TRIAL_SCALES)
+        self._likelihood = ShiftLikelihood(seen.spectra, scene)
+        self._in_place = EdgeOverlap(seen.coarse, scene, 0.0)
+        self._overlaps_in_place: dict[float, float] = {}
 
     def first(self) -> Trial:
         """The best of a few trial incidences, each with its likeliest ghost shift."""
@@ -83,26 +107,27 @@ class SceneSearch:
 
     def improved(self, trial: Trial) -> Trial:
         """Ghost shift and incidence in turns until both rest."""
-        trial = self._with_overlap_minimum(trial)
+        trial = self._with_overlap_minimum(trial, self._seen.coarse)
         for _ in range(_TURNS if self._open_shift else 0):
             before = trial
-            trial = self._with_overlap_minimum(self._best_shift(trial.incidence_deg))
+            trial = self._with_overlap_minimum(self._best_shift(trial.incidence_deg), self._seen.coarse)
             if trial.ghost_shift == before.ghost_shift and abs(trial.incidence_deg - before.incidence_deg) < 0.5:
                 break
         if self._open_shift and self._thickness is None:
-            trial = self._with_overlap_minimum(self._refined(trial))
-        elif self._thickness is not None:
+            trial = self._refined(trial)
+        trial = self._with_overlap_minimum(trial, self._seen.fine)
+        if self._thickness is not None:
             trial = self._with_tied_shift(trial)
         return Trial(trial.incidence_deg, trial.ghost_shift, self._score(trial))
 
     def _score(self, trial: Trial) -> float:
         misfit = float(self._likelihood.misfit(trial.incidence_deg, [trial.ghost_shift])[0])
-        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, _TRIAL_SCALES)
+        overlap = EdgeOverlap(self._seen.coarse, self._scene, trial.ghost_shift)
         return misfit + _OVERLAP_WEIGHT * self._log_overlap(overlap, trial.incidence_deg)
 
     def curve(self, trial: Trial) -> Curve:
         """Edge overlap over all trial incidences, at the trial's ghost shift."""
-        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
+        overlap = EdgeOverlap(self._seen.coarse, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
         return np.array([overlap.joint(float(incidence)) for incidence in INCIDENCE_GRID_DEG])
 
     def shift_curve(self, trial: Trial) -> tuple[Curve, Curve]:
@@ -122,7 +147,7 @@ class SceneSearch:
         incidences = np.array([trial.incidence_deg])
         if self._scene.incidence_deg is None:
             incidences = _around(trial.incidence_deg, _TRIAL_HALF_WIDTH_DEG, 2.5)
-        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift, _TRIAL_SCALES)
+        overlap = EdgeOverlap(self._seen.coarse, self._scene, trial.ghost_shift)
         values = [overlap.joint(float(incidence)) for incidence in incidences]
         best = float(incidences[int(np.argmin(values))])
         return Trial(best, trial.ghost_shift, trial.score + _OVERLAP_WEIGHT * self._log_overlap(overlap, best))
@@ -131,44 +156,51 @@ class SceneSearch:
         """Log overlap with ghosts or, where that is less, without: doubled edges raise the one, ghosts the other."""
         values = [overlap.joint(incidence_deg)]
         if self._open_shift:
-            near = [incidence_deg] if self._scene.incidence_deg is not None else _around(incidence_deg, 4, 2)
-            values += [self._in_place.joint(float(x)) for x in near]
+            near = INCIDENCE_GRID_DEG[np.abs(INCIDENCE_GRID_DEG - incidence_deg) <= 4]
+            values += [self._overlap_in_place(float(x)) for x in near]
         grazing = _GRAZING_PENALTY / _OVERLAP_WEIGHT * max(0.0, incidence_deg - _GRAZING_DEG)
         return math.log(min(values)) + grazing
 
-    def _with_overlap_minimum(self, trial: Trial) -> Trial:
+    def _overlap_in_place(self, incidence_deg: float) -> float:
+        if incidence_deg not in self._overlaps_in_place:
+            self._overlaps_in_place[incidence_deg] = self._in_place.joint(incidence_deg)
+        return self._overlaps_in_place[incidence_deg]
+
+    def _with_overlap_minimum(self, trial: Trial, blocks: BlockImages) -> Trial:
         """The trial moved to the least edge overlap around it."""
         if self._scene.incidence_deg is not None:
             return trial
-        overlap = EdgeOverlap(self._frame, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
-        near = _around(trial.incidence_deg, 6, 2)
-        start = float(near[np.argmin([overlap.joint(float(x)) for x in near])])
-        incidence = local_minimum(overlap.joint, start, 0.7, (LOWEST_DEG, HIGHEST_DEG))
+        overlap = EdgeOverlap(blocks, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
+        incidence = local_minimum(
+            overlap.joint, trial.incidence_deg, (LOWEST_DEG, HIGHEST_DEG), _STEP_DEG, _TOLERANCE_DEG
+        )
         return Trial(incidence, trial.ghost_shift, trial.score)
 
     def _best_shift(self, incidence_deg: float) -> Trial:
         """Among the likeliest shifts the best in likelihood and edge overlap together, the incidence free to give."""
         shifts = self._likely_shifts(incidence_deg, 0.5, _N_CANDIDATES)
-        overlaps = [EdgeOverlap(self._frame, self._scene, shift, _TRIAL_SCALES) for shift in shifts]
-        trials = []
+        near = self._near(incidence_deg)
+        misfits = self._likelihood.misfit(near, shifts)
         weight = _overlap_weight(incidence_deg, self._scene.refractive_index)
-        for incidence in self._near(incidence_deg):
-            misfits = self._likelihood.misfit(incidence, shifts)
-            for shift, misfit, overlap in zip(shifts, misfits, overlaps, strict=True):
-                trials.append(Trial(float(incidence), shift, misfit + weight * math.log(overlap.joint(incidence))))
+        trials = []
+        for shift, row in zip(shifts, misfits.T, strict=True):
+            overlap = EdgeOverlap(self._seen.coarse, self._scene, shift)
+            trials += [
+                Trial(float(incidence), shift, misfit + weight * math.log(overlap.joint(float(incidence))))
+                for incidence, misfit in zip(near, row, strict=True)
+            ]
         return min(trials, key=lambda trial: trial.score)
 
     def _refined(self, trial: Trial) -> Trial:
         """The trial's shift between the grid's points; none where it gains too little over none."""
-
-        def misfit(shift: float) -> float:
-            return float(self._likelihood.misfit(trial.incidence_deg, [shift])[0])
-
-        shift = local_minimum(misfit, trial.ghost_shift, 0.1, (trial.ghost_shift - 0.5, trial.ghost_shift + 0.5))
-        both = [self._likelihood.misfit(float(x), [0.0, shift]) for x in self._near(trial.incidence_deg)]
-        without, with_ghosts = np.min(both, axis=0)
+        shifts = trial.ghost_shift + _FINE_SHIFTS
+        misfit = self._likelihood.misfit(trial.incidence_deg, shifts)
+        best = min(max(int(np.argmin(misfit)), 1), shifts.size - 2)
+        shift = shifts[best] + (shifts[1] - shifts[0]) * vertex(*misfit[best - 1 : best + 2])
+        near = self._near(trial.incidence_deg)
+        without, with_ghosts = self._likelihood.misfit(near, [0.0, float(shift)]).min(axis=0)
         found = without - with_ghosts > self._least_gain(trial.incidence_deg)
-        return Trial(trial.incidence_deg, shift if found else 0.0, trial.score)
+        return Trial(trial.incidence_deg, float(shift) if found else 0.0, trial.score)
 
     def _near(self, incidence_deg: float) -> Curve:
         """Incidences at which shifts are compared: what is gained by the one is lost by the other."""
@@ -187,7 +219,9 @@ class SceneSearch:
 
     def _reflection_is_sharp(self, incidence_deg: float) -> bool:
         """Whether the reflection's fine edges stand out of the noise."""
-        return EdgeOverlap(self._frame, self._scene, 0.0, (_FINE,)).at(incidence_deg)[0].reflection_seen
+        scales = EdgeOverlap(self._seen.fine, self._scene, 0.0).at(incidence_deg)
+        first = next((i for i, size in enumerate(self._seen.fine.sizes[: len(scales)]) if size >= _FINE), -1)
+        return scales[first].reflection_seen
 
     def _likely_shifts(self, incidence_deg: float, spacing: float, most: int) -> list[float]:
         """Local minima of the misfit, least first."""
@@ -205,8 +239,8 @@ class SceneSearch:
         if self._thickness is not None:
             step = self._thickness.step(incidence_deg, self._scene.refractive_index)
             return np.array([step, -step])
-        most = math.floor(min(_MOST_SHIFT, min(self._frame.images.shape[-2:]) / 6) / spacing)
-        return np.arange(-most, most + 1) * spacing
+        most = math.floor(min(_MOST_SHIFT, self._seen.fine.side / 6) / spacing)
+        return np.arange(-most, most + 1.0) * spacing
 
 
 def _around(incidence_deg: float, half_width: float, spacing: float) -> Curve:
@@ -218,17 +252,3 @@ def _overlap_weight(incidence_deg: float, refractive_index: float) -> float:
     """Only where ghosts of the transmission are bright does the overlap tell shifts apart, too."""
     reflectance = interface(incidence_deg, refractive_index).reflection[1]
     return _OVERLAP_WEIGHT * min(1.0, max(0.025, (reflectance / 0.6) ** 4))
-
-
-def local_minimum(value: Callable[[float], float], start: float, step: float, bounds: tuple[float, float]) -> float:
-    """Minimum of a function of one variable near a start, by nlopt's subplex search."""
-    import nlopt
-
-    search = nlopt.opt(nlopt.LN_SBPLX, 1)
-    search.set_min_objective(lambda x, _gradient: value(float(x[0])))
-    search.set_lower_bounds([bounds[0]])
-    search.set_upper_bounds([bounds[1]])
-    search.set_initial_step([step])
-    search.set_xtol_abs([2e-2])
-    search.set_maxeval(15)
-    return float(search.optimize([min(max(start, bounds[0]), bounds[1])])[0])

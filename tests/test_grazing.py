@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from polaropt.grazing import coarse_overlap, refined_incidence
+from polaropt.plate_frame import plate_frame, stokes_images
 from polaropt.scene import ghost_step
 from polaropt.scene_estimation import estimate_scene
 from tests.blends import blend
@@ -15,14 +16,15 @@ from tests.blends import blend
 @pytest.mark.parametrize("incidence_deg", [70, 80])
 def test_an_incidence_that_is_a_little_off_is_put_right(incidence_deg, off_deg):
     example = blend(incidence_deg, 160, ghost_shift=8.0)
-    found = refined_incidence(example.capture, example.scene.replace(incidence_deg=incidence_deg + off_deg), 0.005)
+    frame = plate_frame(stokes_images(example.capture, 0.005), example.scene.azimuth_deg)
+    found = refined_incidence(frame, example.scene.replace(incidence_deg=incidence_deg + off_deg))
     assert abs(found - incidence_deg) < 0.6
 
 
 def test_layers_without_common_edges_overlap_least():
-    layers = np.zeros((2, 1, 64, 64), dtype=np.float32)
-    layers[0, :, :, 20:] = 1
-    layers[1, :, 40:, :] = 1
+    layers = np.zeros((2, 64, 64), dtype=np.float32)
+    layers[0, :, 20:] = 1
+    layers[1, 40:, :] = 1
     apart = coarse_overlap(layers)
     layers[1] = layers[0]
     assert apart < 0.2
