@@ -57,12 +57,16 @@ class Canvas:
         Nothing is known of a margin but that it is natural: where a solve starts from a mirrored one it spends
         nearly all of its evaluations on smoothing it.
         """
+        canvas = np.empty((*images.shape[:-2], *self.shape), dtype=np.float32)
+        self.crop(canvas)[...] = images
         # Mirrored, since the transform along a side takes it for periodic.
-        sides = [np.concatenate([side, side[..., ::-1]], axis=-1) for side in (images[..., -1], images[..., 0])]
-        across = _between(sides[0], sides[1], self.left + self.right)[..., : self.height]
-        wide = np.swapaxes(_wrapped(np.swapaxes(images, -1, -2), across, self.left), -1, -2)
-        down = _between(wide[..., -1, :], wide[..., 0, :], self.top + self.bottom)
-        return np.ascontiguousarray(_wrapped(wide, down, self.top), dtype=np.float32)
+        last, first = (np.concatenate([side, side[..., ::-1]], axis=-1) for side in (images[..., -1], images[..., 0]))
+        across = np.swapaxes(_between(last, first, self.left + self.right)[..., : self.height], -1, -2)
+        rows = canvas[..., self.top : self.top + self.height, :]
+        rows[..., self.left + self.width :], rows[..., : self.left] = np.split(across, [self.right], axis=-1)
+        down = _between(rows[..., -1, :], rows[..., 0, :], self.top + self.bottom)
+        canvas[..., self.top + self.height :, :], canvas[..., : self.top, :] = np.split(down, [self.bottom], axis=-2)
+        return canvas
 
     def pad_zeros(self, images: Any) -> Any:
         """Frame images (..., h, w) with zeros in the margins."""
@@ -111,12 +115,6 @@ def _between(before: Images, after: Images, n: int) -> Images:
 def _sinh_ratio(k: NDArray[np.float64], t: NDArray[np.int_], d: int) -> Images:
     """sinh(k t) / sinh(k d) for 0 <= t <= d, without overflow."""
     return (np.exp(k * (t - d)) * np.expm1(-2 * k * t) / np.expm1(-2 * k * d)).astype(np.float32)
-
-
-def _wrapped(lines: Images, between: Images, before: int) -> Images:
-    """Lines (..., n, length) with the last `before` lines of what lies between the ends in front, the rest behind."""
-    split = between.shape[-2] - before
-    return np.concatenate([between[..., split:, :], lines, between[..., :split, :]], axis=-2)
 
 
 def _fading(inside: int, before: int, after: int) -> NDArray[np.float64]:

@@ -20,6 +20,8 @@ from polaropt.preconditioner import AssumedHessian
 from polaropt.scene import SceneParameters
 from polaropt.spectra import FittedSpectra, FrequencyBands, Power, Spectrum, fit_spectra
 from polaropt.transfer import plate_transfer
+from priors.natural_image import in_basis
+from solvers.blocks import in_blocks
 
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
@@ -127,10 +129,10 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     mixing = pse.mixing[:, : pse.taps.shape[2]]
     precision = mixing.T @ mixing / noise**2
     basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
-    entries = _in_basis(basis, plate_entries(capture, pse))
+    entries = in_basis(basis.astype(np.float32), plate_entries(capture, pse), np)
     level = entries.mean(axis=(-1, -2), keepdims=True)
     power = _initial_power(entries)
-    told, cross, right = _normal_equations(pse, precision, _transformed(entries - level, canvas), canvas)
+    told, cross, right = _normal_equations(pse, precision, _transformed(entries, level, canvas), canvas)
     bands = FrequencyBands(*canvas.shape)
     fitted = _fitted(told, cross, right, bands, power)
     prior = fitted.everywhere(bands)
@@ -149,13 +151,21 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     )
 
 
-def _transformed(entries: Images, canvas: Canvas) -> Spectrum:
-    """Half spectra (entries, channel, H, W // 2 + 1), mirrored and fading in the margins."""
+def _transformed(entries: Images, level: Images, canvas: Canvas) -> Spectrum:
+    """Half spectra (entries, channel, H, W // 2 + 1) of entries off their level, mirrored and fading in the margins."""
     from scipy.fft import rfft2
 
+    height, width = canvas.shape
     window = canvas.window()
-    planes = [[rfft2(canvas.extend(plane) * window, norm="ortho") for plane in entry] for entry in entries]
-    return np.array(planes)
+    spectra = np.empty((*entries.shape[:2], height, width // 2 + 1), dtype=np.complex64)
+
+    def planes(start: int, stop: int) -> None:
+        for i in range(start, stop):
+            where = divmod(i, entries.shape[1])
+            spectra[where] = rfft2(canvas.extend(entries[where] - level[where]) * window, norm="ortho")
+
+    in_blocks(planes, entries.shape[0] * entries.shape[1], 1)
+    return spectra
 
 
 def _normal_equations(pse: PSE, precision: Matrix, data: Spectrum, canvas: Canvas) -> tuple[Power, Spectrum, Spectrum]:
@@ -191,14 +201,6 @@ def _wiener(
     nothing = np.zeros(whitened.size, dtype=np.float32)
     whitened.layers(whitened.whitened(right, nothing, np.eye(len(basis), dtype=np.float32), 0.0), layers)
     return layers
-
-
-def _in_basis(basis: Basis, images: Images) -> Images:
-    """Change the colours (..., channel, h, w) to another basis."""
-    if basis.shape[0] == 1:
-        return images
-    turned: Images = np.einsum("oc,echw->eohw", basis.astype(np.float32), images)
-    return turned
 
 
 def _initial_power(entries: Images) -> NDArray[np.float64]:

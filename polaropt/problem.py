@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,6 +16,7 @@ from polaropt.objective import Misfit, Term, Weights, build_objective, default_p
 from polaropt.plate import ghosts_that_matter
 from polaropt.preconditioner import FourierPreconditioner
 from polaropt.scene import SceneParameters
+from polaropt.starts import start_layers
 
 Images = NDArray[np.float32]
 
@@ -59,6 +61,13 @@ class Problem:
         self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
         self.known: ClosedForm = natural_image_layers(capture, self.pse, self.canvas, noise)
         self.penalties = default_penalties(self.known, noise)
+
+    def take_start(self, init: str) -> Images:
+        """Canvas layers to start from, by name; what only the start needs of the closed form is given up."""
+        start = start_layers(init, self.capture, self.scene, self.canvas, self.known)
+        nothing = np.empty(0, dtype=np.float32)
+        self.known = replace(self.known, layers=nothing, prior=nothing)
+        return start
 
     def compiled(self, start: Images) -> Coordinates:
         """The objective in compiled passes, in coordinates made for `start` (2, channel, H, W)."""

@@ -23,7 +23,7 @@ from polaropt.problem import Problem, component_images
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
 from polaropt.simulation import planes_last
-from polaropt.starts import start_layers, start_names
+from polaropt.starts import start_names
 from solvers.base import Solver, SolverResult, Status, StoppingRule, TooLarge
 from solvers.compiled import told_of_compiling
 from solvers.registry import get_solver
@@ -214,8 +214,11 @@ def _complete_scene(
 def _solve(
     problem: Problem, minimizer: Solver, init: str, stopping: StoppingRule, device: str | None, stages: _Stages
 ) -> tuple[SolverResult, Images, dict[str, Term]]:
-    start = start_layers(init, problem.capture, problem.scene, problem.canvas, problem.known)
+    start = problem.take_start(init)
     objective = problem.compiled(start) if device is None else problem.readable(start, device)
+    z = objective.coordinates(start)
+    # A solve of a large image needs the memory.
+    del start
     evaluations = 0
 
     def evaluate(z: Any) -> tuple[float, Any]:
@@ -225,7 +228,7 @@ def _solve(
         return objective.value_and_grad(z)
 
     try:
-        solution = minimizer.minimize(evaluate, objective.coordinates(start), stopping)
+        solution = minimizer.minimize(evaluate, z, stopping)
     except TooLarge as error:
         raise InputError(str(error)) from None
     return solution, *objective.solution(solution.x)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ _TURNS_POWER_LAW = 3
 _TURNS_BANDS = 9
 # Share of all frequencies that a band must hold before it moves freely.
 _BAND_INERTIA = 2e-4
+# Entries of a table over the logarithm of frequency: a step is less than 0.3 %.
+_TABLE = 4096
 # Frequencies that the fit looks at: all the low ones, of which there are few, and a sample of the others.
 _SAMPLED = 16384
 
@@ -65,11 +68,18 @@ class FrequencyBands:
 
     def power_law(self, power: float, logarithms: NDArray[np.float64]) -> Power:
         """Power of every frequency, (height, width // 2 + 1): a power law times the bands' correction of it."""
+        logs = np.linspace(float(self._span[0]), float(self._span[1]), _TABLE)
+        correction = np.interp(np.linspace(0, _N_BANDS - 1, _TABLE), np.arange(_N_BANDS), logarithms)
+        table: Power = np.exp(correction + np.log(power) - _POWER_LAW / 2 * logs).astype(np.float32)
+        return np.asarray(table[self._entry])
+
+    @cached_property
+    def _entry(self) -> NDArray[np.int16]:
+        """Where in a table over the logarithm of frequency each frequency is."""
         logs = np.log(self._squared)
-        scale = (_N_BANDS - 1) / np.ptp(self._span)
-        correction = np.interp((logs - self._span[0]) * scale, np.arange(_N_BANDS), logarithms)
-        law: Power = np.exp(correction + np.log(power) - _POWER_LAW / 2 * logs).astype(np.float32)
-        return law
+        logs -= np.float32(self._span[0])
+        logs *= np.float32((_TABLE - 1) / np.ptp(self._span))
+        return np.clip(np.rint(logs), 0, _TABLE - 1).astype(np.int16)
 
     def _position(self, squared: Power) -> NDArray[np.float64]:
         position = (np.log(squared.astype(np.float64)) - self._span[0]) / np.ptp(self._span)
