@@ -20,7 +20,7 @@ _BAND_INERTIA = 2e-4
 # Entries of a table over the logarithm of frequency: a step is less than 0.3 %.
 _TABLE = 4096
 # Frequencies that the fit looks at: all the low ones, of which there are few, and a sample of the others.
-_SAMPLED = 16384
+_SAMPLED = 6144
 
 
 class FrequencyBands:
