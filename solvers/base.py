@@ -14,6 +14,14 @@ Vector = NDArray[np.float32]
 ValueAndGrad = Callable[[Vector], tuple[float, Vector]]
 
 
+class TooLarge(ValueError):
+    """A solver cannot take so many unknowns; the text is one line that says how many it takes and names others."""
+
+
+class MissingPackage(ImportError):
+    """A solver's package is not installed; the text is one line that says how to install it."""
+
+
 class Status(Enum):
     """Why a solver stopped; the value is the sentence that a user reads."""
 
@@ -63,6 +71,8 @@ class TracePoint:
     seconds: float
     value: float
     gradient_norm: float
+    cpu_seconds: float = 0.0
+    """Processor time of the whole process since the start, all threads together."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +90,16 @@ class SolverResult:
     seconds: float
     trace: list[TracePoint] = field(repr=False, default_factory=list)
     """The finite evaluations, in order."""
+    restarts: int = 0
+    """Times that the solver went back to its best point because a value or gradient was not finite."""
+
+    @property
+    def sentence(self) -> str:
+        """Why it stopped, and whether it had to restart on its way."""
+        if not self.restarts:
+            return self.status.value
+        times = "once" if self.restarts == 1 else f"{self.restarts} times"
+        return f"{self.status.value} It restarted {times} from its best point, where a value was not finite."
 
 
 class Solver(Protocol):

@@ -1,23 +1,28 @@
-"""L-BFGS in float32 with sums in float64, a noise-aware line search and an optional preconditioner."""
+"""L-BFGS for large images: two passes over memory per iteration, float32 state, sums in float64."""
 
 from __future__ import annotations
 
-from collections import deque
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from solvers.base import SolverResult, Status, StoppingRule, ValueAndGrad, Vector
-from solvers.trace import Progress, StopSolving, Traced
+from solvers.gram import Direction, Gram
+from solvers.norms import distance
+from solvers.pairs import Pairs, Storage
+from solvers.trace import NotFinite, Progress, StopSolving, Traced
 
-_ROW = 8192
 _SUFFICIENT = 1e-4
 _SHORTEST, _LONGEST = 0.1, 0.5
 _MOST_HALVINGS = 20
 # The value of a sum over a million float32 residuals is known to about this share of it.
 _VALUE_NOISE = 1e-7
-_CURVED = 1e-8
+_MOST_RESTARTS = 3
+_SHORTER = 0.1
+# The gradient is kept in units of its first norm; float32 holds no larger ones.
+_LARGEST_UNIT = 1e30
 
 
 @dataclass(frozen=True)
@@ -27,14 +32,31 @@ class LBFGS:
     Parameters
     ----------
     history : int
-        Pairs of steps and gradient differences that are kept.
+        Pairs of steps and gradient changes that are kept.
+    storage : {"float32", "bfloat16"}
+        How they are kept. bfloat16 halves memory and traffic for a few more iterations.
     preconditioner : callable, optional
-        Approximate inverse Hessian applied to a vector: replaces the scaled identity.
+        Approximate inverse Hessian applied to a vector, linear, symmetric and positive; replaces the scaled identity.
+        Applied once per iteration.
+
+    Raises
+    ------
+    ValueError
+        No history, or an unknown storage.
 
     Notes
     -----
-    Vectors are float32 and every inner product is summed in float64. A step is accepted where the value falls enough,
-    or rises by less than its own rounding (backtracking by quadratic interpolation). Deterministic.
+    Inner products of all kept vectors are known at any time, so that the direction is found among a few numbers; one
+    pass over memory forms the trial point, another takes in the new pair with all its products. Both run on all cores.
+    The result is the same to the last bit whatever their number.
+
+    A step is accepted where the value falls enough, or rises by less than its own rounding (backtracking by quadratic
+    interpolation). Where a value or gradient is not finite the solver goes back to the best point, forgets its pairs
+    and tries a tenth of the step, three times at most (`SolverResult.restarts`).
+
+    Memory in vectors of N float32, history m: 2 m + 3 (m + 3 in bfloat16) for pairs, point, trial point and gradient;
+    one more where the best point is neither of the two, one more with a preconditioner. What the objective returns
+    comes on top and is not kept while the next is computed.
 
     References
     ----------
@@ -42,82 +64,127 @@ class LBFGS:
     """
 
     history: int = 5
+    storage: Storage = "float32"
     preconditioner: Callable[[Vector], Vector] | None = None
+
+    def __post_init__(self) -> None:
+        if self.history < 1:
+            raise ValueError(f"history is {self.history}; give 1 or more")
+        if self.storage not in ("float32", "bfloat16"):
+            raise ValueError(f"storage is {self.storage!r}; there are: float32, bfloat16")
 
     def minimize(self, objective: ValueAndGrad, start: Vector, stopping: StoppingRule) -> SolverResult:
         """Minimize `objective` from `start` until `stopping` says so."""
         traced = Traced(objective, stopping)
         progress = Progress(traced, stopping)
-        pairs: deque[_Pair] = deque(maxlen=self.history)
+        restarts = 0
         try:
-            x = np.array(start, dtype=np.float32)
-            value, gradient = traced(x)
+            descent = _Descent(self, traced, start)
+            broken = False
             while True:
-                direction, slope = self._direction(gradient, pairs)
-                if not slope < 0:
-                    raise StopSolving(Status.ROUNDOFF_LIMITED)
-                first = 1.0 if pairs or self.preconditioner else 1 / max(np.sqrt(-slope), 1e-30)
-                step, next_value, next_gradient = _line_search(traced, x, value, direction, slope, first)
-                if step == 0:
-                    if not pairs:
-                        raise StopSolving(Status.ROUNDOFF_LIMITED)
-                    pairs.clear()
-                    continue
-                direction *= np.float32(step)
-                x = x + direction
-                _remember(pairs, direction, next_gradient - gradient)
-                value, gradient = next_value, next_gradient
-                progress.iteration()
+                try:
+                    if broken:
+                        descent.restart()
+                    broken = False
+                    descent.iterate()
+                    progress.iteration()
+                except NotFinite:
+                    if restarts == _MOST_RESTARTS:
+                        raise
+                    restarts, broken = restarts + 1, True
         except StopSolving as stop:
             status = stop.status
-        return traced.result(status, progress.count, start)
-
-    def _direction(self, gradient: Vector, pairs: deque[_Pair]) -> tuple[Vector, float]:
-        """Downhill direction by the two-loop recursion, and the slope along it."""
-        q = -gradient
-        factors = []
-        for pair in reversed(pairs):
-            factor = inner(pair.step, q) / pair.curvature
-            q -= np.float32(factor) * pair.change
-            factors.append(factor)
-        if self.preconditioner is not None:
-            q = self.preconditioner(q)
-        elif pairs:
-            q *= np.float32(pairs[-1].curvature / inner(pairs[-1].change, pairs[-1].change))
-        for pair, factor in zip(pairs, reversed(factors), strict=True):
-            q += np.float32(factor - inner(pair.change, q) / pair.curvature) * pair.step
-        return q, inner(gradient, q)
+        return traced.result(status, progress.count, start, restarts=restarts)
 
 
-@dataclass(frozen=True)
-class _Pair:
-    step: Vector
-    change: Vector
-    curvature: float
+class _Descent:
+    """The state between iterations: a point, its value, and the pairs that led there."""
+
+    def __init__(self, options: LBFGS, traced: Traced, start: Vector) -> None:
+        self._traced, self._precondition = traced, options.preconditioner
+        self._x = np.array(start, dtype=np.float32)
+        self._trial = self._x
+        # Points take turns in these: a third is made only where the best point is neither the last nor the new one.
+        self._buffers = [self._x]
+        self._reach: float | None = None
+        self._value, gradient = traced(self._x)
+        preconditioned = options.preconditioner is not None
+        self._pairs = Pairs(self._x.size, options.history, options.storage, preconditioned)
+        self._gram = Gram(options.history, scaled=not preconditioned)
+        self._unit = min(1 / traced.trace[-1].gradient_norm, _LARGEST_UNIT)
+        self._begin(gradient)
+
+    def iterate(self) -> None:
+        """Move to a lower point; raises `StopSolving` where there is none."""
+        while not self._moved():
+            if self._gram.empty:
+                raise StopSolving(Status.ROUNDOFF_LIMITED)
+            self._gram.clear()
+
+    def restart(self) -> None:
+        """Go back to the best point without pairs, and tread more carefully: a tenth of the step that failed."""
+        self._reach = _SHORTER * distance(self._trial, self._x)
+        if self._x is self._traced.best:
+            self._gram.clear()
+            return
+        best = self._traced.best
+        self._value, gradient = self._traced(best)
+        self._x = best
+        self._begin(gradient)
+
+    def _begin(self, gradient: Vector) -> None:
+        gradient = _flat(gradient)
+        self._gram.begin(self._pairs.begin(gradient, self._preconditioned(gradient), self._unit))
+
+    def _moved(self) -> bool:
+        """Search along the direction of the pairs; False where it does not lead down."""
+        direction = self._gram.direction()
+        slope = direction.slope / self._unit
+        if not slope < 0:
+            return False
+        step = self._first_step(direction)
+        for _ in range(_MOST_HALVINGS):
+            trial = self._propose(direction, step)
+            value, gradient = self._traced(trial)
+            if value <= self._value + _SUFFICIENT * step * slope + _VALUE_NOISE * abs(self._value):
+                self._accept(trial, value, _flat(gradient))
+                return True
+            del gradient
+            vertex = -slope * step**2 / (2 * (value - self._value - slope * step))
+            step = min(max(vertex, _SHORTEST * step), _LONGEST * step)
+        return False
+
+    def _first_step(self, direction: Direction) -> float:
+        """1 where the direction knows its length; else as far as the last step, or as a restart allows."""
+        if not self._gram.empty:
+            return 1.0
+        if self._precondition is None:
+            return (self._reach or 1.0) / max(math.sqrt(-direction.slope), 1e-30)
+        if self._reach is None:
+            return 1.0
+        length = distance(self._propose(direction, 1.0), self._x)
+        return min(1.0, self._reach / length) if length else 1.0
+
+    def _propose(self, direction: Direction, step: float) -> Vector:
+        taken = (self._x, self._traced.best)
+        self._trial = next((buffer for buffer in self._buffers if not any(buffer is x for x in taken)), self._x)
+        if self._trial is self._x:
+            self._trial = np.empty_like(self._x)
+            self._buffers.append(self._trial)
+        self._pairs.propose(self._x, step * direction.weights, self._trial)
+        return self._trial
+
+    def _accept(self, trial: Vector, value: float, gradient: Vector) -> None:
+        slot = self._gram.take_slot()
+        sums = self._pairs.absorb((self._x, trial), gradient, self._preconditioned(gradient), slot)
+        self._gram.remember(slot[0], sums)
+        self._x, self._value = trial, value
+        self._reach = math.sqrt(sums[-1]) if self._precondition is None else None
+
+    def _preconditioned(self, gradient: Vector) -> Vector | None:
+        return None if self._precondition is None else _flat(self._precondition(gradient))
 
 
-def inner(a: Vector, b: Vector) -> float:
-    """Inner product of float32 vectors: rows in float32, their sum in float64."""
-    whole = a.size // _ROW * _ROW
-    rows = np.vecdot(a[:whole].reshape(-1, _ROW), b[:whole].reshape(-1, _ROW))
-    return float(rows.sum(dtype=np.float64)) + float(np.dot(a[whole:], b[whole:]))
-
-
-def _remember(pairs: deque[_Pair], step: Vector, change: Vector) -> None:
-    """Keep a pair whose curvature is positive beyond rounding."""
-    curvature = inner(step, change)
-    if curvature > _CURVED * np.sqrt(inner(step, step) * inner(change, change)):
-        pairs.append(_Pair(step, change, curvature))
-
-
-def _line_search(
-    traced: Traced, x: Vector, value: float, direction: Vector, slope: float, step: float
-) -> tuple[float, float, Vector]:
-    """First step that lowers the value enough, with value and gradient there; 0 where there is none."""
-    for _ in range(_MOST_HALVINGS):
-        new_value, new_gradient = traced(x + np.float32(step) * direction)
-        if new_value <= value + _SUFFICIENT * step * slope + _VALUE_NOISE * abs(value):
-            return step, new_value, np.asarray(new_gradient, dtype=np.float32)
-        vertex = -slope * step**2 / (2 * (new_value - value - slope * step))
-        step = min(max(vertex, _SHORTEST * step), _LONGEST * step)
-    return 0.0, value, direction
+def _flat(gradient: Vector) -> Vector:
+    """As the passes need it; copied only where it is not so already."""
+    return np.ascontiguousarray(gradient, dtype=np.float32).reshape(-1)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 
-from solvers.base import Solver
+from solvers.base import MissingPackage, Solver
 
+# Module, class, the package it needs and the extra that brings it ("": a dependency of polaropt itself).
 _BACKENDS = {
-    "lbfgs": ("solvers.lbfgs", "LBFGS"),
-    "scipy": ("solvers.scipy_lbfgs", "ScipyLBFGSB"),
+    "casadi": ("solvers.casadi_ipopt", "CasadiIPOPT", "casadi", "casadi"),
+    "lbfgs": ("solvers.lbfgs", "LBFGS", "numba", ""),
+    "nlopt": ("solvers.nlopt_lbfgs", "NLoptLBFGS", "nlopt", ""),
+    "scipy": ("solvers.scipy_lbfgs", "ScipyLBFGSB", "scipy", ""),
+    "torch": ("solvers.torch_lbfgs", "TorchLBFGS", "torch", "torch"),
 }
 
 
 def solver_names() -> tuple[str, ...]:
-    """Names that `get_solver` knows."""
+    """Names that `get_solver` knows, installed or not."""
     return tuple(sorted(_BACKENDS))
 
 
@@ -24,9 +29,14 @@ def get_solver(name: str) -> Solver:
     ------
     ValueError
         No solver has this name; the message lists those that exist.
+    MissingPackage
+        The package that it needs is not installed; the message says how to install it.
     """
     if name not in _BACKENDS:
         raise ValueError(f"unknown solver {name!r}; there are: {', '.join(solver_names())}")
-    module, cls = _BACKENDS[name]
+    module, cls, package, extra = _BACKENDS[name]
+    if find_spec(package) is None:
+        wanted = f"'polaropt[{extra}]'" if extra else package
+        raise MissingPackage(f"solver {name!r} needs the package {package}: pip install {wanted}", name=package)
     solver: Solver = getattr(import_module(module), cls)()
     return solver

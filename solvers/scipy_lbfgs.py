@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solvers.base import SolverResult, Status, StoppingRule, ValueAndGrad, Vector
+from solvers.scaled import Scaled
 from solvers.trace import Progress, StopSolving, Traced
 
 
@@ -24,7 +24,7 @@ class ScipyLBFGSB:
 
         traced = Traced(objective, stopping)
         progress = Progress(traced, stopping)
-        scaled = _Scaled(traced)
+        scaled = Scaled(traced)
         # Its own tests look at one step alone and can stop far from the minimum (scipy#23161); ours replace them.
         unlimited = 10 * stopping.max_evaluations + 100
         options = {"maxcor": self.history, "ftol": 0.0, "gtol": 0.0, "maxfun": unlimited, "maxiter": unlimited}
@@ -42,17 +42,3 @@ class ScipyLBFGSB:
         except StopSolving as stop:
             status = stop.status
         return traced.result(status, progress.count, start)
-
-
-class _Scaled:
-    """The objective in units of its first value, in float64: L-BFGS-B's constants expect values near 1."""
-
-    def __init__(self, traced: Traced) -> None:
-        self._traced = traced
-        self._unit = 0.0
-
-    def __call__(self, x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        value, gradient = self._traced(x.astype(np.float32))
-        if self._unit == 0.0:
-            self._unit = abs(value) or 1.0
-        return value / self._unit, np.divide(gradient, self._unit, dtype=np.float64)

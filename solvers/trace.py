@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from solvers.base import SolverResult, Status, StoppingRule, TracePoint, ValueAndGrad, Vector
+from solvers.norms import NUMPY, Norms
 
 
 class StopSolving(Exception):
@@ -18,14 +21,35 @@ class StopSolving(Exception):
         self.status = status
 
 
-class Traced:
-    """An objective that remembers its evaluations and the best point."""
+class NotFinite(StopSolving):
+    """Raised where a value or gradient is not finite: a solver that knows how may go on from the best point."""
 
-    def __init__(self, objective: ValueAndGrad, stopping: StoppingRule) -> None:
+    def __init__(self) -> None:
+        super().__init__(Status.NOT_FINITE)
+
+
+class Traced:
+    """An objective that remembers its evaluations and the best point.
+
+    Parameters
+    ----------
+    objective : callable
+    stopping : StoppingRule
+    norms : Norms
+        Of the kind of array that the objective takes.
+
+    Attributes
+    ----------
+    best : array or None
+        The best point, not copied: a solver must not write into an array while it is the best.
+    """
+
+    def __init__(self, objective: ValueAndGrad, stopping: StoppingRule, norms: Norms = NUMPY) -> None:
         self._objective = objective
         self._stopping = stopping
-        self._started = time.perf_counter()
-        self._best: Vector | None = None
+        self._norms = norms
+        self._started, self._cpu_started = time.perf_counter(), time.process_time()
+        self.best: Any = None
         self.best_value = math.inf
         self.n_evaluations = 0
         self.trace: list[TracePoint] = []
@@ -35,28 +59,45 @@ class Traced:
         self._check_limits()
         self.n_evaluations += 1
         value, gradient = self._objective(x)
-        value, norm = float(value), float(np.linalg.norm(np.asarray(gradient, dtype=np.float64)))
+        if gradient.shape != x.shape:
+            raise ValueError(f"the objective gave a gradient of shape {gradient.shape} at a point of shape {x.shape}")
+        value, norm = float(value), self._norms.euclidean(gradient)
         if not (math.isfinite(value) and math.isfinite(norm)):
-            raise StopSolving(Status.NOT_FINITE)
-        self.trace.append(TracePoint(self.n_evaluations, self._seconds(), value, norm))
+            raise NotFinite
+        cpu_seconds = time.process_time() - self._cpu_started
+        self.trace.append(TracePoint(self.n_evaluations, self._seconds(), value, norm, cpu_seconds))
         if value < self.best_value:
-            self.best_value = value
-            self._best = np.array(x, dtype=np.float32)
-        if np.abs(gradient).max(initial=0) <= self._stopping.gradient_norm:
+            self.best_value, self.best = value, x
+        if self._is_small(gradient, norm):
             raise StopSolving(Status.SMALL_GRADIENT)
         return value, gradient
 
-    def result(self, status: Status, n_iterations: int, start: Vector) -> SolverResult:
-        """The best point seen, with the trace."""
+    def result(
+        self,
+        status: Status,
+        n_iterations: int,
+        start: Any,
+        *,
+        restarts: int = 0,
+        to_numpy: Callable[[Any], Any] = np.asarray,
+    ) -> SolverResult:
+        """The best point seen, with the trace; a copy of the start where nothing was finite."""
+        point = np.array(to_numpy(start), dtype=np.float32) if self.best is None else to_numpy(self.best)
         return SolverResult(
-            x=np.array(start, dtype=np.float32) if self._best is None else self._best,
+            x=np.asarray(point, dtype=np.float32),
             value=self.best_value,
             n_evaluations=self.n_evaluations,
             n_iterations=n_iterations,
             status=status,
             seconds=self._seconds(),
             trace=self.trace,
+            restarts=restarts,
         )
+
+    def _is_small(self, gradient: Vector, norm: float) -> bool:
+        """Whether no entry is larger than the rule's; the norm alone nearly always tells."""
+        limit = self._stopping.gradient_norm
+        return norm == 0 or (norm <= limit * math.sqrt(gradient.shape[0]) and self._norms.largest(gradient) <= limit)
 
     def _seconds(self) -> float:
         return time.perf_counter() - self._started

@@ -16,7 +16,7 @@ from solvers.registry import get_solver, solver_names
 from tests.checks import assert_gradient
 
 SOLVERS = solver_names()
-TO_THE_END = StoppingRule(max_evaluations=3000, relative_change=1e-10)
+TO_THE_END = StoppingRule(max_evaluations=3000, relative_change=1e-9)
 
 
 def quadratic(x: Vector) -> tuple[float, Vector]:
@@ -154,7 +154,9 @@ def test_a_value_that_is_not_finite_ends_with_the_best_point(name: str, bad: flo
     result = get_solver(name).minimize(breaks, start, TO_THE_END)
     assert result.status is Status.NOT_FINITE
     assert not result.status.success
-    assert (result.n_evaluations, len(result.trace)) == (8, 7)
+    # Only our own tries again.
+    assert (result.n_evaluations, len(result.trace)) == (8 + result.restarts, 7)
+    assert result.restarts == (3 if name == "lbfgs" else 0)
     assert_sound(result, rosenbrock, start)
 
 
