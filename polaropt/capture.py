@@ -111,6 +111,15 @@ class Capture:
         images: Any = stokes_from_intensities(self.intensities, self.angles_deg)
         return np.asarray(images, dtype=np.float32)
 
+    def part(self, rows: slice, columns: slice) -> Capture:
+        """A part of the frame, which need not be a capture that makes sense by itself (all clipped, all black)."""
+        part = object.__new__(Capture)
+        part.intensities = np.ascontiguousarray(self.intensities[..., rows, columns])
+        part.angles_deg = self.angles_deg
+        part.valid = np.ascontiguousarray(self.valid[..., rows, columns])
+        part.origin = self.origin
+        return part
+
     def __repr__(self) -> str:
         return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"
 

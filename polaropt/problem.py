@@ -91,11 +91,6 @@ class Problem:
         whitened = FourierPreconditioner(hessian, known.mean, known.basis, self.canvas.shape[1], place)
         return WhitenedObjective(objective, whitened, place)
 
-    def cropped(self, layers: Images) -> Images:
-        """Canvas layers within the frame, in the capture's shape (2, [channel,] h, w)."""
-        frame: Images = np.ascontiguousarray(self.canvas.crop(layers))
-        return frame if self.capture.color else frame[:, 0]
-
     def misfit_ratio(self, misfit: float) -> float:
         """Mean squared residual in units of the noise, less what the unknowns take up."""
         k = len(self.capture.angles_deg)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +16,19 @@ from polaropt.diagnostics import Diagnostics, diagnose
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.noise import noise_level
-from polaropt.objective import Term, Weights, unknown_shares
-from polaropt.problem import Problem, component_images
+from polaropt.objective import Term, Weights
+from polaropt.problem import component_images
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
 from polaropt.simulation import planes_last
+from polaropt.solving import How, Solution, solve
+from polaropt.stages import Progress, Stages
 from polaropt.starts import start_names
-from solvers.base import Solver, SolverResult, Status, StoppingRule, TooLarge
+from solvers.base import SolverResult, Status, StoppingRule
 from solvers.compiled import told_of_compiling
 from solvers.registry import get_solver
 
 Images = NDArray[np.float32]
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -145,7 +143,7 @@ def separate(
     if device is not None and solver != "torch":
         raise InputError(f"device {device!r} is for the solver torch, not {solver}")
     device = device or ("cpu" if solver == "torch" else None)
-    stages = _Stages(progress)
+    stages = Stages(progress)
     # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
     with threadpool_limits(1, "blas"), told_of_compiling(stages.compiling):
         stages.begin("Measuring the noise", 0.0)
@@ -154,48 +152,10 @@ def separate(
         found, estimate = _complete_scene(capture, asked, noise, thickness_px, thickness_kind)
         if estimate is not None and not estimate.polarized and asked.incidence_deg is None:
             return _unseparated(capture, found, noise, estimate, stages)
-        stages.begin("Closed form", 0.3)
-        problem = Problem(capture, found, noise, weights, robust)
-        stages.begin("Solving", 0.4)
-        solution, layers, terms = _solve(problem, minimizer, init, stopping, device, stages)
+        how = How(minimizer, init, weights, stopping, robust, device)
+        solution = solve(capture, found, noise, how, stages)
         stages.begin("Taking stock", 0.97)
-        return _report(problem, solution, layers, terms, estimate, stages)
-
-
-class _Stages:
-    """Times the stages and tells the progress."""
-
-    def __init__(self, progress: Progress | None) -> None:
-        self._progress = progress
-        self._name: str | None = None
-        self._since = (time.perf_counter(), time.process_time())
-        self._at = 0.0
-        self.seconds: dict[str, float] = {}
-        self.cpu_seconds: dict[str, float] = {}
-
-    def begin(self, name: str, fraction: float) -> None:
-        """End the stage before and begin this one."""
-        self.end()
-        self._name, self._at = name, fraction
-        self.advance(0.0)
-
-    def advance(self, further: float) -> None:
-        """Tell how much further than its begin the stage is, in parts of the whole."""
-        if self._progress is not None and self._name is not None:
-            self._progress(self._name, self._at + further)
-
-    def compiling(self, kernel: str) -> None:
-        """Tell that a kernel is being compiled, which happens once on a computer."""
-        if self._progress is not None:
-            self._progress("Compiling (first use only)", self._at)
-
-    def end(self) -> None:
-        """End the running stage."""
-        now = (time.perf_counter(), time.process_time())
-        if self._name is not None:
-            self.seconds[self._name] = now[0] - self._since[0]
-            self.cpu_seconds[self._name] = now[1] - self._since[1]
-        self._since, self._name = now, None
+        return _report(capture, found, noise, solution, estimate, stages)
 
 
 def _complete_scene(
@@ -211,60 +171,37 @@ def _complete_scene(
     return estimate.scene, estimate
 
 
-def _solve(
-    problem: Problem, minimizer: Solver, init: str, stopping: StoppingRule, device: str | None, stages: _Stages
-) -> tuple[SolverResult, Images, dict[str, Term]]:
-    start = problem.take_start(init)
-    objective = problem.compiled(start) if device is None else problem.readable(start, device)
-    z = objective.coordinates(start)
-    # A solve of a large image needs the memory.
-    del start
-    evaluations = 0
-
-    def evaluate(z: Any) -> tuple[float, Any]:
-        nonlocal evaluations
-        evaluations += 1
-        stages.advance(0.57 * min(1.0, evaluations / stopping.max_evaluations))
-        return objective.value_and_grad(z)
-
-    try:
-        solution = minimizer.minimize(evaluate, z, stopping)
-    except TooLarge as error:
-        raise InputError(str(error)) from None
-    return solution, *objective.solution(solution.x)
-
-
 def _report(
-    problem: Problem,
-    solution: SolverResult,
-    layers: Images,
-    terms: dict[str, Term],
+    capture: Capture,
+    scene: SceneParameters,
+    noise: float,
+    solution: Solution,
     estimate: SceneEstimate | None,
-    stages: _Stages,
+    stages: Stages,
 ) -> Separation:
     diagnostics = diagnose(
-        problem.capture,
-        problem.noise,
-        misfit_ratio=problem.misfit_ratio(terms["misfit"].value),
-        reflection_unknown=float(unknown_shares(problem.known)[1]),
+        capture,
+        noise,
+        misfit_ratio=solution.misfit_ratio,
+        reflection_unknown=solution.reflection_unknown,
         estimate=estimate,
-        finite=solution.status is not Status.NOT_FINITE,
+        finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()
     return Separation(
-        layers=problem.cropped(layers),
-        scene=problem.scene,
-        terms=terms,
-        solver=_without_point(solution),
+        layers=solution.layers if capture.color else solution.layers[:, 0],
+        scene=scene,
+        terms=solution.terms,
+        solver=solution.solver,
         diagnostics=diagnostics,
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
-        parts=partial(_components, problem.pse, problem.canvas, layers, problem.capture.color),
+        parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
     )
 
 
 def _unseparated(
-    capture: Capture, scene: SceneParameters, noise: float, estimate: SceneEstimate, stages: _Stages
+    capture: Capture, scene: SceneParameters, noise: float, estimate: SceneEstimate, stages: Stages
 ) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells."""
     intensity = capture.stokes[0]
@@ -289,7 +226,3 @@ def _components(pse: PSE, canvas: Canvas, layers: Images, color: bool) -> Images
 def _halves(capture: Capture) -> Images:
     half = np.broadcast_to(capture.stokes[0] / 2, capture.intensities.shape)
     return np.stack([half, np.zeros_like(half)])
-
-
-def _without_point(solution: SolverResult) -> SolverResult:
-    return dataclasses.replace(solution, x=np.zeros(0, dtype=np.float32))

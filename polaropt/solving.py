@@ -1,0 +1,216 @@
+"""From a capture and its scene to the layers: closed form, objective and minimizer, tile by tile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.canvas import Canvas
+from polaropt.capture import Capture
+from polaropt.errors import InputError
+from polaropt.forward import PSE
+from polaropt.objective import Term, Weights, unknown_shares
+from polaropt.problem import Problem
+from polaropt.scene import SceneParameters
+from polaropt.stages import Stages
+from polaropt.tiles import Tile, tiles
+from solvers.base import Solver, SolverResult, Status, StoppingRule, TooLarge, TracePoint
+
+Images = NDArray[np.float32]
+
+_CLOSED_FORM, _SOLVING, _TAKING_STOCK = 0.3, 0.4, 0.97
+# The one that says most of a whole whose tiles ended differently, first.
+_GRAVITY = (
+    Status.NOT_FINITE,
+    Status.TIME_LIMIT,
+    Status.EVALUATION_LIMIT,
+    Status.ROUNDOFF_LIMITED,
+    Status.CONVERGED,
+    Status.SMALL_GRADIENT,
+)
+
+
+@dataclass(frozen=True)
+class How:
+    """How to solve.
+
+    Attributes
+    ----------
+    minimizer : Solver
+    init : str
+        Name of the start.
+    weights : Weights
+    stopping : StoppingRule
+    robust : bool
+    device : str or None
+        Where the readable objective runs on tensors; None for the compiled one.
+    """
+
+    minimizer: Solver
+    init: str
+    weights: Weights
+    stopping: StoppingRule
+    robust: bool
+    device: str | None
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a solve found.
+
+    Attributes
+    ----------
+    layers : ndarray of float32, shape (2, channel, h, w)
+        On the frame.
+    terms : dict of str to Term
+        Summed over tiles.
+    solver : SolverResult
+        Without its point.
+    misfit_ratio : float
+        Mean squared residual in units of the noise, less what the unknowns take up.
+    reflection_unknown : float
+        Share of the reflection's gradient energy that the photographs leave open, 0..1.
+    pse : PSE
+    canvas : Canvas
+    canvas_layers : ndarray of float32, shape (2, channel, H, W)
+        The layers as far as they are known beyond the frame, too.
+    """
+
+    layers: Images
+    terms: dict[str, Term]
+    solver: SolverResult
+    misfit_ratio: float
+    reflection_unknown: float
+    pse: PSE
+    canvas: Canvas
+    canvas_layers: Images
+
+
+def solve(capture: Capture, scene: SceneParameters, noise: float, how: How, stages: Stages) -> Solution:
+    """Solve for the layers of a capture whose scene is known, in tiles where it is large.
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters
+        A complete scene.
+    noise : float
+    how : How
+    stages : Stages
+
+    Raises
+    ------
+    InputError
+        The solver cannot take so many unknowns.
+    """
+    height, width = capture.shape[-2:]
+    parts = tiles(height, width)
+    if len(parts) == 1:
+        return _solve_tile(capture, scene, noise, how, stages, (0, 1))
+    colors = capture.shape[0] if capture.color else 1
+    layers = np.zeros((2, colors, height, width), dtype=np.float32)
+    solutions: list[Solution] = []
+    for i, tile in enumerate(parts):
+        found = _solve_tile(capture.part(*tile.where), scene, noise, how, stages, (i, len(parts)))
+        layers[:, :, tile.rows, tile.columns] += tile.weights * found.layers
+        nothing = np.empty(0, dtype=np.float32)
+        solutions.append(replace(found, layers=nothing, canvas_layers=nothing))
+    return _together(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0))
+
+
+def _solve_tile(
+    capture: Capture, scene: SceneParameters, noise: float, how: How, stages: Stages, number: tuple[int, int]
+) -> Solution:
+    """One tile, the number[0]-th of number[1], in the time that is its own."""
+    done, share = number[0] / number[1], 1 / number[1]
+    reach = _TAKING_STOCK - _CLOSED_FORM
+    stages.begin("Closed form", _CLOSED_FORM + reach * done)
+    problem = Problem(capture, scene, noise, how.weights, how.robust)
+    start = problem.take_start(how.init)
+    stages.begin("Setting up", _CLOSED_FORM + reach * done)
+    objective = problem.compiled(start) if how.device is None else problem.readable(start, how.device)
+    z = objective.coordinates(start)
+    # A solve of a large image needs the memory.
+    del start
+    stages.begin("Solving", _CLOSED_FORM + reach * (done + (_SOLVING - _CLOSED_FORM) * share))
+    evaluations = 0
+
+    def evaluate(z: Any) -> tuple[float, Any]:
+        nonlocal evaluations
+        evaluations += 1
+        stages.advance((_TAKING_STOCK - _SOLVING) * share * min(1.0, evaluations / how.stopping.max_evaluations))
+        return objective.value_and_grad(z)
+
+    try:
+        result = how.minimizer.minimize(evaluate, z, _shared(how.stopping, share))
+    except TooLarge as error:
+        raise InputError(str(error)) from None
+    stages.begin("Taking stock", _CLOSED_FORM + reach * (done + share))
+    layers, terms = objective.solution(result.x)
+    return Solution(
+        layers=np.ascontiguousarray(problem.canvas.crop(layers)),
+        terms=terms,
+        solver=replace(result, x=np.zeros(0, dtype=np.float32)),
+        misfit_ratio=problem.misfit_ratio(terms["misfit"].value),
+        reflection_unknown=float(unknown_shares(problem.known)[1]),
+        pse=problem.pse,
+        canvas=problem.canvas,
+        canvas_layers=layers,
+    )
+
+
+def _shared(stopping: StoppingRule, share: float) -> StoppingRule:
+    """A tile's part of the time; evaluations are counted per tile."""
+    return stopping if stopping.seconds is None else replace(stopping, seconds=stopping.seconds * share)
+
+
+def _together(solutions: list[Solution], parts: list[Tile], layers: Images, frame: Canvas) -> Solution:
+    areas = np.array([tile.weights.sum() for tile in parts])
+    mean = areas / areas.sum()
+    return Solution(
+        layers=layers,
+        terms=_summed_terms([solution.terms for solution in solutions]),
+        solver=_joined([solution.solver for solution in solutions]),
+        misfit_ratio=float(mean @ [solution.misfit_ratio for solution in solutions]),
+        reflection_unknown=float(mean @ [solution.reflection_unknown for solution in solutions]),
+        pse=solutions[0].pse,
+        canvas=frame,
+        canvas_layers=layers,
+    )
+
+
+def _summed_terms(all_terms: list[dict[str, Term]]) -> dict[str, Term]:
+    return {
+        name: Term(sum(terms[name].value for terms in all_terms), term.weight) for name, term in all_terms[0].items()
+    }
+
+
+def _joined(results: list[SolverResult]) -> SolverResult:
+    """As if the tiles had been solved side by side: values and seconds add up, evaluations are the longest tile's."""
+    trace = []
+    last = [result.trace[0] for result in results if result.trace]
+    for points in zip_longest(*(result.trace for result in results if result.trace)):
+        last = [point or before for point, before in zip(points, last, strict=True)]
+        trace.append(
+            TracePoint(
+                n_evaluations=max(point.n_evaluations for point in last),
+                seconds=sum(point.seconds for point in last),
+                value=sum(point.value for point in last),
+                gradient_norm=float(np.linalg.norm([point.gradient_norm for point in last])),
+                cpu_seconds=sum(point.cpu_seconds for point in last),
+            )
+        )
+    return SolverResult(
+        x=results[0].x,
+        value=sum(result.value for result in results),
+        n_evaluations=max(result.n_evaluations for result in results),
+        n_iterations=max(result.n_iterations for result in results),
+        status=min((result.status for result in results), key=_GRAVITY.index),
+        seconds=sum(result.seconds for result in results),
+        trace=trace,
+        restarts=sum(result.restarts for result in results),
+    )
