@@ -1,4 +1,4 @@
-"""polaropt's objective as a differentiable torch function of the pixels: what one writes without a gradient of one's own.
+"""The objective as a differentiable torch function of the pixels: what one writes without a gradient of one's own.
 
 The slow contestants of the benchmark minimize it; tests hold it equal to the objective of `polaropt.problem.Problem`.
 """
@@ -106,7 +106,7 @@ class AutogradObjective:
 
 
 def gradient_energy(layer: Tensor) -> Tensor:
-    """Gradient energy (h, w) of a layer (channel, h, w), all colours together, as `priors.base.ColorGradient` has it."""
+    """Gradient energy (h, w) of a layer (channel, h, w), all colours together: that of `priors.base.ColorGradient`."""
     down = functional.pad(layer[:, 1:] - layer[:, :-1], (0, 0, 0, 1))
     right = functional.pad(layer[..., 1:] - layer[..., :-1], (0, 1))
     energy = (torch.square(down) + torch.square(right)).sum(dim=0)

@@ -1,0 +1,149 @@
+"""One value and gradient on the pixels against the time that its memory traffic takes at least."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from polaropt.fused_misfit import FusedMisfit
+from polaropt.fused_penalties import FusedPenalties
+from polaropt.noise import noise_level
+from polaropt.objective import Weights
+from polaropt.problem import Problem
+from priors.gradient_sparsity import GradientSparsity
+from solvers.blocks import in_blocks, thread_count
+from studies.benchmark_record import Measurement, Place
+from studies.benchmark_scenes import Example
+
+TABLE = "kernels"
+N_GHOSTS = 2
+INCIDENCE_DEG = 60.0
+# The spectral prior needs a transform: what is measured are the passes over pixels.
+_WEIGHTS = Weights(natural_image=0.0)
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Repeats, and the length of the vectors whose product measures the bandwidth."""
+
+    repeats: int
+    vector_mib: int
+
+
+def measure(place: Place, example: Example, effort: Effort, tell: Tell) -> list[Measurement]:
+    """Seconds of the compiled and the automatic gradient, and the bandwidth, with one thread and with all."""
+    scene = replace(example.scene, n_bounces=N_GHOSTS)
+    problem = Problem(example.capture, scene, noise_level(example.capture), _WEIGHTS)
+    if problem.pse.taps.shape[1] != N_GHOSTS + 1:
+        raise AssertionError(f"{problem.pse.taps.shape[1] - 1} ghosts instead of {N_GHOSTS}")
+    own = problem.penalties.gradient_sparsity
+    vector = _ones(effort.vector_mib)
+    subjects = {"bandwidth": _dot(vector)}
+    for sparsity in (replace(own, exponent=1.0), own):
+        name = f"p = {sparsity.exponent:g}"
+        subjects[f"compiled, {name}"] = _compiled(problem, sparsity)
+        subjects[f"torch autograd, {name}"] = _autograd(problem, sparsity)
+    measurements = [place.measured("bound", "traffic", "bytes", [traffic_bytes(problem)])]
+    for threads in dict.fromkeys((1, thread_count())):
+        tell(f"{threads} threads")
+        measurements += _interleaved(place, subjects, threads, effort, 2 * vector.nbytes)
+    return measurements
+
+
+def traffic_bytes(problem: Problem) -> int:
+    """Bytes that one value and gradient moves at least.
+
+    The layers are read once, the gradient is written (which reads its lines too), the data is read once.
+    """
+    colors = problem.penalties.natural_image.mean.shape[1]
+    canvas = problem.canvas
+    layers = 2 * colors * canvas.shape[0] * canvas.shape[1]
+    data = problem.pse.taps.shape[2] * colors * canvas.height * canvas.width
+    return 4 * (layers + 2 * layers + data)
+
+
+def _interleaved(
+    place: Place, subjects: dict[str, Callable[[], object]], threads: int, effort: Effort, vector_bytes: int
+) -> list[Measurement]:
+    samples: dict[str, list[tuple[float, float]]] = {name: [] for name in subjects}
+    with limited(threads):
+        for repeat in range(effort.repeats + 1):
+            for name, call in subjects.items():
+                begun = (time.perf_counter(), time.process_time())
+                call()
+                taken = (time.perf_counter() - begun[0], time.process_time() - begun[1])
+                # The first warms up.
+                if repeat:
+                    samples[name].append(taken)
+    unit = f"{threads} thread" + ("s" if threads > 1 else "")
+    rows = [
+        place.measured("bandwidth", f"{unit}: rate", "bytes/s", [vector_bytes / s for s, _ in samples["bandwidth"]])
+    ]
+    for name in list(subjects)[1:]:
+        rows.append(place.measured(name, f"{unit}: wall", "s", [wall for wall, _ in samples[name]]))
+        rows.append(place.measured(name, f"{unit}: CPU", "s", [cpu for _, cpu in samples[name]]))
+    return rows
+
+
+@contextmanager
+def limited(threads: int) -> Iterator[None]:
+    """Within this context polaropt, torch and BLAS (one per block) use so many threads."""
+    import torch
+
+    before, torch_before = os.environ.get("OMP_NUM_THREADS"), torch.get_num_threads()
+    os.environ["OMP_NUM_THREADS"] = str(threads)
+    torch.set_num_threads(threads)
+    try:
+        with threadpool_limits(1, "blas"):
+            yield
+    finally:
+        torch.set_num_threads(torch_before)
+        if before is None:
+            del os.environ["OMP_NUM_THREADS"]
+        else:
+            os.environ["OMP_NUM_THREADS"] = before
+
+
+def _ones(mib: int) -> NDArray[np.float32]:
+    return np.ones(mib * 2**20 // 4, dtype=np.float32)
+
+
+def _dot(vector: NDArray[np.float32]) -> Callable[[], object]:
+    """The product of two vectors far larger than a cache, in blocks on all threads."""
+    other = vector.copy()
+
+    def part(start: int, stop: int) -> float:
+        return float(np.dot(vector[start:stop], other[start:stop]))
+
+    return lambda: in_blocks(part, vector.size, 2**20)
+
+
+def _compiled(problem: Problem, sparsity: GradientSparsity) -> Callable[[], object]:
+    penalties = replace(problem.penalties, gradient_sparsity=sparsity)
+    misfit = FusedMisfit(problem.capture, problem.pse, problem.canvas, problem.noise)
+    layers = problem.known.layers.copy()
+    local = FusedPenalties(penalties, problem.canvas, layers.shape[1])
+    gradient = np.empty_like(layers)
+
+    def call() -> object:
+        misfit.value_and_grad(layers, gradient)
+        return local.value_and_grad(layers, gradient, _WEIGHTS)
+
+    return call
+
+
+def _autograd(problem: Problem, sparsity: GradientSparsity) -> Callable[[], object]:
+    from studies.autograd_objective import AutogradObjective
+
+    objective = AutogradObjective(problem, _WEIGHTS, sparsity)
+    layers = problem.known.layers.copy()
+    return lambda: objective.value_and_grad(layers)

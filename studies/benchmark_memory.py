@@ -1,0 +1,123 @@
+"""Peak memory of `separate`, in processes of its own.
+
+``python -m studies.benchmark_memory FILE.npz [--scene I A S] [--warm]`` separates one capture and prints what it took
+as JSON. The peak is the kernel's high-water mark of this process; where Linux tells it, `VmHWM`, which unlike
+``ru_maxrss`` starts anew with the program and can be set back.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from studies.benchmark_record import Measurement, Place
+from studies.benchmark_scenes import Example
+
+TABLE = "memory"
+INCIDENCE_DEG = 60.0
+ABOVE_IMPORTS = "peak above the imports and the capture"
+WITH_CAPTURE = "peak above the imports, capture included"
+_ROOT = Path(__file__).parents[1]
+
+Tell = Callable[[str], None]
+
+
+def measure(place: Place, example: Example, repeats: int, tell: Tell) -> list[Measurement]:
+    """Peaks of `separate` with the scene known and blind; also with the kernels loaded before."""
+    measurements = []
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "capture.npz"
+        capture = example.capture
+        np.savez(file, intensities=capture.intensities, angles_deg=capture.angles_deg, valid=capture.valid)
+        scene = ["--scene", *(str(value) for value in example.scene.values())]
+        for name, arguments in (("known scene", scene), ("blind", [])):
+            for warm in (False, True):
+                tell(f"{name}, kernels loaded" if warm else name)
+                flags = [*arguments, "--warm"] if warm else arguments
+                told = [_in_a_process(file, flags) for _ in range(repeats)]
+                subject = f"{name}, above the kernels too" if warm else name
+                for quantity in told[0]:
+                    measurements.append(place.measured(subject, quantity, "MB", [one[quantity] for one in told]))
+    return measurements
+
+
+def _in_a_process(file: Path, arguments: Sequence[str]) -> dict[str, float]:
+    command = [sys.executable, "-m", "studies.benchmark_memory", str(file), *arguments]
+    ran = subprocess.run(command, cwd=_ROOT, capture_output=True, text=True, check=True)
+    told: dict[str, float] = json.loads(ran.stdout)
+    return told
+
+
+def _status_mb(name: str) -> float | None:
+    """A line of Linux's /proc/self/status in MB (10^6 bytes), None on other systems."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return None
+    found = [line.split()[1] for line in lines if line.startswith(f"{name}:")]
+    return int(found[0]) * 1024 / 1e6 if found else None
+
+
+def _peak_mb() -> float:
+    peak = _status_mb("VmHWM")
+    if peak is not None:
+        return peak
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def _now_mb() -> float:
+    now = _status_mb("VmRSS")
+    return _peak_mb() if now is None else now
+
+
+def _set_back() -> None:
+    """Let the high-water mark begin at what is held now, where the system allows it."""
+    gc.collect()
+    try:
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    except OSError:
+        return
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Separate one capture and print the peaks."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("file", type=Path, help="npz with intensities, angles_deg, valid")
+    parser.add_argument("--scene", type=float, nargs=3, help="incidence and azimuth in degrees, ghost shift in pixels")
+    parser.add_argument("--warm", action="store_true", help="load and run all kernels before, on a small piece")
+    options = parser.parse_args(arguments)
+    import scipy  # noqa: F401 (counted with the imports)
+
+    import polaropt
+
+    scene = polaropt.SceneParameters(*options.scene) if options.scene else None
+    archive = np.load(options.file)
+    if options.warm:
+        piece = polaropt.Capture(
+            archive["intensities"][..., :64, :64], archive["angles_deg"], archive["valid"][..., :64, :64]
+        )
+        polaropt.separate(piece, scene)
+        del piece
+    _set_back()
+    imported = _now_mb()
+    capture = polaropt.Capture(archive["intensities"], archive["angles_deg"], archive["valid"])
+    _set_back()
+    captured = _now_mb()
+    result = polaropt.separate(capture, scene)
+    peak = _peak_mb()
+    assert np.isfinite(result.layers).all()
+    print(json.dumps({ABOVE_IMPORTS: peak - captured, WITH_CAPTURE: peak - imported, "imports": imported}))
+
+
+if __name__ == "__main__":
+    main()
