@@ -17,7 +17,7 @@ Floats = NDArray[np.float32]
 Sums = NDArray[np.float64]
 Bits = NDArray[np.uint16] | NDArray[np.uint32]
 
-_TILE = 4096
+_TILE = 8192
 
 
 @compiled
@@ -29,9 +29,10 @@ def _pack(values: Floats, row: Bits) -> None:
             row[j] = bits[j]
         return
     for j in range(bits.size):
-        half = (bits[j] + np.uint32(0x7FFF) + ((bits[j] >> np.uint32(16)) & np.uint32(1))) >> np.uint32(16)
-        row[j] = half
-        bits[j] = half << np.uint32(16)
+        bits[j] += np.uint32(0x7FFF) + ((bits[j] >> np.uint32(16)) & np.uint32(1))
+        bits[j] &= np.uint32(0xFFFF0000)
+    for j in range(bits.size):
+        row[j] = bits[j] >> np.uint32(16)
 
 
 @compiled
