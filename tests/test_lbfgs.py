@@ -97,7 +97,7 @@ def test_the_result_is_the_same_to_the_bit_whatever_the_threads(monkeypatch, sto
 
 @pytest.mark.parametrize(("history", "storage", "most"), [(5, "float32", 13), (5, "bfloat16", 8), (3, "float32", 9)])
 def test_memory_is_what_the_docstring_says(history, storage, most):
-    n = 400_000
+    n = 1_000_000
     solver, start = LBFGS(history, storage), np.zeros(n, np.float32)
     objective = wide_into(np.empty(n, np.float32))
     # Compiled before the memory is watched.
