@@ -13,7 +13,7 @@ from polaropt.forward import PSE
 
 Images = NDArray[np.float32]
 
-LEAST_MARGIN = 16
+LEAST_MARGIN = 12
 MOST_MARGIN = 48
 # Ghosts fainter than this share of the direct light, summed over both layers, need no canvas of their own.
 _FAINT = 0.02

@@ -69,16 +69,6 @@ def raise_to_power(base: Array, exponent: Any, out: Array) -> None:
 
 
 @compiled
-def _differences(row: Array, below: Array, dx: Array, dy: Array) -> None:
-    n = row.size
-    for x in range(n - 1):
-        dx[x] = row[x + 1] - row[x]
-    dx[n - 1] = 0
-    for x in range(n):
-        dy[x] = below[x] - row[x]
-
-
-@compiled
 def _row(layers: Array, i: int, c: int, frame: Frame, y: int) -> Array:
     """Row y of the frame; the last one stands for those below it."""
     row: Array = layers[i, c, frame.top + min(y, frame.height - 1), frame.left : frame.left + frame.width]
@@ -86,27 +76,41 @@ def _row(layers: Array, i: int, c: int, frame: Frame, y: int) -> Array:
 
 
 @compiled
+def _differ(row: Array, below: Array, dx: Array, dy: Array, sums: Array, anew: bool) -> None:
+    """Differences of a row to the right and down, which are added to sums (2, w) or begin them."""
+    sum_x, sum_y = sums[0], sums[1]
+    if anew:
+        for x in range(row.size):
+            sum_x[x] = 0
+            sum_y[x] = 0
+    for x in range(row.size - 1):
+        dx[x] = row[x + 1] - row[x]
+    dx[row.size - 1] = 0
+    for x in range(row.size):
+        dy[x] = below[x] - row[x]
+        sum_x[x] += dx[x]
+        sum_y[x] += dy[x]
+
+
+@compiled
 def energies(layers: Array, frame: Frame, chroma: Any, energy: Array, start: int, stop: int) -> None:
     """Gradient energy of rows start..stop of the frame, all colours together, into energy (2, h, w)."""
     colors = layers.shape[1]
     excess = (chroma - np.float32(1)) / np.float32(colors)
-    scratch = np.empty((4, frame.width), np.float32)
-    dx, dy, sum_x, sum_y = scratch[0], scratch[1], scratch[2], scratch[3]
+    scratch, sums = np.zeros((2, frame.width), np.float32), np.zeros((2, frame.width), np.float32)
+    dx, dy, sum_x, sum_y = scratch[0], scratch[1], sums[0], sums[1]
     for i in range(2):
         for y in range(start, stop):
             q = energy[i, y]
-            for x in range(q.size):
-                q[x] = 0
-                sum_x[x] = 0
-                sum_y[x] = 0
             for c in range(colors):
-                _differences(_row(layers, i, c, frame, y), _row(layers, i, c, frame, y + 1), dx, dy)
+                _differ(_row(layers, i, c, frame, y), _row(layers, i, c, frame, y + 1), dx, dy, sums, c == 0)
+                if c == 0:
+                    for x in range(q.size):
+                        q[x] = 0
                 for x in range(q.size):
-                    q[x] += dx[x] * dx[x] + dy[x] * dy[x]
-                    sum_x[x] += dx[x]
-                    sum_y[x] += dy[x]
+                    q[x] += chroma * (dx[x] * dx[x] + dy[x] * dy[x])
             for x in range(q.size):
-                q[x] = chroma * q[x] - excess * (sum_x[x] * sum_x[x] + sum_y[x] * sum_y[x])
+                q[x] -= excess * (sum_x[x] * sum_x[x] + sum_y[x] * sum_y[x])
 
 
 @compiled
@@ -187,40 +191,30 @@ def _add_independence(energy: Array, y: int, typical: Array, strength: float, tw
 
 
 @compiled
-def _flows(layers: Array, i: int, frame: Frame, y: int, chroma: Any, flows: Array, sums: Array) -> None:
-    """Half the derivative of row y's energy by the differences of each colour: flows (2, channel, w)."""
-    colors = flows.shape[1]
-    excess = (chroma - np.float32(1)) / np.float32(colors)
-    sum_x, sum_y = sums[0], sums[1]
-    for x in range(frame.width):
-        sum_x[x] = 0
-        sum_y[x] = 0
-    for c in range(colors):
-        dx, dy = flows[0, c], flows[1, c]
-        _differences(_row(layers, i, c, frame, y), _row(layers, i, c, frame, y + 1), dx, dy)
-        for x in range(dx.size):
-            sum_x[x] += dx[x]
-            sum_y[x] += dy[x]
-    for c in range(colors):
-        dx, dy = flows[0, c], flows[1, c]
-        for x in range(dx.size):
-            dx[x] = chroma * dx[x] - excess * sum_x[x]
-            dy[x] = chroma * dy[x] - excess * sum_y[x]
-
-
-@compiled
-def _add_divergence(slope: Array, across: Array, down: Array, from_above: Array, out: Array) -> None:
+def _flows(difference: Array, total: Array, slope: Array, chroma: Any, excess: Any, out: Array) -> None:
+    """Slope times half the derivative of the energy by one colour's differences."""
     for x in range(out.size):
-        out[x] += from_above[x] - slope[x] * (across[x] + down[x])
-    after = out[1:]
-    for x in range(after.size):
-        after[x] += slope[x] * across[x]
+        out[x] = slope[x] * (chroma * difference[x] - excess * total[x])
 
 
 @compiled
-def _carry(slope: Array, down: Array, from_above: Array) -> None:
-    for x in range(down.size):
-        from_above[x] = slope[x] * down[x]
+def _add_divergence(across: Array, down: Array, from_above: Array, out: Array) -> None:
+    out[0] += from_above[0] - down[0] - across[0]
+    inner, before, here, below, above = out[1:], across[:-1], across[1:], down[1:], from_above[1:]
+    for x in range(inner.size):
+        inner[x] += (above[x] - below[x]) + (before[x] - here[x])
+
+
+@compiled
+def _twice_slopes(energy: Array, slope: Array, y: int, typical: Array, shared: float, rows: Array, out: Array) -> None:
+    """Twice the derivative of all penalties on edges by the energies of row y, into out (2, w)."""
+    for i in range(2):
+        s = out[i]
+        _pooled_row(slope[i], y, rows, s)
+        for x in range(s.size):
+            s[x] += s[x]
+    if shared != 0:
+        _add_independence(energy, y, typical, shared, out)
 
 
 @compiled
@@ -237,25 +231,25 @@ def add_gradient(
     stop: int,
 ) -> None:
     """Add the gradient of sparsity and of `shared` times the independence in rows start..stop of the frame."""
-    colors = layers.shape[1]
-    rows, twice = np.empty(frame.width, np.float32), np.empty((2, frame.width), np.float32)
-    flows, sums = np.empty((2, colors, frame.width), np.float32), np.empty((2, frame.width), np.float32)
-    from_above = np.zeros((2, colors, frame.width), np.float32)
+    colors, width = layers.shape[1], frame.width
+    excess = (chroma - np.float32(1)) / np.float32(colors)
+    rows, twice, across = np.empty(width, np.float32), np.empty((2, width), np.float32), np.empty(width, np.float32)
+    differences, sums = np.empty((colors, 2, width), np.float32), np.zeros((2, width), np.float32)
+    # Of two rows in turn: what flows down out of a row flows into the next.
+    down = np.zeros((2, 2, colors, width), np.float32)
     for y in range(max(start - 1, 0), stop):
+        _twice_slopes(energy, slope, y, typical, shared, rows, twice)
         for i in range(2):
-            s = twice[i]
-            _pooled_row(slope[i], y, rows, s)
-            for x in range(s.size):
-                s[x] += s[x]
-        if shared != 0:
-            _add_independence(energy, y, typical, shared, twice)
-        for i in range(2):
-            _flows(layers, i, frame, y, chroma, flows, sums)
             for c in range(colors):
+                row, below = _row(layers, i, c, frame, y), _row(layers, i, c, frame, y + 1)
+                _differ(row, below, differences[c, 0], differences[c, 1], sums, c == 0)
+            for c in range(colors):
+                flow, from_above = down[y % 2, i, c], down[1 - y % 2, i, c]
+                _flows(differences[c, 1], sums[1], twice[i], chroma, excess, flow)
                 if y >= start:
-                    out = gradient[i, c, frame.top + y, frame.left : frame.left + frame.width]
-                    _add_divergence(twice[i], flows[0, c], flows[1, c], from_above[i, c], out)
-                _carry(twice[i], flows[1, c], from_above[i, c])
+                    _flows(differences[c, 0], sums[0], twice[i], chroma, excess, across)
+                    out = gradient[i, c, frame.top + y, frame.left : frame.left + width]
+                    _add_divergence(across, flow, from_above, out)
 
 
 @compiled
