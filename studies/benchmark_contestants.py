@@ -7,7 +7,7 @@ that start cold on the pixels are given the penalties for nothing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ _HISTORY = 10
 _MOST = 100_000
 # Evaluations of a line search that finds nothing lower.
 _FRUITLESS = 25
+_TRIAL = 6
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,17 @@ class Contestant:
     init : str
     solve : callable
         Sets up and solves, telling a recorder.
+    chooses_blas : bool
+        Whether it may run with all BLAS threads or with one, whichever is faster here.
+    blas_threads : int or None
+        None: as the library has it.
     """
 
     solver: str
     init: str
     solve: Callable[[Judge, str, Recorder], Status]
+    chooses_blas: bool = False
+    blas_threads: int | None = None
 
     @property
     def name(self) -> str:
@@ -66,8 +73,22 @@ def contestants() -> list[Contestant]:
     if _has_gpu():
         found.append(Contestant(f"{WHITENED} torch on cuda", "closed-form", _registered("torch", "cuda")))
     inits = ("cold", "closed-form")
-    found += [Contestant(SCIPY_AUTOGRAD, init, _scipy_autograd) for init in inits]
+    found += [Contestant(SCIPY_AUTOGRAD, init, _scipy_autograd, chooses_blas=True) for init in inits]
     return found + [Contestant(TORCH_AUTOGRAD, init, _torch_autograd) for init in inits]
+
+
+def warmed_up(contestant: Contestant, judge: Judge, finish: Finish, seconds: float) -> Contestant:
+    """Run a contestant for a moment, and let it choose its BLAS threads if it may: no rival shall be kept slow."""
+    race(contestant, judge, finish, Limits(seconds, 2))
+    if not contestant.chooses_blas:
+        return contestant
+    choices = [replace(contestant, blas_threads=threads) for threads in (None, 1)]
+    return min(choices, key=lambda choice: _solve_seconds(race(choice, judge, finish, Limits(seconds, _TRIAL))))
+
+
+def _solve_seconds(run: Run) -> float:
+    """Seconds per evaluation."""
+    return (run.points[-1].seconds - run.set_up[0]) / len(run.points) if run.points else 0.0
 
 
 def race(contestant: Contestant, judge: Judge, finish: Finish, limits: Limits) -> Run:
@@ -75,7 +96,8 @@ def race(contestant: Contestant, judge: Judge, finish: Finish, limits: Limits) -
     recorder = Recorder(judge, finish, limits)
     run = recorder.run
     try:
-        run.status = contestant.solve(judge, contestant.init, recorder)
+        with threadpool_limits(contestant.blas_threads, "blas"):
+            run.status = contestant.solve(judge, contestant.init, recorder)
     except StopSolving as stop:
         run.status = stop.status
     except (TooLarge, MissingPackage) as reason:

@@ -16,11 +16,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies.benchmark_record import Measurement, Place
-from studies.benchmark_scenes import Example
+if TYPE_CHECKING:
+    from studies.benchmark_record import Measurement, Place
+    from studies.benchmark_scenes import Example
 
 TABLE = "memory"
 INCIDENCE_DEG = 60.0
@@ -52,7 +54,8 @@ def measure(place: Place, example: Example, repeats: int, tell: Tell) -> list[Me
 
 def _in_a_process(file: Path, arguments: Sequence[str]) -> dict[str, float]:
     command = [sys.executable, "-m", "studies.benchmark_memory", str(file), *arguments]
-    ran = subprocess.run(command, cwd=_ROOT, capture_output=True, text=True, check=True)
+    # Its errors show.
+    ran = subprocess.run(command, cwd=_ROOT, stdout=subprocess.PIPE, text=True, check=True)
     told: dict[str, float] = json.loads(ran.stdout)
     return told
 

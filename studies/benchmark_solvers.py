@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solvers.base import Status
-from studies.benchmark_contestants import Contestant, contestants, race
+from studies.benchmark_contestants import Contestant, contestants, race, warmed_up
 from studies.benchmark_race import Finish, Judge, Limits, Run, find_finish
 from studies.benchmark_record import Measurement, Place
 from studies.benchmark_scenes import Photographs, Size, example
@@ -51,15 +51,15 @@ def measure(place: Place, photographs: Photographs, size: Size, rounds: Rounds, 
     finish = finish.lowered(verdicts)
     measurements = _reference(place, finish)
     for contestant, several in runs.items():
-        measurements += _measured(place, contestant.name, several, finish)
+        measurements += _measured(place, contestant, several, finish)
     return measurements
 
 
 def _runs(judge: Judge, finish: Finish, rounds: Rounds, tell: Tell) -> dict[Contestant, list[Run]]:
-    runs: dict[Contestant, list[Run]] = {contestant: [] for contestant in contestants()}
-    for contestant in runs:
+    runs: dict[Contestant, list[Run]] = {}
+    for contestant in contestants():
         tell(f"{contestant.name}: warming up")
-        race(contestant, judge, finish, Limits(rounds.cap_seconds, 2))
+        runs[warmed_up(contestant, judge, finish, rounds.cap_seconds)] = []
     for repeat in range(rounds.repeats):
         for contestant, earlier in runs.items():
             if not _again(earlier, rounds):
@@ -90,9 +90,9 @@ def _reference(place: Place, finish: Finish) -> list[Measurement]:
     return [place.measured(REFERENCE, name, unit, [value]) for (name, unit), value in values.items()]
 
 
-def _measured(place: Place, name: str, runs: list[Run], finish: Finish) -> list[Measurement]:
+def _measured(place: Place, contestant: Contestant, runs: list[Run], finish: Finish) -> list[Measurement]:
     """Arrival of a contestant with all repeats, and the curve of its first run."""
-    first = runs[0]
+    name, first = contestant.name, runs[0]
     if not first.points:
         return [place.measured(name, "evaluations", "", [], note=first.note or "it did not start")]
     arrivals = [run.arrival(finish) for run in runs]
@@ -101,6 +101,9 @@ def _measured(place: Place, name: str, runs: list[Run], finish: Finish) -> list[
     ends = arrived or [(run, len(run.points) - 1) for run in runs]
     bound = "" if arrived else ">="
     note = "" if arrived else _shortfall(first, finish)
+    if contestant.chooses_blas:
+        threads = "all" if contestant.blas_threads is None else contestant.blas_threads
+        note = "; ".join(filter(None, (note, f"BLAS threads: {threads}, the faster here")))
     points = [run.points[at] for run, at in ends]
     rows = [
         place.measured(name, "wall, with set-up", "s", [p.seconds for p in points], bound, note),
