@@ -78,18 +78,24 @@ def _row(layers: Array, i: int, c: int, frame: Frame, y: int) -> Array:
 @compiled
 def _differ(row: Array, below: Array, dx: Array, dy: Array, sums: Array, anew: bool) -> None:
     """Differences of a row to the right and down, which are added to sums (2, w) or begin them."""
-    sum_x, sum_y = sums[0], sums[1]
-    if anew:
-        for x in range(row.size):
-            sum_x[x] = 0
-            sum_y[x] = 0
+    # Loops that write one array each: more of them in one do not vectorize.
     for x in range(row.size - 1):
         dx[x] = row[x + 1] - row[x]
     dx[row.size - 1] = 0
     for x in range(row.size):
         dy[x] = below[x] - row[x]
-        sum_x[x] += dx[x]
-        sum_y[x] += dy[x]
+    _accumulate(dx, sums[0], anew)
+    _accumulate(dy, sums[1], anew)
+
+
+@compiled
+def _accumulate(source: Array, total: Array, anew: bool) -> None:
+    if anew:
+        for x in range(total.size):
+            total[x] = source[x]
+    else:
+        for x in range(total.size):
+            total[x] += source[x]
 
 
 @compiled
