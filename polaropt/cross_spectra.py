@@ -119,6 +119,8 @@ def _usable(
     radius: Matrix = np.hypot(columns, rows)
     # The window leaks the lowest frequencies; interpolation, in an eye or a computer, spoils the highest.
     use = (radius > _LOWEST_CYCLES * 2 * np.pi / side) & (radius < _HIGHEST)
+    # The window makes neighbouring frequencies much alike: every second one, as on a chessboard, says the same.
+    use &= np.add.outer(np.arange(side), np.arange(side // 2 + 1)) % 2 == 0
     par, perp = (total[use] / np.float32(count) for total in sums[:2])
     cross = sums[2][use] / np.float32(count)
     return CrossSpectra(

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,16 +112,17 @@ class EdgeOverlap:
             if not self._scene.single_surface:
                 t_p, t_s = t_p * t_p, t_s * t_s
             return np.array([[[t_s, -t_p]], [[-r_s, r_p]]])
-        reflection = _times([t_s * t_s], r_p), -_times([t_p * t_p], r_s)
-        transmission = -_times([r_s, r_s * (1 - 2 * r_s)], r_p), _times([r_p, r_p * (1 - 2 * r_p)], r_s)
-        factors = np.stack([np.stack(reflection, axis=1), np.stack(transmission, axis=1)])
+        # Coefficients of 1, z and z^2: eliminating one layer multiplies by the other's factor, and by (1 - R^2 z).
+        reflection = [_times((t_s**2, 0.0), r_p), _times((-(t_p**2), 0.0), r_s)]
+        transmission = [_times((-r_s, r_s * (2 * r_s - 1)), r_p), _times((r_p, r_p * (1 - 2 * r_p)), r_s)]
+        factors = np.array([reflection, transmission]).swapaxes(1, 2)
         return factors.sum(axis=1, keepdims=True) if self._in_place else factors
 
 
-def _times(polynomial: Sequence[float], reflectance: float) -> Matrix:
-    """Coefficients of ``polynomial (1 - R^2 z)`` in z, three of them."""
-    product = np.convolve(polynomial, [1, -reflectance * reflectance])
-    return np.pad(product, (0, 3 - product.size))
+def _times(line: tuple[float, float], reflectance: float) -> tuple[float, float, float]:
+    """Coefficients in z of ``(a + b z) (1 - R^2 z)``."""
+    (a, b), square = line, reflectance * reflectance
+    return a, b - a * square, -b * square
 
 
 def _scale(copies: Images, share: Images | None, step: Step, size: int) -> _Scale:

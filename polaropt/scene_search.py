@@ -41,7 +41,7 @@ _GRAZING_DEG, _GRAZING_PENALTY = 85.5, 0.03
 """Score per degree beyond: panes are hardly ever seen so, and one across, its layers exchanged, looks much alike."""
 _FINE = 4
 _FINE_SHIFTS: Curve = np.arange(-4.0, 4.5) / 8
-_STEP_DEG, _TOLERANCE_DEG = 2.0, 0.2
+_STEP_DEG, _ROUGHLY_DEG, _TOLERANCE_DEG = 2.0, 1.0, 0.2
 _LEAST_GAIN = 5e-5
 """Misfit per frequency that a shift must gain over none."""
 
@@ -107,15 +107,15 @@ class SceneSearch:
 
     def improved(self, trial: Trial) -> Trial:
         """Ghost shift and incidence in turns until both rest."""
-        trial = self._with_overlap_minimum(trial, self._seen.coarse)
+        trial = self._with_overlap_minimum(trial)
         for _ in range(_TURNS if self._open_shift else 0):
             before = trial
-            trial = self._with_overlap_minimum(self._best_shift(trial.incidence_deg), self._seen.coarse)
+            trial = self._with_overlap_minimum(self._best_shift(trial.incidence_deg))
             if trial.ghost_shift == before.ghost_shift and abs(trial.incidence_deg - before.incidence_deg) < 0.5:
                 break
         if self._open_shift and self._thickness is None:
             trial = self._refined(trial)
-        trial = self._with_overlap_minimum(trial, self._seen.fine)
+        trial = self._with_overlap_minimum(trial, _TOLERANCE_DEG)
         if self._thickness is not None:
             trial = self._with_tied_shift(trial)
         return Trial(trial.incidence_deg, trial.ghost_shift, self._score(trial))
@@ -127,7 +127,7 @@ class SceneSearch:
 
     def curve(self, trial: Trial) -> Curve:
         """Edge overlap over all trial incidences, at the trial's ghost shift."""
-        overlap = EdgeOverlap(self._seen.coarse, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
+        overlap = self._best_scales(trial, self._seen.coarse)
         return np.array([overlap.joint(float(incidence)) for incidence in INCIDENCE_GRID_DEG])
 
     def shift_curve(self, trial: Trial) -> tuple[Curve, Curve]:
@@ -166,15 +166,19 @@ class SceneSearch:
             self._overlaps_in_place[incidence_deg] = self._in_place.joint(incidence_deg)
         return self._overlaps_in_place[incidence_deg]
 
-    def _with_overlap_minimum(self, trial: Trial, blocks: BlockImages) -> Trial:
-        """The trial moved to the least edge overlap around it."""
+    def _with_overlap_minimum(self, trial: Trial, tolerance_deg: float = _ROUGHLY_DEG) -> Trial:
+        """The trial moved to the least edge overlap around it: where that is on coarse blocks, then on fine ones."""
         if self._scene.incidence_deg is not None:
             return trial
-        overlap = EdgeOverlap(blocks, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
-        incidence = local_minimum(
-            overlap.joint, trial.incidence_deg, (LOWEST_DEG, HIGHEST_DEG), _STEP_DEG, _TOLERANCE_DEG
-        )
+        overlap = self._best_scales(trial, self._seen.coarse)
+        near = _around(trial.incidence_deg, 6, 2)
+        start = float(near[np.argmin([overlap.joint(float(x)) for x in near])])
+        overlap = self._best_scales(trial, self._seen.fine)
+        incidence = local_minimum(overlap.joint, start, (LOWEST_DEG, HIGHEST_DEG), _STEP_DEG, tolerance_deg)
         return Trial(incidence, trial.ghost_shift, trial.score)
+
+    def _best_scales(self, trial: Trial, blocks: BlockImages) -> EdgeOverlap:
+        return EdgeOverlap(blocks, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
 
     def _best_shift(self, incidence_deg: float) -> Trial:
         """Among the likeliest shifts the best in likelihood and edge overlap together, the incidence free to give."""
@@ -229,9 +233,7 @@ class SceneSearch:
         if self._thickness is not None:
             return [float(shift) for shift in grid]
         misfit = self._likelihood.misfit(incidence_deg, grid)
-        padded = np.pad(misfit, 1, constant_values=np.inf)
-        minima = np.flatnonzero((misfit <= padded[:-2]) & (misfit < padded[2:]))
-        return [float(grid[i]) for i in minima[np.argsort(misfit[minima])][:most]]
+        return [float(grid[i]) for i in _minima(misfit)[:most]]
 
     def _shift_grid(self, incidence_deg: float, spacing: float) -> Curve:
         if not self._open_shift:
@@ -241,6 +243,13 @@ class SceneSearch:
             return np.array([step, -step])
         most = math.floor(min(_MOST_SHIFT, self._seen.fine.side / 6) / spacing)
         return np.arange(-most, most + 1.0) * spacing
+
+
+def _minima(values: Curve) -> list[int]:
+    """Indices of local minima, least first: not at the ends, where values merely fall, unless there is nothing else."""
+    inside = values[1:-1]
+    minima = 1 + np.flatnonzero((inside <= values[:-2]) & (inside < values[2:]))
+    return [int(i) for i in minima[np.argsort(values[minima])]] or [int(np.argmin(values))]
 
 
 def _around(incidence_deg: float, half_width: float, spacing: float) -> Curve:
