@@ -8,18 +8,17 @@ its smoothing no longer matters, and pictures of half the size will do.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.fresnel import interface
 from polaropt.parabola import vertex
-from polaropt.plate_frame import Images, Matrix, PlateFrame, block_mean
+from polaropt.plate_frame import Images, PlateFrame, block_mean
 from polaropt.scene import SceneParameters
 from polaropt.transfer import frequencies
 
-Spectrum = NDArray[np.complexfloating[Any, Any]]
+Spectrum = NDArray[np.complex64]
 
 STRONG_GHOSTS_DEG = 64.0
 _STEP_DEG = 0.7
@@ -29,7 +28,8 @@ _HALF, _BLOCK = 2, 2
 _FADED, _LEFT_OUT = 8, 6
 """Samples at each border over which the pictures fade out, and that do not count."""
 _FIRST_LEVEL, _LEAST_LEVEL = 3e-3, 1e-9
-_ROUNDS = 3
+_ROUNDS, _EVERY = 3, 2
+"""Rounds in which the levels are fitted, to every so-many-th frequency."""
 
 
 def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> float:
@@ -83,15 +83,15 @@ class _Wiener:
         self._z = np.exp(-1j * along * scene.values()[2] / _HALF).astype(np.complex64)
         self._radius2 = (rows**2 + columns**2).astype(np.float32)
         self._radius2[0, 0] = (2 * np.pi / max(self._shape)) ** 2
-        self._noise = frame.covariance / (_HALF**2 * frame.images.shape[1])
-        self._levels: Matrix = np.full(2, _FIRST_LEVEL)
+        self._noise = (frame.covariance / (_HALF**2 * frame.images.shape[1])).astype(np.float32)
+        self._levels: Images = np.full(2, _FIRST_LEVEL, np.float32)
         self._refractive_index = scene.refractive_index
 
     def fit(self, incidence_deg: float) -> None:
         """Fit the levels of both layers at an incidence."""
         for _ in range(_ROUNDS):
-            power = _squared(self._spectra(incidence_deg)) * self._radius2
-            self._levels = np.maximum(power.mean(axis=(-2, -1)), _LEAST_LEVEL)
+            power = _squared(self._spectra(incidence_deg, _EVERY)) * self._radius2[::_EVERY, ::_EVERY]
+            self._levels = np.maximum(power.mean(axis=(-2, -1)), np.float32(_LEAST_LEVEL))
 
     def layers(self, incidence_deg: float) -> Images:
         """Transmission and reflection (2, h, w) of a pane at an incidence, without the borders."""
@@ -101,30 +101,33 @@ class _Wiener:
         edge = min(_LEFT_OUT, min(self._shape) // 8)
         return layers[:, edge:-edge, edge:-edge] if edge else layers
 
-    def _spectra(self, incidence_deg: float) -> Spectrum:
+    def _spectra(self, incidence_deg: float, every: int = 1) -> Spectrum:
         """Spectra of the layers: ``P H^* (H P H^* + N)^-1`` times what is seen, H the pane, P the layers' powers."""
-        first, second = interface(incidence_deg, self._refractive_index).reflection[:2]
-        par, perp = self._transfer(first), self._transfer(second)
+        part = (..., slice(None, None, every), slice(None, None, every))
+        (seen_par, seen_perp), z, radius2 = self._seen[part], self._z[part], self._radius2[part]
+        reflectances = interface(incidence_deg, self._refractive_index).reflection[:2]
+        par, perp = (_transfer(np.float32(reflectance), z) for reflectance in reflectances)
         p = self._levels[:, None, None]
         (n_par, n_cross), (_, n_perp) = self._noise
         # Everything in units of 1 / |omega|^2.
-        power_par = (p * _squared(par)).sum(axis=0) + n_par * self._radius2
-        power_perp = (p * _squared(perp)).sum(axis=0) + n_perp * self._radius2
-        cross = (p * par * perp.conj()).sum(axis=0) + n_cross * self._radius2
+        power_par = (p * _squared(par)).sum(axis=0) + n_par * radius2
+        power_perp = (p * _squared(perp)).sum(axis=0) + n_perp * radius2
+        cross = (p * par * perp.conj()).sum(axis=0) + n_cross * radius2
         determinant = power_par * power_perp - _squared(cross)
-        white_par = (power_perp * self._seen[0] - cross * self._seen[1]) / determinant
-        white_perp = (power_par * self._seen[1] - cross.conj() * self._seen[0]) / determinant
-        found: Spectrum = (p * (par.conj() * white_par + perp.conj() * white_perp)).astype(np.complex64)
+        white_par = (power_perp * seen_par - cross * seen_perp) / determinant
+        white_perp = (power_par * seen_perp - cross.conj() * seen_par) / determinant
+        found: Spectrum = p * (par.conj() * white_par + perp.conj() * white_perp)
         return found
 
-    def _transfer(self, reflectance: float) -> Spectrum:
-        """What the pane passes and mirrors (layer, h, w) of one polarization; a polarizer takes half of it."""
-        through = (1 - reflectance) ** 2 / (1 - reflectance**2 * self._z) / 2
-        return np.stack([through, reflectance / 2 + reflectance * self._z * through])
+
+def _transfer(reflectance: np.float32, z: Spectrum) -> Spectrum:
+    """What the pane passes and mirrors (layer, h, w) of one polarization; a polarizer takes half of it."""
+    through: Spectrum = (1 - reflectance) ** 2 / 2 / (1 - reflectance**2 * z)
+    return np.stack([through, reflectance / 2 + reflectance * z * through])
 
 
-def _squared(values: Spectrum) -> Matrix:
-    squared: Matrix = values.real.astype(np.float64) ** 2 + values.imag.astype(np.float64) ** 2
+def _squared(values: Spectrum) -> Images:
+    squared: Images = values.real**2 + values.imag**2
     return squared
 
 

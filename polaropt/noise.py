@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,6 +20,8 @@ _FEWEST = 100
 _SAMPLE = 65536
 _COARSEST_STEP = 1 / 60
 _PILE = 5e-4
+_MOST_VALUES, _BAND = 2**18, 16
+"""Values of a photograph that are enough, and rows of a band that is taken from a larger one."""
 
 
 def noise_level(capture: Capture) -> float:
@@ -63,14 +66,25 @@ def quantization_step(intensities: NDArray[np.float32]) -> float:
 
 
 def _noise_of_redundancy(capture: Capture, step: float) -> float:
-    intensities = capture.intensities
+    rows = _sampled_rows(capture.intensities[0].size, capture.shape[-2])
+    intensities, valid = capture.intensities[..., rows, :], capture.valid[..., rows, :]
+    trusted = _trusted(intensities, valid)
     if orthogonal_pairs(capture.angles_deg) is not None:
-        gain = pair_gain_of(intensities, capture.angles_deg, capture.valid)
+        gain = pair_gain_of(intensities, capture.angles_deg, valid)
         if gain is not None and plausible(gain):
             intensities = divide_out_gain(intensities, capture.angles_deg, gain)
     residual = redundancy_residual(intensities, capture.angles_deg)
-    trusted = np.broadcast_to(_trusted(capture), residual.shape)
-    return _spread(residual[trusted], step / 2)
+    return _spread(residual[np.broadcast_to(trusted, residual.shape)], step / 2)
+
+
+def _sampled_rows(size: int, height: int) -> slice | NDArray[np.intp]:
+    """All rows of a photograph of `size` values, or bands of neighbouring rows all over a large one."""
+    n_bands = max(1, math.floor(height * _MOST_VALUES / size / _BAND))
+    if n_bands * _BAND >= height:
+        return slice(None)
+    starts = np.linspace(0, height - _BAND, n_bands).astype(np.intp)
+    rows: NDArray[np.intp] = (starts[:, None] + np.arange(_BAND)).ravel()
+    return rows
 
 
 def _noise_of_three_photographs(capture: Capture, step: float) -> float:
@@ -80,7 +94,7 @@ def _noise_of_three_photographs(capture: Capture, step: float) -> float:
     pictures, and one combination holds noise alone.
     """
     detail = _second_differences(capture.intensities)
-    trusted = _trusted(capture)[..., 1:-1, 1:-1]
+    trusted = _trusted(capture.intensities, capture.valid)[..., 1:-1, 1:-1]
     samples = detail[:, trusted if trusted.any() else np.ones_like(trusted)]
     small = np.abs(samples).max(axis=0) <= np.quantile(np.abs(samples).max(axis=0), 0.9)
     _, directions = np.linalg.eigh(np.cov(samples[:, small].astype(np.float64)))
@@ -93,11 +107,10 @@ def _second_differences(images: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray((down[..., :-2] - 2 * down[..., 1:-1] + down[..., 2:]) / np.float32(6))
 
 
-def _trusted(capture: Capture) -> NDArray[np.bool_]:
+def _trusted(intensities: NDArray[np.float32], all_valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Pixels ([channel,] h, w) away from anything clipped, at white or at the lowest value."""
-    valid: NDArray[np.bool_] = np.asarray(capture.valid.all(axis=0))
-    lowest = capture.intensities.min()
-    at_lowest = capture.intensities == lowest
+    valid: NDArray[np.bool_] = np.asarray(all_valid.all(axis=0))
+    at_lowest = intensities == intensities.min()
     if np.count_nonzero(at_lowest) > _PILE * at_lowest.size:
         valid &= ~at_lowest.any(axis=0)
     # Beside clipped pixels those survive whose noise happens to be small: a biased sample.
