@@ -96,7 +96,7 @@ def quick_settings(photographs: Photographs) -> Settings:
     return Settings(
         photographs,
         TABLES,
-        benchmark_solvers.Rounds(2, 10.0, 1.0, 1),
+        benchmark_solvers.Rounds(2, 0.7, 0.5, 1, reference_evaluations=100),
         sizes=(small, large),
         kernel_sizes=(large,),
         kernels=benchmark_kernels.Effort(5, 32),
@@ -142,7 +142,7 @@ def _whole_tasks(settings: Settings) -> list[Task]:
 def _running_on(settings: Settings, incidence_deg: float) -> Callable[[Place, Tell], list[Measurement]]:
     def run(place: Place, tell: Tell) -> list[Measurement]:
         scene = example(settings.photographs, incidence_deg, settings.running_on)
-        return benchmark_pipeline.measure_running_on(place, scene, tell)
+        return benchmark_pipeline.measure_running_on(place, scene, settings.rounds.reference_evaluations, tell)
 
     return run
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from studies import benchmark_solvers
 from studies.benchmark_contestants import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD, WHITENED
@@ -21,8 +23,7 @@ _ROWS = (
 )
 _LEAST_GAP = 3e-5
 _MOST_MARKERS = 7
-# Below this share of the PSNR's way nothing is to be seen.
-_TOP_DB, _SHOWN_DB = 1.0, 16.0
+_TOP_DB, _SHOWN_DB = 1.0, 22.0
 
 
 @dataclass(frozen=True)
@@ -76,12 +77,12 @@ def _figure(record: Record, case: str, sizes: list[str]) -> Any:
             handles |= _lines(axis, record, case, size, quantity)
             _dress(axis, row, label if column == 0 else "", size if row == 0 else "")
             if row:
-                _limit_decibels(axis, record, case, sizes, quantity)
+                _dress_decibels(axis, record, case, size, quantity)
         axes[-1][column].set_xlabel("seconds, set-up included")
     degrees = benchmark_solvers.INCIDENCES_DEG[case]
     figure.suptitle(f"Work and precision: {case} scene ({degrees:g} degrees), colour", y=0.995)
     names = _ordered(handles)
-    columns = 3 if len(sizes) > 1 else 2
+    columns = 3 if len(sizes) > 2 else 2
     lines = math.ceil(len(names) / columns)
     figure.legend(
         [handles[name] for name in names], names, loc="lower center", ncols=columns, frameon=False, handlelength=4
@@ -99,7 +100,6 @@ def _lines(axis: Any, record: Record, case: str, size: str, quantity: str) -> di
         if clock is None:
             continue
         style = style_of(curve.subject)
-        every = max(1, len(curve.samples) // _MOST_MARKERS)
         (handles[curve.subject],) = axis.plot(
             clock.samples,
             curve.samples,
@@ -109,10 +109,16 @@ def _lines(axis: Any, record: Record, case: str, size: str, quantity: str) -> di
             marker=style.marker,
             markersize=5,
             markerfacecolor="white" if "cold" in curve.subject else style.color,
-            markevery=every,
+            markevery=_marked(clock.samples),
             zorder=5 if curve.subject.startswith(OURS) else 3,
         )
     return handles
+
+
+def _marked(seconds: Sequence[float]) -> list[int]:
+    """Which points get a marker: evenly spaced on the logarithmic axis, the first and the last among them."""
+    wanted = np.geomspace(seconds[0], seconds[-1], _MOST_MARKERS)
+    return sorted({min(int(i), len(seconds) - 1) for i in np.searchsorted(seconds, wanted)} | {len(seconds) - 1})
 
 
 def style_of(name: str) -> Style:
@@ -148,9 +154,12 @@ def _dress(axis: Any, row: int, label: str, title: str) -> None:
         axis.set_title(title)
 
 
-def _limit_decibels(axis: Any, record: Record, case: str, sizes: list[str], quantity: str) -> None:
-    """Show the upper decibels; a thin line marks the PSNR at the lowest objective."""
-    name = quantity.removeprefix("curve: ")
-    where = {"table": benchmark_solvers.TABLE, "case": case, "subject": benchmark_solvers.REFERENCE}
-    tops = [m.median for size in sizes for m in record.find(**where, size=size, quantity=name)]
-    axis.set_ylim(min(tops) - _SHOWN_DB, max(tops) + _TOP_DB)
+def _dress_decibels(axis: Any, record: Record, case: str, size: str, quantity: str) -> None:
+    """A thin line marks the PSNR at the lowest objective; what is far below it is not shown."""
+    where = {"table": benchmark_solvers.TABLE, "case": case, "size": size, "subject": benchmark_solvers.REFERENCE}
+    top = one(record, **where, quantity=quantity.removeprefix("curve: "))
+    if top is None:
+        return
+    axis.axhline(top.median, color="grey", linewidth=0.8)
+    bottom, upper = axis.get_ylim()
+    axis.set_ylim(max(bottom, top.median - _SHOWN_DB), max(upper, top.median + _TOP_DB))

@@ -6,7 +6,8 @@ that start cold on the pixels are given the penalties for nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,6 +36,36 @@ _TRIAL = 6
 
 
 @dataclass(frozen=True)
+class Threads:
+    """Threads of torch and of BLAS; None: as the library has it, which is all cores."""
+
+    torch: int | None = None
+    blas: int | None = None
+
+    def __str__(self) -> str:
+        return f"torch {self.torch or 'all'}, BLAS {self.blas or 'all'}"
+
+    @contextmanager
+    def set(self) -> Iterator[None]:
+        """Within this context the libraries use so many."""
+        with threadpool_limits(self.blas, "blas"):
+            if self.torch is None:
+                yield
+                return
+            import torch
+
+            before = torch.get_num_threads()
+            torch.set_num_threads(self.torch)
+            try:
+                yield
+            finally:
+                torch.set_num_threads(before)
+
+
+_CHOICES = (Threads(), Threads(blas=1), Threads(torch=1, blas=1))
+
+
+@dataclass(frozen=True)
 class Contestant:
     """A solver and where it starts.
 
@@ -45,17 +76,16 @@ class Contestant:
     init : str
     solve : callable
         Sets up and solves, telling a recorder.
-    chooses_blas : bool
-        Whether it may run with all BLAS threads or with one, whichever is faster here.
-    blas_threads : int or None
-        None: as the library has it.
+    chooses_threads : bool
+        Whether it may run with all threads or with one, whichever is faster here.
+    threads : Threads
     """
 
     solver: str
     init: str
     solve: Callable[[Judge, str, Recorder], Status]
-    chooses_blas: bool = False
-    blas_threads: int | None = None
+    chooses_threads: bool = False
+    threads: Threads = Threads()
 
     @property
     def name(self) -> str:
@@ -73,16 +103,16 @@ def contestants() -> list[Contestant]:
     if _has_gpu():
         found.append(Contestant(f"{WHITENED} torch on cuda", "closed-form", _registered("torch", "cuda")))
     inits = ("cold", "closed-form")
-    found += [Contestant(SCIPY_AUTOGRAD, init, _scipy_autograd, chooses_blas=True) for init in inits]
-    return found + [Contestant(TORCH_AUTOGRAD, init, _torch_autograd) for init in inits]
+    rivals = {SCIPY_AUTOGRAD: _scipy_autograd, TORCH_AUTOGRAD: _torch_autograd}
+    return found + [Contestant(name, init, solve, True) for name, solve in rivals.items() for init in inits]
 
 
 def warmed_up(contestant: Contestant, judge: Judge, finish: Finish, seconds: float) -> Contestant:
-    """Run a contestant for a moment, and let it choose its BLAS threads if it may: no rival shall be kept slow."""
+    """Run a contestant for a moment, and let it choose its threads if it may: no rival shall be kept slow."""
     race(contestant, judge, finish, Limits(seconds, 2))
-    if not contestant.chooses_blas:
+    if not contestant.chooses_threads:
         return contestant
-    choices = [replace(contestant, blas_threads=threads) for threads in (None, 1)]
+    choices = [replace(contestant, threads=threads) for threads in _CHOICES]
     return min(choices, key=lambda choice: _solve_seconds(race(choice, judge, finish, Limits(seconds, _TRIAL))))
 
 
@@ -96,7 +126,7 @@ def race(contestant: Contestant, judge: Judge, finish: Finish, limits: Limits) -
     recorder = Recorder(judge, finish, limits)
     run = recorder.run
     try:
-        with threadpool_limits(contestant.blas_threads, "blas"):
+        with contestant.threads.set():
             run.status = contestant.solve(judge, contestant.init, recorder)
     except StopSolving as stop:
         run.status = stop.status

@@ -17,21 +17,21 @@ BLIND = "blind"
 INCIDENCES_DEG = (10.0, 20.0, 85.0)
 BLIND_INCIDENCE_DEG = 60.0
 
-_FURTHER = StoppingRule(max_evaluations=1000, relative_change=1e-6)
-_AT = {
-    "at the start": StoppingRule(max_evaluations=1),
-    "at the default stopping": StoppingRule(),
-    "at 1e-6": _FURTHER,
-}
+_RELATIVE_CHANGE = 1e-6
 
 Tell = Callable[[str], None]
 
 
-def measure_running_on(place: Place, example: Example, tell: Tell) -> list[Measurement]:
+def measure_running_on(place: Place, example: Example, max_evaluations: int, tell: Tell) -> list[Measurement]:
     """PSNR and evaluations from every start, at the start, where the solve stops by itself, and far beyond."""
+    moments = {
+        "at the start": StoppingRule(max_evaluations=1),
+        "at the default stopping": StoppingRule(),
+        "at 1e-6": StoppingRule(max_evaluations=max_evaluations, relative_change=_RELATIVE_CHANGE),
+    }
     measurements = []
     for init in start_names():
-        for when, stopping in _AT.items():
+        for when, stopping in moments.items():
             tell(f"{init}, {when}")
             result = separate(example.capture, example.scene, init=init, stopping=stopping)
             decibels = example.psnr_db(result.layers)

@@ -16,7 +16,6 @@ from studies.benchmark_scenes import Photographs, Size, example
 TABLE = "time to gap"
 INCIDENCES_DEG = {"hard": 20.0, "easy": 60.0}
 REFERENCE = "lowest value found"
-_REFERENCE_EVALUATIONS = 1000
 
 Tell = Callable[[str], None]
 
@@ -33,19 +32,22 @@ class Rounds:
     slow_seconds : float
         A contestant that takes longer runs only `slow_repeats` times.
     slow_repeats : int
+    reference_evaluations : int
+        Limit of each run that looks for the lowest value.
     """
 
     repeats: int
     cap_seconds: float
     slow_seconds: float
     slow_repeats: int
+    reference_evaluations: int = 1000
 
 
 def measure(place: Place, photographs: Photographs, size: Size, rounds: Rounds, tell: Tell) -> list[Measurement]:
     """Race all contestants on one scene."""
     tell("scene")
     judge = Judge(example(photographs, INCIDENCES_DEG[place.case], size))
-    finish = find_finish(judge, _REFERENCE_EVALUATIONS, tell)
+    finish = find_finish(judge, rounds.reference_evaluations, tell)
     runs = _runs(judge, finish, rounds, tell)
     verdicts = [point.verdict for several in runs.values() for run in several for point in run.points[-1:]]
     finish = finish.lowered(verdicts)
@@ -101,9 +103,8 @@ def _measured(place: Place, contestant: Contestant, runs: list[Run], finish: Fin
     ends = arrived or [(run, len(run.points) - 1) for run in runs]
     bound = "" if arrived else ">="
     note = "" if arrived else _shortfall(first, finish)
-    if contestant.chooses_blas:
-        threads = "all" if contestant.blas_threads is None else contestant.blas_threads
-        note = "; ".join(filter(None, (note, f"BLAS threads: {threads}, the faster here")))
+    if contestant.chooses_threads:
+        note = "; ".join(filter(None, (note, f"threads, the fastest here: {contestant.threads}")))
     points = [run.points[at] for run, at in ends]
     rows = [
         place.measured(name, "wall, with set-up", "s", [p.seconds for p in points], bound, note),

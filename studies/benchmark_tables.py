@@ -110,7 +110,7 @@ def _races(record: Record) -> list[Table]:
         "(least..largest). f cold is the objective at the plain intensity, f* the lowest found. Set-up: everything "
         "after the scene is known; what starts cold on the pixels is given the penalties."
     )
-    quantities = ("evaluations", *CLOCKS)
+    quantities = ("evaluations", "evaluations, by the gap alone", *CLOCKS)
     found = []
     for case, size in places(record, table):
         rows = []
@@ -119,11 +119,12 @@ def _races(record: Record) -> list[Table]:
                 continue
             where = {"table": table, "case": case, "size": size, "subject": subject}
             cells = [_cell(one(record, **where, quantity=quantity)) for quantity in quantities]
-            notes = {m.note for m in record.find(**where) if m.note}
+            notes = dict.fromkeys(m.note for m in record.find(**where) if m.note)
             rows.append((subject, *cells, "; ".join(notes)))
         degrees = benchmark_solvers.INCIDENCES_DEG[case]
         title = f"Time to gap 1e-3: {case} ({degrees:g} degrees), {size}"
-        found.append(Table(title, note, ("solver", "evaluations", *(f"{c} (s)" for c in CLOCKS), "remark"), rows))
+        columns = ("solver", "evaluations", "by the gap alone", *(f"{clock} (s)" for clock in CLOCKS), "remark")
+        found.append(Table(title, note, columns, rows))
     return found
 
 
