@@ -84,11 +84,12 @@ def solver_report(solver: SolverResult) -> dict[str, Any]:
     """Status with its sentence, value, evaluations, seconds."""
     return {
         "status": solver.status.name,
-        "sentence": solver.status.value,
+        "sentence": solver.sentence,
         "success": solver.status.success,
         "value": plain(solver.value),
         "n_evaluations": solver.n_evaluations,
         "n_iterations": solver.n_iterations,
+        "restarts": solver.restarts,
         "seconds": round(solver.seconds, 4),
     }
 

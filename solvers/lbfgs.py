@@ -63,7 +63,7 @@ class LBFGS:
     J. Nocedal, Updating quasi-Newton matrices with limited storage, Mathematics of Computation 35, 1980.
     """
 
-    history: int = 5
+    history: int = 3
     storage: Storage = "float32"
     preconditioner: Callable[[Vector], Vector] | None = None
 
