@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
@@ -63,10 +64,9 @@ def with_spread(samples: Sequence[float], bound: str = "") -> str:
     """Median with the least and the largest of the samples."""
     if not samples:
         return "-"
-    middle = sorted(samples)[len(samples) // 2] if len(samples) % 2 else _median(samples)
     low, high = min(samples), max(samples)
     spread = f" ({figure(low)}..{figure(high)})" if figure(low) != figure(high) else ""
-    return f"{bound + ' ' if bound else ''}{figure(middle)}{spread}"
+    return f"{bound + ' ' if bound else ''}{figure(float(np.median(samples)))}{spread}"
 
 
 def ratio(measurement: Measurement, other: Measurement) -> tuple[float, ...]:
@@ -86,12 +86,6 @@ def one(record: Record, **wanted: str) -> Measurement | None:
 def places(record: Record, table: str) -> list[tuple[str, str]]:
     """Cases and sizes measured for a table, in order."""
     return list(dict.fromkeys((m.case, m.size) for m in record.find(table=table)))
-
-
-def _median(samples: Iterable[float]) -> float:
-    ordered = sorted(samples)
-    half = len(ordered) // 2
-    return (ordered[half - 1] + ordered[half]) / 2
 
 
 def _cell(measurement: Measurement | None) -> str:

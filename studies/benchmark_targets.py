@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from studies import benchmark_imports, benchmark_kernels, benchmark_memory, benchmark_pipeline, benchmark_solvers
 from studies.benchmark_contestants import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD
 from studies.benchmark_record import Measurement, Record
@@ -39,15 +41,14 @@ class Target:
         return (self.name, self.where, with_spread(self.samples, self.bound), *asked, self._outcome())
 
     def _outcome(self) -> str:
-        median = sorted(self.samples)[len(self.samples) // 2] if self.samples else math.nan
+        if not self.samples:
+            return "not measured"
+        median = float(np.median(self.samples))
         met = [goal is not None and self._meets(median, goal) for goal in (self.reach, self.stretch)]
-        if met[1]:
-            return "beyond"
-        if met[0]:
-            return "reached"
-        if self.bound and self.larger_is_better:
+        # The true value lies above a bound: that meets a larger goal, and misses a smaller one.
+        if self.bound and met[0] != self.larger_is_better:
             return "not told"
-        return "missed" if self.samples else "not measured"
+        return "beyond" if met[1] else "reached" if met[0] else "missed"
 
     def _meets(self, value: float, goal: float) -> bool:
         return value >= goal if self.larger_is_better else value <= goal
