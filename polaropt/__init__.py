@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from polaropt.alignment import align as align
     from polaropt.capture import Capture as Capture
     from polaropt.diagnostics import Warning as Warning
     from polaropt.errors import InputError as InputError
@@ -31,6 +32,7 @@ _HOMES = {
     "StoppingRule": "solvers.base",
     "Warning": "polaropt.diagnostics",
     "Weights": "polaropt.objective",
+    "align": "polaropt.alignment",
     "ghost_step": "polaropt.scene",
     "read_capture": "polaropt.reader",
     "separate": "polaropt.separation",
@@ -45,6 +47,7 @@ __all__ = [
     "StoppingRule",
     "Warning",
     "Weights",
+    "align",
     "ghost_step",
     "read_capture",
     "separate",

@@ -39,6 +39,10 @@ class Origin:
         What the file's format says about its encoding; empty if nothing.
     raw_noise : float, optional
         Noise measured on raw pixels before they were interpolated (white = 1).
+    shifts_px : tuple of pairs of float
+        How far down and to the right each photograph lay from the first and was moved back; empty if none was.
+    shift_error_px : float, optional
+        Standard error of these shifts.
     """
 
     files: tuple[str, ...]
@@ -50,6 +54,8 @@ class Origin:
     gamma: float | str | None = None
     encoding_hint: str = ""
     raw_noise: float | None = None
+    shifts_px: tuple[tuple[float, float], ...] = ()
+    shift_error_px: float | None = None
 
 
 class Capture:
