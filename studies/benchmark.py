@@ -96,7 +96,7 @@ def quick_settings(photographs: Photographs) -> Settings:
     return Settings(
         photographs,
         TABLES,
-        benchmark_solvers.Rounds(2, 0.5, 0.5, 1, reference_evaluations=100),
+        benchmark_solvers.Rounds(2, 0.5, 0.5, 1, reference_evaluations=60),
         sizes=(small, large),
         kernel_sizes=(large,),
         kernels=benchmark_kernels.Effort(5, 32),

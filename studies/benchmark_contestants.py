@@ -190,9 +190,9 @@ def _waiting(objective: Callable[[Any], tuple[float, Any]], place: str | None) -
 
 
 def _pixels(judge: Judge, init: str) -> tuple[Problem, Images]:
-    """The problem and the start; from cold the problem is given."""
+    """The problem and the start; from cold both are given."""
     if init == "cold":
-        return judge.problem, judge.start(init)
+        return judge.problem, judge.cold.copy()
     example = judge.example
     with threadpool_limits(1, "blas"):
         problem = Problem(example.capture, example.scene, judge.noise, Weights())

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -130,7 +131,7 @@ def _dot(vector: NDArray[np.float32]) -> Callable[[], object]:
 def _compiled(problem: Problem, sparsity: GradientSparsity) -> Callable[[], object]:
     penalties = replace(problem.penalties, gradient_sparsity=sparsity)
     misfit = FusedMisfit(problem.capture, problem.pse, problem.canvas, problem.noise)
-    layers = problem.known.layers.copy()
+    layers = copy(problem).take_start("closed-form")
     local = FusedPenalties(penalties, problem.canvas, layers.shape[1])
     gradient = np.empty_like(layers)
 
@@ -145,5 +146,5 @@ def _autograd(problem: Problem, sparsity: GradientSparsity) -> Callable[[], obje
     from studies.autograd_objective import AutogradObjective
 
     objective = AutogradObjective(problem, _WEIGHTS, sparsity)
-    layers = problem.known.layers.copy()
+    layers = copy(problem).take_start("closed-form")
     return lambda: objective.value_and_grad(layers)

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +17,6 @@ from threadpoolctl import threadpool_limits
 from polaropt.noise import noise_level
 from polaropt.objective import Weights
 from polaropt.problem import Problem
-from polaropt.starts import start_layers
 from solvers.base import Status, StoppingRule
 from solvers.registry import get_solver
 from solvers.trace import StopSolving
@@ -62,8 +62,8 @@ class Judge:
 
     def start(self, init: str) -> Images:
         """Canvas layers to start from, by name."""
-        problem = self.problem
-        return start_layers(init, problem.capture, problem.scene, problem.canvas, problem.known)
+        # The copy gives up what a solve no longer needs.
+        return copy(self.problem).take_start(init)
 
     def verdict(self, layers: Images) -> Verdict:
         """The verdict on canvas layers (2, channel, H, W)."""

@@ -86,7 +86,8 @@ class Record:
 
     def __init__(self, path: Path, settings: dict[str, Any]) -> None:
         self._path = path
-        self.metadata = {"settings": settings, **metadata()}
+        # As it is read back: tuples become lists.
+        self.metadata = json.loads(json.dumps({"settings": settings, **metadata()}))
         self.measurements = _earlier(path, self.metadata)
 
     def has(self, place: Place) -> bool:
