@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.forward import PSE
+from polaropt.varying import VaryingPSE
 
 Images = NDArray[np.float32]
 
@@ -80,11 +81,11 @@ class Canvas:
         return (rows[:, None] * columns[None, :]).astype(np.float32)
 
 
-def canvas_for(pse: PSE, height: int, width: int) -> Canvas:
+def canvas_for(pse: PSE | VaryingPSE, height: int, width: int) -> Canvas:
     """Canvas that holds the ghosts which show, with sides that the Fourier transform likes."""
     from scipy.fft import next_fast_len
 
-    reach = math.hypot(*pse.step) * _ghosts_that_show(pse)
+    reach = math.hypot(*pse.step) * _ghosts_that_show(pse) if isinstance(pse, PSE) else 0.0
     margin = min(MOST_MARGIN, max(LEAST_MARGIN, math.ceil(reach)), height // 2, width // 2)
     rows, columns = (int(next_fast_len(side + 2 * margin, real=True)) for side in (height, width))
     more_rows, more_columns = rows - height - 2 * margin, columns - width - 2 * margin

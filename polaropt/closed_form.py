@@ -68,7 +68,11 @@ class ClosedForm:
 
 def plate_entries(capture: Capture, pse: PSE) -> Images:
     """Least-squares (I_par, I_perp[, s2']) from the trusted photographs of each pixel, (entries, channel, h, w)."""
-    mixing = pse.mixing[:, : pse.taps.shape[2]]
+    return least_squares_entries(capture, pse.mixing[:, : pse.taps.shape[2]])
+
+
+def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:
+    """The same for photographs that are a constant mixing (k, entries) of entries."""
     photographs = capture.intensities if capture.color else capture.intensities[:, None]
     entries = np.tensordot(np.linalg.pinv(mixing).astype(np.float32), photographs, axes=1)
     valid = capture.valid if capture.color else capture.valid[:, None]
@@ -131,27 +135,54 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
     entries = in_basis(basis.astype(np.float32), plate_entries(capture, pse), np)
     level = entries.mean(axis=(-1, -2), keepdims=True)
-    power = _initial_power(entries)
-    told, cross, right = _normal_equations(pse, precision, _transformed(entries, level, canvas), canvas)
-    bands = FrequencyBands(*canvas.shape)
-    fitted = _fitted(told, cross, right, bands, power)
-    prior = fitted.everywhere(bands)
+    seen = _normal_equations(pse, precision, transformed(entries, level, canvas), canvas)
     sums = pse.taps.sum(axis=1).T
     mean = _means(level[..., 0, 0], sums, precision * canvas.height * canvas.width, basis)
+    return closed_form_of(seen, initial_power(entries[0] + entries[1]), mean, basis, canvas)
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """What spectra tell of the layers: (2, H, W // 2 + 1), its entry off the diagonal, and the right-hand side."""
+
+    told: Power
+    cross: Spectrum
+    right: Spectrum
+
+
+def closed_form_of(
+    seen: NormalEquations, power: NDArray[np.float64], mean: Images, basis: Basis, canvas: Canvas
+) -> ClosedForm:
+    """Wiener filter with spectra fitted to what is seen.
+
+    Parameters
+    ----------
+    seen : NormalEquations
+    power : ndarray, shape (channel,)
+        Gradient power per colour of the basis: where the fit starts.
+    mean : ndarray, shape (2, channel, 1, 1)
+        Of the layers, in the basis.
+    basis : ndarray
+    canvas : Canvas
+    """
+    bands = FrequencyBands(*canvas.shape)
+    fitted = _fitted(seen, bands, power)
+    prior = fitted.everywhere(bands)
+    edges = bands.share * bands.squared_frequency
     return ClosedForm(
-        layers=_wiener(told, cross, prior, right, mean, basis, canvas),
+        layers=_wiener(seen, prior, mean, basis, canvas),
         mean=mean,
         prior=prior,
-        told=told,
-        cross=cross,
+        told=seen.told,
+        cross=seen.cross,
         basis=basis,
-        edges=(fitted.prior * (bands.share * bands.squared_frequency)).sum(axis=-1, dtype=np.float64),
-        unknown_edges=(fitted.uncertainty * (bands.share * bands.squared_frequency)).sum(axis=-1, dtype=np.float64),
+        edges=(fitted.prior * edges).sum(axis=-1, dtype=np.float64),
+        unknown_edges=(fitted.uncertainty * edges).sum(axis=-1, dtype=np.float64),
         variance=(fitted.uncertainty * bands.share).sum(axis=-1, dtype=np.float64),
     )
 
 
-def _transformed(entries: Images, level: Images, canvas: Canvas) -> Spectrum:
+def transformed(entries: Images, level: Images, canvas: Canvas) -> Spectrum:
     """Half spectra (entries, channel, H, W // 2 + 1) of entries off their level, mirrored and fading in the margins."""
     from scipy.fft import rfft2
 
@@ -168,44 +199,39 @@ def _transformed(entries: Images, level: Images, canvas: Canvas) -> Spectrum:
     return spectra
 
 
-def _normal_equations(pse: PSE, precision: Matrix, data: Spectrum, canvas: Canvas) -> tuple[Power, Spectrum, Spectrum]:
-    """What the entries' spectra tell of the layers: diagonal, upper entry and right-hand side (2, channel, ...)."""
+def _normal_equations(pse: PSE, precision: Matrix, data: Spectrum, canvas: Canvas) -> NormalEquations:
+    """What the entries' spectra (entries, channel, ...) tell of the layers."""
     transfer = plate_transfer(pse, *canvas.shape)
     weighted = np.tensordot(precision.astype(np.float32), transfer.conj(), axes=1)
     told = np.stack([(weighted[:, i] * transfer[:, i]).real.sum(axis=0) for i in (0, 1)])
     cross = (weighted[:, 0] * transfer[:, 1]).sum(axis=0)
     right = np.stack([sum(weighted[e, i] * data[e] for e in range(len(data))) for i in (0, 1)])
-    return told, cross, right
+    return NormalEquations(told, cross, right)
 
 
-def _fitted(
-    told: Power, cross: Spectrum, right: Spectrum, bands: FrequencyBands, power: NDArray[np.float64]
-) -> FittedSpectra:
+def _fitted(seen: NormalEquations, bands: FrequencyBands, power: NDArray[np.float64]) -> FittedSpectra:
     """Spectra fitted at the bands' sample."""
-    of_t, of_r = (layer.ravel()[bands.sample] for layer in told)
-    both = cross.ravel()[bands.sample]
+    of_t, of_r = (layer.ravel()[bands.sample] for layer in seen.told)
+    both = seen.cross.ravel()[bands.sample]
     information = np.array([[of_t, both], [both.conj(), of_r]])
-    sampled = right.reshape(*right.shape[:2], -1)[..., bands.sample]
+    sampled = seen.right.reshape(*seen.right.shape[:2], -1)[..., bands.sample]
     return fit_spectra(information, sampled, bands, power)
 
 
-def _wiener(
-    told: Power, cross: Spectrum, prior: Power, right: Spectrum, mean: Images, basis: Basis, canvas: Canvas
-) -> Images:
+def _wiener(seen: NormalEquations, prior: Power, mean: Images, basis: Basis, canvas: Canvas) -> Images:
     """The layers that are most likely under Gaussian layers of these spectra."""
     from polaropt.fused_preconditioner import FusedPreconditioner
 
-    hessian = AssumedHessian(told, cross, np.float32(1) / prior, np.zeros(prior.shape[:2]))
+    hessian = AssumedHessian(seen.told, seen.cross, np.float32(1) / prior, np.zeros(prior.shape[:2]))
     whitened = FusedPreconditioner(hessian, mean, basis, canvas.shape[1])
     layers = np.empty((*prior.shape[:2], *canvas.shape), dtype=np.float32)
     nothing = np.zeros(whitened.size, dtype=np.float32)
-    whitened.layers(whitened.whitened(right, nothing, np.eye(len(basis), dtype=np.float32), 0.0), layers)
+    whitened.layers(whitened.whitened(seen.right, nothing, np.eye(len(basis), dtype=np.float32), 0.0), layers)
     return layers
 
 
-def _initial_power(entries: Images) -> NDArray[np.float64]:
+def initial_power(total: Images) -> NDArray[np.float64]:
     """Gradient power of the total intensity per colour, at least a trifle: where the fit starts, (channel,)."""
-    total = entries[0] + entries[1]
     across, down = (np.square(np.diff(total, axis=axis)).mean(axis=(-1, -2), dtype=np.float64) for axis in (-1, -2))
     power = across + down
     return np.asarray(np.maximum(power, 1e-4 * float(power.max()) + 1e-12))

@@ -7,9 +7,13 @@ the entries are (R_p, R_s, r_p r_s) and (T_p, T_s, sqrt(T_p T_s)). From inside t
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 Entries = tuple[float, float, float]
+Cosines = NDArray[np.float64]
 
 
 class Interface(NamedTuple):
@@ -62,13 +66,23 @@ def interface(incidence_deg: float, refractive_index: float) -> Interface:
     )
 
 
+def interface_images(cosine: Cosines, refractive_index: float) -> tuple[Cosines, Cosines]:
+    """Reflection and transmission entries (3, ...) of one interface for an array of cosines of the incidence."""
+    inside = np.sqrt((refractive_index - 1) * (refractive_index + 1) + cosine * cosine)
+    r_p, r_s = _amplitudes(cosine, inside, refractive_index)
+    square = refractive_index**2
+    t_p = 4 * square * cosine * inside / (square * cosine + inside) ** 2
+    t_s = 4 * cosine * inside / (cosine + inside) ** 2
+    return np.stack([r_p * r_p, r_s * r_s, r_p * r_s]), np.stack([t_p, t_s, np.sqrt(t_p * t_s)])
+
+
 def _cosines(incidence_deg: float, refractive_index: float) -> tuple[float, float]:
     """``cos(theta)`` and ``n cos(theta_t)``, the latter without the sine, which says little at grazing incidence."""
     outside = math.cos(math.radians(incidence_deg))
     return outside, math.sqrt((refractive_index - 1) * (refractive_index + 1) + outside * outside)
 
 
-def _amplitudes(outside: float, inside: float, refractive_index: float) -> tuple[float, float]:
+def _amplitudes(outside: Any, inside: Any, refractive_index: float) -> tuple[Any, Any]:
     square = refractive_index**2
     return (square * outside - inside) / (square * outside + inside), (outside - inside) / (outside + inside)
 

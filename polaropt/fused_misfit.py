@@ -16,6 +16,8 @@ from polaropt.canvas import Canvas
 from polaropt.capture import Capture
 from polaropt.forward import PSE
 from polaropt.misfit_kernels import Ghosts, residuals, spread
+from polaropt.varying import VaryingPSE
+from polaropt.varying_kernels import varying_residuals
 from solvers.blocks import in_blocks
 
 Images = NDArray[np.float32]
@@ -37,6 +39,23 @@ class Information:
     """From the photographs to what no entries explain, in units of the noise: one matrix (rest, k) a kind."""
 
 
+class _Whitened:
+    """Photographs reduced to the residuals' data, and what whitens entries to compare with them."""
+
+    def __init__(self, capture: Capture, mixing: NDArray[np.float64], noise: float) -> None:
+        shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
+        patterns, self.kinds = _kinds(capture.valid.reshape(shape))
+        information = _information(mixing, noise, patterns)
+        self.roots = information.root
+        self.data, self.constant = _reduced(capture.intensities.reshape(shape), self.kinds, information)
+        self.slopes = np.empty_like(self.data)
+
+    @property
+    def height(self) -> int:
+        """Rows of the frame."""
+        return int(self.data.shape[2])
+
+
 class FusedMisfit:
     """Half the sum of squared residuals of the trusted photographs, in units of their noise.
 
@@ -51,46 +70,55 @@ class FusedMisfit:
     """
 
     def __init__(self, capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> None:
-        shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
-        photographs, valid = capture.intensities.reshape(shape), capture.valid.reshape(shape)
-        patterns, self._kinds = _kinds(valid)
-        mixing = pse.mixing[:, : pse.taps.shape[2]]
-        information = _information(mixing, noise, patterns)
+        self._seen = _Whitened(capture, pse.mixing[:, : pse.taps.shape[2]], noise)
         self._ghosts = ghosts_of(pse)
         self._corner = (canvas.top, canvas.left)
-        self._roots = information.root
-        self._data, self._constant = _reduced(photographs, self._kinds, information)
-        self._slopes = np.empty_like(self._data)
 
     def value_and_grad(self, layers: Images, gradient: Images, weight: float = 1.0) -> float:
         """Value at canvas layers (2, channel, H, W); `gradient` is overwritten by weight times the gradient."""
+        seen, ghosts, factor = self._seen, self._ghosts, np.float32(weight)
         top, left = self._corner
-        height = self._data.shape[2]
-        factor = np.float32(weight)
 
         def rows(start: int, stop: int) -> float:
-            return float(
-                residuals(
-                    layers,
-                    top,
-                    left,
-                    self._ghosts,
-                    self._roots,
-                    self._kinds,
-                    self._data,
-                    factor,
-                    self._slopes,
-                    start,
-                    stop,
-                )
-            )
+            parts = (seen.roots, seen.kinds, seen.data, factor, seen.slopes)
+            return float(residuals(layers, top, left, ghosts, *parts, start, stop))
 
         def planes(start: int, stop: int) -> None:
-            spread(self._slopes, top, left, self._ghosts, gradient, start, stop)
+            spread(seen.slopes, top, left, ghosts, gradient, start, stop)
 
-        value = sum(in_blocks(rows, height, _ROWS)) + self._constant
+        value = sum(in_blocks(rows, seen.height, _ROWS)) + seen.constant
         in_blocks(planes, 2 * layers.shape[1], 1)
         return value
+
+
+class FusedVaryingMisfit:
+    """The same where incidence and azimuth vary over the frame.
+
+    Parameters
+    ----------
+    capture : Capture
+    pse : VaryingPSE
+        Made for the frame.
+    canvas : Canvas
+    noise : float
+    """
+
+    def __init__(self, capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float) -> None:
+        self._seen = _Whitened(capture, pse.analyzer, noise)
+        self._mixtures = pse.mixtures(canvas.height, canvas.width)
+        self._corner = (canvas.top, canvas.left)
+
+    def value_and_grad(self, layers: Images, gradient: Images, weight: float = 1.0) -> float:
+        """Value at canvas layers (2, channel, H, W); `gradient` is overwritten by weight times the gradient."""
+        seen, factor = self._seen, np.float32(weight)
+        top, left = self._corner
+        gradient[...] = 0
+
+        def rows(start: int, stop: int) -> float:
+            parts = (self._mixtures, seen.roots, seen.kinds, seen.data, factor, seen.slopes)
+            return float(varying_residuals(layers, top, left, *parts, gradient, start, stop))
+
+        return sum(in_blocks(rows, seen.height, _ROWS)) + seen.constant
 
 
 def ghosts_of(pse: PSE) -> Ghosts:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.whitening_kernels import add_scaled, residual_row
 from solvers.compiled import compiled
 
 Array = NDArray[Any]
@@ -58,12 +59,6 @@ def _shifted_row(
 
 
 @compiled
-def _add_scaled(source: Array, factor: Any, out: Array) -> None:
-    for x in range(out.size):
-        out[x] += factor * source[x]
-
-
-@compiled
 def _within(first: int, n: int, y: int, height: int, width: int) -> bool:
     """Whether n samples from column first on, in rows y - 1 and y, lie on the canvas."""
     return first >= 0 and first + n <= width and 1 <= y < height
@@ -93,7 +88,7 @@ def _add_to_entries(source: Array, taps: Array, entries: Array) -> None:
         _add_to_both(source, taps[0], taps[1], entries[0], entries[1])
     else:
         for e in range(taps.size):
-            _add_scaled(source, taps[e], entries[e])
+            add_scaled(source, taps[e], entries[e])
 
 
 @compiled
@@ -122,65 +117,6 @@ def _entries_row(layers: Array, c: int, y: int, left: int, ghosts: Ghosts, entri
 
 
 @compiled
-def _whiten_row(entries: Array, root: Array, data: Array, c: int, y: int, residual: Array) -> None:
-    """Residual root entries - data of one row, (entry, w), for pixels of one kind."""
-    for e in range(root.shape[0]):
-        out, target, first, entry = residual[e], data[e, c, y], root[e, 0], entries[0]
-        for x in range(out.size):
-            out[x] = first * entry[x] - target[x]
-        for f in range(1, root.shape[0]):
-            _add_scaled(entries[f], root[e, f], out)
-
-
-@compiled
-def _whiten_row_of_kinds(
-    entries: Array, roots: Array, kinds: Array, data: Array, c: int, y: int, residual: Array
-) -> None:
-    for x in range(kinds.size):
-        root = roots[kinds[x]]
-        for e in range(root.shape[0]):
-            total = -data[e, c, y, x]
-            for f in range(root.shape[0]):
-                total += root[e, f] * entries[f, x]
-            residual[e, x] = total
-
-
-@compiled
-def _unwhiten_row(residual: Array, root: Array, weight: Any, out: Array, c: int, y: int) -> None:
-    """Derivative by the entries: weight times root residual; the root is symmetric."""
-    for e in range(root.shape[0]):
-        target, first, source = out[e, c, y], weight * root[e, 0], residual[0]
-        for x in range(target.size):
-            target[x] = first * source[x]
-        for f in range(1, root.shape[0]):
-            _add_scaled(residual[f], weight * root[e, f], target)
-
-
-@compiled
-def _unwhiten_row_of_kinds(
-    residual: Array, roots: Array, kinds: Array, weight: Any, out: Array, c: int, y: int
-) -> None:
-    for x in range(kinds.size):
-        root = roots[kinds[x]]
-        for e in range(root.shape[0]):
-            total = np.float32(0)
-            for f in range(root.shape[0]):
-                total += root[e, f] * residual[f, x]
-            out[e, c, y, x] = weight * total
-
-
-@compiled
-def _half_squares(residual: Array) -> Any:
-    total: Any = 0.0
-    for e in range(residual.shape[0]):
-        row, in_row = residual[e], np.float32(0)
-        for x in range(row.size):
-            in_row += row[x] * row[x]
-        total += in_row
-    return 0.5 * total
-
-
-@compiled
 def residuals(
     layers: Array,
     top: int,
@@ -206,13 +142,7 @@ def residuals(
     for y in range(start, stop):
         for c in range(colors):
             _entries_row(layers, c, top + y, left, ghosts, entries, scratch)
-            if kinds.size == 0:
-                _whiten_row(entries, roots[0], data, c, y, residual)
-                _unwhiten_row(residual, roots[0], weight, out, c, y)
-            else:
-                _whiten_row_of_kinds(entries, roots, kinds[c, y], data, c, y, residual)
-                _unwhiten_row_of_kinds(residual, roots, kinds[c, y], weight, out, c, y)
-            total += _half_squares(residual)
+            total += residual_row(entries, roots, kinds, data, weight, c, y, residual, out)
     return total
 
 
@@ -223,7 +153,7 @@ def _add_continued_row(samples: Array, factor: Any, y: int, first: int, plane: A
     row = plane[min(max(y, 0), height - 1)]
     begin, end = min(max(-first, 0), samples.size), max(min(width - first, samples.size), 0)
     if end > begin:
-        _add_scaled(samples[begin:end], factor, row[first + begin : first + end])
+        add_scaled(samples[begin:end], factor, row[first + begin : first + end])
     for x in range(begin):
         row[0] += factor * samples[x]
     for x in range(max(end, begin), samples.size):
@@ -240,7 +170,7 @@ def _add_shifted_row(
     at, before = samples[1:], samples[:-1]
     for x in range(row.size):
         at[x] = (one - fraction[0]) * row[x]
-    _add_scaled(row, fraction[0], before)
+    add_scaled(row, fraction[0], before)
     first = left - whole[0] - 1
     _add_continued_row(samples, one - fraction[1], y - whole[1], first, plane)
     if fraction[1] != 0:
@@ -271,7 +201,7 @@ def _mix(slopes: Array, c: int, y: int, taps: Array, out: Array) -> None:
     for x in range(out.size):
         out[x] = t0 * first[x] + t1 * second[x]
     for e in range(2, taps.size):
-        _add_scaled(slopes[e, c, y], taps[e], out)
+        add_scaled(slopes[e, c, y], taps[e], out)
 
 
 @compiled
@@ -292,7 +222,7 @@ def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, 
                 _mix(slopes, c, y - top, ghosts.taps[i, k], mixed)
                 first, row = left - whole[0] - 1, y - whole[1]
                 if not _moves(whole, fraction):
-                    _add_scaled(mixed, np.float32(1), plane[y, left : left + width])
+                    add_scaled(mixed, np.float32(1), plane[y, left : left + width])
                 elif _within(first, width + 1, row, plane.shape[0], plane.shape[1]):
                     above, at = plane[row - 1, first : first + width + 1], plane[row, first : first + width + 1]
                     _interpolate_transposed(mixed, fraction, above, at)

@@ -18,6 +18,7 @@ from polaropt.capture import Capture
 from polaropt.closed_form import ClosedForm
 from polaropt.errors import InputError
 from polaropt.forward import PSE
+from polaropt.varying import VaryingPSE
 from priors.base import CHROMA_WEIGHT, Regularizer
 from priors.edge_independence import EdgeIndependence
 from priors.gradient_sparsity import GradientSparsity, LayerSparsity
@@ -85,7 +86,8 @@ class Misfit:
     Parameters
     ----------
     capture : Capture
-    pse : PSE
+    pse : PSE or VaryingPSE
+        For images of the canvas's size.
     canvas : Canvas
     noise : float
     robust : bool
@@ -97,7 +99,7 @@ class Misfit:
     def __init__(
         self,
         capture: Capture,
-        pse: PSE,
+        pse: PSE | VaryingPSE,
         canvas: Canvas,
         noise: float,
         robust: bool = False,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,10 @@ from polaropt.plate import ghosts_that_matter
 from polaropt.preconditioner import FourierPreconditioner
 from polaropt.scene import SceneParameters
 from polaropt.starts import start_layers
+from polaropt.varying import VaryingPSE
+
+if TYPE_CHECKING:
+    from polaropt.fused import MisfitInPlace
 
 Images = NDArray[np.float32]
 
@@ -49,34 +54,63 @@ class Problem:
     weights : Weights
     robust : bool
         Residuals beyond 3 sigma count linearly.
+    center : (float, float), optional
+        Column and row of the camera's principal point. Default: the middle of the frame.
     """
 
     def __init__(
-        self, capture: Capture, scene: SceneParameters, noise: float, weights: Weights, robust: bool = False
+        self,
+        capture: Capture,
+        scene: SceneParameters,
+        noise: float,
+        weights: Weights,
+        robust: bool = False,
+        center: tuple[float, float] | None = None,
     ) -> None:
         self.capture, self.scene, self.noise = capture, scene, noise
         self._weights, self._robust = weights, robust
-        # Ghosts that drown in the noise cost as much as the others; their light is added to the last one kept.
-        self.pse = PSE(scene, capture.angles_deg, n_ghosts=ghosts_that_matter(scene, _GHOST_SHARE * noise))
+        self.pse = engine_for(scene, capture.angles_deg, noise, center)
         self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
-        self.known: ClosedForm = natural_image_layers(capture, self.pse, self.canvas, noise)
+        self.known: ClosedForm = self._closed_form()
         self.penalties = default_penalties(self.known, noise)
+
+    def _closed_form(self) -> ClosedForm:
+        if isinstance(self.pse, PSE):
+            return natural_image_layers(self.capture, self.pse, self.canvas, self.noise)
+        from polaropt.varying_closed_form import varying_layers
+
+        return varying_layers(self.capture, self.pse, self.canvas, self.noise)
 
     def take_start(self, init: str) -> Images:
         """Canvas layers to start from, by name; what only the start needs of the closed form is given up."""
-        start = start_layers(init, self.capture, self.scene, self.canvas, self.known)
+        start = start_layers(init, self.capture, self.pse, self.canvas, self.known)
         nothing = np.empty(0, dtype=np.float32)
         self.known = replace(self.known, layers=nothing, prior=nothing)
         return start
 
     def compiled(self, start: Images) -> Coordinates:
         """The objective in compiled passes, in coordinates made for `start` (2, channel, H, W)."""
-        from polaropt.fused import FusedObjective, ReadableMisfit
-        from polaropt.fused_misfit import FusedMisfit
+        from polaropt.fused import FusedObjective
 
-        parts = (self.capture, self.pse, self.canvas, self.noise)
-        misfit = ReadableMisfit(Misfit(*parts, robust=True)) if self._robust else FusedMisfit(*parts)
-        return FusedObjective(misfit, self.penalties, self._weights, self.known, self.canvas, start)
+        return FusedObjective(self._compiled_misfit(), self.penalties, self._weights, self.known, self.canvas, start)
+
+    def _compiled_misfit(self) -> MisfitInPlace:
+        from polaropt.fused import ReadableMisfit
+        from polaropt.fused_misfit import FusedMisfit, FusedVaryingMisfit
+
+        if self._robust:
+            return ReadableMisfit(Misfit(self.capture, self._on_canvas(), self.canvas, self.noise, robust=True))
+        if isinstance(self.pse, PSE):
+            return FusedMisfit(self.capture, self.pse, self.canvas, self.noise)
+        return FusedVaryingMisfit(self.capture, self.pse, self.canvas, self.noise)
+
+    def _on_canvas(self) -> PSE | VaryingPSE:
+        """The engine for images of the canvas's size."""
+        if isinstance(self.pse, PSE):
+            return self.pse
+        column, row = self.pse.center(self.canvas.height, self.canvas.width)
+        center = (column + self.canvas.left, row + self.canvas.top)
+        return VaryingPSE(self.scene, self.capture.angles_deg, center)
 
     def readable(self, start: Images, device: str | None = None) -> Coordinates:
         """The same in its readable form, on numpy arrays or on torch tensors of a device."""
@@ -84,7 +118,7 @@ class Problem:
         from polaropt.whitened import WhitenedObjective, on_device
 
         place = np.asarray if device is None else on_device(device)
-        misfit = Misfit(self.capture, self.pse, self.canvas, self.noise, self._robust, place)
+        misfit = Misfit(self.capture, self._on_canvas(), self.canvas, self.noise, self._robust, place)
         objective = build_objective(misfit, self.penalties.placed(place), self.canvas, self._weights)
         hessian = assumed_hessian(self.penalties, self._weights, self.known, self.canvas, start)
         known = self.known
@@ -98,7 +132,23 @@ class Problem:
         return 2 * misfit / free
 
 
-def component_images(pse: PSE, canvas: Canvas, layers: Images) -> Images:
+def engine_for(
+    scene: SceneParameters,
+    angles_deg: Sequence[float],
+    noise: float,
+    center: tuple[float, float] | None = None,
+) -> PSE | VaryingPSE:
+    """The engine that a scene needs, for images of the frame's size."""
+    if scene.focal_px is not None:
+        return VaryingPSE(scene, angles_deg, center)
+    # Ghosts that drown in the noise cost as much as the others; their light is added to the last one kept.
+    return PSE(scene, angles_deg, n_ghosts=ghosts_that_matter(scene, _GHOST_SHARE * noise))
+
+
+def component_images(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images) -> Images:
     """The parts of the photographs that come from each layer of the canvas, (2, k, channel, h, w)."""
+    if isinstance(pse, VaryingPSE):
+        components: Images = pse.components(np.ascontiguousarray(canvas.crop(layers)))
+        return components
     # A colour at a time: the engine holds several times its input.
     return np.concatenate([canvas.crop(pse.components(layers[:, c : c + 1])) for c in range(layers.shape[1])], axis=2)

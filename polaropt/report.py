@@ -41,6 +41,7 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
     return {
         "input": capture_report(capture),
         **scene_report(result.scene, given),
+        "rungs": plain(result.tried),
         "objective": {name: {"raw": plain(term.value), "weight": plain(term.weight)} for name, term in _terms(result)},
         "solver": solver_report(result.solver),
         "seconds": _rounded(result.seconds),
@@ -65,7 +66,9 @@ def scene_report(found: SceneParameters, given: SceneParameters) -> dict[str, An
     estimated = [name for name in SEARCHED if getattr(given, name) is None]
     if found.single_surface and "ghost_shift" in estimated:
         estimated.remove("ghost_shift")
-    return {"scene": plain(found), "estimated": estimated}
+    if found.focal_px is not None and given.focal_px is None:
+        estimated.append("focal_px")
+    return {"scene": {"rung": found.rung, **plain(found)}, "estimated": estimated}
 
 
 def capture_report(capture: Capture) -> dict[str, Any]:

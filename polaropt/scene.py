@@ -12,6 +12,8 @@ from polaropt.fresnel import refraction_angle
 
 SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
 
+Rung = Literal["pixelwise", "ghosts", "perspective", "polarized"]
+
 
 @dataclass(frozen=True)
 class SceneParameters:
@@ -37,6 +39,11 @@ class SceneParameters:
         mirrored scene as an ideal mirror would show it.
     literal_eq3 : bool
         The paper's Eq. (3) as printed, with the reflection's first ghost unshifted, instead of physics.
+    focal_px : float or None
+        Focal length of a pinhole camera in pixels, its axis through the middle of the frame: incidence and azimuth
+        vary over the frame, and those above are the ones at its middle. The azimuth is then the direction to which
+        the pane's normal (towards the scene) leans, and adding 180 is another pane; all bounces are summed in place.
+        None: both are the same everywhere.
 
     Raises
     ------
@@ -53,6 +60,7 @@ class SceneParameters:
     transmission_polarization: tuple[float, float] = (0.0, 0.0)
     reflection_polarization: tuple[float, float] = (0.0, 0.0)
     literal_eq3: bool = False
+    focal_px: float | None = None
 
     def __post_init__(self) -> None:
         _check_incidence(self.incidence_deg)
@@ -61,6 +69,8 @@ class SceneParameters:
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
                 raise InputError(f"{name} is {value}; give a finite number")
+        if self.focal_px is not None and not (0 < self.focal_px < math.inf):
+            raise InputError(f"the focal length is {self.focal_px} px; it must be more than 0")
         if self.n_bounces is not None and not (self.n_bounces >= 0 and self.n_bounces == int(self.n_bounces)):
             raise InputError(
                 f"n_bounces is {self.n_bounces}; give a whole number from 0 on, or leave it out for all bounces"
@@ -76,6 +86,15 @@ class SceneParameters:
     def complete(self) -> bool:
         """Whether nothing is left to estimate."""
         return all(getattr(self, name) is not None for name in SEARCHED)
+
+    @property
+    def rung(self) -> Rung:
+        """The simplest model of the ladder that these numbers are: what varies, shifts or arrives polarized."""
+        if self.polarized:
+            return "polarized"
+        if self.focal_px is not None:
+            return "perspective"
+        return "ghosts" if self.ghost_shift and not self.single_surface else "pixelwise"
 
     @property
     def polarized(self) -> bool:

@@ -11,6 +11,7 @@ from polaropt.capture import MOST_NEGATIVE, Capture, FloatImages
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.scene import SceneParameters
+from polaropt.varying import VaryingPSE
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 
@@ -60,7 +61,8 @@ def simulate(
         raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
     if bits is not None and not 1 <= bits <= 24:
         raise InputError(f"{bits} bits; give a depth from 1 to 24")
-    photographs = PSE(scene, angles_deg).forward(layers)
+    engine = PSE(scene, angles_deg) if scene.focal_px is None else VaryingPSE(scene, angles_deg)
+    photographs = engine.forward(layers)
     random = np.random.default_rng(seed)
     photographs = photographs + noise * random.standard_normal(photographs.shape)
     return Capture(_digitized(photographs, bits), angles_deg)

@@ -14,10 +14,11 @@ from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.objective import Term, Weights, unknown_shares
-from polaropt.problem import Problem
+from polaropt.problem import Problem, engine_for
 from polaropt.scene import SceneParameters
 from polaropt.stages import Stages
 from polaropt.tiles import Tile, tiles
+from polaropt.varying import VaryingPSE
 from solvers.base import Solver, SolverResult, Status, StoppingRule, TooLarge, TracePoint
 
 Images = NDArray[np.float32]
@@ -74,7 +75,7 @@ class Solution:
         Mean squared residual in units of the noise, less what the unknowns take up.
     reflection_unknown : float
         Share of the reflection's gradient energy that the photographs leave open, 0..1.
-    pse : PSE
+    pse : PSE or VaryingPSE
     canvas : Canvas
     canvas_layers : ndarray of float32, shape (2, channel, H, W)
         The layers as far as they are known beyond the frame, too.
@@ -85,9 +86,18 @@ class Solution:
     solver: SolverResult
     misfit_ratio: float
     reflection_unknown: float
-    pse: PSE
+    pse: PSE | VaryingPSE
     canvas: Canvas
     canvas_layers: Images
+
+
+@dataclass(frozen=True)
+class Place:
+    """A tile's number among all, and the principal point (column, row) as seen from its corner."""
+
+    number: int
+    of: int
+    center: tuple[float, float]
 
 
 def solve(capture: Capture, scene: SceneParameters, noise: float, how: How, stages: Stages) -> Solution:
@@ -109,27 +119,30 @@ def solve(capture: Capture, scene: SceneParameters, noise: float, how: How, stag
     """
     height, width = capture.shape[-2:]
     parts = tiles(height, width)
+    middle = ((width - 1) / 2, (height - 1) / 2)
     if len(parts) == 1:
-        return _solve_tile(capture, scene, noise, how, stages, (0, 1))
+        return _solve_tile(capture, scene, noise, how, stages, Place(0, 1, middle))
     colors = capture.shape[0] if capture.color else 1
     layers = np.zeros((2, colors, height, width), dtype=np.float32)
     solutions: list[Solution] = []
     for i, tile in enumerate(parts):
-        found = _solve_tile(capture.part(*tile.where), scene, noise, how, stages, (i, len(parts)))
+        place = Place(i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
+        found = _solve_tile(capture.part(*tile.where), scene, noise, how, stages, place)
         layers[:, :, tile.rows, tile.columns] += tile.weights * found.layers
         nothing = np.empty(0, dtype=np.float32)
         solutions.append(replace(found, layers=nothing, canvas_layers=nothing))
-    return _together(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0))
+    pse = engine_for(scene, capture.angles_deg, noise)
+    return _together(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
 
 
 def _solve_tile(
-    capture: Capture, scene: SceneParameters, noise: float, how: How, stages: Stages, number: tuple[int, int]
+    capture: Capture, scene: SceneParameters, noise: float, how: How, stages: Stages, place: Place
 ) -> Solution:
-    """One tile, the number[0]-th of number[1], in the time that is its own."""
-    done, share = number[0] / number[1], 1 / number[1]
+    """One tile, in the time that is its own."""
+    done, share = place.number / place.of, 1 / place.of
     reach = _TAKING_STOCK - _CLOSED_FORM
     stages.begin("Closed form", _CLOSED_FORM + reach * done)
-    problem = Problem(capture, scene, noise, how.weights, how.robust)
+    problem = Problem(capture, scene, noise, how.weights, how.robust, place.center)
     start = problem.take_start(how.init)
     stages.begin("Setting up", _CLOSED_FORM + reach * done)
     objective = problem.compiled(start) if how.device is None else problem.readable(start, how.device)
@@ -168,7 +181,9 @@ def _shared(stopping: StoppingRule, share: float) -> StoppingRule:
     return stopping if stopping.seconds is None else replace(stopping, seconds=stopping.seconds * share)
 
 
-def _together(solutions: list[Solution], parts: list[Tile], layers: Images, frame: Canvas) -> Solution:
+def _together(
+    solutions: list[Solution], parts: list[Tile], layers: Images, frame: Canvas, pse: PSE | VaryingPSE
+) -> Solution:
     areas = np.array([tile.weights.sum() for tile in parts])
     mean = areas / areas.sum()
     return Solution(
@@ -177,7 +192,7 @@ def _together(solutions: list[Solution], parts: list[Tile], layers: Images, fram
         solver=_joined([solution.solver for solution in solutions]),
         misfit_ratio=float(mean @ [solution.misfit_ratio for solution in solutions]),
         reflection_unknown=float(mean @ [solution.reflection_unknown for solution in solutions]),
-        pse=solutions[0].pse,
+        pse=pse,
         canvas=frame,
         canvas_layers=layers,
     )

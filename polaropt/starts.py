@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from polaropt.canvas import Canvas
 from polaropt.capture import Capture
 from polaropt.closed_form import ClosedForm, per_pixel_layers
-from polaropt.scene import SceneParameters
+from polaropt.forward import PSE
+from polaropt.varying import VaryingPSE
+from polaropt.varying_closed_form import varying_pixel_layers
 
 Images = NDArray[np.float32]
 
@@ -18,14 +20,14 @@ def start_names() -> tuple[str, ...]:
     return ("closed-form", "cold", "per-pixel")
 
 
-def start_layers(name: str, capture: Capture, scene: SceneParameters, canvas: Canvas, known: ClosedForm) -> Images:
+def start_layers(name: str, capture: Capture, pse: PSE | VaryingPSE, canvas: Canvas, known: ClosedForm) -> Images:
     """Canvas layers (2, channel, H, W) to start from.
 
     Parameters
     ----------
     name : {"closed-form", "cold", "per-pixel"}
     capture : Capture
-    scene : SceneParameters
+    pse : PSE or VaryingPSE
     canvas : Canvas
     known : ClosedForm
         The closed form per frequency.
@@ -33,7 +35,8 @@ def start_layers(name: str, capture: Capture, scene: SceneParameters, canvas: Ca
     if name == "closed-form":
         return canvas.continued(canvas.crop(known.layers))
     if name == "per-pixel":
-        return canvas.continued(_with_channels(per_pixel_layers(capture, scene), capture))
+        layers = per_pixel_layers(capture, pse.scene) if isinstance(pse, PSE) else varying_pixel_layers(capture, pse)
+        return canvas.continued(_with_channels(layers, capture))
     intensity = _with_channels(capture.stokes[:1], capture)
     flat = np.broadcast_to(intensity.mean((-1, -2), keepdims=True), intensity.shape)
     return canvas.continued(np.concatenate([intensity, flat]))

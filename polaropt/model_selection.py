@@ -1,0 +1,150 @@
+"""Which rung of the ladder a capture needs: the lowest one that leaves no polarized light unexplained.
+
+Unpolarized layers behind a flat pane that is seen from far leave no light polarized at 45 degrees to its plane of
+incidence. What there is of it beyond the noise says that a higher rung is needed, and whether one explains it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+from polaropt.capture import Capture
+from polaropt.perspective_fit import PerspectiveFit, PolarizedBlocks, fit_perspective
+from polaropt.plate_frame import stokes_images
+from polaropt.scene import SceneParameters
+from polaropt.scene_estimation import SceneEstimate, estimate_scene
+
+Model = Literal["auto", "pixelwise", "ghosts", "perspective"]
+
+# Mean square, in units of the noise, up to which polarized light counts as explained, beside its own scatter.
+_TOLERANCE = 0.1
+_SCATTERS = 3.0
+# Share of what the lower rung leaves that a higher one must explain, and how well it must be known.
+_LEAST_EXPLAINED = 0.5
+_WORST_ERROR_DEG = 3.0
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One rung that was looked at.
+
+    Attributes
+    ----------
+    rung : str
+    misfit : float or None
+        Mean square of the light polarized at 45 degrees to the plane of incidence, in units of its noise; None where
+        it was not measured.
+    seconds : float
+    taken : bool
+    reason : str
+        Why it was taken or left, a sentence.
+    """
+
+    rung: str
+    misfit: float | None
+    seconds: float
+    taken: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class FoundScene:
+    """A complete scene, how it was estimated (None where it was given) and the rungs that were looked at."""
+
+    scene: SceneParameters
+    estimate: SceneEstimate | None
+    tried: tuple[Tried, ...]
+
+
+def model_names() -> tuple[str, ...]:
+    """Names that `find_scene` knows."""
+    return ("auto", "pixelwise", "ghosts", "perspective")
+
+
+def find_scene(
+    capture: Capture,
+    asked: SceneParameters,
+    noise: float,
+    model: str = "auto",
+    *,
+    thickness_px: float | None = None,
+    thickness_kind: Literal["paper", "plate"] = "paper",
+) -> FoundScene:
+    """Complete a scene on the lowest rung that explains the capture, or on the one asked for.
+
+    Parameters
+    ----------
+    capture : Capture
+    asked : SceneParameters
+        Fields that are None are estimated. A focal length asks for the perspective rung.
+    noise : float
+    model : {"auto", "pixelwise", "ghosts", "perspective"}
+    thickness_px, thickness_kind
+        As for `estimate_scene`.
+    """
+    if asked.complete and thickness_px is None:
+        return FoundScene(asked, None, ())
+    began = time.perf_counter()
+    flat = asked.replace(focal_px=None)
+    if model in ("pixelwise", "perspective") and asked.ghost_shift is None:
+        flat = flat.replace(ghost_shift=0.0)
+    estimate = estimate_scene(capture, flat, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    blocks_began = time.perf_counter()
+    lower = _Lower(estimate, blocks_began - began)
+    if not estimate.polarized or not _may_vary(asked, model):
+        return FoundScene(estimate.scene, estimate, (lower.tried(None, True, "It is the one asked for."),))
+    stokes = stokes_images(capture, noise)
+    misfit = PolarizedBlocks(stokes).constant_misfit(estimate.scene.values()[1])
+    n = stokes.images[0].size
+    wanted = model == "perspective" or asked.focal_px is not None
+    if not wanted and misfit <= 1 + _TOLERANCE + _SCATTERS * math.sqrt(2 / n):
+        return FoundScene(estimate.scene, estimate, (lower.tried(misfit, True, "It leaves nothing but noise."),))
+    fit = fit_perspective(stokes, asked.focal_px)
+    return _decided(lower, misfit, fit, wanted, time.perf_counter() - blocks_began)
+
+
+@dataclass(frozen=True)
+class _Lower:
+    """The estimate on the lower rungs, and its seconds."""
+
+    estimate: SceneEstimate
+    seconds: float
+
+    def tried(self, misfit: float | None, taken: bool, reason: str) -> Tried:
+        return Tried(self.estimate.scene.rung, misfit, self.seconds, taken, reason)
+
+
+def _may_vary(asked: SceneParameters, model: str) -> bool:
+    """Whether incidence and azimuth over the frame are for us to find."""
+    free = asked.incidence_deg is None and asked.azimuth_deg is None
+    return free and model in ("auto", "perspective") and not asked.ghost_shift
+
+
+def _decided(lower: _Lower, misfit: float, fit: PerspectiveFit, wanted: bool, seconds: float) -> FoundScene:
+    explained = (misfit - fit.misfit) / max(misfit - 1, 1e-9)
+    known = fit.incidence_error_deg <= _WORST_ERROR_DEG
+    taken = wanted or (known and explained >= _LEAST_EXPLAINED)
+    share = f"{100 * explained:.0f} % of the polarized light that the {lower.estimate.scene.rung} rung leaves"
+    if wanted:
+        reason = f"It was asked for; it explains {share}."
+    elif taken:
+        reason = f"It explains {share}."
+    elif known:
+        reason = f"It explains only {share}."
+    else:
+        reason = f"The pane's tilt stays open ({fit.incidence_error_deg:.0f} degrees of error)."
+    left = "It leaves polarized light unexplained." if taken else "No higher rung explains what it leaves."
+    tried = (
+        lower.tried(misfit, not taken, left),
+        Tried("perspective", fit.misfit, seconds, taken, reason),
+    )
+    if not taken:
+        return FoundScene(lower.estimate.scene, lower.estimate, tried)
+    scene = lower.estimate.scene.replace(
+        incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, ghost_shift=0.0, focal_px=fit.focal_px
+    )
+    return FoundScene(scene, dataclasses.replace(lower.estimate, scene=scene), tried)
