@@ -15,15 +15,17 @@ from polaropt.capture import Capture
 from polaropt.diagnostics import Diagnostics, diagnose
 from polaropt.errors import InputError
 from polaropt.forward import PSE
+from polaropt.model_selection import FoundScene, Tried, find_scene, model_names
 from polaropt.noise import noise_level
 from polaropt.objective import Term, Weights
 from polaropt.problem import component_images
 from polaropt.scene import SceneParameters
-from polaropt.scene_estimation import SceneEstimate, estimate_scene
+from polaropt.scene_estimation import SceneEstimate
 from polaropt.simulation import planes_last
 from polaropt.solving import How, Solution, solve
 from polaropt.stages import Progress, Stages
 from polaropt.starts import start_names
+from polaropt.varying import VaryingPSE
 from solvers.base import SolverResult, Status, StoppingRule
 from solvers.compiled import told_of_compiling
 from solvers.registry import get_solver
@@ -41,6 +43,8 @@ class Separation:
         [0] transmission, [1] reflection, linear.
     scene : SceneParameters
         Complete: given or estimated.
+    tried : tuple of Tried
+        The rungs of the ladder that were looked at, with why they were taken or left; empty where the scene was given.
     terms : dict of str to Term
         Raw value and weight of each term of the objective at the solution.
     solver : SolverResult
@@ -54,6 +58,7 @@ class Separation:
 
     layers: Images = field(repr=False)
     scene: SceneParameters
+    tried: tuple[Tried, ...]
     terms: dict[str, Term]
     solver: SolverResult
     diagnostics: Diagnostics
@@ -87,6 +92,7 @@ def separate(
     weights: Weights = Weights(),  # noqa: B008 (frozen)
     stopping: StoppingRule = StoppingRule(),  # noqa: B008 (frozen)
     *,
+    model: str = "auto",
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
     robust: bool = False,
@@ -113,6 +119,9 @@ def separate(
     weights : Weights
         Factors on the terms of the objective.
     stopping : StoppingRule
+    model : {"auto", "pixelwise", "ghosts", "perspective"}
+        Rung of the ladder of scene models, where the scene is not given; "auto" takes the lowest one that explains
+        the capture.
     thickness_px : float, optional
         Thickness of the pane in pixels: ties the ghost shift to the incidence.
     thickness_kind : {"paper", "plate"}
@@ -140,6 +149,8 @@ def separate(
     if init not in start_names():
         raise InputError(f"unknown start {init!r}; there are: {', '.join(start_names())}")
     asked = scene or SceneParameters(None, None, None, refractive_index, single_surface=single_surface)
+    if model not in model_names():
+        raise InputError(f"unknown model {model!r}; there are: {', '.join(model_names())}")
     if device is not None and solver != "torch":
         raise InputError(f"device {device!r} is for the solver torch, not {solver}")
     device = device or ("cpu" if solver == "torch" else None)
@@ -149,48 +160,30 @@ def separate(
         stages.begin("Measuring the noise", 0.0)
         noise = noise_level(capture)
         stages.begin("Estimating the scene", 0.02)
-        found, estimate = _complete_scene(capture, asked, noise, thickness_px, thickness_kind)
+        found = find_scene(capture, asked, noise, model, thickness_px=thickness_px, thickness_kind=thickness_kind)
+        estimate = found.estimate
         if estimate is not None and not estimate.polarized and asked.incidence_deg is None:
-            return _unseparated(capture, found, noise, estimate, stages)
+            return _unseparated(capture, found.scene, noise, estimate, stages)
         how = How(minimizer, init, weights, stopping, robust, device)
-        solution = solve(capture, found, noise, how, stages)
+        solution = solve(capture, found.scene, noise, how, stages)
         stages.begin("Taking stock", 0.97)
-        return _report(capture, found, noise, solution, estimate, stages)
+        return _report(capture, found, noise, solution, stages)
 
 
-def _complete_scene(
-    capture: Capture,
-    scene: SceneParameters,
-    noise: float,
-    thickness_px: float | None,
-    thickness_kind: Literal["paper", "plate"],
-) -> tuple[SceneParameters, SceneEstimate | None]:
-    if scene.complete and thickness_px is None:
-        return scene, None
-    estimate = estimate_scene(capture, scene, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
-    return estimate.scene, estimate
-
-
-def _report(
-    capture: Capture,
-    scene: SceneParameters,
-    noise: float,
-    solution: Solution,
-    estimate: SceneEstimate | None,
-    stages: Stages,
-) -> Separation:
+def _report(capture: Capture, found: FoundScene, noise: float, solution: Solution, stages: Stages) -> Separation:
     diagnostics = diagnose(
         capture,
         noise,
         misfit_ratio=solution.misfit_ratio,
         reflection_unknown=solution.reflection_unknown,
-        estimate=estimate,
+        estimate=found.estimate,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()
     return Separation(
         layers=solution.layers if capture.color else solution.layers[:, 0],
-        scene=scene,
+        scene=found.scene,
+        tried=found.tried,
         terms=solution.terms,
         solver=solution.solver,
         diagnostics=diagnostics,
@@ -209,6 +202,7 @@ def _unseparated(
     return Separation(
         layers=np.stack([intensity, np.zeros_like(intensity)]),
         scene=scene,
+        tried=(),
         terms={},
         solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),
         diagnostics=diagnose(capture, noise, misfit_ratio=1.0, reflection_unknown=1.0, estimate=estimate),
@@ -218,7 +212,7 @@ def _unseparated(
     )
 
 
-def _components(pse: PSE, canvas: Canvas, layers: Images, color: bool) -> Images:
+def _components(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images, color: bool) -> Images:
     components = component_images(pse, canvas, layers)
     return components if color else components[:, :, 0]
 
