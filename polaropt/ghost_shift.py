@@ -26,7 +26,7 @@ _Light = tuple[Images, Images]
 
 _RADIAL_KNOTS = 3
 _DEGREES_OF_FREEDOM = np.float32(4)
-_FIRST_ROUNDS, _ROUNDS = 12, 4
+_FIRST_ROUNDS = 12
 _LEAST_DETERMINANT = np.float32(1e-6)
 _EVERY = 8
 """Levels are first fitted for every so-many-th trial, then carried to those between."""
@@ -106,7 +106,7 @@ class ShiftLikelihood:
         self._shapes = _spectral_shapes(spectra.along, spectra.across_azimuth)
         """(level, frequency): natural images' power, split over a few radii and two directions."""
 
-    def misfit(self, incidence_deg: float | Matrix, shifts: Sequence[float] | Matrix, quick: bool = False) -> Matrix:
+    def misfit(self, incidence_deg: float | Matrix, shifts: Sequence[float] | Matrix, rounds: int = 4) -> Matrix:
         """Minus log likelihood per frequency of trial shifts (pixels, signed), up to a constant.
 
         Parameters
@@ -114,8 +114,8 @@ class ShiftLikelihood:
         incidence_deg : float or ndarray
             One incidence or several.
         shifts : sequence of float
-        quick : bool
-            Fit the spectra less closely.
+        rounds : int
+            How closely each trial's spectra are fitted.
 
         Returns
         -------
@@ -129,7 +129,7 @@ class ShiftLikelihood:
         levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), 1e-3, np.float32)
         levels = self._fitted(products.of(rows[:, sparse].ravel()), levels, _FIRST_ROUNDS)
         carried = np.arange(levels.shape[1]).reshape(incidences.size, -1)[:, nearest].ravel()
-        levels = self._fitted(products, levels[:, carried], 1 if quick else _ROUNDS)
+        levels = self._fitted(products, levels[:, carried], rounds)
         _, _, determinant, distance = self._model(products, levels)
         nu = _DEGREES_OF_FREEDOM
         value = (np.log(determinant) + (nu + 2) * np.log(nu + distance)) @ self._multiplicity.astype(np.float64)

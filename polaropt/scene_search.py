@@ -40,10 +40,12 @@ _TURNS = 4
 _GRAZING_DEG, _GRAZING_PENALTY = 85.5, 0.03
 """Score per degree beyond: panes are hardly ever seen so, and one across, its layers exchanged, looks much alike."""
 _FINE = 4
+_CLOSELY = 16
+"""Rounds in which spectra are fitted where misfits with and without ghosts are compared."""
 _FINE_SHIFTS: Curve = np.arange(-4.0, 4.5) / 8
 _STEP_DEG, _ROUGHLY_DEG, _TOLERANCE_DEG = 2.0, 1.0, 0.2
-_LEAST_GAIN = 5e-5
-"""Misfit per frequency that a shift must gain over none."""
+_LEAST_GAIN, _SURE = 2e-5, 5.0
+"""Misfit per frequency that a shift must gain over none, and how many times that to be sure of it."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +116,9 @@ class SceneSearch:
             if trial.ghost_shift == before.ghost_shift and abs(trial.incidence_deg - before.incidence_deg) < 0.5:
                 break
         if self._open_shift and self._thickness is None:
-            trial = self._refined(trial)
-        trial = self._with_overlap_minimum(trial, _TOLERANCE_DEG)
+            trial = self._with_fine_shift(trial)
+        else:
+            trial = self._with_overlap_minimum(trial, _TOLERANCE_DEG)
         if self._thickness is not None:
             trial = self._with_tied_shift(trial)
         return Trial(trial.incidence_deg, trial.ghost_shift, self._score(trial))
@@ -138,7 +141,7 @@ class SceneSearch:
 
     def _likeliest(self, incidence_deg: float) -> Trial:
         grid = self._shift_grid(incidence_deg, 1.0)
-        misfit = self._likelihood.misfit(incidence_deg, grid, quick=True)
+        misfit = self._likelihood.misfit(incidence_deg, grid, rounds=1)
         best = int(np.argmin(misfit))
         return Trial(incidence_deg, float(grid[best]), float(misfit[best]))
 
@@ -195,16 +198,19 @@ class SceneSearch:
             ]
         return min(trials, key=lambda trial: trial.score)
 
-    def _refined(self, trial: Trial) -> Trial:
-        """The trial's shift between the grid's points; none where it gains too little over none."""
+    def _with_fine_shift(self, trial: Trial) -> Trial:
+        """The trial's shift between the grid's points, none where it gains too little; then the incidence."""
         shifts = trial.ghost_shift + _FINE_SHIFTS
         misfit = self._likelihood.misfit(trial.incidence_deg, shifts)
         best = min(max(int(np.argmin(misfit)), 1), shifts.size - 2)
-        shift = shifts[best] + (shifts[1] - shifts[0]) * vertex(*misfit[best - 1 : best + 2])
+        shift = float(shifts[best] + (shifts[1] - shifts[0]) * vertex(*misfit[best - 1 : best + 2]))
         near = self._near(trial.incidence_deg)
-        without, with_ghosts = self._likelihood.misfit(near, [0.0, float(shift)]).min(axis=0)
-        found = without - with_ghosts > self._least_gain(trial.incidence_deg)
-        return Trial(trial.incidence_deg, float(shift) if found else 0.0, trial.score)
+        without, with_ghosts = self._likelihood.misfit(near, [0.0, shift], rounds=_CLOSELY).min(axis=0)
+        gain = (without - with_ghosts) / self._least_gain(trial.incidence_deg)
+        # Ghosts taken out that are elsewhere cost the incidence more than ghosts left in.
+        safe = Trial(trial.incidence_deg, shift if gain > _SURE else 0.0, trial.score)
+        incidence = self._with_overlap_minimum(safe, _TOLERANCE_DEG).incidence_deg
+        return Trial(incidence, shift if gain > 1 else 0.0, trial.score)
 
     def _near(self, incidence_deg: float) -> Curve:
         """Incidences at which shifts are compared: what is gained by the one is lost by the other."""
@@ -212,7 +218,7 @@ class SceneSearch:
 
     def _least_gain(self, incidence_deg: float) -> float:
         """What a shift must gain over none: more towards normal incidence and in noise, where errors mimic ghosts."""
-        least = _LEAST_GAIN * (1 + (25 / incidence_deg) ** 6)
+        least = _LEAST_GAIN * (1 + (27 / incidence_deg) ** 8)
         return least if self._reflection_is_sharp(incidence_deg) else 3 * least
 
     def _with_tied_shift(self, trial: Trial) -> Trial:
