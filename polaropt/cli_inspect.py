@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from polaropt.cli_command import progress_bar, say, say_json
-from polaropt.cli_options import CaptureOptions, PaneOptions, SpeechOptions
+from polaropt.cli_options import CaptureOptions, LadderOptions, PaneOptions, SpeechOptions
 
 if TYPE_CHECKING:
     from polaropt.capture import Capture
-    from polaropt.scene_estimation import SceneEstimate
+    from polaropt.model_selection import FoundScene
 
 
 @dataclass(frozen=True)
@@ -64,42 +64,54 @@ def _write_picture(photographs: Capture, target: Path) -> None:
         write_png(temporary, inspection_picture(photographs))
 
 
-def estimate_command(capture: CaptureOptions, pane: PaneOptions, speech: SpeechOptions) -> None:
+def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderOptions, speech: SpeechOptions) -> None:
     """Estimate how the pane stands: incidence, azimuth and the distance between double images.
 
     Nothing is separated. What is given with an option stays as it is.
     """
-    from polaropt.scene_estimation import estimate_scene
+    from polaropt.model_selection import find_scene
+    from polaropt.noise import noise_level
 
     scene = pane.scene()
+    ladder.check()
     photographs = capture.read()
     with progress_bar(not speech.json) as progress:
         if progress is not None:
             progress("Estimating the scene", 0.0)
-        estimate = estimate_scene(
-            photographs, scene, thickness_px=pane.thickness_px, thickness_kind=pane.thickness_kind
+        found = find_scene(
+            photographs,
+            scene,
+            noise_level(photographs),
+            ladder.model,
+            thickness_px=pane.thickness_px,
+            thickness_kind=pane.thickness_kind,
         )
     if speech.json:
-        from polaropt.report import scene_report
+        from polaropt.report import plain, scene_report
 
-        say_json({**scene_report(estimate.scene, scene), "polarized": estimate.polarized})
+        polarized = found.estimate is None or found.estimate.polarized
+        say_json({**scene_report(found.scene, scene), "rungs": plain(found.tried), "polarized": polarized})
         return
-    say(*estimate_sentences(estimate, pane))
+    say(*estimate_sentences(found, pane))
 
 
-def estimate_sentences(estimate: SceneEstimate, pane: PaneOptions) -> list[str]:
+def estimate_sentences(found: FoundScene, pane: PaneOptions) -> list[str]:
     """The scene, line by line, and what it rests on."""
-    incidence, azimuth, shift = estimate.scene.values()
+    incidence, azimuth, shift = found.scene.values()
     lines = [
         f"incidence  {incidence:7.2f} deg  {_source(pane.incidence)}",
         f"azimuth    {azimuth:7.2f} deg  {_source(pane.azimuth)}",
     ]
-    if pane.single_surface:
+    if found.scene.focal_px is not None:
+        lines.append(f"focal      {found.scene.focal_px:7.0f} px   {_source(pane.focal_px)}")
+        lines.append("incidence and azimuth change over the picture; those above are at its middle")
+    elif pane.single_surface:
         lines.append("a single surface, without ghosts")
     else:
         lines.append(f"shift      {shift:7.2f} px   {_shift_source(pane)}")
     lines.append(f"index      {pane.index:7.2f}      (given or assumed)")
-    if not estimate.polarized:
+    lines += [f"rung       {tried.rung}: {'taken' if tried.taken else 'left'}. {tried.reason}" for tried in found.tried]
+    if found.estimate is not None and not found.estimate.polarized:
         lines.append("ATTENTION: the light is not polarized beyond the noise; these numbers mean nothing.")
     return lines
 

@@ -160,22 +160,63 @@ class PaneOptions:
         typer.Option("--single-surface", help="No back face: a water surface.", rich_help_panel=_PANE),
     ] = False
 
+    focal_px: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="Focal length in pixels of a lens so wide that the incidence changes over the picture; the azimuth is "
+            "then the direction into which the pane's normal leans. Found where it shows, unless given.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+
     def scene(self) -> SceneParameters:
         """The scene, with None for what is to be estimated."""
         from polaropt.scene import SceneParameters
 
         self.check()
-        return SceneParameters(self.incidence, self.azimuth, self.shift, self.index, single_surface=self.single_surface)
+        return SceneParameters(
+            self.incidence,
+            self.azimuth,
+            self.shift,
+            self.index,
+            single_surface=self.single_surface,
+            focal_px=self.focal_px,
+        )
 
     def check(self) -> None:
         """InputError where two options contradict each other."""
         if self.shift is not None and self.thickness_px is not None:
             raise InputError("--shift and --thickness-px both set the ghost shift; give one of them")
         for name, value in (("--shift", self.shift), ("--thickness-px", self.thickness_px)):
+            if self.focal_px is not None and value:
+                raise InputError(f"{name} and --focal-px cannot be had together yet: leave one out")
             if self.single_surface and value is not None:
                 raise InputError(f"{name} is for a pane with a back face; leave it or --single-surface out")
         if self.thickness_px is not None and not 0 <= self.thickness_px < math.inf:
             raise InputError(f"--thickness-px is {self.thickness_px:g}; give 0 or more")
+
+
+@dataclass(frozen=True)
+class LadderOptions:
+    """How much of the pane is modelled."""
+
+    model: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Scene model: pixelwise (no double images), ghosts, perspective (a wide lens), or auto: the simplest "
+            "that explains the capture.",
+            rich_help_panel=_PANE,
+        ),
+    ] = "auto"
+
+    def check(self) -> None:
+        """InputError where there is no such model."""
+        from polaropt.model_selection import model_names
+
+        if self.model not in model_names():
+            raise InputError(f"--model {self.model!r} does not exist; choose one of: {', '.join(model_names())}")
 
 
 @dataclass(frozen=True)

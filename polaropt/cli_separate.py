@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polaropt.cli_command import progress_bar, say, say_json
-from polaropt.cli_options import CaptureOptions, PaneOptions
+from polaropt.cli_options import CaptureOptions, LadderOptions, PaneOptions
 from polaropt.errors import InputError
 
 if TYPE_CHECKING:
@@ -137,7 +137,9 @@ class FolderOptions:
     quiet: Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print nothing but errors.")] = False
 
 
-def separate_command(capture: CaptureOptions, pane: PaneOptions, solving: SolveOptions, folder: FolderOptions) -> None:
+def separate_command(
+    capture: CaptureOptions, pane: PaneOptions, ladder: LadderOptions, solving: SolveOptions, folder: FolderOptions
+) -> None:
     """Separate what is behind the glass (transmission) from what the glass mirrors (reflection).
 
     Nothing needs to be known: incidence, azimuth and ghost shift are estimated unless given.
@@ -149,6 +151,7 @@ def separate_command(capture: CaptureOptions, pane: PaneOptions, solving: SolveO
     from polaropt.output import result_folder
 
     scene, weights, stopping = pane.scene(), parse_weights(solving.weights), solving.stopping()
+    ladder.check()
     solving.check_names()
     with result_folder(folder.output) as work, progress_bar(not (folder.json or folder.quiet)) as progress:
         # Imported after reading, so that an error in the files is told at once.
@@ -163,13 +166,23 @@ def separate_command(capture: CaptureOptions, pane: PaneOptions, solving: SolveO
             init=solving.init,
             weights=weights,
             stopping=stopping,
+            model=ladder.model,
             thickness_px=pane.thickness_px,
             thickness_kind=pane.thickness_kind,
             progress=progress,
             robust=solving.robust,
             device=solving.device,
         )
-        request = Request(scene, solving.solver, solving.device, solving.init, solving.robust, weights, stopping)
+        request = Request(
+            scene,
+            model=ladder.model,
+            solver=solving.solver,
+            device=solving.device,
+            init=solving.init,
+            robust=solving.robust,
+            weights=weights,
+            stopping=stopping,
+        )
         report = write_separation(work, result, photographs, request)
     if folder.json:
         say_json({"output": str(folder.output), **report})
@@ -231,6 +244,9 @@ def _pane_sentence(report: dict[str, Any]) -> str:
             ("azimuth_deg", "azimuth", "deg"),
             ("ghost_shift", "ghost shift", "px"),
         )
-        if not (name == "ghost_shift" and scene["single_surface"])
+        if not (name == "ghost_shift" and scene["single_surface"] and scene["focal_px"] is None)
     ]
+    if scene["focal_px"] is not None:
+        how = "estimated" if "focal_px" in estimated else "given"
+        parts[-1] = f"both changing over the picture, focal length {scene['focal_px']:.0f} px ({how})"
     return f"Pane: {', '.join(parts)}, refractive index {scene['refractive_index']:g}."

@@ -30,6 +30,7 @@ class Request:
     """What was asked for; None in the scene is estimated, None elsewhere is the default."""
 
     scene: SceneParameters
+    model: str = "auto"
     solver: str = "lbfgs"
     device: str | None = None
     init: str = "closed-form"

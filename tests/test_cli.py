@@ -206,7 +206,7 @@ def test_ctrl_c_leaves_the_previous_output(tmp_path: Path) -> None:
 
 def test_estimate(photographs: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     lines = spoken(capsys, "estimate", *photographs).splitlines()
-    assert [line.split()[0] for line in lines] == ["incidence", "azimuth", "shift", "index"]
+    assert [line.split()[0] for line in lines] == ["incidence", "azimuth", "shift", "index", "rung"]
     assert all("estimated" in line for line in lines[:3])
     report = json.loads(spoken(capsys, "estimate", *photographs, "--json", "--azimuth", "30"))
     assert report["scene"]["incidence_deg"] == pytest.approx(65, abs=5)
@@ -336,3 +336,18 @@ def _read(terminal: int) -> bytes:
         return os.read(terminal, 4096)
     except OSError:  # the other end is closed
         return b""
+
+
+def test_a_wide_lens_is_found_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pair = [tmp_path / name for name in ("behind.png", "mirrored.png")]
+    for name, photo in zip(pair, (data.astronaut(), data.coffee()), strict=True):
+        write_png(name, photo[:160, 100:260])
+    pane = ["--incidence", "55", "--azimuth", "200", "--shift", "0", "--focal-px", "190"]
+    spoken(capsys, "simulate", *map(str, pair), *pane, "-o", str(tmp_path))
+    shots = [str(tmp_path / f"capture_{angle}.png") for angle in ("000", "045", "090", "135")]
+    assert "focal" in spoken(capsys, "estimate", *shots)
+    assert "focal length" in spoken(capsys, "separate", *shots, "-o", str(tmp_path / "out"), *QUICK)
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["scene"]["rung"] == "perspective"
+    assert report["scene"]["focal_px"] == pytest.approx(190, rel=0.1)
+    assert [rung["taken"] for rung in report["rungs"]] == [False, True]
