@@ -150,8 +150,10 @@ def _one_scene(pane: PaneOptions) -> SceneParameters:
     if pane.thickness_px is not None:
         shift = ghost_step(incidence, pane.index, pane.thickness_px, pane.thickness_kind)
     azimuth = _AZIMUTH_DEG if pane.azimuth is None else pane.azimuth
-    shift = 0.0 if pane.single_surface else shift
-    return SceneParameters(incidence, azimuth, shift, pane.index, single_surface=pane.single_surface)
+    shift = 0.0 if pane.single_surface or pane.focal_px is not None else shift
+    return SceneParameters(
+        incidence, azimuth, shift, pane.index, single_surface=pane.single_surface, focal_px=pane.focal_px
+    )
 
 
 def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> dict[str, Any]:
@@ -163,6 +165,8 @@ def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) ->
     if layers.format != "png":
         raise InputError("--format is for one pair; a data set is always npz, leave it out")
     assert many.pairs is not None
+    if pane.focal_px is not None:
+        raise InputError("--focal-px is for one pair; leave it or --pairs out")
     pane.scene()  # its checks, before anything is written
     panes = Panes(
         pane.incidence,
