@@ -94,8 +94,10 @@ def find_scene(
         flat = flat.replace(ghost_shift=0.0)
     estimate = estimate_scene(capture, flat, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
     blocks_began = time.perf_counter()
+    if not estimate.polarized and asked.incidence_deg is None:
+        return _nothing_seen(estimate, blocks_began - began)
     lower = _Lower(estimate, blocks_began - began)
-    if not estimate.polarized or not _may_vary(asked, model):
+    if not _may_vary(asked, model):
         return FoundScene(estimate.scene, estimate, (lower.tried(None, True, "It is the one asked for."),))
     stokes = stokes_images(capture, noise)
     misfit = PolarizedBlocks(stokes).constant_misfit(estimate.scene.values()[1])
@@ -105,6 +107,12 @@ def find_scene(
         return FoundScene(estimate.scene, estimate, (lower.tried(misfit, True, "It leaves nothing but noise."),))
     fit = fit_perspective(stokes, asked.focal_px)
     return _decided(lower, misfit, fit, wanted, time.perf_counter() - blocks_began)
+
+
+def _nothing_seen(estimate: SceneEstimate, seconds: float) -> FoundScene:
+    scene = estimate.scene.replace(signal=False)
+    tried = Tried("none", None, seconds, True, "There is no polarization beyond the noise.")
+    return FoundScene(scene, dataclasses.replace(estimate, scene=scene), (tried,))
 
 
 @dataclass(frozen=True)

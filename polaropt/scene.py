@@ -12,7 +12,7 @@ from polaropt.fresnel import refraction_angle
 
 SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
 
-Rung = Literal["pixelwise", "ghosts", "perspective", "polarized"]
+Rung = Literal["none", "pixelwise", "ghosts", "perspective", "polarized"]
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ class SceneParameters:
         vary over the frame, and those above are the ones at its middle. The azimuth is then the direction to which
         the pane's normal (towards the scene) leans, and adding 180 is another pane; all bounces are summed in place.
         None: both are the same everywhere.
+    signal : bool
+        Whether there is polarization at all; without, the numbers above mean nothing and the rung is "none".
 
     Raises
     ------
@@ -61,6 +63,7 @@ class SceneParameters:
     reflection_polarization: tuple[float, float] = (0.0, 0.0)
     literal_eq3: bool = False
     focal_px: float | None = None
+    signal: bool = True
 
     def __post_init__(self) -> None:
         _check_incidence(self.incidence_deg)
@@ -90,6 +93,8 @@ class SceneParameters:
     @property
     def rung(self) -> Rung:
         """The simplest model of the ladder that these numbers are: what varies, shifts or arrives polarized."""
+        if not self.signal:
+            return "none"
         if self.polarized:
             return "polarized"
         if self.focal_px is not None:

@@ -93,6 +93,8 @@ def test_unpolarized_light_is_returned_as_transmission_with_a_warning():
     assert (result.reflection == 0).all()
     assert all(np.isfinite(result.scene.values()))
     assert result.solver.status is Status.NOT_RUN
+    assert result.scene.rung == "none"
+    assert [tried.rung for tried in result.tried] == ["none"]
 
 
 @pytest.mark.parametrize("color", [False, True])
