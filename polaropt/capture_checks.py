@@ -14,6 +14,7 @@ from polaropt.noise import redundancy_residual
 from polaropt.pair_gain import Floats, orthogonal_pairs, trusted_blocks
 
 _FEWEST_BLOCKS = 50
+_ENOUGH_BLOCKS = 3000
 _CERTAIN = 0.15
 # Blocks are no independent samples: an accusation needs far more than the usual three deviations.
 _SURE = 10.5
@@ -51,13 +52,25 @@ class GammaFit:
         return bool(self.certain and beyond_doubt and not _LINEAR[0] <= self.exponent <= _LINEAR[1])
 
 
-def fit_gamma(capture: Capture) -> GammaFit | None:
+def checked_blocks(capture: Capture) -> Floats:
+    """Means (k, n) of 8x8 blocks that are valid throughout, evenly chosen where there are many."""
+    blocks = trusted_blocks(capture.intensities, capture.valid)
+    return blocks[:, :: max(1, blocks.shape[1] // _ENOUGH_BLOCKS)]
+
+
+def fit_gamma(capture: Capture, blocks: Floats | None = None) -> GammaFit | None:
     """How the photographs are encoded, from sums of orthogonal pairs.
 
     If values are ``v = I^(1/gamma)``, the sum of an orthogonal pair depends on how strongly the light is polarized
     along it: ``log((v45 + v135) / (v0 + v90))`` has the slope ``(gamma - 1)/2`` against ``d0^2 - d45^2``, where d0 and
     d45 are the contrasts of the two pairs. That is the first order in their squares; it is repeated on the linearized
     values. A gain of one pair or of one photograph does not matter.
+
+    Parameters
+    ----------
+    capture : Capture
+    blocks : ndarray, shape (k, n), optional
+        `checked_blocks` of the capture, if they are at hand.
 
     Returns
     -------
@@ -67,7 +80,7 @@ def fit_gamma(capture: Capture) -> GammaFit | None:
     pairs = orthogonal_pairs(capture.angles_deg)
     if pairs is None:
         return None
-    blocks = trusted_blocks(capture.intensities, capture.valid).astype(np.float64)
+    blocks = checked_blocks(capture).astype(np.float64) if blocks is None else blocks.astype(np.float64)
     if blocks.shape[1] < _FEWEST_BLOCKS:
         return None
     exponent, error = 1.0, 0.0
@@ -75,7 +88,8 @@ def fit_gamma(capture: Capture) -> GammaFit | None:
         slope, error = _pair_slope(blocks**exponent, pairs)
         factor = float(np.clip(1 + 2 * slope, 0.5, 2))
         exponent = float(np.clip(exponent * factor, 0.1, 10))
-        if abs(factor - 1) < 1e-3:
+        # Much below the error further rounds tell nothing.
+        if abs(factor - 1) < max(1e-3, 0.2 * error):
             break
     return GammaFit(exponent, 2 * error * exponent)
 
@@ -115,15 +129,17 @@ def _robust_regression(columns: Floats, values: Floats, expected: tuple[float, .
     return weights, error
 
 
-def swapped_photographs(capture: Capture) -> tuple[tuple[int, int], ...]:
+def swapped_photographs(capture: Capture, blocks: Floats | None = None) -> tuple[tuple[int, int], ...]:
     """Pairs of photographs of which one looks swapped, by their indices; empty if the order looks right.
 
     A wrong order breaks ``I0 + I90 = I45 + I135`` (its generalization for other angles). Each exchange of two
     photographs is tried; those are named with which the identity holds at least twice as well. Where several serve
     equally all are named: exchanging 45 and 90 or 0 and 135, of four, forms the same pairs. Three angles tell nothing.
+
+    `blocks` are the capture's `checked_blocks`, if they are at hand.
     """
     count = len(capture.angles_deg)
-    blocks = trusted_blocks(capture.intensities, capture.valid)
+    blocks = checked_blocks(capture) if blocks is None else blocks
     if count < 4 or blocks.shape[1] < _FEWEST_BLOCKS:
         return ()
     given = _misfit(blocks, capture.angles_deg)

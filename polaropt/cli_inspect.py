@@ -43,11 +43,12 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, speech: Spe
     inspection = inspect_capture(photographs)
     if picture.output is not None:
         _write_picture(photographs, picture.output)
+    said = [*capture.alignment(photographs), *inspection.sentences()]
     if speech.json:
         written = [] if picture.output is None else [str(picture.output)]
-        say_json({**inspection.as_dict(), "sentences": list(inspection.sentences()), "written": written})
+        say_json({**inspection.as_dict(), "sentences": said, "written": written})
         return
-    say(*inspection.sentences())
+    say(*said)
     if picture.output is not None:
         say(f"Written: {picture.output}")
 

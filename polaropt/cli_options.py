@@ -90,11 +90,21 @@ class CaptureOptions:
         ),
     ] = False
 
+    align: Annotated[
+        bool,
+        typer.Option(
+            "--align",
+            metavar="",
+            help="Move photographs that are shifted against each other (a filter turned by hand) onto the first one.",
+            rich_help_panel=_FILES,
+        ),
+    ] = False
+
     def read(self) -> Capture:
-        """Read the files."""
+        """Read the files, and align them where that is asked for."""
         from polaropt.reader import read_capture
 
-        return read_capture(
+        capture = read_capture(
             self.captures,
             numbers(self.angles, "--angles"),
             self.sensor,
@@ -105,6 +115,19 @@ class CaptureOptions:
             gamma=self.gamma,
             full_resolution=self.full_resolution,
         )
+        if not self.align:
+            return capture
+        from polaropt.alignment import align
+
+        return align(capture)
+
+    def alignment(self, capture: Capture) -> list[str]:
+        """What aligning did to a capture that was read, in a sentence; nothing where it was not asked for."""
+        if not self.align:
+            return []
+        from polaropt.alignment import alignment_sentence
+
+        return [alignment_sentence(capture)]
 
 
 @dataclass(frozen=True)

@@ -187,7 +187,7 @@ def separate_command(
     if folder.json:
         say_json({"output": str(folder.output), **report})
     elif not folder.quiet:
-        say(*report_sentences(report, folder.output))
+        say(*capture.alignment(photographs), *report_sentences(report, folder.output))
 
 
 def parse_weights(text: str) -> Weights:
@@ -231,6 +231,10 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
     lines.append("  transmission.tiff, reflection.tiff  linear values")
     exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in ("transmission", "reflection"))
     lines.append(f"  transmission.png, reflection.png    to look at: sRGB of {exposures} times the linear values")
+    if report["misfit_map"] is not None:
+        lines.append(
+            "  misfit.tiff, misfit.png             where the pane does not explain the photographs, in units of noise"
+        )
     lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
     return lines
 

@@ -8,25 +8,57 @@ from enum import Enum
 import numpy as np
 
 from polaropt.capture import Capture
-from polaropt.capture_checks import fit_gamma
+from polaropt.capture_checks import checked_blocks, fit_gamma, swapped_photographs
+from polaropt.pair_gain import Floats
+from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
+from polaropt.shift_check import visible_shift
 
-_UNKNOWN_REFLECTION = 0.9
+_UNKNOWN_REFLECTION = 0.95
+"""There the fine detail of the reflection correlates with the truth by less than about 0.3."""
+_FRONTAL_DEG, _GRAZING_DEG = 12.0, 84.0
 _MUCH_CLIPPED = 0.01
+_MUCH_NOISE = 0.1
+"""Noise of this share of the mean brightness hides detail whatever the polarization."""
 _BAD_FIT = 4.0
+_SAMPLE = 64
 
 
 class Warning(Enum):
-    """What a user should know before trusting a result; the value is the sentence."""
+    """What a user should know before trusting a result; the value is the sentence.
+
+    REFLECTION_NOT_IDENTIFIABLE tells an effect; its cause, if the capture has one, has a warning of its own:
+    NO_POLARIZATION, NEAR_NORMAL or NOISE_TOO_HIGH.
+    """
 
     NO_POLARIZATION = (
         "The photographs show no polarization: nothing can be separated, and the intensity is returned as transmission."
     )
     REFLECTION_NOT_IDENTIFIABLE = (
-        "The photographs hardly tell the reflection (glass seen too frontally, or too much noise): "
-        "trust its slow changes at most. The transmission does not suffer from this."
+        "The photographs hardly tell the reflection: trust its slow changes at most. "
+        "The transmission does not suffer from this."
+    )
+    NEAR_NORMAL = (
+        "The glass is seen almost frontally (less than 12 degrees), where it hardly polarizes: "
+        "photograph it more obliquely, best from 50 to 75 degrees."
+    )
+    GRAZING = (
+        "The glass is seen at a grazing angle (more than 84 degrees), where it passes little light and small errors of "
+        "the incidence matter much: the transmission is noisy; photograph the glass less obliquely."
+    )
+    NOISE_TOO_HIGH = (
+        "The noise is large against the polarization or the brightness, and fine detail is lost in it: "
+        "expose longer, or average several photographs at each angle."
     )
     SATURATED = "More than 1 % of the pixels are clipped at white; they were left out and filled in from the others."
+    ANGLES_SWAPPED = (
+        "The photographs look as if they were given in a wrong order (pairs do not add up, others would): "
+        "check which file belongs to which polarizer angle."
+    )
+    MISALIGNED = (
+        "The photographs are shifted against each other by more than half a pixel: align them (--align, in Python "
+        "polaropt.align)."
+    )
     GAMMA_ENCODED = (
         "The photographs look gamma-encoded: pairs do not add up. Give linear files, or tell the encoding (gamma)."
     )
@@ -71,16 +103,31 @@ def diagnose(
     misfit_ratio: float,
     reflection_unknown: float,
     estimate: SceneEstimate | None,
+    scene: SceneParameters | None = None,
     finite: bool = True,
 ) -> Diagnostics:
-    """Collect the warnings that a capture and its solution deserve (arguments as `Diagnostics`' attributes)."""
-    clipped = 1 - float(capture.valid.mean())
+    """Collect the warnings that a capture and its solution deserve.
+
+    Parameters
+    ----------
+    capture : Capture
+    noise, misfit_ratio, reflection_unknown, estimate
+        As the attributes of `Diagnostics`.
+    scene : SceneParameters, optional
+        The scene of the solution. Default: that of the estimate.
+    finite : bool
+        Whether the solver met nothing but finite values.
+    """
+    clipped = 1 - np.count_nonzero(capture.valid) / capture.valid.size
     polarized = estimate is None or estimate.polarized
+    if scene is None and estimate is not None:
+        scene = estimate.scene
     deserved = {
         Warning.NO_POLARIZATION: not polarized,
         Warning.REFLECTION_NOT_IDENTIFIABLE: not polarized or reflection_unknown > _UNKNOWN_REFLECTION,
+        **_of_geometry_and_noise(capture, noise, polarized, reflection_unknown, scene),
         Warning.SATURATED: clipped > _MUCH_CLIPPED,
-        Warning.GAMMA_ENCODED: _looks_encoded(capture),
+        **_of_mistakes(capture),
         Warning.MODEL_DOES_NOT_EXPLAIN: polarized and misfit_ratio > _BAD_FIT,
         Warning.SOLVER_FAILED: not finite,
     }
@@ -94,6 +141,32 @@ def diagnose(
     )
 
 
-def _looks_encoded(capture: Capture) -> bool:
-    fit = fit_gamma(capture)
+def _of_geometry_and_noise(
+    capture: Capture, noise: float, polarized: bool, reflection_unknown: float, scene: SceneParameters | None
+) -> dict[Warning, bool]:
+    """Why the reflection, or the transmission, cannot be told."""
+    incidence = None if scene is None or not polarized else scene.incidence_deg
+    frontal = incidence is not None and incidence < _FRONTAL_DEG
+    rows, columns = (slice(None, None, max(1, side // _SAMPLE)) for side in capture.shape[-2:])
+    brightness = float(capture.intensities[..., rows, columns].mean())
+    # Where the pane is oblique enough nothing but noise can hide the reflection.
+    unseen = polarized and not frontal and reflection_unknown > _UNKNOWN_REFLECTION
+    return {
+        Warning.NEAR_NORMAL: frontal,
+        Warning.GRAZING: incidence is not None and incidence > _GRAZING_DEG,
+        Warning.NOISE_TOO_HIGH: unseen or noise > _MUCH_NOISE * brightness,
+    }
+
+
+def _of_mistakes(capture: Capture) -> dict[Warning, bool]:
+    """Wrong order, movement and encoding break the same identity; what explains the others goes first."""
+    blocks = checked_blocks(capture)
+    swapped = bool(swapped_photographs(capture, blocks))
+    moved = visible_shift(capture) > 0
+    encoded = not swapped and not moved and _looks_encoded(capture, blocks)
+    return {Warning.ANGLES_SWAPPED: swapped, Warning.MISALIGNED: moved, Warning.GAMMA_ENCODED: encoded}
+
+
+def _looks_encoded(capture: Capture, blocks: Floats) -> bool:
+    fit = fit_gamma(capture, blocks)
     return fit is not None and bool(np.isfinite(fit.exponent)) and fit.encoded

@@ -11,6 +11,7 @@ from polaropt.capture import Capture
 from polaropt.capture_checks import GammaFit, fit_gamma, swapped_photographs
 from polaropt.noise import noise_level, quantization_step
 from polaropt.pair_gain import block_means, orthogonal_pairs, pair_gain_of
+from polaropt.shift_check import visible_shift
 from polaropt.stokes import stokes_from_intensities
 
 _DIM = 0.1
@@ -56,6 +57,8 @@ class Inspection:
         What the file format says about encoding.
     swapped_deg : tuple of pairs of float
         Angles of photographs of which one pair looks swapped; empty if the order looks right.
+    visible_shift_px : float
+        About how far photographs are shifted against each other; 0 if not surely by more than half a pixel.
     """
 
     width: int
@@ -81,6 +84,7 @@ class Inspection:
     looks_encoded: bool | None
     encoding_hint: str
     swapped_deg: tuple[tuple[float, float], ...]
+    visible_shift_px: float
 
     def as_dict(self) -> dict[str, Any]:
         """The same as plain values, for JSON."""
@@ -108,8 +112,9 @@ def inspect_capture(capture: Capture) -> Inspection:
     origin = capture.origin
     removed = 1.0 if origin is None else origin.pair_gain
     swapped = swapped_photographs(capture)
-    # Swapped photographs break the same identity that the encoding does.
-    gamma = None if swapped else fit_gamma(capture)
+    moved = visible_shift(capture)
+    # Swapped and shifted photographs break the same identity that the encoding does.
+    gamma = None if swapped or moved else fit_gamma(capture)
     hint = "" if origin is None or origin.gamma is not None else origin.encoding_hint
     return Inspection(
         width=capture.shape[-1],
@@ -132,6 +137,7 @@ def inspect_capture(capture: Capture) -> Inspection:
         looks_encoded=_looks_encoded(gamma, hint),
         encoding_hint=hint,
         swapped_deg=tuple((capture.angles_deg[a], capture.angles_deg[b]) for a, b in swapped),
+        visible_shift_px=moved,
     )
 
 

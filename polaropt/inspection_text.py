@@ -23,7 +23,13 @@ _WEAK_DOLP = 0.02
 def sentences(inspection: Inspection) -> tuple[str, ...]:
     """Facts first, then what needs attention."""
     facts = [_size(inspection), _depth(inspection), _noise(inspection), _saturation(inspection)]
-    facts += [_polarization(inspection), _gain(inspection), _encoding(inspection), _order(inspection)]
+    facts += [
+        _polarization(inspection),
+        _gain(inspection),
+        _encoding(inspection),
+        _order(inspection),
+        _position(inspection),
+    ]
     return tuple(sentence for sentence in facts if sentence)
 
 
@@ -88,7 +94,7 @@ def _encoding(it: Inspection) -> str:
         return f"ATTENTION: the values look gamma-encoded ({reasons}); if they are, read them with gamma srgb or 2.2."
     if it.looks_encoded is False:
         return f"The values are linear ({measured})."
-    if it.swapped_deg:
+    if it.swapped_deg or it.visible_shift_px:
         return ""
     return f"Whether the values are gamma-encoded cannot be told{f' ({reasons})' if reasons else ''}."
 
@@ -100,3 +106,12 @@ def _order(it: Inspection) -> str:
     if len(it.angles_deg) == 3:
         return "With three angles a wrong order of the files cannot be seen."
     return ""
+
+
+def _position(it: Inspection) -> str:
+    if it.visible_shift_px == 0:
+        return ""
+    return (
+        f"ATTENTION: photographs look shifted against each other, by about {it.visible_shift_px:.1f} px; "
+        "read them with align."
+    )

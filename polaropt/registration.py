@@ -49,7 +49,7 @@ class Shifts:
     @property
     def largest(self) -> float:
         """Largest distance between two photographs, in pixels."""
-        return _largest(self.pixels)
+        return largest_distance(self.pixels)
 
     @property
     def certain(self) -> bool:
@@ -64,9 +64,9 @@ def measure_shifts(capture: Capture) -> Shifts:
     (`polaropt.shift_fit`), resampling until nothing moves. Clipped pixels and their neighbours do not count. Of large
     captures the middle is looked at.
     """
-    images, valid = _luminance(_middle(capture, _SIDE))
+    images, valid = _luminance(capture.part(*middle(capture.shape, _SIDE)))
     bands = np.stack([_band_passed(image, mask) for image, mask in zip(images, valid, strict=True)])
-    inner = np.stack([_far_from_invalid(mask) for mask in valid])
+    inner = np.stack([far_from_invalid(mask) for mask in valid])
     start = coarse_shifts(bands)
     nowhere = np.zeros_like(start)
     # Where the start is wrong the photographs may still lie nearly on each other.
@@ -172,17 +172,20 @@ def _band_passed(image: Images, valid: Mask) -> Images:
     return band
 
 
-def _far_from_invalid(valid: Mask) -> Mask:
+def far_from_invalid(valid: Mask) -> Mask:
+    """Pixels more than a few steps away from invalid ones and from the frame's edge."""
     from scipy.ndimage import binary_erosion
 
     inner: Mask = binary_erosion(valid, iterations=_MARGIN)
     return inner
 
 
-def _middle(capture: Capture, side: int) -> Capture:
-    rows, columns = (slice(max(0, (n - side) // 2), max(0, (n - side) // 2) + side) for n in capture.shape[-2:])
-    return capture.part(rows, columns)
+def middle(shape: tuple[int, ...], side: int) -> tuple[slice, slice]:
+    """Rows and columns of the middle of a frame (..., h, w), at most `side` pixels each."""
+    starts = [max(0, (whole - side) // 2) for whole in shape[-2:]]
+    return slice(starts[0], starts[0] + side), slice(starts[1], starts[1] + side)
 
 
-def _largest(pixels: Matrix) -> float:
+def largest_distance(pixels: Matrix) -> float:
+    """Largest distance between two of the positions (k, 2)."""
     return float(max(np.hypot(*(a - b)) for a, b in combinations(pixels, 2)))

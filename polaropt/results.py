@@ -9,9 +9,13 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from polaropt.capture import Capture
-from polaropt.image_io import write_png_view, write_tiff
+from polaropt.diagnostics import Warning
+from polaropt.image_io import write_png, write_png_view, write_tiff
 from polaropt.inspection import Inspection, inspect_capture
+from polaropt.misfit_map import MISFIT_WHITE, misfit_map
 from polaropt.report import plain, separation_report
 from polaropt.scene import SceneParameters
 from polaropt.view import viewing_exposure
@@ -42,6 +46,8 @@ class Request:
 def write_separation(folder: Path, result: Separation, capture: Capture, request: Request) -> dict[str, Any]:
     """Write the layers (TIFF linear, PNG to look at) and ``report.json`` into a folder.
 
+    Where the model does not explain the photographs, ``misfit.tiff`` and ``misfit.png`` show where.
+
     Parameters
     ----------
     folder : Path
@@ -67,6 +73,7 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
         **separation_report(result, capture, request.scene),
         "inspection": inspection.as_dict(),
         "attention": attention(inspection, result.diagnostics.warnings),
+        "misfit_map": _write_misfit(folder, result, capture),
         "view": {"exposure": exposures, "encoding": "sRGB of exposure times the linear values"},
     }
     document: dict[str, Any] = plain(report)
@@ -75,10 +82,23 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
     return document
 
 
+def _write_misfit(folder: Path, result: Separation, capture: Capture) -> dict[str, Any] | None:
+    """The map of the misfit, linear and to look at, where there is a warning that asks for it; what it holds."""
+    if Warning.MODEL_DOES_NOT_EXPLAIN not in result.diagnostics.warnings:
+        return None
+    misfit = misfit_map(result, capture)
+    write_tiff(folder / "misfit.tiff", misfit)
+    write_png(folder / "misfit.png", np.round(255 * np.clip(misfit / MISFIT_WHITE, 0, 1)).astype(np.uint8))
+    return {"unit": "standard deviations of the noise", "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}
+
+
 def attention(inspection: Inspection, warnings: Iterable[Enum]) -> list[str]:
     """What an inspection says that a person must look at, and that the separation's warnings do not say already."""
     told: dict[str, Any] = {"dolp_95": 1.0}
-    if any(warning.name == "GAMMA_ENCODED" for warning in warnings):
+    names = {warning.name for warning in warnings}
+    if "GAMMA_ENCODED" in names:
         told["looks_encoded"] = False
+    if "MISALIGNED" in names:
+        told["visible_shift_px"] = 0.0
     sentences = replace(inspection, **told).sentences()
     return [sentence.partition(_MARK)[2] for sentence in sentences if _MARK in sentence]

@@ -162,8 +162,8 @@ def separate(
         stages.begin("Estimating the scene", 0.02)
         found = find_scene(capture, asked, noise, model, thickness_px=thickness_px, thickness_kind=thickness_kind)
         estimate = found.estimate
-        if estimate is not None and not estimate.polarized and asked.incidence_deg is None:
-            return _unseparated(capture, found.scene, noise, estimate, stages)
+        if estimate is not None and not found.scene.signal:
+            return _unseparated(capture, found, noise, estimate, stages)
         how = How(minimizer, init, weights, stopping, robust, device)
         solution = solve(capture, found.scene, noise, how, stages)
         stages.begin("Taking stock", 0.97)
@@ -177,6 +177,7 @@ def _report(capture: Capture, found: FoundScene, noise: float, solution: Solutio
         misfit_ratio=solution.misfit_ratio,
         reflection_unknown=solution.reflection_unknown,
         estimate=found.estimate,
+        scene=found.scene,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()
@@ -194,15 +195,15 @@ def _report(capture: Capture, found: FoundScene, noise: float, solution: Solutio
 
 
 def _unseparated(
-    capture: Capture, scene: SceneParameters, noise: float, estimate: SceneEstimate, stages: Stages
+    capture: Capture, found: FoundScene, noise: float, estimate: SceneEstimate, stages: Stages
 ) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells."""
     intensity = capture.stokes[0]
     stages.end()
     return Separation(
         layers=np.stack([intensity, np.zeros_like(intensity)]),
-        scene=scene,
-        tried=(),
+        scene=found.scene,
+        tried=found.tried,
         terms={},
         solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),
         diagnostics=diagnose(capture, noise, misfit_ratio=1.0, reflection_unknown=1.0, estimate=estimate),

@@ -22,7 +22,7 @@ Matrix = NDArray[np.float64]
 
 _STRIPS = 12
 _FLOOR = 1e-6
-_ROUNDS, _AT_REST = 60, 1e-4
+_ROUNDS = 60
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,11 @@ def disagreement(strips: Matrix) -> float:
     return float(np.linalg.slogdet(covariance)[1] - np.log(np.diag(covariance)).sum())
 
 
-def fit_small_shifts(strips: Matrix) -> SmallShifts:
+def fit_small_shifts(strips: Matrix, at_rest: float = 1e-4) -> SmallShifts:
     """Shifts of about a pixel at most that make the determinant least, to first order in the gradients.
 
-    The logarithm of a determinant lies below its tangents; each round minimizes the tangent, a quadratic function.
+    The logarithm of a determinant lies below its tangents; each round minimizes the tangent, a quadratic function,
+    until nothing moves by more than `at_rest` pixels.
     """
     total = strips.sum(axis=0)
     count = len(total) // 3
@@ -93,7 +94,7 @@ def fit_small_shifts(strips: Matrix) -> SmallShifts:
         except np.linalg.LinAlgError:
             return SmallShifts(np.zeros((count, 2)), np.inf)
         shifts = np.concatenate([np.zeros((1, 2)), np.asarray(found, dtype=np.float64).reshape(2, -1).T])
-        if np.abs(shifts - before).max() < _AT_REST:
+        if np.abs(shifts - before).max() < at_rest:
             break
     return SmallShifts(shifts, _standard_error(strips, weights, matrix, shifts))
 
