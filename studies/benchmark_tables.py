@@ -156,12 +156,13 @@ def _kernels(record: Record) -> list[Table]:
         for rate in record.find(**where, subject="bandwidth"):
             threads = rate.quantity.partition(":")[0]
             assert traffic is not None
-            bound = traffic.median / rate.median
-            rows.append(("bound", size, threads, figure(1e3 * bound), "1", f"{rate.median / 1e9:.3g} GB/s", ""))
+            # At the best rate seen: what disturbs the machine must not loosen the bound.
+            bound = traffic.median / rate.spread[1]
+            rate_cell = f"{rate.spread[1] / 1e9:.3g} GB/s"
+            rows.append(("bound", size, threads, figure(1e3 * bound), "1", rate_cell, ""))
             for wall in record.find(**where, quantity=f"{threads}: wall"):
                 cpu = one(record, **{**where, "subject": wall.subject}, quantity=f"{threads}: CPU")
-                # The best of both: what the machine can, without what disturbed it.
-                best = wall.spread[0] / (traffic.median / rate.spread[1])
+                best = wall.spread[0] / bound
                 milliseconds = with_spread([1e3 * s for s in wall.samples])
                 cpu_cell = figure(1e3 * cpu.median) if cpu else "-"
                 rows.append(
@@ -169,9 +170,9 @@ def _kernels(record: Record) -> list[Table]:
                 )
     note = (
         f"Misfit and local penalties on the pixels, {benchmark_kernels.N_GHOSTS} ghosts beyond the direct light. "
-        "Bound: layers read, gradient written with write-allocate, data read, at the rate of a float32 dot product."
+        "Bound: layers read, gradient written with write-allocate, data read, at the best rate of a float32 dot product."
     )
-    columns = ("what", "size", "threads", "wall (ms)", "over the bound", "best over best bound", "CPU (ms)")
+    columns = ("what", "size", "threads", "wall (ms)", "median over the bound", "best over the bound", "CPU (ms)")
     return [Table("Objective and gradient against the memory bandwidth", note, columns, rows)]
 
 

@@ -125,7 +125,7 @@ def _kernel(record: Record) -> list[Target]:
             threads = rate.quantity.partition(":")[0]
             wall = one(record, **where, subject="compiled, p = 1", quantity=f"{threads}: wall")
             if wall is not None and traffic is not None:
-                bound = traffic.median / rate.median
+                bound = traffic.median / rate.spread[1]
                 samples = tuple(seconds / bound for seconds in wall.samples)
                 targets.append(Target("objective and gradient over the bound", f"{size}, {threads}", samples, 4, 2))
     return targets
