@@ -26,6 +26,8 @@ _SCATTERS = 3.0
 # Share of what the lower rung leaves that a higher one must explain, and how well it must be known.
 _LEAST_EXPLAINED = 0.5
 _WORST_ERROR_DEG = 3.0
+# Focal length over the longer side from which on incidence and azimuth hardly vary.
+_FAR = 30.0
 
 
 @dataclass(frozen=True)
@@ -100,13 +102,16 @@ def find_scene(
     if not _may_vary(asked, model):
         return FoundScene(estimate.scene, estimate, (lower.tried(None, True, "It is the one asked for."),))
     stokes = stokes_images(capture, noise)
-    misfit = PolarizedBlocks(stokes).constant_misfit(estimate.scene.values()[1])
-    n = stokes.images[0].size
+    blocks = PolarizedBlocks(stokes)
+    misfit = blocks.constant_misfit(estimate.scene.values()[1])
     wanted = model == "perspective" or asked.focal_px is not None
-    if not wanted and misfit <= 1 + _TOLERANCE + _SCATTERS * math.sqrt(2 / n):
+    if not wanted and misfit <= 1 + _TOLERANCE + _SCATTERS * math.sqrt(2 / blocks.n):
         return FoundScene(estimate.scene, estimate, (lower.tried(misfit, True, "It leaves nothing but noise."),))
     fit = fit_perspective(stokes, asked.focal_px)
-    return _decided(lower, misfit, fit, wanted, time.perf_counter() - blocks_began)
+    found = _decided(lower, misfit, fit, wanted, time.perf_counter() - blocks_began)
+    if not wanted or found.scene.focal_px is not None:
+        return found
+    return _as_from_afar(found, blocks, asked.focal_px or _FAR * max(capture.shape[-2:]))
 
 
 def _nothing_seen(estimate: SceneEstimate, seconds: float) -> FoundScene:
@@ -135,16 +140,14 @@ def _may_vary(asked: SceneParameters, model: str) -> bool:
 def _decided(lower: _Lower, misfit: float, fit: PerspectiveFit, wanted: bool, seconds: float) -> FoundScene:
     explained = (misfit - fit.misfit) / max(misfit - 1, 1e-9)
     known = fit.incidence_error_deg <= _WORST_ERROR_DEG
-    taken = wanted or (known and explained >= _LEAST_EXPLAINED)
+    taken = known and explained >= (-math.inf if wanted else _LEAST_EXPLAINED)
     share = f"{100 * explained:.0f} % of the polarized light that the {lower.estimate.scene.rung} rung leaves"
-    if wanted:
-        reason = f"It was asked for; it explains {share}."
-    elif taken:
-        reason = f"It explains {share}."
-    elif known:
-        reason = f"It explains only {share}."
-    else:
+    if not known:
         reason = f"The pane's tilt stays open ({fit.incidence_error_deg:.0f} degrees of error)."
+    elif taken:
+        reason = f"It was asked for; it explains {share}." if wanted else f"It explains {share}."
+    else:
+        reason = f"It explains only {share}."
     left = "It leaves polarized light unexplained." if taken else "No higher rung explains what it leaves."
     tried = (
         lower.tried(misfit, not taken, left),
@@ -156,3 +159,18 @@ def _decided(lower: _Lower, misfit: float, fit: PerspectiveFit, wanted: bool, se
         incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, ghost_shift=0.0, focal_px=fit.focal_px
     )
     return FoundScene(scene, dataclasses.replace(lower.estimate, scene=scene), tried)
+
+
+def _as_from_afar(found: FoundScene, blocks: PolarizedBlocks, focal_px: float) -> FoundScene:
+    """The perspective rung where polarized light does not tell the tilt: the lower rung's pane, seen by the lens."""
+    incidence, azimuth, _ = found.scene.values()
+    ways = (azimuth % 360, (azimuth + 180) % 360)
+    leaning = min(ways, key=lambda way: blocks.misfit(incidence, way, focal_px))
+    scene = found.scene.replace(azimuth_deg=leaning, ghost_shift=0.0, focal_px=focal_px)
+    misfit = blocks.misfit(incidence, leaning, focal_px)
+    asked = Tried(
+        "perspective", misfit, 0.0, True, "It was asked for; incidence and azimuth are those of the lower rung."
+    )
+    tried = tuple(dataclasses.replace(rung, taken=False) for rung in found.tried)
+    estimate = None if found.estimate is None else dataclasses.replace(found.estimate, scene=scene)
+    return FoundScene(scene, estimate, (*tried, asked))

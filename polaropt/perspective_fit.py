@@ -28,6 +28,9 @@ _AZIMUTH_STEP_DEG = 15
 _N_STARTS = 8
 _MOST_EVALUATIONS = 300
 _STEP = 1e-4
+_WHOLE = 0.999
+# Share of the blocks below which those with clipped pixels must do, too.
+_LEAST_SEEN = 0.05
 
 
 @dataclass(frozen=True)
@@ -70,12 +73,15 @@ class PolarizedBlocks:
         size = max(1, math.ceil(max(height, width) / most))
         means = block_mean(stokes.images[1:], size)
         self.noise = math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
-        self._s1, self._s2 = (means.astype(np.float64) / self.noise).reshape(2, means.shape[1], -1)
+        # A clipped pixel is no polarized light.
+        whole = block_mean(stokes.valid.astype(np.float32), size).min(axis=0).ravel() > _WHOLE
+        seen = whole if whole.mean() > _LEAST_SEEN else np.ones_like(whole)
+        self._s1, self._s2 = (means.astype(np.float64) / self.noise).reshape(2, means.shape[1], -1)[..., seen]
         x, y = pixel_grid(height, width, ((width - 1) / 2, (height - 1) / 2))
         middle = np.arange(max(means.shape[-2:])) * size + (size - 1) / 2
         columns = np.interp(middle[: means.shape[-1]], np.arange(width), x[0])
         rows = np.interp(middle[: means.shape[-2]], np.arange(height), y[:, 0])
-        self._x, self._y = (grid.ravel() for grid in np.broadcast_arrays(columns[None, :], rows[:, None]))
+        self._x, self._y = (grid.ravel()[seen] for grid in np.broadcast_arrays(columns[None, :], rows[:, None]))
         self.n = self._s1.size
 
     def across(self, incidence_deg: float, azimuth_deg: float, focal_px: float) -> Values:

@@ -142,6 +142,14 @@ def test_a_rung_can_be_asked_for():
     assert found.scene.azimuth_deg == pytest.approx(scene.azimuth_deg, abs=0.5)
 
 
+def test_a_wide_lens_that_was_asked_for_but_does_not_show_costs_nothing():
+    example = blend(60, 160, ghost_shift=0.0)
+    plain, asked = (separate(example.capture, model=model) for model in ("pixelwise", "perspective"))
+    assert asked.scene.rung == "perspective"
+    quality = [psnr_db(result.layers[0], example.layers[0], 8) for result in (plain, asked)]
+    assert quality[1] > quality[0] - 1
+
+
 def test_a_rung_that_does_not_exist_is_an_error():
     capture, _, _ = seen_wide(32)
     with pytest.raises(InputError, match="pixelwise, ghosts, perspective"):

@@ -1,0 +1,191 @@
+"""Which rung of the ladder is taken on each family of scenes, and what it costs against the best fixed one.
+
+Run ``python -m studies.model_ladder --photos DIR``; without ``--photos`` it uses photographs inside scikit-image.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from polaropt.capture import Capture
+from polaropt.metrics import psnr_db
+from polaropt.scene import SceneParameters, ghost_step
+from polaropt.separation import Separation, separate
+from polaropt.simulation import simulate
+from studies.paper_protocol import trivial_psnr
+from studies.protocol import (
+    BITS,
+    EVALUATION_BORDER,
+    NOISE,
+    REFRACTIVE_INDEX,
+    THICKNESS_PX,
+    Pair,
+    protocol_pairs,
+    shipped_pairs,
+    truth,
+)
+
+MODELS = ("auto", "pixelwise", "ghosts", "perspective")
+CLIPPED = 0.05
+_HALF_VIEW = math.tan(math.radians(22.5))
+
+
+BLIND = SceneParameters(None, None, None)
+
+
+@dataclass(frozen=True)
+class Family:
+    """Scenes of one kind.
+
+    Attributes
+    ----------
+    name : str
+    rung : str
+        The lowest adequate one.
+    scene : callable
+        From the pair's size and a random generator to the true scene.
+    told : SceneParameters
+        What the software is told of it; None is estimated.
+    clipped : float
+        Share of the transmission's pixels that exceed white.
+    """
+
+    name: str
+    rung: str
+    scene: Callable[[int, np.random.Generator], SceneParameters]
+    told: SceneParameters = BLIND
+    clipped: float = 0.0
+
+
+def _ghosts(
+    incidence_deg: float, index: float = REFRACTIVE_INDEX
+) -> Callable[[int, np.random.Generator], SceneParameters]:
+    shift = ghost_step(incidence_deg, index, THICKNESS_PX, "paper")
+    return lambda size, random: SceneParameters(incidence_deg, float(random.uniform(0, 180)), shift, index)
+
+
+def _in_place(incidence_deg: float) -> Callable[[int, np.random.Generator], SceneParameters]:
+    return lambda size, random: SceneParameters(incidence_deg, float(random.uniform(0, 180)), 0.0)
+
+
+def _wide(size: int, random: np.random.Generator) -> SceneParameters:
+    return SceneParameters(55.0, float(random.uniform(0, 360)), 0.0, focal_px=size / 2 / _HALF_VIEW)
+
+
+def _water(size: int, random: np.random.Generator) -> SceneParameters:
+    return SceneParameters(60.0, float(random.uniform(0, 180)), 0.0, 1.33, single_surface=True)
+
+
+WATER = SceneParameters(None, None, None, 1.33, single_surface=True)
+FAMILIES = (
+    Family("in place, 60 deg", "pixelwise", _in_place(60)),
+    Family("ghosts, 40 deg", "ghosts", _ghosts(40)),
+    Family("ghosts, 70 deg", "ghosts", _ghosts(70)),
+    Family("wide lens, 45 deg of view", "perspective", _wide),
+    Family("water, single surface", "pixelwise", _water, WATER),
+    Family("index 1.6 told as 1.5", "ghosts", _ghosts(60, 1.6)),
+    Family("ghosts, 60 deg", "ghosts", _ghosts(60)),
+    Family("ghosts, 60 deg, 5 % clipped", "ghosts", _ghosts(60), clipped=CLIPPED),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One separation: PSNR in dB of the pixels that are not clipped, the rung taken and the seconds."""
+
+    family: str
+    pair: int
+    model: str
+    nothing: float
+    transmission: float
+    reflection: float
+    rung: str
+    adequate: bool
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+def family_capture(family: Family, pair: Pair) -> tuple[Capture, tuple[np.ndarray, np.ndarray]]:
+    """Photographs of a pair on the frame, and both layers (channel, h, w)."""
+    size = pair.cropped(pair.transmission).shape[0]
+    scene = family.scene(size, np.random.default_rng(pair.number))
+    behind = pair.transmission
+    if family.clipped:
+        bright = np.quantile(pair.cropped(behind).max(axis=-1), 1 - family.clipped)
+        behind = behind * np.float32(1.9 / bright)
+    larger = simulate(behind, pair.reflection, scene, noise=NOISE, bits=BITS, seed=pair.number)
+    capture = Capture(pair.cropped(larger.intensities), larger.angles_deg, pair.cropped(larger.valid))
+    return capture, (np.moveaxis(pair.cropped(behind), -1, 0), np.moveaxis(truth(pair)[1], -1, 0))
+
+
+def run(family: Family, pair: Pair, model: str) -> Row:
+    """Separate one scene on one rung."""
+    capture, layers = family_capture(family, pair)
+    result = separate(capture, family.told, model=model)
+    return Row(
+        family.name,
+        pair.number,
+        model,
+        max(trivial_psnr(capture, np.moveaxis(layers[0], 0, -1))),
+        *quality(result, layers, capture),
+        result.scene.rung,
+        result.scene.rung == family.rung,
+        sum(result.seconds.values()),
+        tuple(warning.name for warning in result.diagnostics.warnings),
+    )
+
+
+def quality(result: Separation, layers: Sequence[np.ndarray], capture: Capture) -> tuple[float, float]:
+    """PSNR of both layers over the pixels that no photograph clips."""
+    seen = capture.valid.all(axis=(0, 1))
+    if seen.all():
+        return tuple(psnr_db(result.layers[i], layers[i], EVALUATION_BORDER) for i in (0, 1))  # type: ignore[return-value]
+    inner = slice(EVALUATION_BORDER, -EVALUATION_BORDER)
+    error = np.square(result.layers - np.stack(layers))[..., inner, inner][..., seen[inner, inner]].mean(axis=(1, 2))
+    return float(-10 * np.log10(error[0])), float(-10 * np.log10(error[1]))
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Means per family and model, as a Markdown table."""
+    lines = ["| family | model | T nothing | T | R | rungs taken | s | warned |", "|" + "---|" * 8]
+    for family, model in dict.fromkeys((row.family, row.model) for row in rows):
+        part = [row for row in rows if (row.family, row.model) == (family, model)]
+        rungs = [row.rung for row in part]
+        taken = ", ".join(f"{rung} {rungs.count(rung)}" for rung in dict.fromkeys(rungs))
+        means = [np.mean([getattr(row, name) for row in part]) for name in ("nothing", "transmission", "reflection")]
+        warned = sum("MODEL_DOES_NOT_EXPLAIN" in row.warnings for row in part)
+        lines.append(
+            f"| {family} | {model} | "
+            + " | ".join(f"{mean:.2f}" for mean in means)
+            + f" | {taken} | {np.mean([row.seconds for row in part]):.2f} | {warned}/{len(part)} |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table and write it with all rows."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--photos", type=Path, help="folder of photographs (default: those inside scikit-image)")
+    parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
+    parser.add_argument("--models", default=",".join(MODELS), help="names, comma separated")
+    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON)")
+    options = parser.parse_args()
+    pairs = (shipped_pairs() if options.photos is None else protocol_pairs(options.photos))[: options.pairs]
+    models = options.models.split(",")
+    rows = [run(family, pair, model) for family in FAMILIES for model in models for pair in pairs]
+    print(table(rows))
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+        (options.out / "model_ladder.md").write_text(table(rows) + "\n", encoding="utf-8")
+        (options.out / "model_ladder.json").write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
