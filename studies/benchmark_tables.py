@@ -170,8 +170,8 @@ def _kernels(record: Record) -> list[Table]:
                 )
     note = (
         f"Misfit and local penalties on the pixels, {benchmark_kernels.N_GHOSTS} ghosts beyond the direct light. "
-        "Bound: layers read, gradient written with write-allocate, data read, at the rate of a float32 dot product, the "
-        "best seen."
+        "Bound: layers read, gradient written with write-allocate, data read, at the best rate of a "
+        "float32 dot product."
     )
     columns = ("what", "size", "threads", "wall (ms)", "median over the bound", "best over the bound", "CPU (ms)")
     return [Table("Objective and gradient against the memory bandwidth", note, columns, rows)]
