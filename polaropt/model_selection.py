@@ -139,11 +139,12 @@ def _may_vary(asked: SceneParameters, model: str) -> bool:
 
 def _decided(lower: _Lower, misfit: float, fit: PerspectiveFit, wanted: bool, seconds: float) -> FoundScene:
     explained = (misfit - fit.misfit) / max(misfit - 1, 1e-9)
-    known = fit.incidence_error_deg <= _WORST_ERROR_DEG
+    shows = misfit - fit.misfit > _SCATTERS * math.sqrt(2 / fit.n)
+    known = shows and fit.incidence_error_deg <= _WORST_ERROR_DEG
     taken = known and explained >= (-math.inf if wanted else _LEAST_EXPLAINED)
     share = f"{100 * explained:.0f} % of the polarized light that the {lower.estimate.scene.rung} rung leaves"
     if not known:
-        reason = f"The pane's tilt stays open ({fit.incidence_error_deg:.0f} degrees of error)."
+        reason = "The polarized light does not tell how incidence and azimuth change over the picture."
     elif taken:
         reason = f"It was asked for; it explains {share}." if wanted else f"It explains {share}."
     else:
