@@ -93,7 +93,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         polarized = found.estimate is None or found.estimate.polarized
         say_json({**scene_report(found.scene, scene), "rungs": plain(found.tried), "polarized": polarized})
         return
-    say(*estimate_sentences(found, pane))
+    say(*capture.alignment(photographs), *estimate_sentences(found, pane))
 
 
 def estimate_sentences(found: FoundScene, pane: PaneOptions) -> list[str]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from polaropt import Capture, InputError, align, separate
 from polaropt.alignment import alignment_sentence
 from polaropt.capture import Origin
+from polaropt.cli import main
 from polaropt.metrics import psnr_db
 from polaropt.registration import measure_shifts
 from tests.blends import blend
@@ -110,3 +113,33 @@ def test_photographs_too_far_apart_are_refused(monkeypatch):
     monkeypatch.setattr("polaropt.alignment.measure_shifts", lambda _: Shifts(far, 0.1, True))
     with pytest.raises(InputError, match="too little of them overlaps"):
         align(capture)
+
+
+@pytest.fixture(scope="module")
+def moved_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("moved") / "moved.npz"
+    np.savez(path, intensities=np.moveaxis(shifted_blend(60, 96, HAND / 3).capture.intensities, 1, -1))
+    return str(path)
+
+
+def test_the_command_line_aligns_and_tells(moved_file, tmp_path, capsys):
+    assert main(["separate", moved_file, "--align", "-o", str(tmp_path), "--max-evaluations", "3"]) == 0
+    assert "moved back" in capsys.readouterr().out
+    report = json.loads((tmp_path / "report.json").read_text())
+    np.testing.assert_allclose(report["input"]["shifts_px"], HAND / 3, atol=0.1)
+    assert 0 < report["input"]["shift_error_px"] < 0.1
+    assert "MISALIGNED" not in [warning["name"] for warning in report["diagnostics"]["warnings"]]
+
+
+def test_inspect_tells_before_and_after(moved_file, capsys):
+    assert main(["inspect", moved_file]) == 0
+    assert "ATTENTION: photographs look shifted" in capsys.readouterr().out
+    assert main(["inspect", moved_file, "--align"]) == 0
+    said = capsys.readouterr().out
+    assert "moved back" in said
+    assert "look shifted" not in said
+
+
+def test_estimate_aligns_too(moved_file, capsys):
+    assert main(["estimate", moved_file, "--align"]) == 0
+    assert "moved back" in capsys.readouterr().out
