@@ -26,6 +26,8 @@ _SCATTERS = 3.0
 # Share of what the lower rung leaves that a higher one must explain, and how well it must be known.
 _LEAST_EXPLAINED = 0.5
 _WORST_ERROR_DEG = 3.0
+# Ghosts closer than this fall onto each other.
+_LEAST_SHIFT_PX = 0.5
 # Focal length over the longer side from which on incidence and azimuth hardly vary.
 _FAR = 30.0
 
@@ -95,6 +97,8 @@ def find_scene(
     if model in ("pixelwise", "perspective") and asked.ghost_shift is None:
         flat = flat.replace(ghost_shift=0.0)
     estimate = estimate_scene(capture, flat, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    if model == "auto" and asked.ghost_shift is None and thickness_px is None:
+        estimate = _without_a_trifle(estimate)
     blocks_began = time.perf_counter()
     if not estimate.polarized and asked.incidence_deg is None:
         return _nothing_seen(estimate, blocks_began - began)
@@ -118,6 +122,14 @@ def _nothing_seen(estimate: SceneEstimate, seconds: float) -> FoundScene:
     scene = estimate.scene.replace(signal=False)
     tried = Tried("none", None, seconds, True, "There is no polarization beyond the noise.")
     return FoundScene(scene, dataclasses.replace(estimate, scene=scene), (tried,))
+
+
+def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
+    """The estimate with a ghost shift that cannot be told from none taken as none: the lower rung does."""
+    shift = estimate.scene.values()[2]
+    if abs(shift) >= _LEAST_SHIFT_PX:
+        return estimate
+    return dataclasses.replace(estimate, scene=estimate.scene.replace(ghost_shift=0.0))
 
 
 @dataclass(frozen=True)
