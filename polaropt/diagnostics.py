@@ -14,7 +14,7 @@ from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
 from polaropt.shift_check import visible_shift
 
-_UNKNOWN_REFLECTION = 0.95
+_UNKNOWN_REFLECTION = 0.94
 """There the fine detail of the reflection correlates with the truth by less than about 0.3."""
 _FRONTAL_DEG, _GRAZING_DEG = 12.0, 84.0
 _MUCH_CLIPPED = 0.01

@@ -33,7 +33,7 @@ def told(capture, scene=None, **changes):
 
 @pytest.mark.parametrize("color", [False, True])
 @pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
-@pytest.mark.parametrize("incidence", [20, 30, 40, 50, 60, 70, 80])
+@pytest.mark.parametrize("incidence", [25, 30, 40, 50, 60, 70, 80])
 def test_good_captures_earn_no_warning(incidence, noise, color):
     example = blend(incidence, 96, color=color, noise=noise)
     assert warnings_of(example.capture, example.scene) == set()
