@@ -29,8 +29,6 @@ Matrix = NDArray[np.float64]
 # What is known of a layer's mean before anything is measured, in units of the mean intensity.
 _MEAN_SPREAD = 0.5
 _LEAST_DETERMINANT = 1e-6
-# Information on an entry, in that of one photograph of it, below which it is taken from clipped photographs, too.
-_HARDLY_TOLD = 0.03
 
 
 @dataclass(frozen=True)
@@ -81,19 +79,16 @@ def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:
     # A pixel is told by as many photographs as there are unknowns; below that its clipped values must do.
     partly = ~valid.all(axis=0) & (valid.sum(axis=0) >= mixing.shape[1])
     if partly.any():
-        entries[:, partly] = _weighted_entries(photographs[:, partly], valid[:, partly], mixing, entries[:, partly])
+        entries[:, partly] = _weighted_entries(photographs[:, partly], valid[:, partly], mixing)
     return entries
 
 
-def _weighted_entries(values: Images, valid: NDArray[np.bool_], mixing: Matrix, others: Images) -> Images:
-    """Least squares per pixel over valid photographs only: values and valid (k, pixels) to (entries, pixels).
-
-    What these hardly tell is left as the `others` (entries, pixels) have it, which all photographs tell together.
-    """
+def _weighted_entries(values: Images, valid: NDArray[np.bool_], mixing: Matrix) -> Images:
+    """Least squares per pixel over valid photographs only: values and valid (k, pixels) to (entries, pixels)."""
     normal = np.einsum("kp,ke,kf->pef", valid, mixing, mixing)
     right = np.einsum("kp,ke->pe", valid * values, mixing)
-    ridge = _HARDLY_TOLD * np.eye(mixing.shape[1])
-    return np.linalg.solve(normal + ridge, (right + others.T @ ridge)[..., None])[..., 0].T.astype(np.float32)
+    ridge = 1e-6 * np.eye(mixing.shape[1])
+    return np.linalg.solve(normal + ridge, right[..., None])[..., 0].T.astype(np.float32)
 
 
 def per_pixel_layers(capture: Capture, scene: SceneParameters) -> Images:
