@@ -20,7 +20,6 @@ from polaropt.noise import noise_level
 from polaropt.plate_frame import PlateFrame, plate_frame, stokes_images
 from polaropt.scene import SceneParameters
 from polaropt.scene_search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
-from solvers.blocks import in_blocks
 
 _POLARIZED_SNR = 10.0
 _LEAST_NOISE = 1e-4
@@ -126,10 +125,10 @@ def _choose_axis(
     if scene.azimuth_deg is not None:
         frames, seens = frames[:1], seens[:1]
     searches = [SceneSearch(part, scene, thickness) for part in seens]
-    trials = in_blocks(lambda i, _: searches[i].first(), len(searches), 1)
+    trials = [search.first() for search in searches]
     margin = _margin(trials)
     if abs(margin) < _CLOSE:
-        trials = in_blocks(lambda i, _: searches[i].improved(trials[i]), len(searches), 1)
+        trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
         margin = _margin(trials)
         best = 0 if margin >= 0 else 1
         return frames[best], searches[best], trials[best], abs(margin)
