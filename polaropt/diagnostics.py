@@ -104,6 +104,7 @@ def diagnose(
     reflection_unknown: float,
     estimate: SceneEstimate | None,
     scene: SceneParameters | None = None,
+    unexplained: float = 1.0,
     finite: bool = True,
 ) -> Diagnostics:
     """Collect the warnings that a capture and its solution deserve.
@@ -115,6 +116,8 @@ def diagnose(
         As the attributes of `Diagnostics`.
     scene : SceneParameters, optional
         The scene of the solution. Default: that of the estimate.
+    unexplained : float
+        Light polarized at 45 degrees to the plane of incidence, mean square over blocks in units of its noise.
     finite : bool
         Whether the solver met nothing but finite values.
     """
@@ -128,7 +131,7 @@ def diagnose(
         **_of_geometry_and_noise(capture, noise, polarized, reflection_unknown, scene),
         Warning.SATURATED: clipped > _MUCH_CLIPPED,
         **_of_mistakes(capture),
-        Warning.MODEL_DOES_NOT_EXPLAIN: polarized and misfit_ratio > _BAD_FIT,
+        Warning.MODEL_DOES_NOT_EXPLAIN: polarized and max(misfit_ratio, unexplained) > _BAD_FIT,
         Warning.SOLVER_FAILED: not finite,
     }
     return Diagnostics(

@@ -63,6 +63,12 @@ class FoundScene:
     estimate: SceneEstimate | None
     tried: tuple[Tried, ...]
 
+    @property
+    def unexplained(self) -> float:
+        """Polarized light that the rung taken leaves, in units of its noise: 1 where it explains all."""
+        left = [tried.misfit for tried in self.tried if tried.taken and tried.misfit is not None]
+        return left[0] if left else 1.0
+
 
 def model_names() -> tuple[str, ...]:
     """Names that `find_scene` knows."""
@@ -103,11 +109,11 @@ def find_scene(
     if not estimate.polarized and asked.incidence_deg is None:
         return _nothing_seen(estimate, blocks_began - began)
     lower = _Lower(estimate, blocks_began - began)
-    if not _may_vary(asked, model):
-        return FoundScene(estimate.scene, estimate, (lower.tried(None, True, "It is the one asked for."),))
     stokes = stokes_images(capture, noise)
     blocks = PolarizedBlocks(stokes)
     misfit = blocks.constant_misfit(estimate.scene.values()[1])
+    if not _may_vary(asked, model):
+        return FoundScene(estimate.scene, estimate, (lower.tried(misfit, True, "It is the one asked for."),))
     wanted = model == "perspective" or asked.focal_px is not None
     if not wanted and misfit <= 1 + _TOLERANCE + _SCATTERS * math.sqrt(2 / blocks.n):
         return FoundScene(estimate.scene, estimate, (lower.tried(misfit, True, "It leaves nothing but noise."),))

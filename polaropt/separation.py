@@ -178,6 +178,7 @@ def _report(capture: Capture, found: FoundScene, noise: float, solution: Solutio
         reflection_unknown=solution.reflection_unknown,
         estimate=found.estimate,
         scene=found.scene,
+        unexplained=found.unexplained,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import polaropt.solving
-from polaropt import SceneParameters, separate, simulate
+from polaropt import SceneParameters, Warning, separate, simulate
 from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.forward import PSE
@@ -134,7 +134,9 @@ def test_a_pane_far_away_stays_on_the_lower_rung(ghost_shift, rung):
 
 def test_a_rung_can_be_asked_for():
     capture, _, scene = seen_wide(128, focal_px=150.0)
-    assert separate(capture, model="pixelwise").scene.rung == "pixelwise"
+    plain = separate(capture, model="pixelwise")
+    assert plain.scene.rung == "pixelwise"
+    assert Warning.MODEL_DOES_NOT_EXPLAIN in plain.diagnostics.warnings
     blind = SceneParameters(None, None, None, focal_px=150.0)
     found = find_scene(capture, blind, 0.005)
     assert found.scene.focal_px == 150.0
