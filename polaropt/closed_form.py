@@ -18,10 +18,9 @@ from polaropt.forward import PSE
 from polaropt.plate import in_place_reflectance
 from polaropt.preconditioner import AssumedHessian
 from polaropt.scene import SceneParameters
-from polaropt.spectra import FittedSpectra, FrequencyBands, Power, Spectrum, fit_spectra
+from polaropt.spectra import FittedSpectra, FrequencyBands, Power, Spectrum, each_plane, fit_spectra
 from polaropt.transfer import plate_transfer
 from priors.natural_image import in_basis
-from solvers.blocks import in_blocks
 
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
@@ -190,12 +189,10 @@ def transformed(entries: Images, level: Images, canvas: Canvas) -> Spectrum:
     window = canvas.window()
     spectra = np.empty((*entries.shape[:2], height, width // 2 + 1), dtype=np.complex64)
 
-    def planes(start: int, stop: int) -> None:
-        for i in range(start, stop):
-            where = divmod(i, entries.shape[1])
-            spectra[where] = rfft2(canvas.extend(entries[where] - level[where]) * window, norm="ortho")
+    def plane(where: tuple[int, int]) -> None:
+        spectra[where] = rfft2(canvas.extend(entries[where] - level[where]) * window, norm="ortho")
 
-    in_blocks(planes, entries.shape[0] * entries.shape[1], 1)
+    each_plane(plane, entries.shape)
     return spectra
 
 

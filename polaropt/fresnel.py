@@ -56,10 +56,7 @@ def interface(incidence_deg: float, refractive_index: float) -> Interface:
     """Reflection and transmission entries of one interface (arguments as for `amplitudes`)."""
     outside, inside = _cosines(incidence_deg, refractive_index)
     r_p, r_s = _amplitudes(outside, inside, refractive_index)
-    # 1 - R, in the form that keeps its precision at grazing incidence.
-    square = refractive_index**2
-    transmittance_p = 4 * square * outside * inside / (square * outside + inside) ** 2
-    transmittance_s = 4 * outside * inside / (outside + inside) ** 2
+    transmittance_p, transmittance_s = _transmittances(outside, inside, refractive_index)
     return Interface(
         (r_p * r_p, r_s * r_s, r_p * r_s),
         (transmittance_p, transmittance_s, math.sqrt(transmittance_p * transmittance_s)),
@@ -70,9 +67,7 @@ def interface_images(cosine: Cosines, refractive_index: float) -> tuple[Cosines,
     """Reflection and transmission entries (3, ...) of one interface for an array of cosines of the incidence."""
     inside = np.sqrt((refractive_index - 1) * (refractive_index + 1) + cosine * cosine)
     r_p, r_s = _amplitudes(cosine, inside, refractive_index)
-    square = refractive_index**2
-    t_p = 4 * square * cosine * inside / (square * cosine + inside) ** 2
-    t_s = 4 * cosine * inside / (cosine + inside) ** 2
+    t_p, t_s = _transmittances(cosine, inside, refractive_index)
     return np.stack([r_p * r_p, r_s * r_s, r_p * r_s]), np.stack([t_p, t_s, np.sqrt(t_p * t_s)])
 
 
@@ -85,6 +80,15 @@ def _cosines(incidence_deg: float, refractive_index: float) -> tuple[float, floa
 def _amplitudes(outside: Any, inside: Any, refractive_index: float) -> tuple[Any, Any]:
     square = refractive_index**2
     return (square * outside - inside) / (square * outside + inside), (outside - inside) / (outside + inside)
+
+
+def _transmittances(outside: Any, inside: Any, refractive_index: float) -> tuple[Any, Any]:
+    """1 - R, in the form that keeps its precision at grazing incidence."""
+    square = refractive_index**2
+    return (
+        4 * square * outside * inside / (square * outside + inside) ** 2,
+        4 * outside * inside / (outside + inside) ** 2,
+    )
 
 
 def brewster_angle_deg(refractive_index: float) -> float:

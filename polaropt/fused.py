@@ -13,6 +13,7 @@ from polaropt.fused_penalties import FusedPenalties
 from polaropt.fused_preconditioner import FusedPreconditioner
 from polaropt.objective import Misfit, Penalties, Term, Weights
 from polaropt.preconditioner import AssumedHessian
+from priors.natural_image import NaturalImage
 
 Images = NDArray[np.float32]
 Vector = NDArray[np.float32]
@@ -65,8 +66,8 @@ class FusedObjective:
     ) -> None:
         self._misfit, self._weights = misfit, weights
         self._local = FusedPenalties(penalties, canvas, start.shape[1])
-        hessian = assumed_hessian(penalties, weights, known, canvas, start)
         natural = penalties.natural_image
+        hessian = assumed_hessian(self._local, natural, weights, known, start)
         self._whitened = FusedPreconditioner(hessian, natural.mean, natural.basis, canvas.shape[1])
         self._layers = np.empty_like(start)
         self._gradient = np.empty_like(start)
@@ -98,8 +99,7 @@ class FusedObjective:
 
 
 def assumed_hessian(
-    penalties: Penalties, weights: Weights, known: ClosedForm, canvas: Canvas, start: Images
+    local: FusedPenalties, natural: NaturalImage, weights: Weights, known: ClosedForm, start: Images
 ) -> AssumedHessian:
     """The Hessian that the coordinates are whitened for, with the curvature of the edges at `start`."""
-    curvature = FusedPenalties(penalties, canvas, start.shape[1]).curvature(start, weights)
-    return AssumedHessian(known.told, known.cross, penalties.natural_image.stiffness, curvature)
+    return AssumedHessian(known.told, known.cross, natural.stiffness, local.curvature(start, weights))

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from polaropt.color_basis import Basis
 from polaropt.preconditioner import AssumedHessian
-from polaropt.spectra import Spectrum, column_multiplicity, squared_frequencies
+from polaropt.spectra import Spectrum, column_multiplicity, each_plane, squared_frequencies
 from polaropt.spectral_kernels import Hessian, color, whiten, whiten_gradient
+from priors.natural_image import in_basis
 from solvers.blocks import in_blocks
 
 Images = NDArray[np.float32]
@@ -26,7 +27,7 @@ class FusedPreconditioner:
         self._shape = (2, colors, height, width // 2 + 1)
         self._basis = basis.astype(np.float32)
         self._length = np.sqrt(column_multiplicity(width)).astype(np.float32)
-        self._level = _turned(self._basis.T, mean)
+        self._level = in_basis(self._basis.T, mean, np)
         rows, columns = squared_frequencies(height, width)
         self._hessian = Hessian(
             told=hessian.told,
@@ -92,28 +93,19 @@ class FusedPreconditioner:
         """Spectra of images (2, channel, H, W), a plane at a time: a plane fits the cache."""
         from scipy.fft import rfft2
 
-        def planes(start: int, stop: int) -> None:
-            for i in range(start, stop):
-                where = divmod(i, self._shape[1])
-                self._spectrum[where] = rfft2(images[where], norm="ortho")
+        def plane(where: tuple[int, int]) -> None:
+            self._spectrum[where] = rfft2(images[where], norm="ortho")
 
-        in_blocks(planes, 2 * self._shape[1], 1)
+        each_plane(plane, self._shape)
 
     def _inverse_transform(self, out: Images) -> None:
         from scipy.fft import irfft2
 
-        def planes(start: int, stop: int) -> None:
-            for i in range(start, stop):
-                where = divmod(i, self._shape[1])
-                out[where] = irfft2(self._spectrum[where], s=self._frame, norm="ortho", overwrite_x=True)
+        def plane(where: tuple[int, int]) -> None:
+            out[where] = irfft2(self._spectrum[where], s=self._frame, norm="ortho", overwrite_x=True)
 
-        in_blocks(planes, 2 * self._shape[1], 1)
+        each_plane(plane, self._shape)
 
 
 def _pairs(spectrum: Spectrum) -> Images:
     return spectrum.view(np.float32)
-
-
-def _turned(basis: Images, mean: Images) -> Images:
-    turned: Images = np.einsum("oc,lchw->lohw", basis, mean)
-    return turned

@@ -115,13 +115,15 @@ class Problem:
     def readable(self, start: Images, device: str | None = None) -> Coordinates:
         """The same in its readable form, on numpy arrays or on torch tensors of a device."""
         from polaropt.fused import assumed_hessian
+        from polaropt.fused_penalties import FusedPenalties
         from polaropt.whitened import WhitenedObjective, on_device
 
         place = np.asarray if device is None else on_device(device)
         misfit = Misfit(self.capture, self._on_canvas(), self.canvas, self.noise, self._robust, place)
         objective = build_objective(misfit, self.penalties.placed(place), self.canvas, self._weights)
-        hessian = assumed_hessian(self.penalties, self._weights, self.known, self.canvas, start)
-        known = self.known
+        known, natural = self.known, self.penalties.natural_image
+        local = FusedPenalties(self.penalties, self.canvas, start.shape[1])
+        hessian = assumed_hessian(local, natural, self._weights, known, start)
         whitened = FourierPreconditioner(hessian, known.mean, known.basis, self.canvas.shape[1], place)
         return WhitenedObjective(objective, whitened, place)
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+
+from solvers.blocks import in_blocks
 
 Spectrum = NDArray[np.complex64]
 Power = NDArray[np.float32]
@@ -201,6 +204,11 @@ def fit_spectra(
 def _expected_power(information: Spectrum, right: Spectrum, prior: Power) -> Power:
     coefficients, uncertainty = posterior(information, right, prior)
     return np.square(coefficients.real) + np.square(coefficients.imag) + uncertainty
+
+
+def each_plane(function: Callable[[tuple[int, int]], None], shape: tuple[int, ...]) -> None:
+    """Call a function for every plane of images or spectra (n, channel, ...), on all cores: a plane fits the cache."""
+    in_blocks(lambda i, _: function(divmod(i, shape[1])), shape[0] * shape[1], 1)
 
 
 def column_multiplicity(width: int) -> NDArray[np.float64]:
