@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -148,26 +148,33 @@ def _over_ours(record: Record, case: str, size: str, subject: str, clock: str) -
     return with_spread(ratio(theirs, ours), theirs.bound)
 
 
-def _kernels(record: Record) -> list[Table]:
-    table, rows = benchmark_kernels.TABLE, []
+def kernel_bounds(record: Record) -> Iterator[tuple[dict[str, str], str, float, float]]:
+    """Where kernels were measured, with how many threads, the least seconds they need and the bytes per second."""
+    table = benchmark_kernels.TABLE
     for case, size in places(record, table):
         where = {"table": table, "case": case, "size": size}
         traffic = one(record, **where, quantity="traffic")
         for rate in record.find(**where, subject="bandwidth"):
-            threads = rate.quantity.partition(":")[0]
             assert traffic is not None
             # At the best rate seen: what disturbs the machine must not loosen the bound.
-            bound = traffic.median / rate.spread[1]
-            rate_cell = f"{rate.spread[1] / 1e9:.3g} GB/s"
-            rows.append(("bound", size, threads, figure(1e3 * bound), "1", rate_cell, ""))
-            for wall in record.find(**where, quantity=f"{threads}: wall"):
-                cpu = one(record, **{**where, "subject": wall.subject}, quantity=f"{threads}: CPU")
-                best = wall.spread[0] / bound
-                milliseconds = with_spread([1e3 * s for s in wall.samples])
-                cpu_cell = figure(1e3 * cpu.median) if cpu else "-"
-                rows.append(
-                    (wall.subject, size, threads, milliseconds, figure(wall.median / bound), figure(best), cpu_cell)
-                )
+            best = rate.spread[1]
+            yield where, rate.quantity.partition(":")[0], traffic.median / best, best
+
+
+def _kernels(record: Record) -> list[Table]:
+    rows = []
+    for where, threads, bound, bytes_per_second in kernel_bounds(record):
+        size = where["size"]
+        rate_cell = f"{bytes_per_second / 1e9:.3g} GB/s"
+        rows.append(("bound", size, threads, figure(1e3 * bound), "1", rate_cell, ""))
+        for wall in record.find(**where, quantity=f"{threads}: wall"):
+            cpu = one(record, **{**where, "subject": wall.subject}, quantity=f"{threads}: CPU")
+            best = wall.spread[0] / bound
+            milliseconds = with_spread([1e3 * s for s in wall.samples])
+            cpu_cell = figure(1e3 * cpu.median) if cpu else "-"
+            rows.append(
+                (wall.subject, size, threads, milliseconds, figure(wall.median / bound), figure(best), cpu_cell)
+            )
     note = (
         f"Misfit and local penalties on the pixels, {benchmark_kernels.N_GHOSTS} ghosts beyond the direct light. "
         "Bound: layers read, gradient written with write-allocate, data read, at the best rate of a "

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies import benchmark_imports, benchmark_kernels, benchmark_memory, benchmark_pipeline, benchmark_solvers
+from studies import benchmark_imports, benchmark_memory, benchmark_pipeline, benchmark_solvers
 from studies.benchmark_contestants import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD
 from studies.benchmark_record import Measurement, Record
-from studies.benchmark_tables import BASELINE, Table, figure, one, places, ratio, with_spread
+from studies.benchmark_tables import BASELINE, Table, figure, kernel_bounds, one, places, ratio, with_spread
 
 _SIZE, _SMALL, _LARGE = "512x512", "256x256", "1224x1024"
 _RATIOS = {
@@ -117,17 +117,13 @@ def _growth(record: Record) -> list[Target]:
 
 
 def _kernel(record: Record) -> list[Target]:
-    table, targets = benchmark_kernels.TABLE, []
-    for case, size in places(record, table):
-        where = {"table": table, "case": case, "size": size}
-        traffic = one(record, **where, quantity="traffic")
-        for rate in record.find(**where, subject="bandwidth"):
-            threads = rate.quantity.partition(":")[0]
-            wall = one(record, **where, subject="compiled, p = 1", quantity=f"{threads}: wall")
-            if wall is not None and traffic is not None:
-                bound = traffic.median / rate.spread[1]
-                samples = tuple(seconds / bound for seconds in wall.samples)
-                targets.append(Target("objective and gradient over the bound", f"{size}, {threads}", samples, 4, 2))
+    targets = []
+    for where, threads, bound, _ in kernel_bounds(record):
+        wall = one(record, **where, subject="compiled, p = 1", quantity=f"{threads}: wall")
+        if wall is not None:
+            samples = tuple(seconds / bound for seconds in wall.samples)
+            place = f"{where['size']}, {threads}"
+            targets.append(Target("objective and gradient over the bound", place, samples, 4, 2))
     return targets
 
 
