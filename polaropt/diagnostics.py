@@ -62,6 +62,10 @@ class Warning(Enum):
     GAMMA_ENCODED = (
         "The photographs look gamma-encoded: pairs do not add up. Give linear files, or tell the encoding (gamma)."
     )
+    POLARIZED_SOURCE = (
+        "The light of a layer looks polarized before it meets the glass (a screen behind it, blue sky in the "
+        "reflection): check the layers for parts that belong to the other one."
+    )
     MODEL_DOES_NOT_EXPLAIN = (
         "The pane with these parameters does not explain the photographs down to their noise: "
         "a wide lens, a bent pane, polarized light or movement may be the reason."
@@ -105,6 +109,7 @@ def diagnose(
     estimate: SceneEstimate | None,
     scene: SceneParameters | None = None,
     unexplained: float = 1.0,
+    looks_polarized: bool = False,
     finite: bool = True,
 ) -> Diagnostics:
     """Collect the warnings that a capture and its solution deserve.
@@ -118,6 +123,8 @@ def diagnose(
         The scene of the solution. Default: that of the estimate.
     unexplained : float
         Light polarized at 45 degrees to the plane of incidence, mean square over blocks in units of its noise.
+    looks_polarized : bool
+        Whether the layers' light looks polarized where the scene has it unpolarized.
     finite : bool
         Whether the solver met nothing but finite values.
     """
@@ -131,6 +138,7 @@ def diagnose(
         **_of_geometry_and_noise(capture, noise, polarized, reflection_unknown, scene),
         Warning.SATURATED: clipped > _MUCH_CLIPPED,
         **_of_mistakes(capture),
+        Warning.POLARIZED_SOURCE: looks_polarized or _found_polarized(scene, estimate),
         Warning.MODEL_DOES_NOT_EXPLAIN: polarized and max(misfit_ratio, unexplained) > _BAD_FIT,
         Warning.SOLVER_FAILED: not finite,
     }
@@ -142,6 +150,11 @@ def diagnose(
         reflection_unknown=reflection_unknown,
         estimate=estimate,
     )
+
+
+def _found_polarized(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
+    """Whether polarized light was found, not given."""
+    return estimate is not None and scene is not None and scene.polarized
 
 
 def _of_geometry_and_noise(

@@ -14,6 +14,7 @@ from polaropt.image_io import encode_srgb
 from polaropt.misfit_map import misfit_map
 from polaropt.noise import noise_level
 from polaropt.results import Request, write_separation
+from polaropt.scene_estimation import estimate_scene
 from polaropt.shift_check import visible_shift
 from tests.blends import blend
 from tests.shifted import shifted_blend
@@ -27,8 +28,8 @@ def warnings_of(capture, scene=None):
 
 def told(capture, scene=None, **changes):
     """What is said of a capture by itself, its solution being perfect."""
-    solution = {"misfit_ratio": 1.0, "reflection_unknown": 0.3, **changes}
-    return set(diagnose(capture, noise_level(capture), estimate=None, scene=scene, **solution).warnings)
+    solution = {"misfit_ratio": 1.0, "reflection_unknown": 0.3, "estimate": None, **changes}
+    return set(diagnose(capture, noise_level(capture), scene=scene, **solution).warnings)
 
 
 @pytest.mark.parametrize("color", [False, True])
@@ -156,6 +157,16 @@ def test_a_scene_that_does_not_fit():
     example = blend(75, 96, noise=0.002)
     wrong = SceneParameters(75.0, 25.0 + 45, 5.3)
     assert Warning.MODEL_DOES_NOT_EXPLAIN in warnings_of(example.capture, wrong)
+
+
+def test_light_that_arrives_polarized():
+    example = blend(60, 64)
+    polarized = example.scene.replace(transmission_polarization=(0.6, 30.0))
+    found = estimate_scene(example.capture, example.scene)
+    assert told(example.capture, example.scene, looks_polarized=True) == {Warning.POLARIZED_SOURCE}
+    assert told(example.capture, polarized, estimate=found) == {Warning.POLARIZED_SOURCE}
+    # Who gives the polarization knows of it.
+    assert told(example.capture, polarized) == set()
 
 
 def test_a_failed_solver():
