@@ -228,8 +228,8 @@ class LadderOptions:
         str,
         typer.Option(
             metavar="NAME",
-            help="Scene model: pixelwise (no double images), ghosts, perspective (a wide lens), or auto: the simplest "
-            "that explains the capture.",
+            help="Scene model: none (the intensity, not separated), pixelwise (no double images), ghosts, perspective "
+            "(a wide lens), or auto: the simplest that explains the capture.",
             rich_help_panel=_PANE,
         ),
     ] = "auto"

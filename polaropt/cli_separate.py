@@ -241,6 +241,8 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
 
 def _pane_sentence(report: dict[str, Any]) -> str:
     scene, estimated = report["scene"], report["estimated"]
+    if not scene["signal"]:
+        return "Not separated: the intensity is returned as transmission."
     parts = [
         f"{word} {scene[name]:.2f} {unit} ({'estimated' if name in estimated else 'given'})"
         for name, word, unit in (

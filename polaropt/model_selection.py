@@ -13,23 +13,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 from polaropt.capture import Capture
-from polaropt.perspective_fit import PerspectiveFit, PolarizedBlocks, fit_perspective
+from polaropt.perspective_fit import PolarizedBlocks
 from polaropt.plate_frame import stokes_images
+from polaropt.rungs import RUNGS, Attempt, Evidence, noise_misfit
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
 
-Model = Literal["auto", "pixelwise", "ghosts", "perspective"]
-
-# Mean square, in units of the noise, up to which polarized light counts as explained, beside its own scatter.
-_TOLERANCE = 0.1
-_SCATTERS = 3.0
-# Share of what the lower rung leaves that a higher one must explain, and how well it must be known.
+_LOWER = ("none", "pixelwise", "ghosts")
+# Share of what the plain pane leaves that a higher rung must explain.
 _LEAST_EXPLAINED = 0.5
-_WORST_ERROR_DEG = 3.0
 # Ghosts closer than this fall onto each other.
 _LEAST_SHIFT_PX = 0.5
-# Focal length over the longer side from which on incidence and azimuth hardly vary.
-_FAR = 30.0
 
 
 @dataclass(frozen=True)
@@ -42,6 +36,8 @@ class Tried:
     misfit : float or None
         Mean square of the light polarized at 45 degrees to the plane of incidence, in units of its noise; None where
         it was not measured.
+    score : float or None
+        Bayesian information criterion: n log misfit + parameters log n; the smaller the better.
     seconds : float
     taken : bool
     reason : str
@@ -50,6 +46,7 @@ class Tried:
 
     rung: str
     misfit: float | None
+    score: float | None
     seconds: float
     taken: bool
     reason: str
@@ -72,7 +69,7 @@ class FoundScene:
 
 def model_names() -> tuple[str, ...]:
     """Names that `find_scene` knows."""
-    return ("auto", "pixelwise", "ghosts", "perspective")
+    return ("auto", *_LOWER, *(rung.name for rung in RUNGS))
 
 
 def find_scene(
@@ -92,41 +89,38 @@ def find_scene(
     asked : SceneParameters
         Fields that are None are estimated. A focal length asks for the perspective rung.
     noise : float
-    model : {"auto", "pixelwise", "ghosts", "perspective"}
+    model : str
+        One of `model_names`.
     thickness_px, thickness_kind
         As for `estimate_scene`.
     """
     if asked.complete and thickness_px is None:
         return FoundScene(asked, None, ())
+    if asked.focal_px is not None and model == "auto":
+        model = "perspective"
     began = time.perf_counter()
     flat = asked.replace(focal_px=None)
-    if model in ("pixelwise", "perspective") and asked.ghost_shift is None:
+    if model not in ("auto", "ghosts") and asked.ghost_shift is None:
         flat = flat.replace(ghost_shift=0.0)
+    stokes = stokes_images(capture, noise)
     estimate = estimate_scene(capture, flat, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
     if model == "auto" and asked.ghost_shift is None and thickness_px is None:
         estimate = _without_a_trifle(estimate)
-    blocks_began = time.perf_counter()
-    if not estimate.polarized and asked.incidence_deg is None:
-        return _nothing_seen(estimate, blocks_began - began)
-    lower = _Lower(estimate, blocks_began - began)
-    stokes = stokes_images(capture, noise)
+    seconds = time.perf_counter() - began
+    unpolarized = not estimate.polarized and asked.incidence_deg is None
+    if unpolarized or model == "none":
+        return _unseparated(estimate, seconds, "There is no polarization beyond the noise." if unpolarized else _ASKED)
     blocks = PolarizedBlocks(stokes)
     misfit = blocks.constant_misfit(estimate.scene.values()[1])
-    if not _may_vary(asked, model):
-        return FoundScene(estimate.scene, estimate, (lower.tried(misfit, True, "It is the one asked for."),))
-    wanted = model == "perspective" or asked.focal_px is not None
-    if not wanted and misfit <= 1 + _TOLERANCE + _SCATTERS * math.sqrt(2 / blocks.n):
-        return FoundScene(estimate.scene, estimate, (lower.tried(misfit, True, "It leaves nothing but noise."),))
-    fit = fit_perspective(stokes, asked.focal_px)
-    found = _decided(lower, misfit, fit, wanted, time.perf_counter() - blocks_began)
-    if not wanted or found.scene.focal_px is not None:
-        return found
-    return _as_from_afar(found, blocks, asked.focal_px or _FAR * max(capture.shape[-2:]))
+    return _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds)
 
 
-def _nothing_seen(estimate: SceneEstimate, seconds: float) -> FoundScene:
+_ASKED = "It is the one asked for."
+
+
+def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> FoundScene:
     scene = estimate.scene.replace(signal=False)
-    tried = Tried("none", None, seconds, True, "There is no polarization beyond the noise.")
+    tried = Tried("none", None, None, seconds, True, reason)
     return FoundScene(scene, dataclasses.replace(estimate, scene=scene), (tried,))
 
 
@@ -139,57 +133,64 @@ def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
 
 
 @dataclass(frozen=True)
-class _Lower:
-    """The estimate on the lower rungs, and its seconds."""
+class _Step:
+    """One rung of the way up, and its seconds."""
 
-    estimate: SceneEstimate
+    rung: str
+    attempt: Attempt
     seconds: float
 
-    def tried(self, misfit: float | None, taken: bool, reason: str) -> Tried:
-        return Tried(self.estimate.scene.rung, misfit, self.seconds, taken, reason)
+    def score(self, n: int) -> float:
+        return n * math.log(max(self.attempt.misfit, 1e-9)) + self.attempt.n_parameters * math.log(n)
+
+    def tried(self, evidence: Evidence, taken: bool, reason: str) -> Tried:
+        parts = (self.attempt.misfit, self.score(evidence.blocks.n), self.seconds)
+        return Tried(self.rung, *parts, taken, " ".join(filter(None, (reason, self.attempt.remark))))
 
 
-def _may_vary(asked: SceneParameters, model: str) -> bool:
-    """Whether incidence and azimuth over the frame are for us to find."""
-    free = asked.incidence_deg is None and asked.azimuth_deg is None
-    return free and model in ("auto", "perspective") and not asked.ghost_shift
+def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
+    """Rung by rung up to the first that leaves nothing but noise, or the best of all."""
+    wanted, plain = evidence.wanted, evidence.estimate.scene
+    steps = [_Step(plain.rung, Attempt(plain, evidence.misfit, 1, True), seconds)]
+    for rung in RUNGS:
+        if wanted not in ("auto", rung.name) or not rung.may_help(evidence):
+            continue
+        began = time.perf_counter()
+        attempt = rung.attempt(evidence)
+        steps.append(_Step(rung.name, attempt, time.perf_counter() - began))
+        if attempt.known and attempt.misfit <= noise_misfit(evidence.blocks.n):
+            break
+    taken = _taken(evidence, steps)
+    tried = tuple(step.tried(evidence, step is taken, _reason(evidence, steps, step, taken)) for step in steps)
+    scene = taken.attempt.scene
+    return FoundScene(scene, dataclasses.replace(evidence.estimate, scene=scene), tried)
 
 
-def _decided(lower: _Lower, misfit: float, fit: PerspectiveFit, wanted: bool, seconds: float) -> FoundScene:
-    explained = (misfit - fit.misfit) / max(misfit - 1, 1e-9)
-    shows = misfit - fit.misfit > _SCATTERS * math.sqrt(2 / fit.n)
-    known = shows and fit.incidence_error_deg <= _WORST_ERROR_DEG
-    taken = known and explained >= (-math.inf if wanted else _LEAST_EXPLAINED)
-    share = f"{100 * explained:.0f} % of the polarized light that the {lower.estimate.scene.rung} rung leaves"
-    if not known:
-        reason = "The polarized light does not tell how incidence and azimuth change over the picture."
-    elif taken:
-        reason = f"It was asked for; it explains {share}." if wanted else f"It explains {share}."
-    else:
-        reason = f"It explains only {share}."
-    left = "It leaves polarized light unexplained." if taken else "No higher rung explains what it leaves."
-    tried = (
-        lower.tried(misfit, not taken, left),
-        Tried("perspective", fit.misfit, seconds, taken, reason),
-    )
-    if not taken:
-        return FoundScene(lower.estimate.scene, lower.estimate, tried)
-    scene = lower.estimate.scene.replace(
-        incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, ghost_shift=0.0, focal_px=fit.focal_px
-    )
-    return FoundScene(scene, dataclasses.replace(lower.estimate, scene=scene), tried)
+def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:
+    if evidence.wanted != "auto":
+        return steps[-1]
+    able = [step for step in steps[1:] if step.attempt.known and _share(evidence, step) >= _LEAST_EXPLAINED]
+    noise = noise_misfit(evidence.blocks.n)
+    lowest = [step for step in (steps[0], *able) if step.attempt.misfit <= noise]
+    return lowest[0] if lowest else min((steps[0], *able), key=lambda step: step.score(evidence.blocks.n))
 
 
-def _as_from_afar(found: FoundScene, blocks: PolarizedBlocks, focal_px: float) -> FoundScene:
-    """The perspective rung where polarized light does not tell the tilt: the lower rung's pane, seen by the lens."""
-    incidence, azimuth, _ = found.scene.values()
-    ways = (azimuth % 360, (azimuth + 180) % 360)
-    leaning = min(ways, key=lambda way: blocks.misfit(incidence, way, focal_px))
-    scene = found.scene.replace(azimuth_deg=leaning, ghost_shift=0.0, focal_px=focal_px)
-    misfit = blocks.misfit(incidence, leaning, focal_px)
-    asked = Tried(
-        "perspective", misfit, 0.0, True, "It was asked for; incidence and azimuth are those of the lower rung."
-    )
-    tried = tuple(dataclasses.replace(rung, taken=False) for rung in found.tried)
-    estimate = None if found.estimate is None else dataclasses.replace(found.estimate, scene=scene)
-    return FoundScene(scene, estimate, (*tried, asked))
+def _share(evidence: Evidence, step: _Step) -> float:
+    """Part of what the plain pane leaves that a rung explains."""
+    return (evidence.misfit - step.attempt.misfit) / max(evidence.misfit - 1, 1e-9)
+
+
+def _reason(evidence: Evidence, steps: list[_Step], step: _Step, taken: _Step) -> str:
+    if evidence.wanted != "auto":
+        return _ASKED if step is taken else "Another one was asked for."
+    if step is steps[0]:
+        if step is not taken:
+            return "It leaves polarized light unexplained."
+        return "It leaves nothing but noise." if evidence.explained else "No higher rung explains what it leaves."
+    if not step.attempt.known:
+        return ""
+    share = _share(evidence, step)
+    told = f"{100 * share:.0f} % of the polarized light that the {steps[0].rung} rung leaves"
+    if step is taken:
+        return f"It explains {told}."
+    return f"It explains only {told}." if share < _LEAST_EXPLAINED else f"It explains {told}, another one more."

@@ -119,9 +119,9 @@ def separate(
     weights : Weights
         Factors on the terms of the objective.
     stopping : StoppingRule
-    model : {"auto", "pixelwise", "ghosts", "perspective"}
-        Rung of the ladder of scene models, where the scene is not given; "auto" takes the lowest one that explains
-        the capture.
+    model : str
+        Rung of the ladder of scene models, where the scene is not given: "auto" takes the lowest one that explains
+        the capture, "none" returns the intensity; all names: `polaropt.model_selection.model_names`.
     thickness_px : float, optional
         Thickness of the pane in pixels: ties the ghost shift to the incidence.
     thickness_kind : {"paper", "plate"}
@@ -207,7 +207,9 @@ def _unseparated(
         tried=found.tried,
         terms={},
         solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),
-        diagnostics=diagnose(capture, noise, misfit_ratio=1.0, reflection_unknown=1.0, estimate=estimate),
+        diagnostics=diagnose(
+            capture, noise, misfit_ratio=1.0, reflection_unknown=float(not estimate.polarized), estimate=estimate
+        ),
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_halves, capture),

@@ -152,9 +152,19 @@ def test_a_wide_lens_that_was_asked_for_but_does_not_show_costs_nothing():
     assert quality[1] > quality[0] - 1
 
 
+def test_the_lowest_rung_is_the_intensity_and_says_so():
+    example = blend(60, 96, ghost_shift=0.0)
+    result = separate(example.capture, model="none")
+    assert result.scene.rung == "none"
+    assert np.array_equal(result.layers[0], example.capture.stokes[0])
+    assert not result.layers[1].any()
+    assert [tried.rung for tried in result.tried] == ["none"]
+    assert result.diagnostics.warnings == ()
+
+
 def test_a_rung_that_does_not_exist_is_an_error():
     capture, _, _ = seen_wide(32)
-    with pytest.raises(InputError, match="pixelwise, ghosts, perspective"):
+    with pytest.raises(InputError, match="none, pixelwise, ghosts, perspective"):
         separate(capture, model="spherical")
 
 

@@ -1,0 +1,143 @@
+"""The rungs above the plain pane: each one attempt to explain the polarized light that the plain pane leaves.
+
+A rung is one line of `RUNGS`: when it can help, and the attempt. What it changes of a scene is its own business.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from polaropt.capture import Capture
+from polaropt.perspective_fit import PolarizedBlocks, fit_perspective
+from polaropt.plate_frame import StokesImages
+from polaropt.scene import SceneParameters
+from polaropt.scene_estimation import SceneEstimate
+
+# How well a pane that is not seen from far must be known.
+_WORST_ERROR_DEG = 3.0
+# Focal length over the longer side from which on incidence and azimuth hardly vary.
+_FAR = 30.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What an attempt has to go by.
+
+    Attributes
+    ----------
+    capture : Capture
+    noise : float
+    stokes : StokesImages
+    blocks : PolarizedBlocks
+    asked : SceneParameters
+        Fields that are None are to be found.
+    estimate : SceneEstimate
+        The plain pane that explains the capture best.
+    misfit : float
+        Polarized light that it leaves: mean square over `blocks`, in units of the noise.
+    wanted : str
+        Name of the rung that was asked for, or "auto".
+    """
+
+    capture: Capture
+    noise: float
+    stokes: StokesImages
+    blocks: PolarizedBlocks
+    asked: SceneParameters
+    estimate: SceneEstimate
+    misfit: float
+    wanted: str
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of a misfit that is nothing but noise."""
+        return math.sqrt(2 / self.blocks.n)
+
+    @property
+    def explained(self) -> bool:
+        """Whether the plain pane leaves nothing but noise."""
+        return self.misfit <= noise_misfit(self.blocks.n)
+
+    def shown(self, misfit: float) -> bool:
+        """Whether a rung that leaves this much polarized light explains more than chance would."""
+        return self.misfit - misfit > SCATTERS * self.scatter
+
+
+# Mean square, in units of the noise, up to which polarized light counts as explained, beside its own scatter.
+_TOLERANCE = 0.1
+SCATTERS = 3.0
+
+
+def noise_misfit(n: int) -> float:
+    """Largest misfit of n blocks that counts as noise."""
+    return 1 + _TOLERANCE + SCATTERS * math.sqrt(2 / n)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What a rung makes of the evidence.
+
+    Attributes
+    ----------
+    scene : SceneParameters
+        Complete.
+    misfit : float
+        Polarized light that it leaves, as `Evidence.misfit`.
+    n_parameters : int
+        Numbers fitted to the blocks.
+    known : bool
+        Whether the capture tells these numbers well enough to rely on them.
+    remark : str
+        A sentence for `Tried.reason`: why they are not known, or what else is to be said. May be empty.
+    """
+
+    scene: SceneParameters
+    misfit: float
+    n_parameters: int
+    known: bool
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A name, when the rung can help, and the attempt."""
+
+    name: str
+    may_help: Callable[[Evidence], bool]
+    attempt: Callable[[Evidence], Attempt]
+
+
+def _may_vary(evidence: Evidence) -> bool:
+    """Whether incidence and azimuth over the frame are for us to find, and something is left to explain."""
+    asked = evidence.asked
+    free = asked.incidence_deg is None and asked.azimuth_deg is None and not asked.ghost_shift
+    return free and (evidence.wanted == "perspective" or not evidence.explained)
+
+
+def _perspective(evidence: Evidence) -> Attempt:
+    fit = fit_perspective(evidence.stokes, evidence.asked.focal_px)
+    known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
+    if evidence.wanted == "perspective" and not known:
+        return _from_afar(evidence)
+    scene = evidence.estimate.scene.replace(
+        incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, ghost_shift=0.0, focal_px=fit.focal_px
+    )
+    remark = "The polarized light does not tell how incidence and azimuth change over the picture."
+    n_parameters = 3 if evidence.asked.focal_px is None else 2
+    return Attempt(scene, fit.misfit, n_parameters, known, "" if known else remark)
+
+
+def _from_afar(evidence: Evidence) -> Attempt:
+    """The perspective rung where polarized light does not tell the tilt: the plain pane, seen by the lens."""
+    focal = evidence.asked.focal_px or _FAR * max(evidence.capture.shape[-2:])
+    incidence, azimuth, _ = evidence.estimate.scene.values()
+    ways = (azimuth % 360, (azimuth + 180) % 360)
+    leaning = min(ways, key=lambda way: evidence.blocks.misfit(incidence, way, focal))
+    scene = evidence.estimate.scene.replace(azimuth_deg=leaning, ghost_shift=0.0, focal_px=focal)
+    misfit = evidence.blocks.misfit(incidence, leaning, focal)
+    return Attempt(scene, misfit, 1, True, "Incidence and azimuth are those of the plain pane.")
+
+
+RUNGS = (Rung("perspective", _may_vary, _perspective),)
