@@ -6,10 +6,9 @@ Run ``python -m studies.model_ladder --photos DIR``; without ``--photos`` it use
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +30,7 @@ from studies.protocol import (
     shipped_pairs,
     truth,
 )
+from studies.record import write_study
 
 MODELS = ("auto", "pixelwise", "ghosts", "perspective")
 CLIPPED = 0.05
@@ -175,16 +175,16 @@ def main() -> None:
     parser.add_argument("--photos", type=Path, help="folder of photographs (default: those inside scikit-image)")
     parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
     parser.add_argument("--models", default=",".join(MODELS), help="names, comma separated")
-    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON)")
+    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON, CSV)")
     options = parser.parse_args()
     pairs = (shipped_pairs() if options.photos is None else protocol_pairs(options.photos))[: options.pairs]
     models = options.models.split(",")
     rows = [run(family, pair, model) for family in FAMILIES for model in models for pair in pairs]
     print(table(rows))
     if options.out:
-        options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / "model_ladder.md").write_text(table(rows) + "\n", encoding="utf-8")
-        (options.out / "model_ladder.json").write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+        photos = None if options.photos is None else str(options.photos)
+        asked = {"photos": photos, "models": models, "pairs": len(pairs)}
+        write_study(options.out, "model_ladder", asked, rows, table(rows))
 
 
 if __name__ == "__main__":

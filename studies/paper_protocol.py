@@ -6,11 +6,10 @@ Run ``python -m studies.paper_protocol --photos DIR``; without ``--photos`` it u
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -31,6 +30,7 @@ from studies.protocol import (
     shipped_pairs,
     truth,
 )
+from studies.record import write_study
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--blind-only", action="store_true", help="leave out the solves with the scene known")
-    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON)")
+    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON, CSV)")
     options = parser.parse_args()
     kinds: tuple[Kind, ...] = ("paper", "plate") if options.kind == "both" else (options.kind,)
     n_pairs = min(options.pairs, len(pairs_of(options.photos)))
@@ -181,9 +181,8 @@ def main() -> None:
         rows = [run(job) for job in jobs]
     print(table(rows))
     if options.out:
-        options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / "paper_protocol.md").write_text(table(rows) + "\n", encoding="utf-8")
-        (options.out / "paper_protocol.json").write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+        asked = {"photos": options.photos, "kinds": kinds, "incidences": options.incidences, "pairs": n_pairs}
+        write_study(options.out, "paper_protocol", asked, rows, table(rows))
 
 
 if __name__ == "__main__":

@@ -79,5 +79,8 @@ def test_the_table_is_one_command(tmp_path):
     command = [sys.executable, "-m", "studies.paper_protocol", "--pairs", "1", "--incidences", "65", "--kind", "paper"]
     done = subprocess.run([*command, "-o", str(tmp_path)], capture_output=True, text=True, cwd=ROOT, check=True)
     assert "| paper | 65 |" in done.stdout
-    (row,) = json.loads((tmp_path / "paper_protocol.json").read_text())
+    document = json.loads((tmp_path / "paper_protocol.json").read_text())
+    (row,) = document["results"]
+    assert {"settings", "machine", "libraries", "commit", "sources", "seeds"} <= document["metadata"].keys()
+    assert (tmp_path / "paper_protocol.csv").read_text().splitlines()[0] == ",".join(row)
     assert row["blind_transmission"] > row["nothing"] + 10
