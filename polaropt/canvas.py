@@ -85,7 +85,7 @@ def canvas_for(pse: PSE | VaryingPSE, height: int, width: int) -> Canvas:
     """Canvas that holds the ghosts which show, with sides that the Fourier transform likes."""
     from scipy.fft import next_fast_len
 
-    reach = math.hypot(*pse.step) * _ghosts_that_show(pse) if isinstance(pse, PSE) else 0.0
+    reach = _reach(pse) if isinstance(pse, PSE) else 0.0
     margin = min(MOST_MARGIN, max(LEAST_MARGIN, math.ceil(reach)), height // 2, width // 2)
     rows, columns = (int(next_fast_len(side + 2 * margin, real=True)) for side in (height, width))
     more_rows, more_columns = rows - height - 2 * margin, columns - width - 2 * margin
@@ -93,9 +93,11 @@ def canvas_for(pse: PSE | VaryingPSE, height: int, width: int) -> Canvas:
     return Canvas(height, width, margin, margin + more_rows, margin, margin + more_columns)
 
 
-def _ghosts_that_show(pse: PSE) -> int:
+def _reach(pse: PSE) -> float:
+    """Distance in pixels of the farthest ghost that shows."""
     strength = np.abs(pse.taps).sum(axis=2).max(axis=0)
-    return int(np.flatnonzero(strength > _FAINT * strength.max()).max())
+    shown = strength > _FAINT * strength.max()
+    return float(np.hypot(*np.array(pse.displacements)[shown].T).max())
 
 
 def _between(before: Images, after: Images, n: int) -> Images:

@@ -158,6 +158,15 @@ class PaneOptions:
             rich_help_panel=_PANE,
         ),
     ] = None
+    transmission_shift: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="The same for what is behind the pane, where it is nearer or farther. Default: found where it shows, "
+            "else that of the reflection.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
     thickness_px: Annotated[
         float | None,
         typer.Option(
@@ -204,6 +213,7 @@ class PaneOptions:
             self.shift,
             self.index,
             single_surface=self.single_surface,
+            transmission_ghost_shift=self.transmission_shift,
             focal_px=self.focal_px,
         )
 
@@ -211,7 +221,11 @@ class PaneOptions:
         """InputError where two options contradict each other."""
         if self.shift is not None and self.thickness_px is not None:
             raise InputError("--shift and --thickness-px both set the ghost shift; give one of them")
-        for name, value in (("--shift", self.shift), ("--thickness-px", self.thickness_px)):
+        for name, value in (
+            ("--shift", self.shift),
+            ("--transmission-shift", self.transmission_shift),
+            ("--thickness-px", self.thickness_px),
+        ):
             if self.focal_px is not None and value:
                 raise InputError(f"{name} and --focal-px cannot be had together yet: leave one out")
             if self.single_surface and value is not None:

@@ -249,8 +249,10 @@ def _pane_sentence(report: dict[str, Any]) -> str:
             ("incidence_deg", "incidence", "deg"),
             ("azimuth_deg", "azimuth", "deg"),
             ("ghost_shift", "ghost shift", "px"),
+            ("transmission_ghost_shift", "of the transmission", "px"),
         )
-        if not (name == "ghost_shift" and scene["single_surface"] and scene["focal_px"] is None)
+        if scene[name] is not None
+        and not (name == "ghost_shift" and scene["single_surface"] and scene["focal_px"] is None)
     ]
     if scene["focal_px"] is not None:
         how = "estimated" if "focal_px" in estimated else "given"

@@ -143,7 +143,7 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
 
 
 def _one_scene(pane: PaneOptions) -> SceneParameters:
-    from polaropt.scene import SceneParameters, ghost_step
+    from polaropt.scene import ghost_step
 
     incidence = _INCIDENCE_DEG if pane.incidence is None else pane.incidence
     shift = _SHIFT_PX if pane.shift is None else pane.shift
@@ -151,9 +151,7 @@ def _one_scene(pane: PaneOptions) -> SceneParameters:
         shift = ghost_step(incidence, pane.index, pane.thickness_px, pane.thickness_kind)
     azimuth = _AZIMUTH_DEG if pane.azimuth is None else pane.azimuth
     shift = 0.0 if pane.single_surface or pane.focal_px is not None else shift
-    return SceneParameters(
-        incidence, azimuth, shift, pane.index, single_surface=pane.single_surface, focal_px=pane.focal_px
-    )
+    return pane.scene().replace(incidence_deg=incidence, azimuth_deg=azimuth, ghost_shift=shift)
 
 
 def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> dict[str, Any]:
@@ -165,8 +163,9 @@ def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) ->
     if layers.format != "png":
         raise InputError("--format is for one pair; a data set is always npz, leave it out")
     assert many.pairs is not None
-    if pane.focal_px is not None:
-        raise InputError("--focal-px is for one pair; leave it or --pairs out")
+    for name, value in (("--focal-px", pane.focal_px), ("--transmission-shift", pane.transmission_shift)):
+        if value is not None:
+            raise InputError(f"{name} is for one pair; leave it or --pairs out")
     pane.scene()  # its checks, before anything is written
     panes = Panes(
         pane.incidence,

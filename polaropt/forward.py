@@ -15,7 +15,7 @@ import numpy as np
 from array_api_compat import array_namespace, is_numpy_namespace
 from numpy.typing import NDArray
 
-from polaropt.plate import ghost_weights
+from polaropt.plate import GhostLine, ghost_line
 from polaropt.scene import SceneParameters
 from polaropt.shift import PaddedFrame, Shift, zeros
 from polaropt.stokes import analyzer_matrix, as_floating, change_basis, frame_matrix, stokes_vector
@@ -23,6 +23,7 @@ from polaropt.stokes import analyzer_matrix, as_floating, change_basis, frame_ma
 TRANSMISSION, REFLECTION = 0, 1
 
 Weights = NDArray[np.float64]
+Displacements = tuple[tuple[float, float], ...]
 
 # Samples that numpy works on at a time: few enough to stay in a core's cache through all ghosts.
 _BLOCK = 1 << 15
@@ -45,17 +46,17 @@ class PSE:
     -----
     Layers and photographs are numpy arrays or torch tensors; results come back in their dtype and on their device.
     Where shapes say [channel,] any number of axes may stand, for batches too.
-    Ghost k is interpolated once, at k times the ghost shift. Layers go on by their edge values beyond the frame.
+    Ghost k is interpolated once, at k times its layer's shift. Layers go on by their edge values beyond the frame.
     """
 
     def __init__(self, scene: SceneParameters, angles_deg: Sequence[float], n_ghosts: int | None = None) -> None:
-        _, azimuth_deg, ghost_shift = scene.values()
+        _, azimuth_deg, _ = scene.values()
         self.scene = scene
         self.angles_deg = tuple(float(angle) for angle in angles_deg)
-        self.weights = ghost_weights(scene, n_ghosts)
-        azimuth = math.radians(azimuth_deg)
-        self.step = (ghost_shift * math.cos(azimuth), -ghost_shift * math.sin(azimuth))
-        """(dx, dy): columns to the right and rows down from one ghost to the next."""
+        line = ghost_line(scene, n_ghosts)
+        self.weights = line.weights
+        self.displacements = displacements(line, azimuth_deg)
+        """(ghosts + 1) times (dx, dy): columns to the right and rows down from the direct image."""
         self._to_frame = frame_matrix(azimuth_deg)
         self.mixing: NDArray[np.float64] = analyzer_matrix(angles_deg) @ np.linalg.inv(self._to_frame)
         """(k, 3): photographs from the plate's (I_par, I_perp, s2')."""
@@ -64,7 +65,8 @@ class PSE:
         n_entries = 3 if scene.polarized else 2
         entries = light @ self._to_frame.T
         self.taps: NDArray[np.float64] = (self.weights * entries[:, None, :])[..., :n_entries]
-        """(2, ghosts + 1, entries): weight of each ghost of each layer in each entry."""
+        """(2, ghosts + 1, entries): weight of each ghost of each layer in each entry; ghosts of one layer alone have
+        none in the other."""
 
     def forward(self, layers: Any) -> Any:
         """Photographs of two layers whose light has the scene's constant polarization.
@@ -150,7 +152,7 @@ class PSE:
 
     def _frame(self, images: Any) -> PaddedFrame:
         height, width = images.shape[-2:]
-        return _padded_frame(height, width, self.step, self.taps.shape[1])
+        return padded_frame(height, width, self.displacements)
 
 
 def _check_shape(name: str, images: Any, first: tuple[int, ...]) -> None:
@@ -159,9 +161,17 @@ def _check_shape(name: str, images: Any, first: tuple[int, ...]) -> None:
         raise ValueError(f"{name} have shape {tuple(images.shape)}; expected ({expected}, [channel,] height, width)")
 
 
+def displacements(line: GhostLine, azimuth_deg: float) -> Displacements:
+    """Columns to the right and rows down to each image of a line along the azimuth."""
+    azimuth = math.radians(azimuth_deg)
+    across, down = line.steps * math.cos(azimuth), -line.steps * math.sin(azimuth)
+    return tuple(zip((line.orders * across).tolist(), (line.orders * down).tolist(), strict=True))
+
+
 @lru_cache(maxsize=16)
-def _padded_frame(height: int, width: int, step: tuple[float, float], n_taps: int) -> PaddedFrame:
-    return PaddedFrame(height, width, [(k * step[0], k * step[1]) for k in range(n_taps)])
+def padded_frame(height: int, width: int, shifts: Displacements) -> PaddedFrame:
+    """The frame that holds all shifts of an engine."""
+    return PaddedFrame(height, width, shifts)
 
 
 def _entry(frame: PaddedFrame, planes: Any, taps: Weights, xp: Any) -> Any:

@@ -123,7 +123,7 @@ class FusedVaryingMisfit:
 
 def ghosts_of(pse: PSE) -> Ghosts:
     """The ghosts of a pane as whole and fractional shifts."""
-    distance = np.arange(pse.taps.shape[1])[:, None] * np.array(pse.step)
+    distance = np.array(pse.displacements)
     whole = np.floor(distance + _SNAP)
     fraction = np.where(np.abs(distance - whole) < _SNAP, 0, distance - whole)
     return Ghosts(pse.taps.astype(np.float32), whole.astype(np.int64), fraction.astype(np.float32))

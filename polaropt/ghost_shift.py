@@ -92,7 +92,7 @@ class ShiftLikelihood:
     ----------
     spectra : CrossSpectra
     scene : SceneParameters
-        Index and surfaces of the pane; its geometry is not used.
+        Index and surfaces of the pane, and the transmission's own shift, if it has one; nothing else is used.
     """
 
     def __init__(self, spectra: CrossSpectra, scene: SceneParameters) -> None:
@@ -106,7 +106,13 @@ class ShiftLikelihood:
         self._shapes = _spectral_shapes(spectra.along, spectra.across_azimuth)
         """(level, frequency): natural images' power, split over a few radii and two directions."""
 
-    def misfit(self, incidence_deg: float | Matrix, shifts: Sequence[float] | Matrix, rounds: int = 4) -> Matrix:
+    def misfit(
+        self,
+        incidence_deg: float | Matrix,
+        shifts: Sequence[float] | Matrix,
+        rounds: int = 4,
+        transmission_shifts: Sequence[float] | Matrix | None = None,
+    ) -> Matrix:
         """Minus log likelihood per frequency of trial shifts (pixels, signed), up to a constant.
 
         Parameters
@@ -116,13 +122,18 @@ class ShiftLikelihood:
         shifts : sequence of float
         rounds : int
             How closely each trial's spectra are fitted.
+        transmission_shifts : sequence of float, optional
+            The transmission's own, one for each of `shifts`. Default: the scene's, or the same.
 
         Returns
         -------
         ndarray, shape ([incidences,] shifts)
         """
         incidences, steps = np.atleast_1d(incidence_deg), np.asarray(shifts, dtype=np.float64)
-        products = self._products(incidences, steps)
+        own = self._scene.transmission_ghost_shift
+        if transmission_shifts is None:
+            transmission_shifts = steps if own is None else np.full(steps.shape, own)
+        products = self._products(incidences, steps, np.asarray(transmission_shifts))
         sparse = np.arange(0, steps.size, _EVERY)
         nearest = np.minimum((np.arange(steps.size) + _EVERY // 2) // _EVERY, sparse.size - 1)
         rows = np.arange(incidences.size * steps.size).reshape(incidences.size, -1)
@@ -136,8 +147,10 @@ class ShiftLikelihood:
         value = np.asarray(value / float(self._multiplicity.sum()))
         return value.reshape(incidences.size, -1) if np.ndim(incidence_deg) else value
 
-    def _products(self, incidences: Matrix, shifts: Matrix) -> _Products:
+    def _products(self, incidences: Matrix, shifts: Matrix, of_transmission: Matrix) -> _Products:
         reflection, transmission = self._responses(incidences, shifts)
+        if of_transmission is not shifts:
+            transmission = self._responses(incidences, of_transmission)[1]
         noise, data = self._noise, self._data
         return _Products(
             aa=2 * reflection.determinant(),

@@ -43,6 +43,15 @@ def _moves(whole: Array, fraction: Array) -> bool:
 
 
 @compiled
+def _any(taps: Array) -> bool:
+    """Whether a layer has a part in a ghost."""
+    found = False
+    for e in range(taps.size):
+        found = found or taps[e] != 0
+    return found
+
+
+@compiled
 def _shifted_row(
     plane: Array, y: int, left: int, whole: Array, fraction: Array, padded: Array, other: Array, out: Array
 ) -> None:
@@ -102,6 +111,8 @@ def _entries_row(layers: Array, c: int, y: int, left: int, ghosts: Ghosts, entri
         first, row = left - whole[0] - 1, y - whole[1]
         inside = _within(first, width + 1, row, layers.shape[2], layers.shape[3])
         for i in range(2):
+            if not _any(ghosts.taps[i, k]):
+                continue
             source = shifted
             if not _moves(whole, fraction):
                 source = layers[i, c, y, left : left + width]
@@ -218,6 +229,8 @@ def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, 
         plane[:] = 0
         for y in range(top, top + height):
             for k in range(ghosts.taps.shape[1]):
+                if not _any(ghosts.taps[i, k]):
+                    continue
                 whole, fraction = ghosts.whole[k], ghosts.fraction[k]
                 _mix(slopes, c, y - top, ghosts.taps[i, k], mixed)
                 first, row = left - whole[0] - 1, y - whole[1]

@@ -7,6 +7,7 @@ reflected ``rho + tau^2 rho z / (1 - rho^2 z)``, transmitted ``tau^2 / (1 - rho^
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,49 @@ def ghost_weights(scene: SceneParameters, n_ghosts: int | None = None) -> NDArra
     # A mirror image is described as an ideal mirror shows it, which flips the reflection's s2' entry.
     weights[1, :, 2] *= -1
     return weights
+
+
+@dataclass(frozen=True)
+class GhostLine:
+    """Images that a pane makes of its layers, side by side along the azimuth.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (2, n, 3)
+        [0] transmission, [1] reflection; entries (par, perp, s2').
+    orders : ndarray, shape (n,)
+        How many steps an image lies from the direct one.
+    steps : ndarray, shape (n,)
+        Its step in pixels along the azimuth, signed.
+    """
+
+    weights: NDArray[np.float64]
+    orders: NDArray[np.float64]
+    steps: NDArray[np.float64]
+
+
+def ghost_line(scene: SceneParameters, n_ghosts: int | None = None) -> GhostLine:
+    """Ghosts with their places: one image for each order, or for each layer's own where their shifts differ.
+
+    Parameters
+    ----------
+    scene : SceneParameters
+        A complete scene.
+    n_ghosts : int, optional
+        As for `ghost_weights`.
+    """
+    shift, own = scene.values()[2], scene.transmission_ghost_shift
+    weights = ghost_weights(scene, n_ghosts)
+    n = weights.shape[1]
+    if own is None or own == shift:
+        return GhostLine(weights, np.arange(n, dtype=np.float64), np.full(n, shift))
+    of_t = ghost_weights(scene.replace(ghost_shift=own, transmission_ghost_shift=None), n_ghosts)[0]
+    # The direct light of both layers is one image; the ghosts of each show nothing of the other.
+    both = np.zeros((2, n + len(of_t) - 1, 3))
+    both[1, :n] = weights[1]
+    both[0, 0], both[0, n:] = of_t[0], of_t[1:]
+    orders = np.concatenate([np.arange(n), np.arange(1, len(of_t))]).astype(np.float64)
+    return GhostLine(both, orders, np.repeat([shift, own], [n, len(of_t) - 1]))
 
 
 def ghosts_that_matter(scene: SceneParameters, share: float = _NEGLIGIBLE) -> int:

@@ -66,8 +66,9 @@ def scene_report(found: SceneParameters, given: SceneParameters) -> dict[str, An
     estimated = [name for name in SEARCHED if getattr(given, name) is None]
     if found.single_surface and "ghost_shift" in estimated:
         estimated.remove("ghost_shift")
-    if found.focal_px is not None and given.focal_px is None:
-        estimated.append("focal_px")
+    for name in ("focal_px", "transmission_ghost_shift"):
+        if getattr(found, name) is not None and getattr(given, name) is None:
+            estimated.append(name)
     return {"scene": {"rung": found.rung, **plain(found)}, "estimated": estimated}
 
 

@@ -39,6 +39,9 @@ class SceneParameters:
         mirrored scene as an ideal mirror would show it.
     literal_eq3 : bool
         The paper's Eq. (3) as printed, with the reflection's first ghost unshifted, instead of physics.
+    transmission_ghost_shift : float or None
+        The transmission's own distance from one ghost to the next, as far and near scenes differ; `ghost_shift` is then
+        the reflection's. None: `ghost_shift` holds for both.
     focal_px : float or None
         Focal length of a pinhole camera in pixels, its axis through the middle of the frame: incidence and azimuth
         vary over the frame, and those above are the ones at its middle. The azimuth is then the direction to which
@@ -62,13 +65,14 @@ class SceneParameters:
     transmission_polarization: tuple[float, float] = (0.0, 0.0)
     reflection_polarization: tuple[float, float] = (0.0, 0.0)
     literal_eq3: bool = False
+    transmission_ghost_shift: float | None = None
     focal_px: float | None = None
     signal: bool = True
 
     def __post_init__(self) -> None:
         _check_incidence(self.incidence_deg)
         _check_index(self.refractive_index)
-        for name in ("azimuth_deg", "ghost_shift"):
+        for name in ("azimuth_deg", "ghost_shift", "transmission_ghost_shift"):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
                 raise InputError(f"{name} is {value}; give a finite number")
@@ -99,7 +103,12 @@ class SceneParameters:
             return "polarized"
         if self.focal_px is not None:
             return "perspective"
-        return "ghosts" if self.ghost_shift and not self.single_surface else "pixelwise"
+        return "ghosts" if self.has_ghosts else "pixelwise"
+
+    @property
+    def has_ghosts(self) -> bool:
+        """Whether either layer's bounces lie beside each other."""
+        return bool(self.ghost_shift or self.transmission_ghost_shift) and not self.single_surface
 
     @property
     def polarized(self) -> bool:

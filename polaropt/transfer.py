@@ -46,8 +46,9 @@ def plate_transfer(pse: PSE, height: int, width: int) -> Spectrum:
     rows, columns = frequencies(height, width)
     # Ghosts that float32 cannot tell from nothing cost as much as the others.
     kept = np.flatnonzero(np.abs(pse.taps).max(axis=(0, 2)) > _NEGLIGIBLE)
-    down = np.stack([bilinear_transfer(k * pse.step[1], rows[:, 0]) for k in kept], axis=1)
-    across = np.stack([bilinear_transfer(k * pse.step[0], columns[0]) for k in kept]).astype(np.complex64)
+    shifts = [pse.displacements[k] for k in kept]
+    down = np.stack([bilinear_transfer(dy, rows[:, 0]) for _, dy in shifts], axis=1)
+    across = np.stack([bilinear_transfer(dx, columns[0]) for dx, _ in shifts]).astype(np.complex64)
     taps = pse.taps[:, kept].transpose(2, 0, 1)[:, :, None, :]
     transfer: Spectrum = (taps * down).astype(np.complex64) @ across
     return transfer

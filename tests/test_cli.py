@@ -98,10 +98,12 @@ def test_what_is_given_is_not_estimated(
     photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = ["--incidence", "64", "--azimuth", "31", "--shift", "-3.5", "--index", "1.52"]
+    given += ["--transmission-shift", "-1.5"]
     printed = spoken(capsys, "separate", *photographs, *given, "-o", str(tmp_path), "--json", *QUICK)
     report = json.loads(printed)
     scene = report["scene"]
     assert (scene["incidence_deg"], scene["azimuth_deg"], scene["ghost_shift"]) == (64, 31, -3.5)
+    assert scene["transmission_ghost_shift"] == -1.5
     assert scene["refractive_index"] == 1.52
     assert report["estimated"] == []
 

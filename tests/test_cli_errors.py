@@ -80,6 +80,10 @@ BAD = {
     "shift and thickness": ([*FOUR, "--shift", "3", "--thickness-px", "5"], "one of them"),
     "thickness": ([*FOUR, "--thickness-px", "-1"], "--thickness-px"),
     "thickness kind": ([*FOUR, "--thickness-kind", "glass"], "'paper', 'plate'"),
+    "single surface and transmission shift": (
+        [*FOUR, "--single-surface", "--transmission-shift", "3"],
+        "back face",
+    ),
     "single surface and shift": ([*FOUR, "--single-surface", "--shift", "3"], "back face"),
     "sensor": (["glass_000.png", "--sensor", "sepia"], "auto, mono, color"),
     "cell order": (["glass_000.png", "--cell-order", "0,1"], "cell order"),

@@ -62,8 +62,10 @@ def slow_forward(layers: Array, scene: SceneParameters, angles_deg: tuple[float,
     def through(matrix: Array, stokes: Array) -> Array:
         return np.tensordot(matrix, stokes, axes=1)
 
-    def displaced(stokes: Array, k: int) -> Array:
-        return shift_stokes(stokes, k * ghost_shift * direction[0], k * ghost_shift * direction[1])
+    def displaced(stokes: Array, k: int, step: float = ghost_shift) -> Array:
+        return shift_stokes(stokes, k * step * direction[0], k * step * direction[1])
+
+    own = ghost_shift if scene.transmission_ghost_shift is None else scene.transmission_ghost_shift
 
     local = [through(rotation(-azimuth_deg), layer) for layer in layers]
     local[1] = through(ideal_mirror, local[1])
@@ -72,7 +74,7 @@ def slow_forward(layers: Array, scene: SceneParameters, angles_deg: tuple[float,
         return through(analyzer_matrix(angles_deg) @ rotation(azimuth_deg), seen + through(t1, local[0]))
     ray = through(t1, local[0])
     for k in range(n_ghosts + 1):
-        seen = seen + displaced(through(t2, ray), k)
+        seen = seen + displaced(through(t2, ray), k, own)
         ray = through(r2, through(r2, ray))
     ray = through(r2, through(t1, local[1]))
     for k in range(1, n_ghosts + 1):
@@ -96,6 +98,10 @@ SCENES = [
     (SceneParameters(70, 0, 40.5, 1.7, n_bounces=4, transmission_polarization=(0.3, 10)), 4),
     (SceneParameters(0, 12, 1.0, n_bounces=2, reflection_polarization=(0.8, 33)), 2),
     (SceneParameters(60, 30, 1.7, 1.0), 1),
+    (SceneParameters(75, 30, 1.7, n_bounces=6, transmission_ghost_shift=-0.6), 6),
+    (SceneParameters(70, 30, 0.0, transmission_ghost_shift=2.0, transmission_polarization=(0.7, 100)), 40),
+    (SceneParameters(70, 30, 2.5, n_bounces=3, transmission_ghost_shift=0.0, literal_eq3=True), 3),
+    (SceneParameters(53, 90, 5.0, 1.33, single_surface=True, transmission_ghost_shift=3.0), 0),
 ]
 
 
@@ -140,7 +146,9 @@ def test_all_bounces_equal_two_hundred(incidence_deg: float) -> None:
     azimuth_deg=st.one_of(st.sampled_from([0.0, 45.0, 90.0, 180.0, 270.0]), st.floats(-360, 360)),
     incidence_deg=st.floats(0, 89),
     dolp=st.sampled_from([0.0, 0.5]),
-    options=st.sampled_from([{}, {"n_bounces": 3}, {"single_surface": True}, {"literal_eq3": True}]),
+    options=st.sampled_from(
+        [{}, {"n_bounces": 3}, {"single_surface": True}, {"literal_eq3": True}, {"transmission_ghost_shift": 1.3}]
+    ),
 )
 def test_adjoint_is_the_transpose_of_forward(
     height: int,

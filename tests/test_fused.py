@@ -65,6 +65,13 @@ def test_they_agree_for_light_that_is_polarized_already():
     assert_equal(problem_of(example, scene))
 
 
+@pytest.mark.parametrize("polarized", [{}, {"transmission_polarization": (0.5, 20.0)}])
+@pytest.mark.parametrize("own", [0.0, 2.6, -4.0])
+def test_they_agree_where_each_layer_has_its_own_shift(own, polarized):
+    example = blend(70, 33, ghost_shift=5.3, transmission_ghost_shift=own, **polarized)
+    assert_equal(problem_of(example))
+
+
 def test_they_agree_where_outliers_count_linearly():
     assert_equal(problem_of(blend(60, 32), robust=True))
 

@@ -38,6 +38,7 @@ def test_ghosts_lie_on_each_other_at_normal_incidence() -> None:
         ({"refractive_index": 0.9}, "1 or more"),
         ({"refractive_index": math.inf}, "1 or more"),
         ({"azimuth_deg": math.nan}, "azimuth_deg"),
+        ({"transmission_ghost_shift": math.inf}, "transmission_ghost_shift"),
         ({"ghost_shift": math.inf}, "ghost_shift"),
         ({"n_bounces": -1}, "n_bounces"),
         ({"n_bounces": 2.5}, "n_bounces"),

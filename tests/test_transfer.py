@@ -14,6 +14,8 @@ SCENES = [
     SceneParameters(75, 90, 1.5, n_bounces=4, reflection_polarization=(0.4, 20)),
     SceneParameters(53, 10, 5.0, 1.33, single_surface=True),
     SceneParameters(60, 10, 0.0),
+    SceneParameters(75, 33, 2.3, n_bounces=3, transmission_ghost_shift=-1.2),
+    SceneParameters(70, 33, 0.0, n_bounces=3, transmission_ghost_shift=1.7, transmission_polarization=(0.4, 20)),
 ]
 
 
