@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from polaropt.capture import Capture
-from polaropt.perspective_fit import PolarizedBlocks
 from polaropt.plate_frame import stokes_images
+from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.rungs import RUNGS, Attempt, Evidence, noise_misfit
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate, estimate_scene

@@ -2,6 +2,10 @@
 
 For the pixel ray v (unit, x right, y up, z to the scene) and the pane's normal n with n_z > 0: ``cos theta = |n . v|``,
 and the trace of the plane of incidence is n minus its part along v, projected on the image.
+
+A bent pane is a surface whose inverse depth is quadratic in the pixels: ``1 / Z ~ n_z + (n_x x + n_y y + q / 2) / f``
+with ``q = b_xx x^2 + 2 b_xy x y + b_yy y^2``. Its gradient makes the normals ``n + (b_xx x + b_xy y, b_xy x + b_yy y,
+-q / (2 f))``: their part across the line of sight changes linearly over the frame.
 """
 
 from __future__ import annotations
@@ -13,6 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Plane = NDArray[np.float64]
+Bend = tuple[Any, Any, Any]
+
+FLAT: Bend = (0.0, 0.0, 0.0)
 
 
 def plane_normal(incidence_deg: float, azimuth_deg: float) -> tuple[float, float, float]:
@@ -34,6 +41,27 @@ def pixel_grid(height: int, width: int, center: tuple[float, float]) -> tuple[Pl
     return columns[None, :] - center[0], center[1] - rows[:, None]
 
 
+def bent_normal(normal: Any, bend: Bend, focal_px: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
+    """Normal of a bent pane, of any length, for pixels x to the right and y up.
+
+    Plain arithmetic: numbers, arrays and symbols alike.
+
+    Parameters
+    ----------
+    normal : (n_x, n_y, n_z)
+        At the middle.
+    bend : (b_xx, b_xy, b_yy)
+        Change of the normal per pixel, in radians.
+    focal_px : scalar
+        Infinite for a pane that is seen from far.
+    x, y : scalar or array
+        From the principal point, in pixels.
+    """
+    b_xx, b_xy, b_yy = bend
+    turn_x, turn_y = b_xx * x + b_xy * y, b_xy * x + b_yy * y
+    return normal[0] + turn_x, normal[1] + turn_y, normal[2] - (turn_x * x + turn_y * y) / (2 * focal_px)
+
+
 def viewing_angles(normal: Any, focal_px: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
     """Cosine of the incidence, and cosine and sine of twice the azimuth, for pixels x to the right and y up.
 
@@ -42,15 +70,18 @@ def viewing_angles(normal: Any, focal_px: Any, x: Any, y: Any) -> tuple[Any, Any
     Parameters
     ----------
     normal : (n_x, n_y, n_z)
+        Of any length.
     focal_px : scalar
+        Infinite for a pane that is seen from far.
     x, y : scalar or array
         From the principal point, in pixels.
     """
     n_x, n_y, n_z = normal
-    squared = x * x + y * y + focal_px * focal_px
-    along = n_x * x + n_y * y + n_z * focal_px
+    x, y = x / focal_px, y / focal_px
+    squared = x * x + y * y + 1
+    along = n_x * x + n_y * y + n_z
     w_x, w_y = n_x - along * x / squared, n_y - along * y / squared
     # Never quite 0: where the pane is seen frontally there is no plane of incidence.
     energy = w_x * w_x + w_y * w_y + 1e-12
-    cosine = (along * along / squared) ** 0.5
-    return cosine, (w_x * w_x - w_y * w_y) / energy, 2 * w_x * w_y / energy
+    cosine = along / (squared * (n_x * n_x + n_y * n_y + n_z * n_z)) ** 0.5
+    return (cosine * cosine) ** 0.5, (w_x * w_x - w_y * w_y) / energy, 2 * w_x * w_y / energy

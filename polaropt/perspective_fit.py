@@ -7,30 +7,23 @@ turns over the frame, this alone tells the pane's normal, and the focal length a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.perspective import pixel_grid, plane_normal, viewing_angles
-from polaropt.plate_frame import StokesImages, block_mean
+from polaropt.pane_program import AZIMUTH, INCIDENCE, VIEW, PaneFit, fitted, with_errors
+from polaropt.perspective import plane_normal, viewing_angles
+from polaropt.plate_frame import StokesImages
+from polaropt.polarized_blocks import PolarizedBlocks
 
 Values = NDArray[np.float64]
 
-_BLOCKS, _COARSE_BLOCKS = 48, 12
-_STEEPEST_DEG = 86.0
-# Focal length over the longer side: from a fisheye's middle to a telephoto lens that sees everything in parallel.
-_SHORTEST, _LONGEST = 0.4, 30.0
+_COARSE_BLOCKS = 12
 _FOCAL_RATIOS = (0.6, 1.0, 2.0, 5.0)
 _INCIDENCES_DEG = (10.0, 25.0, 40.0, 55.0, 68.0, 80.0)
-_AZIMUTH_STEP_DEG = 15
-_N_STARTS = 8
-_MOST_EVALUATIONS = 300
-_STEP = 1e-4
-_WHOLE = 0.999
-# Share of the blocks below which those with clipped pixels must do, too.
-_LEAST_SEEN = 0.05
+_AZIMUTHS_DEG = tuple(range(0, 360, 15))
+_N_STARTS = 4
 
 
 @dataclass(frozen=True)
@@ -58,48 +51,6 @@ class PerspectiveFit:
     n: int
 
 
-class PolarizedBlocks:
-    """Polarized light of blocks of a frame, in units of its noise.
-
-    Parameters
-    ----------
-    stokes : StokesImages
-    most : int
-        Blocks along the longer side, at most.
-    """
-
-    def __init__(self, stokes: StokesImages, most: int = _BLOCKS) -> None:
-        height, width = stokes.images.shape[-2:]
-        size = max(1, math.ceil(max(height, width) / most))
-        means = block_mean(stokes.images[1:], size)
-        self.noise = math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
-        # A clipped pixel is no polarized light.
-        whole = block_mean(stokes.valid.astype(np.float32), size).min(axis=0).ravel() > _WHOLE
-        seen = whole if whole.mean() > _LEAST_SEEN else np.ones_like(whole)
-        self._s1, self._s2 = (means.astype(np.float64) / self.noise).reshape(2, means.shape[1], -1)[..., seen]
-        x, y = pixel_grid(height, width, ((width - 1) / 2, (height - 1) / 2))
-        middle = np.arange(max(means.shape[-2:])) * size + (size - 1) / 2
-        columns = np.interp(middle[: means.shape[-1]], np.arange(width), x[0])
-        rows = np.interp(middle[: means.shape[-2]], np.arange(height), y[:, 0])
-        self._x, self._y = (grid.ravel()[seen] for grid in np.broadcast_arrays(columns[None, :], rows[:, None]))
-        self.n = self._s1.size
-
-    def across(self, incidence_deg: float, azimuth_deg: float, focal_px: float) -> Values:
-        """Light polarized at 45 degrees to the plane of incidence, flat, in units of its noise."""
-        normal = plane_normal(incidence_deg, azimuth_deg)
-        _, cos, sin = viewing_angles(normal, focal_px, self._x, self._y)
-        return np.asarray(cos * self._s2 - sin * self._s1).ravel()
-
-    def misfit(self, incidence_deg: float, azimuth_deg: float, focal_px: float) -> float:
-        """Its mean square."""
-        return float(np.mean(np.square(self.across(incidence_deg, azimuth_deg, focal_px))))
-
-    def constant_misfit(self, azimuth_deg: float) -> float:
-        """The same for one azimuth all over the frame."""
-        double = 2 * math.radians(azimuth_deg)
-        return float(np.mean(np.square(math.cos(double) * self._s2 - math.sin(double) * self._s1)))
-
-
 def fit_perspective(stokes: StokesImages, focal_px: float | None = None) -> PerspectiveFit:
     """Fit normal and focal length: from a grid on large blocks, then on small ones.
 
@@ -109,62 +60,51 @@ def fit_perspective(stokes: StokesImages, focal_px: float | None = None) -> Pers
     focal_px : float, optional
         Focal length, where it is known.
     """
-    side = max(stokes.images.shape[-2:])
     coarse, fine = PolarizedBlocks(stokes, _COARSE_BLOCKS), PolarizedBlocks(stokes)
+    free = (INCIDENCE, AZIMUTH) if focal_px is not None else (INCIDENCE, AZIMUTH, VIEW)
+    starts = _starts(coarse, focal_px)
+    rough = [fitted(coarse, start, free) for start in starts]
+    best = min(rough, key=lambda point: coarse.misfit(*named(point, coarse)))
+    fit = with_errors(fine, fitted(fine, best, free), free)
+    return _result(fine, fit)
 
-    def named(point: Values) -> tuple[float, float, float]:
-        focal = focal_px if focal_px is not None else side * math.exp(point[2])
-        return float(point[0]), float(point[1]), float(focal)
 
-    starts = _starts(lambda p: coarse.misfit(*named(p)), focal_px is None)
-    rough = [_minimized(lambda p: coarse.misfit(*named(p)), start) for start in starts]
-    best = min(rough, key=lambda p: coarse.misfit(*named(p)))
-    found = _minimized(lambda p: fine.misfit(*named(p)), best)
-    errors = _standard_errors(lambda p: fine.across(*named(p)), found)
-    incidence, azimuth, focal = named(found)
-    focal_error = focal * float(errors[2]) if focal_px is None else 0.0
-    misfit = fine.misfit(incidence, azimuth, focal)
+def named(point: Values, blocks: PolarizedBlocks) -> tuple[float, float, float]:
+    """Incidence and azimuth in degrees and focal length in pixels of a flat pane's point."""
+    incidence_deg, azimuth_deg = np.degrees(point[[INCIDENCE, AZIMUTH]])
+    return float(incidence_deg), float(azimuth_deg), blocks.half_px / float(point[VIEW])
+
+
+def _result(blocks: PolarizedBlocks, fit: PaneFit) -> PerspectiveFit:
+    incidence, azimuth, focal = named(fit.point, blocks)
+    errors = np.sqrt(np.diag(fit.covariance))
+    in_degrees = np.degrees(errors[[INCIDENCE, AZIMUTH]])
+    focal_error = focal * float(errors[VIEW] / fit.point[VIEW])
+    misfit = blocks.misfit(incidence, azimuth, focal)
     return PerspectiveFit(
-        incidence, azimuth % 360, focal, float(errors[0]), float(errors[1]), focal_error, misfit, fine.n
+        incidence, azimuth % 360, focal, float(in_degrees[0]), float(in_degrees[1]), focal_error, misfit, blocks.n
     )
 
 
-def _starts(misfit: Callable[[Values], float], focal_open: bool) -> list[Values]:
+def _starts(blocks: PolarizedBlocks, focal_px: float | None) -> list[Values]:
     """The best points of a grid, the valleys' floors among them."""
-    focal = [[math.log(ratio)] for ratio in _FOCAL_RATIOS] if focal_open else [[]]
+    ratios = _FOCAL_RATIOS if focal_px is None else (focal_px / (2 * blocks.half_px),)
     grid = [
-        np.array([incidence, azimuth, *rest])
+        (math.radians(incidence), math.radians(azimuth), 0.5 / ratio, 0.0, 0.0, 0.0)
         for incidence in _INCIDENCES_DEG
-        for azimuth in range(0, 360, _AZIMUTH_STEP_DEG)
-        for rest in focal
+        for azimuth in _AZIMUTHS_DEG
+        for ratio in ratios
     ]
-    grid.sort(key=misfit)
-    return grid[:_N_STARTS]
+    points = np.array(grid)
+    best = np.argsort(_misfits(blocks, points))[:_N_STARTS]
+    return [points[i] for i in best]
 
 
-def _minimized(misfit: Callable[[Values], float], start: Values) -> Values:
-    import nlopt
-
-    low, high = np.array([0.5, -360.0, math.log(_SHORTEST)]), np.array([_STEEPEST_DEG, 720.0, math.log(_LONGEST)])
-    optimizer = nlopt.opt(nlopt.LN_BOBYQA, len(start))
-    optimizer.set_lower_bounds(low[: len(start)])
-    optimizer.set_upper_bounds(high[: len(start)])
-    optimizer.set_initial_step(np.array([5.0, 5.0, 0.2])[: len(start)])
-    optimizer.set_min_objective(lambda point, _: misfit(point))
-    optimizer.set_maxeval(_MOST_EVALUATIONS)
-    optimizer.set_xtol_abs(1e-4)
-    return np.asarray(optimizer.optimize(start), dtype=np.float64)
-
-
-def _standard_errors(residuals: Callable[[Values], Values], point: Values) -> Values:
-    """From the curvature at the minimum, widened where the model leaves more than noise."""
-    columns = []
-    for i in range(len(point)):
-        step = np.zeros(len(point))
-        step[i] = _STEP * max(1.0, abs(point[i]))
-        columns.append((residuals(point + step) - residuals(point - step)) / (2 * step[i]))
-    jacobian = np.stack(columns, axis=1)
-    left = residuals(point)
-    excess = max(1.0, float(np.mean(np.square(left))))
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * excess
-    return np.sqrt(np.maximum(np.diag(covariance), 0))
+def _misfits(blocks: PolarizedBlocks, points: Values) -> Values:
+    """Sum of the squares across for flat panes (n, 6)."""
+    incidence, azimuth, view = points[:, [INCIDENCE, AZIMUTH, VIEW]].T
+    normal = np.array([plane_normal(*np.degrees(pair)) for pair in zip(incidence, azimuth, strict=True)]).T
+    x, y = blocks.places
+    _, cos, sin = viewing_angles(normal[..., None], 1 / view[:, None], x, y)
+    s11, s12, s22 = blocks.moments
+    return np.asarray((cos * cos) @ s22 - 2 * (cos * sin) @ s12 + (sin * sin) @ s11)

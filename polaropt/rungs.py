@@ -10,8 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from polaropt.capture import Capture
-from polaropt.perspective_fit import PolarizedBlocks, fit_perspective
+from polaropt.perspective_fit import fit_perspective
 from polaropt.plate_frame import StokesImages
+from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
 
