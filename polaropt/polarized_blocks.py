@@ -75,7 +75,8 @@ class PolarizedBlocks:
     @cached_property
     def places(self) -> Values:
         """Where the blocks lie, x to the right and y up from the middle in units of half the longer side, (2, m)."""
-        return np.stack([self._x, self._y]) / self.half_px
+        places: Values = np.stack([self._x, self._y]) / self.half_px
+        return places
 
     @cached_property
     def moments(self) -> Values:
