@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.scene import SceneParameters
+
 Plane = NDArray[np.float64]
-Bend = tuple[Any, Any, Any]
+Bend = tuple[Any, ...]
 
 FLAT: Bend = (0.0, 0.0, 0.0)
 
@@ -60,6 +62,15 @@ def bent_normal(normal: Any, bend: Bend, focal_px: Any, x: Any, y: Any) -> tuple
     b_xx, b_xy, b_yy = bend
     turn_x, turn_y = b_xx * x + b_xy * y, b_xy * x + b_yy * y
     return normal[0] + turn_x, normal[1] + turn_y, normal[2] - (turn_x * x + turn_y * y) / (2 * focal_px)
+
+
+def scene_angles(scene: SceneParameters, x: Plane, y: Plane) -> tuple[Plane, Plane, Plane]:
+    """What `viewing_angles` gives for a complete scene, flat or bent, near or far."""
+    incidence_deg, azimuth_deg, _ = scene.values()
+    focal_px = math.inf if scene.focal_px is None else scene.focal_px
+    bend = tuple(math.radians(part) for part in scene.bend_deg_per_px)
+    normal = bent_normal(plane_normal(incidence_deg, azimuth_deg), bend, focal_px, x, y)
+    return viewing_angles(normal, focal_px, x, y)
 
 
 def viewing_angles(normal: Any, focal_px: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:

@@ -141,7 +141,7 @@ def engine_for(
     center: tuple[float, float] | None = None,
 ) -> PSE | VaryingPSE:
     """The engine that a scene needs, for images of the frame's size."""
-    if scene.focal_px is not None:
+    if scene.varies:
         return VaryingPSE(scene, angles_deg, center)
     # Ghosts that drown in the noise cost as much as the others; their light is added to the last one kept.
     return PSE(scene, angles_deg, n_ghosts=ghosts_that_matter(scene, _GHOST_SHARE * noise))

@@ -12,7 +12,7 @@ from polaropt.fresnel import refraction_angle
 
 SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
 
-Rung = Literal["none", "pixelwise", "ghosts", "perspective", "polarized"]
+Rung = Literal["none", "pixelwise", "ghosts", "perspective", "curved", "polarized"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,11 @@ class SceneParameters:
         Focal length of a pinhole camera in pixels, its axis through the middle of the frame: incidence and azimuth
         vary over the frame, and those above are the ones at its middle. The azimuth is then the direction to which
         the pane's normal (towards the scene) leans, and adding 180 is another pane; all bounces are summed in place.
-        None: both are the same everywhere.
+        None: the pane is seen from far, and both are the same everywhere unless it is bent.
+    bend_deg_per_px : (float, float, float)
+        How a bent pane's normal changes from pixel to pixel, in degrees: (b_xx, b_xy, b_yy) of a symmetric matrix. At
+        (x, y) from the middle of the frame, x to the right and y up, the normal's part across the camera's axis has
+        changed by (b_xx x + b_xy y, b_xy x + b_yy y). Zeros: flat. All bounces are then summed in place.
     signal : bool
         Whether there is polarization at all; without, the numbers above mean nothing and the rung is "none".
 
@@ -67,6 +71,7 @@ class SceneParameters:
     literal_eq3: bool = False
     transmission_ghost_shift: float | None = None
     focal_px: float | None = None
+    bend_deg_per_px: tuple[float, float, float] = (0.0, 0.0, 0.0)
     signal: bool = True
 
     def __post_init__(self) -> None:
@@ -78,6 +83,8 @@ class SceneParameters:
                 raise InputError(f"{name} is {value}; give a finite number")
         if self.focal_px is not None and not (0 < self.focal_px < math.inf):
             raise InputError(f"the focal length is {self.focal_px} px; it must be more than 0")
+        if len(self.bend_deg_per_px) != 3 or not all(math.isfinite(part) for part in self.bend_deg_per_px):
+            raise InputError(f"bend_deg_per_px is {self.bend_deg_per_px}; give three finite numbers, zeros for flat")
         if self.n_bounces is not None and not (self.n_bounces >= 0 and self.n_bounces == int(self.n_bounces)):
             raise InputError(
                 f"n_bounces is {self.n_bounces}; give a whole number from 0 on, or leave it out for all bounces"
@@ -101,9 +108,21 @@ class SceneParameters:
             return "none"
         if self.polarized:
             return "polarized"
+        if self.bent:
+            return "curved"
         if self.focal_px is not None:
             return "perspective"
         return "ghosts" if self.has_ghosts else "pixelwise"
+
+    @property
+    def bent(self) -> bool:
+        """Whether the pane's normal changes over the frame."""
+        return any(self.bend_deg_per_px)
+
+    @property
+    def varies(self) -> bool:
+        """Whether incidence and azimuth change over the frame."""
+        return self.focal_px is not None or self.bent
 
     @property
     def has_ghosts(self) -> bool:

@@ -61,7 +61,7 @@ def simulate(
         raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
     if bits is not None and not 1 <= bits <= 24:
         raise InputError(f"{bits} bits; give a depth from 1 to 24")
-    engine = PSE(scene, angles_deg) if scene.focal_px is None else VaryingPSE(scene, angles_deg)
+    engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
     photographs = engine.forward(layers)
     random = np.random.default_rng(seed)
     photographs = photographs + noise * random.standard_normal(photographs.shape)

@@ -11,7 +11,7 @@ from array_api_compat import array_namespace, is_torch_namespace
 from numpy.typing import NDArray
 
 from polaropt.fresnel import interface_images
-from polaropt.perspective import pixel_grid, plane_normal, viewing_angles
+from polaropt.perspective import pixel_grid, scene_angles
 from polaropt.scene import SceneParameters
 from polaropt.stokes import analyzer_matrix, as_floating, change_basis, stokes_vector
 
@@ -22,12 +22,12 @@ _GRAZING = 1e-3
 
 
 class VaryingPSE:
-    """Engine of one scene that a pinhole camera sees; counterpart of `PSE`, without ghosts beside their origin.
+    """Engine of one scene that varies over the frame; counterpart of `PSE`, without ghosts beside their origin.
 
     Parameters
     ----------
     scene : SceneParameters
-        A complete scene with a focal length.
+        A complete scene with a focal length or a bent pane.
     angles_deg : sequence of float
         Polarizer angles of the photographs, in degrees.
     center : (float, float), optional
@@ -83,10 +83,7 @@ class VaryingPSE:
 
 @lru_cache(maxsize=4)
 def _mixtures(scene: SceneParameters, height: int, width: int, center: tuple[float, float]) -> NDArray[np.float32]:
-    incidence_deg, azimuth_deg, _ = scene.values()
-    x, y = pixel_grid(height, width, center)
-    normal = plane_normal(incidence_deg, azimuth_deg)
-    cosine, cos, sin = viewing_angles(normal, scene.focal_px, x, y)
+    cosine, cos, sin = scene_angles(scene, *pixel_grid(height, width, center))
     weights = in_place_weights(np.maximum(cosine, _GRAZING), scene.refractive_index, scene.single_surface)
     incoming = (scene.transmission_polarization, scene.reflection_polarization)
     mixtures = [

@@ -1,0 +1,99 @@
+"""A bent pane: its normals, its engine and its fit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from polaropt import SceneParameters, separate, simulate
+from polaropt.errors import InputError
+from polaropt.forward import PSE
+from polaropt.metrics import psnr_db
+from polaropt.perspective import pixel_grid, scene_angles
+from polaropt.problem import Problem
+from polaropt.varying import VaryingPSE
+from tests.blends import blend
+from tests.checks import assert_adjoint
+from tests.test_fused import WEIGHTS, assert_equal
+
+ANGLES = (0, 45, 90, 135)
+BENT = SceneParameters(55.0, 200.0, 0.0, focal_px=40.0, bend_deg_per_px=(0.3, -0.1, 0.2))
+
+
+def seen_bent(size: int, scene: SceneParameters):
+    """Photographs of a bent pane, and the layers."""
+    example = blend(55, size, ghost_shift=0.0)
+    layers = np.moveaxis(example.layers, 1, -1)
+    return simulate(layers[0], layers[1], scene, noise=0.005, bits=12, seed=1), example.layers
+
+
+def test_a_flat_pane_is_not_bent():
+    flat = BENT.replace(bend_deg_per_px=(0.0, 0.0, 0.0))
+    assert (flat.rung, BENT.rung) == ("perspective", "curved")
+    assert BENT.replace(focal_px=None).rung == "curved"
+    layers = np.random.default_rng(0).random((2, 20, 31))
+    nearly = VaryingPSE(flat.replace(focal_px=None, bend_deg_per_px=(1e-9, 0.0, 0.0)), ANGLES).forward(layers)
+    np.testing.assert_allclose(nearly, PSE(flat.replace(focal_px=None), ANGLES).forward(layers), atol=1e-6)
+
+
+def test_seen_frontally_from_far_the_incidence_is_the_tilt():
+    x, y = pixel_grid(1, 41, (20.0, 0.0))
+    cosine, cos, sin = scene_angles(SceneParameters(0.0, 0.0, 0.0, bend_deg_per_px=(0.5, 0.0, 0.0)), x, y)
+    np.testing.assert_allclose(np.degrees(np.arccos(cosine)), np.degrees(np.arctan(np.radians(0.5) * np.abs(x))))
+    np.testing.assert_allclose(cos[x != 0], 1, atol=1e-6)
+    np.testing.assert_allclose(sin, 0, atol=1e-6)
+
+
+@given(st.floats(5, 70), st.floats(0, 360), st.tuples(*3 * [st.floats(-0.2, 0.2)]), st.sampled_from([60.0, 200.0, 1e4]))
+@settings(max_examples=50, deadline=None)
+def test_its_normals_are_those_of_a_surface(incidence_deg, azimuth_deg, bend, focal_px):
+    """The pane ``1 / Z`` given by finite differences of the points themselves."""
+    scene = SceneParameters(incidence_deg, azimuth_deg, 0.0, focal_px=focal_px, bend_deg_per_px=bend)
+    tilt, azimuth = math.radians(incidence_deg), math.radians(azimuth_deg)
+    n_x, n_y, n_z = math.sin(tilt) * math.cos(azimuth), math.sin(tilt) * math.sin(azimuth), math.cos(tilt)
+    b_xx, b_xy, b_yy = np.radians(bend)
+
+    def point(x: float, y: float) -> np.ndarray:
+        q = b_xx * x * x + 2 * b_xy * x * y + b_yy * y * y
+        return np.array([x, y, focal_px]) / (focal_px * n_z + n_x * x + n_y * y + q / 2)
+
+    x, y, step = 7.0, -4.0, 1e-3
+    normal = np.cross(
+        (point(x + step, y) - point(x - step, y)) / step, (point(x, y + step) - point(x, y - step)) / step
+    )
+    ray = np.array([x, y, focal_px]) / math.sqrt(x * x + y * y + focal_px**2)
+    cosine, _, _ = scene_angles(scene, np.array([[x]]), np.array([[y]]))
+    assert cosine[0, 0] == pytest.approx(abs(normal @ ray) / np.linalg.norm(normal), abs=1e-6)
+
+
+@pytest.mark.parametrize("focal_px", [40.0, None])
+@pytest.mark.parametrize("shape", [(17, 22), (2, 16, 15)])
+def test_the_adjoint_is_the_transpose(shape, focal_px):
+    pse = VaryingPSE(BENT.replace(focal_px=focal_px), ANGLES)
+    assert_adjoint(pse.forward, pse.adjoint, (2, *shape))
+
+
+@pytest.mark.parametrize("focal_px", [40.0, None])
+def test_compiled_and_readable_objective_agree(focal_px):
+    scene = BENT.replace(focal_px=focal_px)
+    capture, _ = seen_bent(33, scene)
+    assert_equal(Problem(capture, scene, 0.005, WEIGHTS))
+    assert_equal(Problem(capture, scene, 0.005, WEIGHTS, center=(3.0, 50.0)))
+
+
+def test_a_known_bent_pane_is_separated():
+    scene = BENT.replace(focal_px=115.0, bend_deg_per_px=(0.15, 0.05, -0.1))
+    capture, layers = seen_bent(96, scene)
+    result = separate(capture, scene)
+    assert psnr_db(result.layers[0], layers[0], 8) > psnr_db(capture.stokes[0], layers[0], 8) + 10
+    assert result.diagnostics.warnings == ()
+
+
+@pytest.mark.parametrize("bend", [(0.1, 0.2), (0.0, math.nan, 0.0), (math.inf, 0.0, 0.0)])
+def test_a_bend_is_three_numbers(bend):
+    with pytest.raises(InputError, match="three finite numbers"):
+        SceneParameters(bend_deg_per_px=bend)
