@@ -61,14 +61,19 @@ def simulate(
         raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
     if bits is not None and not 1 <= bits <= 24:
         raise InputError(f"{bits} bits; give a depth from 1 to 24")
-    engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
-    photographs = engine.forward(layers)
+    photographs = exact_photographs(layers, scene, angles_deg)
     random = np.random.default_rng(seed)
     photographs = photographs + noise * random.standard_normal(photographs.shape)
-    return Capture(_digitized(photographs, bits), angles_deg)
+    return Capture(digitized(photographs, bits), angles_deg)
 
 
-def _digitized(photographs: NDArray[np.float64], bits: int | None) -> NDArray[np.float64]:
+def exact_photographs(layers: FloatImages, scene: SceneParameters, angles_deg: Sequence[float]) -> FloatImages:
+    """Photographs (k, [channel,] h, w) of layers (2, [channel,] h, w) before any noise, clipping and rounding."""
+    engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
+    return np.asarray(engine.forward(layers), dtype=np.float32)
+
+
+def digitized(photographs: NDArray[np.float64], bits: int | None) -> NDArray[np.float64]:
     """What a sensor of `bits` makes of it, with some noise left below black."""
     if bits is None:
         return np.clip(photographs, _DARKEST, 1)
