@@ -61,9 +61,9 @@ def simulate(
         raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
     if bits is not None and not 1 <= bits <= 24:
         raise InputError(f"{bits} bits; give a depth from 1 to 24")
-    photographs = exact_photographs(layers, scene, angles_deg)
+    exact = exact_photographs(layers, scene, angles_deg)
     random = np.random.default_rng(seed)
-    photographs = photographs + noise * random.standard_normal(photographs.shape)
+    photographs = exact + noise * random.standard_normal(exact.shape)
     return Capture(digitized(photographs, bits), angles_deg)
 
 
