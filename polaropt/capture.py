@@ -43,6 +43,14 @@ class Origin:
         How far down and to the right each photograph lay from the first and was moved back; empty if none was.
     shift_error_px : float, optional
         Standard error of these shifts.
+    focal_px : float, optional
+        Focal length in pixels of these photographs, from the field of view or from what the camera wrote into the file.
+    angle_sense : {"ccw", "cw"}
+        Sense in which the polarizer angles were counted; those of the capture are counter-clockwise.
+    start_unknown : bool
+        Whether it is not known where the polarizer's angles start from the image's x axis.
+    start_deg : float, optional
+        Where they start, if the ghosts told it; it is added in the capture's angles.
     """
 
     files: tuple[str, ...]
@@ -56,6 +64,10 @@ class Origin:
     raw_noise: float | None = None
     shifts_px: tuple[tuple[float, float], ...] = ()
     shift_error_px: float | None = None
+    focal_px: float | None = None
+    angle_sense: str = "ccw"
+    start_unknown: bool = False
+    start_deg: float | None = None
 
 
 class Capture:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from polaropt.cli_capture import CaptureOptions
 from polaropt.cli_command import progress_bar, say, say_json
-from polaropt.cli_options import CaptureOptions, LadderOptions, PaneOptions, SpeechOptions
+from polaropt.cli_options import LadderOptions, PaneOptions, SpeechOptions
 
 if TYPE_CHECKING:
     from polaropt.capture import Capture
@@ -70,11 +71,13 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
 
     Nothing is separated. What is given with an option stays as it is.
     """
+    from polaropt.focal_length import focal_hint_px
     from polaropt.model_selection import find_scene
     from polaropt.noise import noise_level
 
     scene = pane.scene()
     ladder.check()
+    capture.check(pane)
     photographs = capture.read()
     with progress_bar(not speech.json) as progress:
         if progress is not None:
@@ -87,16 +90,17 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
             thickness_px=pane.thickness_px,
             thickness_kind=pane.thickness_kind,
         )
+    hint = focal_hint_px(photographs)
     if speech.json:
         from polaropt.report import plain, scene_report
 
         polarized = found.estimate is None or found.estimate.polarized
-        say_json({**scene_report(found.scene, scene), "rungs": plain(found.tried), "polarized": polarized})
+        say_json({**scene_report(found.scene, scene, hint), "rungs": plain(found.tried), "polarized": polarized})
         return
-    say(*capture.alignment(photographs), *estimate_sentences(found, pane))
+    say(*capture.alignment(photographs), *estimate_sentences(found, pane, hint))
 
 
-def estimate_sentences(found: FoundScene, pane: PaneOptions) -> list[str]:
+def estimate_sentences(found: FoundScene, pane: PaneOptions, focal_hint_px: float | None = None) -> list[str]:
     """The scene, line by line, and what it rests on."""
     incidence, azimuth, shift = found.scene.values()
     lines = [
@@ -104,7 +108,8 @@ def estimate_sentences(found: FoundScene, pane: PaneOptions) -> list[str]:
         f"azimuth    {azimuth:7.2f} deg  {_source(pane.azimuth)}",
     ]
     if found.scene.focal_px is not None:
-        lines.append(f"focal      {found.scene.focal_px:7.0f} px   {_source(pane.focal_px)}")
+        told = found.scene.focal_px in (pane.focal_px, focal_hint_px)
+        lines.append(f"focal      {found.scene.focal_px:7.0f} px   {'(given)' if told else '(estimated)'}")
         lines.append("incidence and azimuth change over the picture; those above are at its middle")
     elif pane.single_surface:
         lines.append("a single surface, without ghosts")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -12,122 +11,10 @@ import typer
 from polaropt.errors import InputError
 
 if TYPE_CHECKING:
-    from polaropt.capture import Capture
     from polaropt.scene import SceneParameters
 
 ThicknessKind = Literal["paper", "plate"]
-_FILES = "Reading the photographs"
 _PANE = "The pane"
-
-
-@dataclass(frozen=True)
-class CaptureOptions:
-    """The photographs and how their values are to be taken."""
-
-    captures: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="CAPTURE",
-            help="The photographs: one file per polarizer angle in the order of --angles; or one stack (TIFF of "
-            "several pages, npz); or one raw mosaic of a polarization camera.",
-            show_default=False,
-        ),
-    ]
-    angles: Annotated[
-        str,
-        typer.Option(
-            metavar="DEG,DEG,...",
-            help="Polarizer angles in degrees, counter-clockwise from horizontal.",
-            rich_help_panel=_FILES,
-        ),
-    ] = "0,45,90,135"
-    sensor: Annotated[
-        str,
-        typer.Option(metavar="KIND", help="Kind of mosaic: auto, mono or color.", rich_help_panel=_FILES),
-    ] = "auto"
-    cell_order: Annotated[
-        str,
-        typer.Option(
-            metavar="DEG,DEG,...",
-            help="Angles in a mosaic's 2x2 cell: top left, top right, bottom left, bottom right.",
-            rich_help_panel=_FILES,
-        ),
-    ] = "90,45,135,0"
-    black_level: Annotated[
-        float, typer.Option(metavar="VALUE", help="Value of black in the file.", rich_help_panel=_FILES)
-    ] = 0.0
-    white_level: Annotated[
-        float | None,
-        typer.Option(
-            metavar="VALUE",
-            help="Value at which the camera clips. Default: found from the file.",
-            rich_help_panel=_FILES,
-        ),
-    ] = None
-    pair_gain: Annotated[
-        float | None,
-        typer.Option(
-            metavar="FACTOR",
-            help="Brightness of the 45/135 pair against the 0/90 pair. Default: measured for mosaics, else 1.",
-            rich_help_panel=_FILES,
-        ),
-    ] = None
-    gamma: Annotated[
-        str | None,
-        typer.Option(
-            metavar="CODE",
-            help="Undo this encoding: srgb or an exponent such as 2.2. Default: the values are linear.",
-            rich_help_panel=_FILES,
-        ),
-    ] = None
-    full_resolution: Annotated[
-        bool,
-        typer.Option(
-            "--full-resolution",
-            metavar="",
-            help="Interpolate a mosaic to full size instead of one pixel per cell.",
-            rich_help_panel=_FILES,
-        ),
-    ] = False
-
-    align: Annotated[
-        bool,
-        typer.Option(
-            "--align",
-            metavar="",
-            help="Move photographs that are shifted against each other (a filter turned by hand) onto the first one.",
-            rich_help_panel=_FILES,
-        ),
-    ] = False
-
-    def read(self) -> Capture:
-        """Read the files, and align them where that is asked for."""
-        from polaropt.reader import read_capture
-
-        capture = read_capture(
-            self.captures,
-            numbers(self.angles, "--angles"),
-            self.sensor,
-            numbers(self.cell_order, "--cell-order"),
-            self.black_level,
-            self.white_level,
-            self.pair_gain,
-            gamma=self.gamma,
-            full_resolution=self.full_resolution,
-        )
-        if not self.align:
-            return capture
-        from polaropt.alignment import align
-
-        return align(capture)
-
-    def alignment(self, capture: Capture) -> list[str]:
-        """What aligning did to a capture that was read, in a sentence; nothing where it was not asked for."""
-        if not self.align:
-            return []
-        from polaropt.alignment import alignment_sentence
-
-        return [alignment_sentence(capture)]
 
 
 @dataclass(frozen=True)

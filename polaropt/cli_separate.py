@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from polaropt.cli_capture import CaptureOptions
 from polaropt.cli_command import progress_bar, say, say_json
-from polaropt.cli_options import CaptureOptions, LadderOptions, PaneOptions
+from polaropt.cli_options import LadderOptions, PaneOptions
 from polaropt.errors import InputError
 
 if TYPE_CHECKING:
@@ -152,6 +153,7 @@ def separate_command(
 
     scene, weights, stopping = pane.scene(), parse_weights(solving.weights), solving.stopping()
     ladder.check()
+    capture.check(pane)
     solving.check_names()
     with result_folder(folder.output) as work, progress_bar(not (folder.json or folder.quiet)) as progress:
         # Imported after reading, so that an error in the files is told at once.

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.errors import InputError
+from polaropt.focal_length import exif_of_names, exif_of_picture, focal_from_exif
 
 Pixels = NDArray[Any]
 
@@ -36,6 +37,8 @@ class FileContent:
         Validity of each value, where the file tells it.
     encoding_hint : str
         What the format says about gamma; empty if nothing.
+    focal_px : float or None
+        Focal length in pixels, where the camera wrote it into the file.
     """
 
     pixels: Pixels
@@ -43,6 +46,7 @@ class FileContent:
     angles_deg: tuple[float, ...] | None = None
     valid: NDArray[np.bool_] | None = None
     encoding_hint: str = ""
+    focal_px: float | None = None
 
 
 def decode(data: bytes) -> FileContent:
@@ -53,7 +57,7 @@ def decode(data: bytes) -> FileContent:
     if data.startswith(b"\x89PNG"):
         import imagecodecs
 
-        return _picture(imagecodecs.png_decode(data), _png_hint(data))
+        return _picture(imagecodecs.png_decode(data), data, _png_hint(data))
     if data.startswith(b"\xff\xd8"):
         return _decode_jpeg(data)
     if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
@@ -65,8 +69,9 @@ def decode(data: bytes) -> FileContent:
     raise InputError("not a PNG, TIFF, JPEG or npz file; convert it to one of these")
 
 
-def _picture(pixels: Pixels, hint: str = "") -> FileContent:
-    return FileContent(without_alpha(pixels), encoding_hint=hint)
+def _picture(pixels: Pixels, data: bytes, hint: str) -> FileContent:
+    focal = focal_from_exif(exif_of_picture(data), (pixels.shape[1], pixels.shape[0]))
+    return FileContent(without_alpha(pixels), encoding_hint=hint, focal_px=focal)
 
 
 def without_alpha(pixels: Pixels) -> Pixels:
@@ -91,7 +96,7 @@ def _decode_jpeg(data: bytes) -> FileContent:
 
     if _JPEG_END not in data[_jpeg_scan(data) :]:
         raise InputError("the JPEG ends too early; it is incomplete, copy it again")
-    return _picture(imagecodecs.jpeg8_decode(data), "JPEG files nearly always are")
+    return _picture(imagecodecs.jpeg8_decode(data), data, "JPEG files nearly always are")
 
 
 def _jpeg_scan(data: bytes) -> int:
@@ -109,6 +114,7 @@ def _decode_tiff(data: bytes) -> FileContent:
         series = [s for s in tiff.series if not s.keyframe.is_reduced] or list(tiff.series)
         arrays = [_channels_last(one.asarray(), one.axes) for one in series]
         metadata = (tiff.shaped_metadata or ({},))[0]
+        exif = exif_of_names(tiff.pages.first.tags.valueof("ExifTag"))
     if not arrays or any("page offset" in text or "first page" in text or "corrupted" in text for text in complaints):
         raise InputError("the TIFF ends too early; it is incomplete, copy it again")
     angles = metadata.get("angles_deg")
@@ -117,9 +123,10 @@ def _decode_tiff(data: bytes) -> FileContent:
     if len({page.shape for page in pages}) > 1:
         sizes = ", ".join(sorted({f"{page.shape[1]}x{page.shape[0]}" for page in pages}))
         raise InputError(f"its pages differ in size ({sizes}); all photographs must have the same")
+    focal = focal_from_exif(exif, (pages[0].shape[1], pages[0].shape[0]))
     if len(pages) == 1:
-        return FileContent(pages[0], angles_deg=told)
-    return FileContent(np.stack(pages), stack=True, angles_deg=told)
+        return FileContent(pages[0], angles_deg=told, focal_px=focal)
+    return FileContent(np.stack(pages), stack=True, angles_deg=told, focal_px=focal)
 
 
 def _channels_last(pixels: Pixels, axes: str) -> tuple[Pixels, bool]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, Origin
 from polaropt.decoding import FileContent
 from polaropt.errors import InputError
+from polaropt.focal_length import focal_from_view
 from polaropt.image_io import AnyPath, linearize, read_file
 from polaropt.levels import Levels, find_levels
 from polaropt.mosaic import SONY_CELL, looks_color, merge_green_masks, merge_greens, split_mosaic
@@ -35,6 +36,8 @@ def read_capture(
     *,
     gamma: float | str | None = None,
     full_resolution: bool = False,
+    angle_sense: str = "ccw",
+    field_of_view_deg: float | None = None,
 ) -> Capture:
     """Read photographs taken through a polarizer.
 
@@ -65,6 +68,12 @@ def read_capture(
         Encoding to undo. Default: the values are linear.
     full_resolution : bool
         Interpolate mosaics to full size with the package polanalyser (``pip install polaropt[demosaic]``).
+    angle_sense : {"ccw", "cw"}
+        Sense in which `angles_deg`, `cell_order` and angles stored in the file are counted. "cw": clockwise, as of a
+        filter turned the other way or of mirrored pictures.
+    field_of_view_deg : float, optional
+        Angle that the camera sees along the longer side. It is kept as a focal length for scenes that need one, as is
+        the one in the file (EXIF) otherwise.
 
     Returns
     -------
@@ -78,7 +87,16 @@ def read_capture(
     """
     files = _listed_files(paths)
     options = checked_options(
-        angles_deg, sensor, cell_order, black_level, white_level, pair_gain, gamma, full_resolution
+        angles_deg,
+        sensor,
+        cell_order,
+        black_level,
+        white_level,
+        pair_gain,
+        gamma,
+        full_resolution,
+        angle_sense=angle_sense,
+        field_of_view_deg=field_of_view_deg,
     )
     content = read_file(files[0]) if len(files) == 1 else _one_per_angle(files)
     name = files[0] if len(files) == 1 else f"{files[0]} and the others"
@@ -92,8 +110,20 @@ def read_capture(
         raise InputError(f"{name}: {error}") from None
     assert capture.origin is not None
     layout = "files" if len(files) > 1 else capture.origin.layout
-    capture.origin = replace(capture.origin, files=files, layout=layout)
+    focal = _focal_px(content, capture, options)
+    capture.origin = replace(capture.origin, files=files, layout=layout, focal_px=focal)
     return capture
+
+
+def _focal_px(content: FileContent, capture: Capture, options: ReaderOptions) -> float | None:
+    """Focal length in the capture's pixels, as given or as the file has it."""
+    if options.field_of_view_deg is not None:
+        return focal_from_view(options.field_of_view_deg, max(capture.shape[-2:]))
+    if content.focal_px is None:
+        return None
+    in_file = content.pixels.shape[2 if content.stack else 1]
+    # One pixel of a mosaic stands for a whole cell.
+    return float(content.focal_px / round(in_file / capture.shape[-1]))
 
 
 def _listed_files(paths: AnyPath | Sequence[AnyPath]) -> tuple[str, ...]:
@@ -127,7 +157,10 @@ def _one_per_angle(files: Sequence[str]) -> FileContent:
         if content.pixels.dtype.kind == "f" and not np.all(np.isfinite(content.pixels)):
             raise InputError(f"{name}: holds NaN or infinite values; replace them")
     stacked = np.stack([content.pixels for content in contents])
-    return FileContent(stacked, stack=True, encoding_hint=first.encoding_hint)
+    told = [content.focal_px for content in contents if content.focal_px is not None]
+    # A lens that was zoomed between the photographs has none.
+    focal = told[0] if told and max(told) < 1.01 * min(told) else None
+    return FileContent(stacked, stack=True, encoding_hint=first.encoding_hint, focal_px=focal)
 
 
 def _size(pixels: NDArray[Any]) -> str:
@@ -142,7 +175,7 @@ def _from_photographs(content: FileContent, levels: Levels, options: ReaderOptio
     if len(content.pixels) < 3:
         raise InputError(f"holds {len(content.pixels)} photograph(s); at least 3 polarizer angles are needed")
     stored = content.angles_deg if options.angles_deg == ANGLES_DEG else None
-    angles = stored or options.angles_deg
+    angles = options.counted(stored or options.angles_deg)
     intensities, valid = levels.apply(content.pixels)
     valid = valid if content.valid is None else content.valid
     if intensities.ndim == 4:
@@ -164,7 +197,7 @@ def _from_mosaic(content: FileContent, levels: Levels, options: ReaderOptions) -
     origin = _origin("color mosaic" if color else "mono mosaic", content, levels, options)
     if color:
         cells, masks = merge_greens(cells), merge_green_masks(masks)
-    capture = _finished(cells, masks, angles, origin, gain)
+    capture = _finished(cells, masks, options.counted(angles), origin, gain)
     return _in_full(linear, valid, capture, options) if options.full_resolution else capture
 
 
@@ -193,7 +226,7 @@ def _in_full(linear: Images, valid: Mask, cells: Capture, options: ReaderOptions
     color = cells.origin.layout == "color mosaic"
     images, masks, angles = demosaic_full(linear, valid, color, options.cell_order)
     origin = replace(cells.origin, raw_noise=noise_level(cells))
-    return _finished(images, masks, angles, origin, cells.origin.pair_gain)
+    return _finished(images, masks, options.counted(angles), origin, cells.origin.pair_gain)
 
 
 def _origin(layout: str, content: FileContent, levels: Levels, options: ReaderOptions) -> Origin:
@@ -205,6 +238,7 @@ def _origin(layout: str, content: FileContent, levels: Levels, options: ReaderOp
         white_level=levels.white,
         gamma=options.gamma,
         encoding_hint=content.encoding_hint,
+        angle_sense=options.angle_sense,
     )
 
 

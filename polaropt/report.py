@@ -38,9 +38,11 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
     dict
         Plain values, ready for JSON; numbers that are not finite are None.
     """
+    from polaropt.focal_length import focal_hint_px
+
     return {
         "input": capture_report(capture),
-        **scene_report(result.scene, given),
+        **scene_report(result.scene, given, focal_hint_px(capture)),
         "rungs": plain(result.tried),
         "objective": {name: {"raw": plain(term.value), "weight": plain(term.weight)} for name, term in _terms(result)},
         "solver": solver_report(result.solver),
@@ -59,8 +61,8 @@ def _terms(result: Separation) -> list[tuple[str, Any]]:
     return list(result.terms.items())
 
 
-def scene_report(found: SceneParameters, given: SceneParameters) -> dict[str, Any]:
-    """The scene's parameters, and the names of those that were estimated."""
+def scene_report(found: SceneParameters, given: SceneParameters, focal_hint_px: float | None = None) -> dict[str, Any]:
+    """The scene's parameters, and the names of those that were estimated; not so a focal length the camera told."""
     from polaropt.scene import SEARCHED
 
     estimated = [name for name in SEARCHED if getattr(given, name) is None]
@@ -69,6 +71,8 @@ def scene_report(found: SceneParameters, given: SceneParameters) -> dict[str, An
     for name in ("focal_px", "transmission_ghost_shift"):
         if getattr(found, name) is not None and getattr(given, name) is None:
             estimated.append(name)
+    if found.focal_px == focal_hint_px and "focal_px" in estimated:
+        estimated.remove("focal_px")
     return {"scene": {"rung": found.rung, **plain(found)}, "estimated": estimated}
 
 

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from polaropt.capture import Capture
-from polaropt.perspective_fit import fit_perspective
+from polaropt.focal_length import focal_hint_px
+from polaropt.perspective_fit import PerspectiveFit, fit_perspective
 from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.scene import SceneParameters
@@ -50,6 +51,11 @@ class Evidence:
     estimate: SceneEstimate
     misfit: float
     wanted: str
+
+    @property
+    def focal_px(self) -> float | None:
+        """Focal length, where it was asked for or the camera told it."""
+        return self.asked.focal_px or focal_hint_px(self.capture)
 
     @property
     def scatter(self) -> float:
@@ -118,21 +124,35 @@ def _may_vary(evidence: Evidence) -> bool:
 
 
 def _perspective(evidence: Evidence) -> Attempt:
-    fit = fit_perspective(evidence.stokes, evidence.asked.focal_px)
+    fit, told = _best_fit(evidence)
     known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
     if evidence.wanted == "perspective" and not known:
         return _from_afar(evidence)
+    focal = evidence.focal_px if told else fit.focal_px
     scene = evidence.estimate.scene.replace(
-        incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, ghost_shift=0.0, focal_px=fit.focal_px
+        incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, ghost_shift=0.0, focal_px=focal
     )
     remark = "The polarized light does not tell how incidence and azimuth change over the picture."
-    n_parameters = 3 if evidence.asked.focal_px is None else 2
-    return Attempt(scene, fit.misfit, n_parameters, known, "" if known else remark)
+    if known:
+        refused = evidence.focal_px is not None and not told
+        remark = "The focal length that the file tells does not fit." if refused else ""
+    return Attempt(scene, fit.misfit, 2 if told else 3, known, remark)
+
+
+def _best_fit(evidence: Evidence) -> tuple[PerspectiveFit, bool]:
+    """Pane and camera, and whether the focal length is the one told: a file may have been cropped since."""
+    fit = fit_perspective(evidence.stokes, evidence.focal_px)
+    asked = evidence.asked.focal_px is not None
+    if asked or evidence.focal_px is None or fit.misfit <= noise_misfit(evidence.blocks.n):
+        return fit, evidence.focal_px is not None
+    free = fit_perspective(evidence.stokes)
+    clearly = fit.misfit - free.misfit > SCATTERS * evidence.scatter
+    return (free, False) if clearly else (fit, True)
 
 
 def _from_afar(evidence: Evidence) -> Attempt:
     """The perspective rung where polarized light does not tell the tilt: the plain pane, seen by the lens."""
-    focal = evidence.asked.focal_px or _FAR * max(evidence.capture.shape[-2:])
+    focal = evidence.focal_px or _FAR * max(evidence.capture.shape[-2:])
     incidence, azimuth, _ = evidence.estimate.scene.values()
     ways = (azimuth % 360, (azimuth + 180) % 360)
     leaning = min(ways, key=lambda way: evidence.blocks.misfit(incidence, way, focal))

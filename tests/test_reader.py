@@ -228,3 +228,22 @@ def test_real_mosaics(name, shape, gain, noise, invalid):
     assert capture.origin.pair_gain == pytest.approx(gain, abs=2e-3)
     assert noise_level(capture) == pytest.approx(noise, rel=0.05)
     assert np.mean(~capture.valid.all(axis=0)) == pytest.approx(invalid, abs=0.015)
+
+
+def test_angles_counted_clockwise_are_negated(tmp_path):
+    images = scene_intensities((3, 20, 24), (0, 30, 60, 120))
+    files = written(tmp_path, sixteen(images))
+    capture = read_capture(files, (0, 30, 60, 120), angle_sense="cw")
+    assert capture.angles_deg == (0, 150, 120, 60)
+    assert capture.origin.angle_sense == "cw"
+    seen, meant = capture.stokes, read_capture(files, (0, 30, 60, 120)).stokes
+    np.testing.assert_allclose(seen, meant * np.array([1, 1, -1]).reshape(3, 1, 1, 1), atol=1e-5)
+
+
+def test_a_mosaic_and_a_stored_angle_follow_the_sense_too(tmp_path):
+    write_png(tmp_path / "a.png", sixteen(mono_mosaic(scene_intensities((128, 128)))))
+    assert read_capture(tmp_path / "a.png", angle_sense="cw").angles_deg == (0, 135, 90, 45)
+    np.savez(tmp_path / "a.npz", intensities=scene_intensities((20, 24), (0, 60, 100)), angles_deg=(0, 60, 100))
+    assert read_capture(tmp_path / "a.npz", angle_sense="cw").angles_deg == (0, 120, 80)
+    with pytest.raises(InputError, match="choose one of ccw, cw"):
+        read_capture(tmp_path / "a.npz", angle_sense="left")
