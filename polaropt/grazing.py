@@ -47,12 +47,32 @@ def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> float:
     float
     """
     start, _, _ = scene.values()
-    wiener = _Wiener(frame, scene)
-    wiener.fit(start)
+    overlap = LayerOverlap(frame, scene, start)
     step = min(_STEP_DEG, (89.5 - start) / 2)
-    before, here, after = (coarse_overlap(wiener.layers(start + shift)) for shift in (-step, 0.0, step))
+    before, here, after = (overlap.at(start + shift) for shift in (-step, 0.0, step))
     # One parabola: a search would need four times as many inversions.
     return start + step * vertex(before, here, after, _FARTHEST)
+
+
+class LayerOverlap:
+    """Edge overlap of layers without ghosts over trial incidences.
+
+    Parameters
+    ----------
+    frame : PlateFrame
+    scene : SceneParameters
+        Complete; its shifts and azimuth hold for all trials.
+    incidence_deg : float
+        Where the layers' powers are fitted.
+    """
+
+    def __init__(self, frame: PlateFrame, scene: SceneParameters, incidence_deg: float) -> None:
+        self._wiener = _Wiener(frame, scene)
+        self._wiener.fit(incidence_deg)
+
+    def at(self, incidence_deg: float) -> float:
+        """The overlap, 0..1."""
+        return coarse_overlap(self._wiener.layers(incidence_deg))
 
 
 def coarse_overlap(layers: Images) -> float:
@@ -80,7 +100,9 @@ class _Wiener:
         rows, columns = frequencies(*self._shape)
         azimuth = math.radians(frame.azimuth_deg)
         along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
-        self._z = np.exp(-1j * along * scene.values()[2] / _HALF).astype(np.complex64)
+        shift, own = scene.values()[2], scene.transmission_ghost_shift
+        self._z_r = np.exp(-1j * along * shift / _HALF).astype(np.complex64)
+        self._z_t = self._z_r if own is None else np.exp(-1j * along * own / _HALF).astype(np.complex64)
         self._radius2 = (rows**2 + columns**2).astype(np.float32)
         self._radius2[0, 0] = (2 * np.pi / max(self._shape)) ** 2
         self._noise = (frame.covariance / (_HALF**2 * frame.images.shape[1])).astype(np.float32)
@@ -104,9 +126,11 @@ class _Wiener:
     def _spectra(self, incidence_deg: float, every: int = 1) -> Spectrum:
         """Spectra of the layers: ``P H^* (H P H^* + N)^-1`` times what is seen, H the pane, P the layers' powers."""
         part = (..., slice(None, None, every), slice(None, None, every))
-        (seen_par, seen_perp), z, radius2 = self._seen[part], self._z[part], self._radius2[part]
+        (seen_par, seen_perp), radius2 = self._seen[part], self._radius2[part]
+        z_r = self._z_r[part]
+        z_t = z_r if self._z_t is self._z_r else self._z_t[part]
         reflectances = interface(incidence_deg, self._refractive_index).reflection[:2]
-        par, perp = (_transfer(np.float32(reflectance), z) for reflectance in reflectances)
+        par, perp = (_transfer(np.float32(reflectance), z_t, z_r) for reflectance in reflectances)
         p = self._levels[:, None, None]
         (n_par, n_cross), (_, n_perp) = self._noise
         # Everything in units of 1 / |omega|^2.
@@ -120,10 +144,11 @@ class _Wiener:
         return found
 
 
-def _transfer(reflectance: np.float32, z: Spectrum) -> Spectrum:
+def _transfer(reflectance: np.float32, z_t: Spectrum, z_r: Spectrum) -> Spectrum:
     """What the pane passes and mirrors (layer, h, w) of one polarization; a polarizer takes half of it."""
-    through: Spectrum = (1 - reflectance) ** 2 / 2 / (1 - reflectance**2 * z)
-    return np.stack([through, reflectance / 2 + reflectance * z * through])
+    through: Spectrum = (1 - reflectance) ** 2 / 2 / (1 - reflectance**2 * z_t)
+    returning = through if z_r is z_t else (1 - reflectance) ** 2 / 2 / (1 - reflectance**2 * z_r)
+    return np.stack([through, reflectance / 2 + reflectance * z_r * returning])
 
 
 def _squared(values: Spectrum) -> Images:

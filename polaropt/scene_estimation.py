@@ -99,6 +99,7 @@ def estimate_scene(
     frame, search, trial, margin = _choose_axis(frame, scene, thickness)
     found = _completed(scene, frame.azimuth_deg, trial)
     if axis.snr > _POLARIZED_SNR:
+        found = search.with_own_shifts(frame, found)
         found = _refined(frame, scene, found, thickness)
     overlap = search.curve(trial)
     shift_grid, shift_misfit = search.shift_curve(trial)

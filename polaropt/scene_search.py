@@ -19,6 +19,7 @@ from polaropt.cross_spectra import CrossSpectra, cross_spectra
 from polaropt.edge_overlap import EdgeOverlap
 from polaropt.fresnel import interface
 from polaropt.ghost_shift import ShiftLikelihood
+from polaropt.layer_shifts import own_shifts
 from polaropt.parabola import local_minimum, vertex
 from polaropt.plate_frame import PlateFrame
 from polaropt.scene import SceneParameters, ghost_step
@@ -139,6 +140,13 @@ class SceneSearch:
         misfit = self._likelihood.misfit(trial.incidence_deg, grid)
         return grid, misfit - misfit.min()
 
+    def with_own_shifts(self, frame: PlateFrame, found: SceneParameters) -> SceneParameters:
+        """A scene that was found, with a shift for each layer where both were open and that explains clearly more."""
+        open_shifts = self._open_shift and self._thickness is None and self._scene.transmission_ghost_shift is None
+        if not open_shifts or found.n_bounces == 0:
+            return found
+        return own_shifts(frame, self._likelihood, found, self._most_shift)
+
     def _likeliest(self, incidence_deg: float) -> Trial:
         grid = self._shift_grid(incidence_deg, 1.0)
         misfit = self._likelihood.misfit(incidence_deg, grid, rounds=1)
@@ -241,13 +249,17 @@ class SceneSearch:
         misfit = self._likelihood.misfit(incidence_deg, grid)
         return [float(grid[i]) for i in _minima(misfit)[:most]]
 
+    @property
+    def _most_shift(self) -> float:
+        return min(_MOST_SHIFT, self._seen.fine.side / 6)
+
     def _shift_grid(self, incidence_deg: float, spacing: float) -> Curve:
         if not self._open_shift:
             return np.array([0.0 if self._scene.ghost_shift is None else self._scene.ghost_shift])
         if self._thickness is not None:
             step = self._thickness.step(incidence_deg, self._scene.refractive_index)
             return np.array([step, -step])
-        most = math.floor(min(_MOST_SHIFT, self._seen.fine.side / 6) / spacing)
+        most = math.floor(self._most_shift / spacing)
         return np.arange(-most, most + 1.0) * spacing
 
 
