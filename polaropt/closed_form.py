@@ -15,6 +15,7 @@ from polaropt.canvas import Canvas
 from polaropt.capture import Capture
 from polaropt.color_basis import Basis, opponent_basis
 from polaropt.forward import PSE
+from polaropt.local_variance import Knowledge
 from polaropt.plate import in_place_reflectance
 from polaropt.preconditioner import AssumedHessian
 from polaropt.scene import SceneParameters
@@ -52,6 +53,8 @@ class ClosedForm:
         Expected gradient energy of each layer before and after the photographs are seen.
     variance : ndarray, shape (2, channel)
         That the photographs leave to a pixel of each layer.
+    sampled : Knowledge
+        The same at a sample of the frequencies.
     """
 
     layers: Images
@@ -63,6 +66,7 @@ class ClosedForm:
     edges: NDArray[np.float64]
     unknown_edges: NDArray[np.float64]
     variance: NDArray[np.float64]
+    sampled: Knowledge
 
 
 def plate_entries(capture: Capture, pse: PSE) -> Images:
@@ -178,6 +182,7 @@ def closed_form_of(
         edges=(fitted.prior * edges).sum(axis=-1, dtype=np.float64),
         unknown_edges=(fitted.uncertainty * edges).sum(axis=-1, dtype=np.float64),
         variance=(fitted.uncertainty * bands.share).sum(axis=-1, dtype=np.float64),
+        sampled=_sampled(seen, bands, fitted.prior, basis),
     )
 
 
@@ -213,6 +218,12 @@ def _fitted(seen: NormalEquations, bands: FrequencyBands, power: NDArray[np.floa
     information = np.array([[of_t, both], [both.conj(), of_r]])
     sampled = seen.right.reshape(*seen.right.shape[:2], -1)[..., bands.sample]
     return fit_spectra(information, sampled, bands, power)
+
+
+def _sampled(seen: NormalEquations, bands: FrequencyBands, prior: Power, basis: Basis) -> Knowledge:
+    told = seen.told.reshape(2, -1)[:, bands.sample]
+    cross = np.square(np.abs(seen.cross.ravel()[bands.sample]))
+    return Knowledge(told, cross, prior, bands.share, bands.squared_frequency, basis)
 
 
 def _wiener(seen: NormalEquations, prior: Power, mean: Images, basis: Basis, canvas: Canvas) -> Images:

@@ -44,7 +44,7 @@ class _Whitened:
 
     def __init__(self, capture: Capture, mixing: NDArray[np.float64], noise: float) -> None:
         shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
-        patterns, self.kinds = _kinds(capture.valid.reshape(shape))
+        patterns, self.kinds = kinds_of_pixels(capture.valid.reshape(shape))
         information = _information(mixing, noise, patterns)
         self.roots = information.root
         self.data, self.constant = _reduced(capture.intensities.reshape(shape), self.kinds, information)
@@ -129,7 +129,7 @@ def ghosts_of(pse: PSE) -> Ghosts:
     return Ghosts(pse.taps.astype(np.float32), whole.astype(np.int64), fraction.astype(np.float32))
 
 
-def _kinds(valid: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.uint16]]:
+def kinds_of_pixels(valid: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.uint16]]:
     """Which photographs are trusted, (kind, k), and the kind of each pixel, (channel, h, w), empty where all are 0."""
     k = len(valid)
     if valid.all():

@@ -25,6 +25,7 @@ from polaropt.simulation import planes_last
 from polaropt.solving import How, Solution, solve
 from polaropt.stages import Progress, Stages
 from polaropt.starts import start_names
+from polaropt.uncertainty import Uncertainty, estimate_uncertainty, nothing_told
 from polaropt.varying import VaryingPSE
 from solvers.base import SolverResult, Status, StoppingRule
 from solvers.compiled import told_of_compiling
@@ -54,6 +55,8 @@ class Separation:
         Time of each stage: elapsed, and of all cores together.
     parts : callable
         Makes `components`.
+    judge : callable
+        Makes `uncertainty` and `reflection_known`.
     """
 
     layers: Images = field(repr=False)
@@ -65,11 +68,26 @@ class Separation:
     seconds: dict[str, float]
     cpu_seconds: dict[str, float]
     parts: Callable[[], Images] = field(repr=False)
+    judge: Callable[[], Uncertainty] = field(repr=False)
 
     @cached_property
     def components(self) -> Images:
         """The two parts of every photograph, (2, k, [channel,] h, w); simulated when first asked for."""
         return self.parts()
+
+    @property
+    def uncertainty(self) -> Images:
+        """Standard error of the layers in every pixel, (2, [channel,] h, w); computed when first asked for."""
+        return self._judged.standard_error
+
+    @property
+    def reflection_known(self) -> Images:
+        """Share of the reflection's detail that the photographs tell, (h, w), 0..1."""
+        return self._judged.reflection_known
+
+    @cached_property
+    def _judged(self) -> Uncertainty:
+        return self.judge()
 
     @property
     def transmission(self) -> Images:
@@ -192,6 +210,7 @@ def _report(capture: Capture, found: FoundScene, noise: float, solution: Solutio
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
+        judge=partial(estimate_uncertainty, capture, solution.layers, noise, solution.pieces),
     )
 
 
@@ -213,6 +232,7 @@ def _unseparated(
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_halves, capture),
+        judge=partial(nothing_told, capture, noise),
     )
 
 

@@ -18,6 +18,7 @@ from polaropt.problem import Problem, engine_for
 from polaropt.scene import SceneParameters
 from polaropt.stages import Stages
 from polaropt.tiles import Tile, tiles
+from polaropt.uncertainty import Piece
 from polaropt.varying import VaryingPSE
 from solvers.base import Solver, SolverResult, Status, StoppingRule, TooLarge, TracePoint
 
@@ -79,6 +80,8 @@ class Solution:
     canvas : Canvas
     canvas_layers : ndarray of float32, shape (2, channel, H, W)
         The layers as far as they are known beyond the frame, too.
+    pieces : tuple of Piece
+        What is known of the layers, tile by tile.
     """
 
     layers: Images
@@ -89,12 +92,14 @@ class Solution:
     pse: PSE | VaryingPSE
     canvas: Canvas
     canvas_layers: Images
+    pieces: tuple[Piece, ...]
 
 
 @dataclass(frozen=True)
 class Place:
-    """A tile's number among all, and the principal point (column, row) as seen from its corner."""
+    """A tile, its number among all, and the principal point (column, row) as seen from its corner."""
 
+    tile: Tile
     number: int
     of: int
     center: tuple[float, float]
@@ -121,12 +126,12 @@ def solve(capture: Capture, scene: SceneParameters, noise: float, how: How, stag
     parts = tiles(height, width)
     middle = ((width - 1) / 2, (height - 1) / 2)
     if len(parts) == 1:
-        return _solve_tile(capture, scene, noise, how, stages, Place(0, 1, middle))
+        return _solve_tile(capture, scene, noise, how, stages, Place(parts[0], 0, 1, middle))
     colors = capture.shape[0] if capture.color else 1
     layers = np.zeros((2, colors, height, width), dtype=np.float32)
     solutions: list[Solution] = []
     for i, tile in enumerate(parts):
-        place = Place(i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
+        place = Place(tile, i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
         found = _solve_tile(capture.part(*tile.where), scene, noise, how, stages, place)
         layers[:, :, tile.rows, tile.columns] += tile.weights * found.layers
         nothing = np.empty(0, dtype=np.float32)
@@ -173,6 +178,7 @@ def _solve_tile(
         pse=problem.pse,
         canvas=problem.canvas,
         canvas_layers=layers,
+        pieces=(Piece(place.tile, problem.known.sampled, problem.pse),),
     )
 
 
@@ -195,6 +201,7 @@ def _together(
         pse=pse,
         canvas=frame,
         canvas_layers=layers,
+        pieces=tuple(piece for solution in solutions for piece in solution.pieces),
     )
 
 

@@ -1,0 +1,148 @@
+"""How often the true layers lie within two of the standard errors that are stated, per incidence and noise.
+
+Run ``python -m studies.coverage --photos DIR``; without ``--photos`` it uses photographs inside scikit-image.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from polaropt.separation import Separation, separate
+from studies.protocol import (
+    INCIDENCES_DEG,
+    Image,
+    Pair,
+    protocol_capture,
+    protocol_pairs,
+    protocol_scene,
+    shipped_pairs,
+    truth,
+)
+from studies.record import write_study
+
+NOISES = (0.005, 0.02)
+LAYERS = ("transmission", "reflection")
+_BLUR_PX = 1.0
+_FLAT, _TEXTURED = 0.33, 0.67
+
+
+@dataclass(frozen=True)
+class Row:
+    """One layer of one separation.
+
+    Attributes
+    ----------
+    covered, covered_flat, covered_textured : float
+        Share of the values within two standard errors of the truth: of all pixels, of the third of them where the
+        true layer is flattest, and of the third where it is busiest.
+    sharpness : float
+        Root mean square of the stated errors in units of the true ones.
+    rank_correlation : float
+        Of stated and true errors over the pixels: whether the picture tells where the errors are.
+    known : float
+        Mean share of the reflection's detail that is said to be told.
+    """
+
+    pair: int
+    incidence_deg: float
+    noise: float
+    scene: str
+    layer: str
+    covered: float
+    covered_flat: float
+    covered_textured: float
+    sharpness: float
+    rank_correlation: float
+    known: float
+
+
+def rows_of(pair: Pair, incidence_deg: float, noise: float, *, blind: bool) -> list[Row]:
+    """Separate one scene and compare both layers."""
+    capture = protocol_capture(pair, incidence_deg, noise=noise)
+    result = separate(capture, None if blind else protocol_scene(pair, incidence_deg))
+    known = float(result.reflection_known.mean())
+    return [
+        Row(pair.number, incidence_deg, noise, "blind" if blind else "known", name, *compared(result, i, layer), known)
+        for i, (name, layer) in enumerate(zip(LAYERS, truth(pair), strict=True))
+    ]
+
+
+def compared(result: Separation, i: int, layer: Image) -> tuple[float, float, float, float, float]:
+    """Coverage of all, flat and textured pixels, sharpness and rank correlation of layer i with the truth (h, w, 3)."""
+    from scipy.stats import spearmanr
+
+    true = np.moveaxis(layer, -1, 0)
+    error, stated = np.abs(result.layers[i] - true), result.uncertainty[i]
+    within = error <= 2 * stated
+    busy = busyness(true)
+    flat, textured = busy <= np.quantile(busy, _FLAT), busy >= np.quantile(busy, _TEXTURED)
+    return (
+        float(within.mean()),
+        float(within[:, flat].mean()),
+        float(within[:, textured].mean()),
+        float(np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(error)))),
+        float(spearmanr(stated.ravel(), error.ravel()).statistic),
+    )
+
+
+def busyness(layer: np.ndarray) -> np.ndarray:
+    """Size of the gradient around each pixel of a layer (channel, h, w), mean over colours, (h, w)."""
+    from scipy.ndimage import gaussian_filter
+
+    down, across = np.gradient(layer.mean(axis=0))
+    return np.asarray(gaussian_filter(np.hypot(down, across), _BLUR_PX))
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Means per scene, noise and incidence, in per cent but for sharpness and correlation, as a Markdown table."""
+    head = "covered | flat | textured | least of a pair | sharpness | rank correlation"
+    lines = [f"| scene | noise | theta | T {head} | R {head.replace(' | ', ' | R ')} | R told |", "|" + "---|" * 16]
+    for key in dict.fromkeys((row.scene, row.noise, row.incidence_deg) for row in rows):
+        part = [row for row in rows if (row.scene, row.noise, row.incidence_deg) == key]
+        cells = [cell for name in LAYERS for cell in _cells([row for row in part if row.layer == name])]
+        known = 100 * np.mean([row.known for row in part])
+        lines.append(f"| {key[0]} | {key[1]:g} | {key[2]:g} | " + " | ".join(cells) + f" | {known:.0f} |")
+    return "\n".join(lines)
+
+
+def _cells(rows: Sequence[Row]) -> list[str]:
+    shares = [np.mean([getattr(row, name) for row in rows]) for name in ("covered", "covered_flat", "covered_textured")]
+    least = min(row.covered for row in rows)
+    ratios = [np.mean([getattr(row, name) for row in rows]) for name in ("sharpness", "rank_correlation")]
+    return [f"{100 * share:.1f}" for share in (*shares, least)] + [f"{ratio:.2f}" for ratio in ratios]
+
+
+def main() -> None:
+    """Print the table and write it with all rows."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--photos", type=Path, help="folder of photographs (default: those inside scikit-image)")
+    parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
+    parser.add_argument("--size", type=int, default=256, help="side of the frame in pixels")
+    parser.add_argument("--noises", default=",".join(map(str, NOISES)), help="standard deviations, comma separated")
+    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON, CSV)")
+    options = parser.parse_args()
+    margin = options.size // 2
+    photos = options.photos
+    pairs = shipped_pairs(options.size, margin) if photos is None else protocol_pairs(photos, options.size, margin)
+    noises = [float(noise) for noise in options.noises.split(",")]
+    rows = [
+        row
+        for blind in (False, True)
+        for noise in noises
+        for incidence in INCIDENCES_DEG
+        for pair in pairs[: options.pairs]
+        for row in rows_of(pair, incidence, noise, blind=blind)
+    ]
+    print(table(rows))
+    if options.out:
+        settings = {name: str(value) for name, value in vars(options).items() if name != "out"}
+        write_study(options.out, "coverage", settings, rows, table(rows))
+
+
+if __name__ == "__main__":
+    main()

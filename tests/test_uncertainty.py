@@ -1,0 +1,147 @@
+"""Standard errors that are stated: they cover the truth, and grow where less is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import map_coordinates
+
+import polaropt.solving
+from polaropt import separate
+from polaropt.capture import Capture
+from polaropt.local_variance import SCALES, Knowledge, variance_table
+from polaropt.perspective import pixel_grid, plane_normal, viewing_angles
+from polaropt.tiles import tiles
+from polaropt.uncertainty_kernels import interpolated
+from studies.coverage import LAYERS, rows_of
+from studies.protocol import shipped_pairs
+from tests.blends import blend
+
+
+@pytest.mark.parametrize("incidence_deg", [40.0, 60.0, 80.0])
+@pytest.mark.parametrize("color", [False, True])
+def test_two_standard_errors_cover_nine_of_ten_true_values(incidence_deg, color):
+    example = blend(incidence_deg, 128, color=color)
+    result = separate(example.capture, example.scene)
+    assert result.uncertainty.shape == result.layers.shape
+    assert result.uncertainty.dtype == np.float32
+    within = np.abs(result.layers - example.layers) <= 2 * result.uncertainty
+    for covered in within.reshape(2, -1).mean(axis=1):
+        assert 0.9 <= covered <= 0.999
+
+
+def test_frontal_glass_is_covered_on_average_over_pictures():
+    # Slow errors of one picture are few draws.
+    rows = [row for pair in shipped_pairs(128, 64) for row in rows_of(pair, 10, 0.005, blind=False)]
+    for layer in LAYERS:
+        assert 0.9 <= np.mean([row.covered for row in rows if row.layer == layer]) <= 0.99
+
+
+def test_a_wide_lens_knows_least_of_each_layer_on_its_own_side():
+    example = blend(60, 128, ghost_shift=0.0, focal_px=150.0, azimuth_deg=0.0)
+    result = separate(example.capture, example.scene)
+    sides = (
+        result.uncertainty.mean(axis=1)[..., :16].mean(axis=(1, 2)),
+        result.uncertainty.mean(axis=1)[..., -16:].mean(axis=(1, 2)),
+    )
+    x, y = pixel_grid(128, 128, (63.5, 63.5))
+    cosine, _, _ = viewing_angles(plane_normal(60, 0), 150.0, x, y)
+    oblique, frontal = (0, 1) if cosine[:, :16].mean() < cosine[:, -16:].mean() else (1, 0)
+    assert sides[oblique][0] > 1.5 * sides[frontal][0]
+    assert sides[frontal][1] > 1.5 * sides[oblique][1]
+    within = np.abs(result.layers - example.layers) <= 2 * result.uncertainty
+    assert (within.reshape(2, -1).mean(axis=1) > 0.9).all()
+
+
+def test_clipped_pixels_are_known_worse_and_the_others_as_before():
+    example = blend(60, 96)
+    valid = example.capture.valid.copy()
+    valid[..., 30:60, 30:60] = False
+    before = separate(example.capture, example.scene)
+    after = separate(Capture(example.capture.intensities, example.capture.angles_deg, valid), example.scene)
+    inside, far = (..., slice(36, 54), slice(36, 54)), (..., slice(70, 96), slice(70, 96))
+    for i in (0, 1):
+        assert after.uncertainty[i][inside].min() > 2 * before.uncertainty[i][inside].mean()
+        assert after.uncertainty[i][far].mean() == pytest.approx(before.uncertainty[i][far].mean(), rel=0.1)
+    assert after.reflection_known[inside].max() < before.reflection_known[inside].mean()
+
+
+def test_light_from_beyond_the_frame_is_known_worse():
+    example = blend(80, 128, azimuth_deg=0.0, ghost_shift=11.0)
+    errors = separate(example.capture, example.scene).uncertainty
+    first = errors[:, :, :, 2:9].mean(axis=(1, 2, 3))
+    last = errors[:, :, :, -9:-2].mean(axis=(1, 2, 3))
+    assert (first > 1.2 * last).all()
+
+
+def test_the_reflection_is_known_best_where_the_pane_is_oblique():
+    known = [
+        float(separate(example.capture, example.scene).reflection_known.mean())
+        for example in (blend(angle, 96) for angle in (10, 40, 60, 80))
+    ]
+    assert known == sorted(known)
+    assert known[0] < 0.2 < 0.5 < known[-1]
+
+
+def test_tiles_state_what_the_whole_states(monkeypatch):
+    example = blend(60, 200)
+    whole = separate(example.capture, example.scene)
+    monkeypatch.setattr(polaropt.solving, "tiles", lambda height, width: tiles(height, width, 160))
+    parts = separate(example.capture, example.scene)
+    assert parts.uncertainty.shape == whole.uncertainty.shape
+    ratio = parts.uncertainty / whole.uncertainty
+    assert np.median(ratio) == pytest.approx(1, abs=0.15)
+    assert np.abs(parts.reflection_known - whole.reflection_known).mean() < 0.1
+
+
+def test_without_polarization_each_layer_may_be_all_of_the_light():
+    random = np.random.default_rng(0)
+    picture = random.uniform(0.2, 0.4, (48, 48))
+    capture = Capture(picture + 0.005 * random.standard_normal((4, 48, 48)))
+    result = separate(capture)
+    assert (result.uncertainty >= result.layers[0]).all()
+    assert (result.reflection_known == 0).all()
+
+
+def knowledge(told: float, cross_share: float, power: float) -> Knowledge:
+    frequencies = np.linspace(0.05, 6, 40, dtype=np.float32)
+    prior = np.broadcast_to(power / frequencies, (2, 3, 40)).astype(np.float32)
+    flat = np.full((2, 40), told, dtype=np.float32)
+    cross = np.full(40, (cross_share * told) ** 2, dtype=np.float32)
+    return Knowledge(flat, cross, prior, np.full(40, 1 / 40, np.float32), frequencies, np.eye(3))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(1, 1e5), st.floats(0, 0.99), st.floats(1e-4, 1))
+def test_errors_fall_with_precision_and_grow_with_texture(told, cross_share, power):
+    table = variance_table(knowledge(told, cross_share, power), np.array([0.01, 0.1, 1.0]))
+    assert np.isfinite(table).all()
+    assert (table[..., -1] <= 1.001).all()
+    errors = table[..., :-1]
+    assert (np.diff(errors, axis=0) <= 1e-6).all()
+    for axis in (1, 2):
+        assert (np.diff(errors, axis=axis) >= -1e-6).all()
+
+
+def test_what_is_known_never_exceeds_what_a_layer_may_have():
+    known = knowledge(1e-3, 0.0, 0.01)
+    np.testing.assert_allclose(known.uncertainty(), known.prior, rtol=1e-3)
+    assert (known.allowed().prior > 2 * known.prior).all()
+    sure = knowledge(1e9, 0.0, 1.0)
+    np.testing.assert_allclose(sure.allowed().prior, sure.prior, rtol=1e-3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 4), st.integers(0, 2**31))
+def test_the_table_is_read_as_scipy_reads_it(precisions, seed):
+    random = np.random.default_rng(seed)
+    table = random.uniform(0, 1, (precisions, len(SCALES), len(SCALES), 3)).astype(np.float32)
+    reach = np.array([precisions, len(SCALES), len(SCALES)])[:, None, None]
+    positions = (random.uniform(-1, 1.2, (3, 5, 7)) * reach).astype(np.float32)
+    out = np.empty((3, 5, 7), dtype=np.float32)
+    interpolated(table, positions, out, 0, 5)
+    inside = np.clip(positions, 0, reach - 1).reshape(3, -1)
+    expected = [map_coordinates(table[..., v], inside, order=1, mode="nearest").reshape(5, 7) for v in range(3)]
+    np.testing.assert_allclose(out, expected, atol=1e-5)
