@@ -146,8 +146,9 @@ def separate_command(
     Nothing needs to be known: incidence, azimuth and ghost shift are estimated unless given.
 
     Writes into the folder: transmission.tiff and reflection.tiff (linear, 32-bit floating point), transmission.png and
-    reflection.png (to look at: sRGB, each with the exposure that report.json tells) and report.json. Files of other
-    names stay. A run that fails or is interrupted leaves the folder as it was.
+    reflection.png (to look at: sRGB, each with the exposure that report.json tells), how well they are known
+    (transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png) and report.json. Files of
+    other names stay. A run that fails or is interrupted leaves the folder as it was.
     """
     from polaropt.output import result_folder
 
@@ -233,12 +234,22 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
     lines.append("  transmission.tiff, reflection.tiff  linear values")
     exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in ("transmission", "reflection"))
     lines.append(f"  transmission.png, reflection.png    to look at: sRGB of {exposures} times the linear values")
+    lines.append("  transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png")
+    lines.append(f"                                      {_uncertainty_sentence(report['uncertainty'])}")
     if report["misfit_map"] is not None:
         lines.append(
             "  misfit.tiff, misfit.png             where the pane does not explain the photographs, in units of noise"
         )
     lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
     return lines
+
+
+def _uncertainty_sentence(told: dict[str, Any]) -> str:
+    typical, faded = told["typical_error"], told["reflection_faded"]["share_of_pixels"]
+    return (
+        f"standard errors, typically {typical['transmission']:.2g} and {typical['reflection']:.2g}; "
+        f"the reflection's detail is unknown in {100 * faded:.0f} % of the picture"
+    )
 
 
 def _pane_sentence(report: dict[str, Any]) -> str:

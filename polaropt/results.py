@@ -18,6 +18,7 @@ from polaropt.inspection import Inspection, inspect_capture
 from polaropt.misfit_map import MISFIT_WHITE, misfit_map
 from polaropt.report import plain, separation_report
 from polaropt.scene import SceneParameters
+from polaropt.uncertainty_files import write_uncertainty
 from polaropt.view import viewing_exposure
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class Request:
 
 
 def write_separation(folder: Path, result: Separation, capture: Capture, request: Request) -> dict[str, Any]:
-    """Write the layers (TIFF linear, PNG to look at) and ``report.json`` into a folder.
+    """Write the layers (TIFF linear, PNG to look at), their uncertainty and ``report.json`` into a folder.
 
     Where the model does not explain the photographs, ``misfit.tiff`` and ``misfit.png`` show where.
 
@@ -73,6 +74,7 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
         **separation_report(result, capture, request.scene),
         "inspection": inspection.as_dict(),
         "attention": attention(inspection, result.diagnostics.warnings),
+        "uncertainty": write_uncertainty(folder, result),
         "misfit_map": _write_misfit(folder, result, capture),
         "view": {"exposure": exposures, "encoding": "sRGB of exposure times the linear values"},
     }

@@ -24,7 +24,8 @@ from polaropt.image_io import read_file, write_png
 from polaropt.reader import read_capture
 
 ROOT = Path(__file__).parent.parent
-RESULTS = {"transmission.tiff", "reflection.tiff", "transmission.png", "reflection.png", "report.json"}
+UNCERTAINTY = {"transmission_error.tiff", "reflection_error.tiff", "reflection_known.tiff", "uncertainty.png"}
+RESULTS = {"transmission.tiff", "reflection.tiff", "transmission.png", "reflection.png", "report.json", *UNCERTAINTY}
 COMMANDS = ("demo", "simulate", "inspect", "estimate", "separate")
 HEAVY = ("scipy", "skimage", "torch", "nlopt", "matplotlib")
 QUICK = ["--max-evaluations", "3"]

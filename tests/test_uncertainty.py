@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
@@ -11,9 +12,12 @@ from scipy.ndimage import map_coordinates
 import polaropt.solving
 from polaropt import separate
 from polaropt.capture import Capture
+from polaropt.image_io import read_file
 from polaropt.local_variance import SCALES, Knowledge, variance_table
 from polaropt.perspective import pixel_grid, plane_normal, viewing_angles
+from polaropt.simulation import planes_first
 from polaropt.tiles import tiles
+from polaropt.uncertainty_files import write_uncertainty
 from polaropt.uncertainty_kernels import interpolated
 from studies.coverage import LAYERS, rows_of
 from studies.protocol import shipped_pairs
@@ -145,3 +149,20 @@ def test_the_table_is_read_as_scipy_reads_it(precisions, seed):
     inside = np.clip(positions, 0, reach - 1).reshape(3, -1)
     expected = [map_coordinates(table[..., v], inside, order=1, mode="nearest").reshape(5, 7) for v in range(3)]
     np.testing.assert_allclose(out, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("color", [False, True])
+def test_files_hold_the_errors_and_the_report_what_is_faded(tmp_path, color):
+    example = blend(10, 64, color=color)
+    result = separate(example.capture, example.scene)
+    told = write_uncertainty(tmp_path, result)
+    for i, name in enumerate(("transmission", "reflection")):
+        written = tifffile.imread(tmp_path / f"{name}_error.tiff")
+        np.testing.assert_array_equal(planes_first(written), result.uncertainty[i])
+        assert told["typical_error"][name] == pytest.approx(np.sqrt(np.mean(written**2)), rel=1e-4)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "reflection_known.tiff"), result.reflection_known)
+    assert told["reflection_faded"]["share_of_pixels"] > 0.9
+    picture = read_file(tmp_path / "uncertainty.png").pixels
+    assert picture.shape[1] > 3 * 64
+    marked = (picture[..., 0].astype(int) - picture[..., 1] > 40).sum()
+    assert marked > 0.8 * 64 * 64

@@ -1,0 +1,68 @@
+"""The files that say how well the layers are known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.image_io import write_png, write_tiff
+from polaropt.simulation import planes_last
+from polaropt.view import side_by_side
+
+if TYPE_CHECKING:
+    from polaropt.separation import Separation
+
+Image = NDArray[np.float32]
+
+FADED = 0.2
+"""Where less than this share of its detail is told, the reflection shows slow changes only."""
+_WHITE = 0.99
+_LARGEST_PANEL = 800
+
+
+def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
+    """Write standard errors and the reflection's told share: linear, and one picture of all three to look at.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets ``transmission_error.tiff``, ``reflection_error.tiff``, ``reflection_known.tiff`` and ``uncertainty.png``.
+    result : Separation
+
+    Returns
+    -------
+    dict
+        What the report tells of them.
+    """
+    errors = dict(zip(("transmission", "reflection"), map(planes_last, result.uncertainty), strict=True))
+    for name, error in errors.items():
+        write_tiff(folder / f"{name}_error.tiff", error)
+    known = result.reflection_known
+    write_tiff(folder / "reflection_known.tiff", known)
+    white = {name: max(float(np.quantile(error, _WHITE)), 1e-6) for name, error in errors.items()}
+    panels: list[tuple[str, Image | None]] = [
+        (f"{name}: standard error, white = {white[name]:.2g}", _panel(error) / np.float32(white[name]))
+        for name, error in errors.items()
+    ]
+    panels.append((f"reflection: share of detail told, below {FADED:g} in red", _marked(_panel(known))))
+    write_png(folder / "uncertainty.png", side_by_side([panels]))
+    return {
+        "typical_error": {name: float(np.sqrt(np.mean(np.square(error)))) for name, error in errors.items()},
+        "reflection_faded": {"share_of_pixels": float(np.mean(known < FADED)), "told_below": FADED},
+        "white_in_png": white,
+    }
+
+
+def _panel(image: Image) -> Image:
+    """A large image with pixels left out."""
+    step = -(-max(image.shape[:2]) // _LARGEST_PANEL)
+    return image[::step, ::step]
+
+
+def _marked(known: Image) -> Image:
+    """Grey where the reflection is known, red where it has faded, (h, w, 3)."""
+    red = np.array([1.0, 0.25, 0.2], dtype=np.float32)
+    return np.where((known < FADED)[..., None], (0.3 + known[..., None]) * red, known[..., None])
