@@ -1,4 +1,4 @@
-"""The command line: ``polaropt demo | simulate | inspect | estimate | separate``."""
+"""The command line: ``polaropt demo | simulate | inspect | estimate | separate | study``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from polaropt.cli_demo import demo_command
 from polaropt.cli_inspect import estimate_command, inspect_command
 from polaropt.cli_separate import separate_command
 from polaropt.cli_simulate import simulate_command
+from polaropt.cli_study import add_study_command
 from polaropt.errors import InputError
 
 INTERRUPTED = 130
@@ -30,6 +31,7 @@ add_command(app, simulate_command, "polaropt simulate behind.png mirrored.png --
 add_command(app, inspect_command, f"polaropt inspect {_FOUR} -o look.png")
 add_command(app, estimate_command, f"polaropt estimate {_FOUR}")
 add_command(app, separate_command, f"polaropt separate {_FOUR} -o out")
+add_study_command(app)
 
 
 def _show_version(wanted: bool) -> None:

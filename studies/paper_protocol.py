@@ -1,36 +1,32 @@
 """Accuracy on the paper's kind of scenes: PSNR of both layers with the scene known and blind, per incidence.
 
-Run ``python -m studies.paper_protocol --photos DIR``; without ``--photos`` it uses photographs inside scikit-image.
+Run ``polaropt study paper_protocol -o OUT``; without ``--photos`` it uses photographs inside scikit-image.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
 from polaropt.capture import Capture
 from polaropt.metrics import psnr_db
 from polaropt.separation import Separation, separate
+from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.protocol import (
     EVALUATION_BORDER,
     INCIDENCES_DEG,
+    N_PAIRS,
     Image,
     Kind,
-    Pair,
     protocol_capture,
-    protocol_pairs,
     protocol_scene,
-    shipped_pairs,
     truth,
 )
-from studies.record import write_study
+from studies.record import write_tables
+from studies.work import row_of, run_jobs
 
 
 @dataclass(frozen=True)
@@ -67,13 +63,7 @@ class Row:
     warnings: tuple[str, ...]
 
 
-@lru_cache(maxsize=1)
-def pairs_of(photos: str | None) -> list[Pair]:
-    """The pairs, read once per process."""
-    return shipped_pairs() if photos is None else protocol_pairs(Path(photos))
-
-
-def run(job: Job) -> Row:
+def run(job: Job) -> list[Row]:
     """Separate one scene, known and blind."""
     pair = pairs_of(job.photos)[job.pair]
     scene = protocol_scene(pair, job.incidence_deg, job.kind)
@@ -88,11 +78,12 @@ def run(job: Job) -> Row:
         known = _psnr(separate(capture, scene), layers)
     blind = separate(capture)
     incidence, azimuth, shift = scene_errors(blind, scene.values())
-    return Row(
+    row = Row(
         job.pair, job.incidence_deg, job.kind, nothing, minimum, *start, *known, *_psnr(blind, layers),
         incidence, azimuth, shift, blind.solver.n_evaluations, sum(blind.seconds.values()),
         tuple(warning.name for warning in blind.diagnostics.warnings),
     )  # fmt: skip
+    return [row]
 
 
 def trivial_psnr(capture: Capture, transmission: Image) -> tuple[float, float]:
@@ -155,34 +146,31 @@ def _line(rows: Sequence[Row]) -> str:
     )
 
 
-def main() -> None:
+QUICK_INCIDENCES_DEG = (10, 60, 85)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table and write it with all rows."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--photos", help="folder of photographs (default: those inside scikit-image)")
-    parser.add_argument("--kind", choices=("paper", "plate", "both"), default="both", help="formula of the ghost step")
-    parser.add_argument("--incidences", default=",".join(map(str, INCIDENCES_DEG)), help="degrees, comma separated")
-    parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser = study_parser(__doc__)
+    parser.add_argument("--kind", choices=("paper", "plate", "both"), help="formula of the ghost step")
+    parser.add_argument("--incidences", help="degrees, comma separated")
     parser.add_argument("--blind-only", action="store_true", help="leave out the solves with the scene known")
-    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON, CSV)")
-    options = parser.parse_args()
-    kinds: tuple[Kind, ...] = ("paper", "plate") if options.kind == "both" else (options.kind,)
-    n_pairs = min(options.pairs, len(pairs_of(options.photos)))
+    options = parser.parse_args(arguments)
+    quick = effort_of(options) == "quick"
+    kind = options.kind or ("paper" if quick else "both")
+    kinds: tuple[Kind, ...] = ("paper", "plate") if kind == "both" else (kind,)
+    default = QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG
+    incidences = [float(text) for text in options.incidences.split(",")] if options.incidences else default
     jobs = [
         Job(options.photos, pair, float(incidence), kind, not options.blind_only)
         for kind in kinds
-        for incidence in options.incidences.split(",")
-        for pair in range(n_pairs)
+        for incidence in incidences
+        for pair in range(n_pairs_of(options, 1 if quick else N_PAIRS))
     ]
-    if options.jobs > 1:
-        with ProcessPoolExecutor(options.jobs) as pool:
-            rows = list(pool.map(run, jobs))
-    else:
-        rows = [run(job) for job in jobs]
+    made = run_jobs(run, jobs, options.out / "paper_protocol.json", {}, hands_of(options))
+    rows = [row_of(Row, row) for row in made]
     print(table(rows))
-    if options.out:
-        asked = {"photos": options.photos, "kinds": kinds, "incidences": options.incidences, "pairs": n_pairs}
-        write_study(options.out, "paper_protocol", asked, rows, table(rows))
+    write_tables(options.out, "paper_protocol", made, table(rows))
 
 
 if __name__ == "__main__":

@@ -78,6 +78,12 @@ def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
             writer.writerow({k: " ".join(map(str, v)) if isinstance(v, (list, tuple)) else v for k, v in row.items()})
 
 
+def write_tables(out: Path, name: str, rows: Sequence[dict[str, Any]], table: str) -> None:
+    """Write a study's rows as CSV and its table as Markdown; the rows' JSON is there already."""
+    write_csv(out / f"{name}.csv", rows)
+    (out / f"{name}.md").write_text(table + "\n", encoding="utf-8")
+
+
 def write_study(out: Path, name: str, settings: dict[str, Any], rows: Sequence[Any], table: str) -> None:
     """Write a study's rows (dataclasses) as JSON and CSV, and its table as Markdown, into a folder."""
     out.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,23 @@
+"""The studies by name, what each asks, and its command for one run of all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Study:
+    """A module of this package, and the question it answers."""
+
+    name: str
+    question: str
+
+
+STUDIES = (
+    Study("paper_protocol", "How good is a separation on the paper's six incidences, blind and with the scene known?"),
+    Study("model_ladder", "Which scene model is taken on each family of scenes, and what does the choice cost?"),
+    Study("stability", "How far may scenes leave the plain case, where do methods fail, and is it announced?"),
+    Study("coverage", "Do the stated standard errors of the layers hold?"),
+    Study("parameter_errors", "Do the stated standard errors of the scene's parameters hold?"),
+    Study("benchmark", "How fast is the solver against others, at the same objective value?"),
+)

@@ -1,0 +1,77 @@
+"""One HTML page that shows the tables and figures of all studies in a folder."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+from studies.catalogue import STUDIES, Study
+
+_STYLE = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 75rem; margin: 2rem auto; padding: 0 1rem; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: 0.85rem; font-variant-numeric: tabular-nums; }
+th, td { border-bottom: 1px solid #8886; padding: 0.25rem 0.6rem; text-align: right; }
+th:first-child, td:first-child { text-align: left; }
+figure { margin: 1.5rem 0; }
+img { max-width: 100%; background: white; }
+"""
+
+
+def write_index(out: Path) -> Path:
+    """Write ``index.html`` into a folder whose subfolders bear the names of studies.
+
+    Parameters
+    ----------
+    out : Path
+
+    Returns
+    -------
+    Path
+        The page. Pictures and data are linked beside it.
+    """
+    there = [study for study in STUDIES if (out / study.name).is_dir()]
+    links = "".join(f'<li><a href="#{study.name}">{html.escape(study.question)}</a></li>' for study in there)
+    sections = "".join(_section(study, out) for study in there)
+    page = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>polaropt: studies</title>'
+        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
+        f"<h1>polaropt: studies</h1><nav><ul>{links}</ul></nav>{sections}</body></html>\n"
+    )
+    target = out / "index.html"
+    target.write_text(page, encoding="utf-8")
+    return target
+
+
+def _section(study: Study, out: Path) -> str:
+    from markdown_it import MarkdownIt
+
+    folder = out / study.name
+    markdown = MarkdownIt("commonmark").enable("table")
+    tables = [markdown.render(file.read_text(encoding="utf-8")) for file in sorted(folder.glob("*.md"))]
+    pictures = [file for file in sorted(folder.iterdir()) if _shown(file)]
+    figures = "".join(
+        f'<figure><img src="{study.name}/{file.name}" alt="{html.escape(_caption(file))}">'
+        f"<figcaption>{html.escape(_caption(file))}</figcaption></figure>"
+        for file in pictures
+    )
+    data = ", ".join(
+        f'<a href="{study.name}/{file.name}">{file.name}</a>'
+        for file in sorted(folder.iterdir())
+        if file.suffix in (".json", ".csv", ".html")
+    )
+    return (
+        f'<section id="{study.name}"><h2>{html.escape(study.question)}</h2>'
+        f"<p><code>polaropt study {study.name} -o OUT</code>. Data: {data}</p>"
+        f'<div class="wide">{"".join(tables)}</div>{figures}</section>'
+    )
+
+
+def _shown(file: Path) -> bool:
+    """A figure; of those that come as PNG and SVG, the SVG."""
+    return file.suffix == ".svg" or (file.suffix == ".png" and not file.with_suffix(".svg").exists())
+
+
+def _caption(file: Path) -> str:
+    return file.stem.replace("_", " ")
