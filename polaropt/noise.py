@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ def noise_level(capture: Capture) -> float:
     if len(capture.angles_deg) == 3:
         spread = _noise_of_three_photographs(capture, step)
     else:
-        spread = _noise_of_redundancy(capture, step)
+        spread = robust_spread(redundancy(capture).residual, step / 2)
     return float(max(_LEAST, spread, step / np.sqrt(12)))
 
 
@@ -65,7 +66,24 @@ def quantization_step(intensities: NDArray[np.float32]) -> float:
     return step if on_grid and step < _COARSEST_STEP else 0.0
 
 
-def _noise_of_redundancy(capture: Capture, step: float) -> float:
+@dataclass(frozen=True)
+class Redundancy:
+    """What more than three photographs say twice, of pixels that can be trusted.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (k - 3, n)
+        As of `redundancy_residual`, after a pair gain is divided out.
+    intensity : ndarray, shape (n,)
+        Mean of the photographs.
+    """
+
+    residual: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+
+
+def redundancy(capture: Capture) -> Redundancy:
+    """Residuals of more than three photographs with their intensities; of a large capture, bands of rows."""
     rows = _sampled_rows(capture.intensities[0].size, capture.shape[-2])
     intensities, valid = capture.intensities[..., rows, :], capture.valid[..., rows, :]
     trusted = _trusted(intensities, valid)
@@ -74,7 +92,7 @@ def _noise_of_redundancy(capture: Capture, step: float) -> float:
         if gain is not None and plausible(gain):
             intensities = divide_out_gain(intensities, capture.angles_deg, gain)
     residual = redundancy_residual(intensities, capture.angles_deg)
-    return _spread(residual[np.broadcast_to(trusted, residual.shape)], step / 2)
+    return Redundancy(residual[:, trusted], intensities[:, trusted].mean(axis=0))
 
 
 def _sampled_rows(size: int, height: int) -> slice | NDArray[np.intp]:
@@ -98,7 +116,7 @@ def _noise_of_three_photographs(capture: Capture, step: float) -> float:
     samples = detail[:, trusted if trusted.any() else np.ones_like(trusted)]
     small = np.abs(samples).max(axis=0) <= np.quantile(np.abs(samples).max(axis=0), 0.9)
     _, directions = np.linalg.eigh(np.cov(samples[:, small].astype(np.float64)))
-    return _spread(np.tensordot(directions[:, 0].astype(np.float32), samples, axes=1), step / 6)
+    return robust_spread(np.tensordot(directions[:, 0].astype(np.float32), samples, axes=1), step / 6)
 
 
 def _second_differences(images: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -131,7 +149,7 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return both
 
 
-def _spread(values: NDArray[np.float32], step: float) -> float:
+def robust_spread(values: NDArray[np.float32], step: float) -> float:
     """Robust standard deviation of values on a grid of `step`.
 
     On a coarse grid the median deviation is a whole number of steps; a uniform jitter of one step fills the gaps, and

@@ -27,6 +27,8 @@ def simulate(
     noise: float = 0.005,
     bits: int | None = None,
     seed: int = 0,
+    *,
+    shot_noise: float = 0.0,
 ) -> Capture:
     """Blend two layers through a simulated pane and photograph them behind a polarizer.
 
@@ -45,6 +47,8 @@ def simulate(
         Quantize to this depth. Default: no quantization.
     seed : int
         Seed of the noise.
+    shot_noise : float
+        Growth of the noise with the light: its variance is ``noise^2 + shot_noise * intensity``.
 
     Returns
     -------
@@ -59,11 +63,14 @@ def simulate(
     layers = stack_layers(transmission, reflection)
     if not 0 <= noise < np.inf:
         raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
+    if not 0 <= shot_noise < np.inf:
+        raise InputError(f"the shot noise is {shot_noise}; give a variance per unit of intensity of 0 or more")
     if bits is not None and not 1 <= bits <= 24:
         raise InputError(f"{bits} bits; give a depth from 1 to 24")
     exact = exact_photographs(layers, scene, angles_deg)
     random = np.random.default_rng(seed)
-    photographs = exact + noise * random.standard_normal(exact.shape)
+    sigma = np.sqrt(noise**2 + shot_noise * np.maximum(exact, 0)) if shot_noise else noise
+    photographs = exact + sigma * random.standard_normal(exact.shape)
     return Capture(digitized(photographs, bits), angles_deg)
 
 

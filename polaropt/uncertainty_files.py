@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.image_io import write_png, write_tiff
+from polaropt.image_io import linearize, write_png, write_tiff
 from polaropt.simulation import planes_last
 from polaropt.view import side_by_side
 
@@ -44,11 +44,13 @@ def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
     write_tiff(folder / "reflection_known.tiff", known)
     white = {name: max(float(np.quantile(error, _WHITE)), 1e-6) for name, error in errors.items()}
     panels: list[tuple[str, Image | None]] = [
-        (f"{name}: standard error, white = {white[name]:.2g}", _panel(error) / np.float32(white[name]))
+        (f"{name}: error, white = {white[name]:.2g}", _panel(error) / np.float32(white[name]))
         for name, error in errors.items()
     ]
-    panels.append((f"reflection: share of detail told, below {FADED:g} in red", _marked(_panel(known))))
-    write_png(folder / "uncertainty.png", side_by_side([panels]))
+    panels.append((f"reflection: detail told, below {FADED:g} red", _marked(_panel(known))))
+    # Values of the picture are in proportion to the errors.
+    straight = [(title, None if panel is None else linearize(np.clip(panel, 0, 1), "srgb")) for title, panel in panels]
+    write_png(folder / "uncertainty.png", side_by_side([straight]))
     return {
         "typical_error": {name: float(np.sqrt(np.mean(np.square(error)))) for name, error in errors.items()},
         "reflection_faded": {"share_of_pixels": float(np.mean(known < FADED)), "told_below": FADED},
