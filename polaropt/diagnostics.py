@@ -9,6 +9,7 @@ import numpy as np
 
 from polaropt.capture import Capture
 from polaropt.capture_checks import checked_blocks, fit_gamma, swapped_photographs
+from polaropt.noise_model import NoiseModel
 from polaropt.pair_gain import Floats
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
@@ -90,6 +91,8 @@ class Diagnostics:
         Share of the reflection's gradient energy that the photographs do not tell, 0..1.
     estimate : SceneEstimate or None
         How the scene was found; None where nothing was estimated.
+    noise_model : NoiseModel or None
+        How the noise grows with the light; None where that is not known.
     """
 
     warnings: tuple[Warning, ...]
@@ -98,6 +101,7 @@ class Diagnostics:
     misfit_ratio: float
     reflection_unknown: float
     estimate: SceneEstimate | None
+    noise_model: NoiseModel | None = None
 
 
 def diagnose(

@@ -16,6 +16,7 @@ from polaropt.canvas import Canvas
 from polaropt.capture import Capture
 from polaropt.forward import PSE
 from polaropt.misfit_kernels import Ghosts, residuals, spread
+from polaropt.noise_model import NoiseClasses
 from polaropt.varying import VaryingPSE
 from polaropt.varying_kernels import varying_residuals
 from solvers.blocks import in_blocks
@@ -42,10 +43,14 @@ class Information:
 class _Whitened:
     """Photographs reduced to the residuals' data, and what whitens entries to compare with them."""
 
-    def __init__(self, capture: Capture, mixing: NDArray[np.float64], noise: float) -> None:
+    def __init__(self, capture: Capture, mixing: NDArray[np.float64], noise: float | NoiseClasses) -> None:
         shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
         patterns, self.kinds = kinds_of_pixels(capture.valid.reshape(shape))
-        information = _information(mixing, noise, patterns)
+        if isinstance(noise, NoiseClasses):
+            patterns, sigmas, self.kinds = _kinds_of_noise(patterns, self.kinds, noise)
+        else:
+            sigmas = np.full(len(patterns), noise)
+        information = _information(mixing, sigmas, patterns)
         self.roots = information.root
         self.data, self.constant = _reduced(capture.intensities.reshape(shape), self.kinds, information)
         self.slopes = np.empty_like(self.data)
@@ -66,10 +71,11 @@ class FusedMisfit:
     capture : Capture
     pse : PSE
     canvas : Canvas
-    noise : float
+    noise : float or NoiseClasses
+        Standard deviation of a photograph's noise, the same everywhere or by classes of pixels.
     """
 
-    def __init__(self, capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> None:
+    def __init__(self, capture: Capture, pse: PSE, canvas: Canvas, noise: float | NoiseClasses) -> None:
         self._seen = _Whitened(capture, pse.mixing[:, : pse.taps.shape[2]], noise)
         self._ghosts = ghosts_of(pse)
         self._corner = (canvas.top, canvas.left)
@@ -100,10 +106,10 @@ class FusedVaryingMisfit:
     pse : VaryingPSE
         Made for the frame.
     canvas : Canvas
-    noise : float
+    noise : float or NoiseClasses
     """
 
-    def __init__(self, capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float) -> None:
+    def __init__(self, capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float | NoiseClasses) -> None:
         self._seen = _Whitened(capture, pse.analyzer, noise)
         self._mixtures = pse.mixtures(canvas.height, canvas.width)
         self._corner = (canvas.top, canvas.left)
@@ -142,9 +148,19 @@ def kinds_of_pixels(valid: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArra
     return patterns, kinds.reshape(valid.shape[1:]).astype(np.uint16)
 
 
-def _information(mixing: NDArray[np.float64], noise: float, patterns: NDArray[np.bool_]) -> Information:
+def _kinds_of_noise(
+    patterns: NDArray[np.bool_], kinds: NDArray[np.uint16], noise: NoiseClasses
+) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.uint16]]:
+    """Kinds divided by their noise: patterns (kind, k), standard deviations (kind,) and kinds (channel, h, w)."""
+    n = len(noise.sigmas)
+    codes = noise.classes + (n * kinds.astype(np.int64) if kinds.size else 0)
+    present, divided = np.unique(codes, return_inverse=True)
+    return patterns[present // n], noise.sigmas[present % n], divided.reshape(codes.shape).astype(np.uint16)
+
+
+def _information(mixing: NDArray[np.float64], sigmas: NDArray[np.float64], patterns: NDArray[np.bool_]) -> Information:
     roots, to_data, to_rest = [], [], []
-    for trusted in patterns:
+    for trusted, noise in zip(patterns, sigmas, strict=True):
         known = mixing * trusted[:, None] / noise
         left, singular, right = np.linalg.svd(known, full_matrices=True)
         told = singular > _SINGULAR * max(singular[0], 1e-300)

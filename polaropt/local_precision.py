@@ -12,6 +12,7 @@ from polaropt.capture import Capture
 from polaropt.forward import PSE
 from polaropt.fused_misfit import kinds_of_pixels
 from polaropt.local_variance import Knowledge
+from polaropt.noise_model import NoiseClasses
 from polaropt.varying import VaryingPSE
 
 Images = NDArray[np.float32]
@@ -22,12 +23,15 @@ LEAST = 1e-3
 _BLUR_PX = 1.0
 
 
-def local_precision(capture: Capture, pse: PSE | VaryingPSE, noise: float, known: Knowledge) -> Images | None:
-    """Precision of every pixel of the frame, (h, w), from `LEAST` to 1; None where all are alike."""
+def local_precision(
+    capture: Capture, pse: PSE | VaryingPSE, noise: float, known: Knowledge, classes: NoiseClasses | None = None
+) -> Images | None:
+    """Precision of every pixel of the frame, (h, w), at least `LEAST`; None where all are alike."""
     mixing = pse.mixing[:, : pse.taps.shape[2]] if isinstance(pse, PSE) else pse.analyzer
     clipped = _of_clipping(capture, mixing)
     beyond = _of_light_from_beyond(capture.shape[-2:], pse, noise, known) if isinstance(pse, PSE) else None
-    parts = [part for part in (clipped, beyond) if part is not None]
+    of_noise = None if classes is None else np.square(noise / classes.images()).mean(axis=0)
+    parts = [part for part in (clipped, beyond, of_noise) if part is not None]
     if not parts:
         return None
     return np.asarray(np.maximum(np.prod(parts, axis=0), LEAST), dtype=np.float32)

@@ -25,7 +25,23 @@ _MOST_VALUES, _BAND = 2**18, 16
 """Values of a photograph that are enough, and rows of a band that is taken from a larger one."""
 
 
-def noise_level(capture: Capture) -> float:
+@dataclass(frozen=True)
+class Redundancy:
+    """What more than three photographs say twice, of pixels that can be trusted.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (k - 3, n)
+        As of `redundancy_residual`, after a pair gain is divided out.
+    intensity : ndarray, shape (n,)
+        Mean of the photographs.
+    """
+
+    residual: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+
+
+def noise_level(capture: Capture, seen: Redundancy | None = None) -> float:
     """Standard deviation of the noise of one photograph (white = 1), quantization included.
 
     From the redundancy ``I0 + I90 - I45 - I135`` (its generalization for other sets of angles), robustly, after a
@@ -34,6 +50,12 @@ def noise_level(capture: Capture) -> float:
 
     Clipped pixels and their neighbours do not count. A capture demosaiced to full resolution has the noise of its raw
     pixels, measured before their interpolation.
+
+    Parameters
+    ----------
+    capture : Capture
+    seen : Redundancy, optional
+        That of the capture, where it is at hand.
     """
     if capture.origin is not None and capture.origin.raw_noise is not None:
         return capture.origin.raw_noise
@@ -41,7 +63,7 @@ def noise_level(capture: Capture) -> float:
     if len(capture.angles_deg) == 3:
         spread = _noise_of_three_photographs(capture, step)
     else:
-        spread = robust_spread(redundancy(capture).residual, step / 2)
+        spread = robust_spread((seen or redundancy(capture)).residual, step / 2)
     return float(max(_LEAST, spread, step / np.sqrt(12)))
 
 
@@ -64,22 +86,6 @@ def quantization_step(intensities: NDArray[np.float32]) -> float:
     off_grid = np.abs(gaps / step - np.round(gaps / step))
     on_grid = float(np.mean(off_grid < 0.1)) > 0.9 and step > 2e-6
     return step if on_grid and step < _COARSEST_STEP else 0.0
-
-
-@dataclass(frozen=True)
-class Redundancy:
-    """What more than three photographs say twice, of pixels that can be trusted.
-
-    Attributes
-    ----------
-    residual : ndarray, shape (k - 3, n)
-        As of `redundancy_residual`, after a pair gain is divided out.
-    intensity : ndarray, shape (n,)
-        Mean of the photographs.
-    """
-
-    residual: NDArray[np.float32]
-    intensity: NDArray[np.float32]
 
 
 def redundancy(capture: Capture) -> Redundancy:

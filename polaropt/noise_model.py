@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.noise import Redundancy, quantization_step, redundancy, robust_spread
+from polaropt.noise import Redundancy, noise_level, quantization_step, redundancy, robust_spread
 
 Floats = NDArray[np.float64]
 
 _BINS, _FEWEST, _FEWEST_BINS = 24, 200, 4
 _TURNS = 4
+_ENOUGH = 2**16
+# In steps of the grey levels: below, the noise is rounding, which does not look normal.
+_ROUNDED = 0.5
 # Of the variance of a robust spread, in units of variance^2 / n (median absolute deviation of normal values).
 _MAD_VARIANCE = 4 * 1.36
 # Growth that is believed: in its standard errors, and as variance of the brightest tenth against the darkest.
@@ -60,17 +63,24 @@ class NoiseClasses:
     classes: NDArray[np.uint8]
 
     @property
-    def root_mean_square(self) -> float:
-        """Of the standard deviations over the pixels: the noise of every frequency."""
+    def typical(self) -> float:
+        """Standard deviation that tells as much as all pixels do on average (mean precision)."""
         counts = np.bincount(self.classes.ravel(), minlength=len(self.sigmas))
-        return float(np.sqrt(counts @ self.sigmas**2 / counts.sum()))
+        return math.sqrt(counts.sum() / (counts @ self.sigmas**-2))
 
     def images(self) -> NDArray[np.float32]:
         """Standard deviation of every pixel, (channel, h, w)."""
         return self.sigmas.astype(np.float32)[self.classes]
 
 
-def noise_model(capture: Capture, level: float) -> NoiseModel:
+def measured_noise(capture: Capture) -> tuple[float, NoiseModel]:
+    """`noise_level` and `noise_model` of a capture."""
+    seen = redundancy(capture) if len(capture.angles_deg) > 3 else None
+    level = noise_level(capture, seen)
+    return level, noise_model(capture, level, seen)
+
+
+def noise_model(capture: Capture, level: float, seen: Redundancy | None = None) -> NoiseModel:
     """How the noise grows with the intensity, where that can be told.
 
     Parameters
@@ -78,6 +88,8 @@ def noise_model(capture: Capture, level: float) -> NoiseModel:
     capture : Capture
     level : float
         `noise_level` of the capture: the answer where no growth is significant.
+    seen : Redundancy, optional
+        That of the capture, where it is at hand.
 
     Notes
     -----
@@ -87,8 +99,11 @@ def noise_model(capture: Capture, level: float) -> NoiseModel:
     constant = NoiseModel(level)
     if len(capture.angles_deg) == 3:
         return constant
-    seen = redundancy(capture)
-    intensity, variance, count = _binned(seen, quantization_step(capture.intensities) / 2)
+    step = quantization_step(capture.intensities)
+    if level < _ROUNDED * step:
+        return constant
+    seen = _sample(seen or redundancy(capture))
+    intensity, variance, count = _binned(seen, step / 2)
     if len(intensity) < _FEWEST_BINS:
         return constant
     dark, growth, error = _line(intensity, variance, count)
@@ -117,6 +132,11 @@ def noise_classes(capture: Capture, model: NoiseModel) -> NoiseClasses | None:
     steps = np.geomspace(least, max(most, least * (1 + 1e-6)), _CLASSES + 1)
     classes = np.clip(np.searchsorted(steps, sigma.ravel()) - 1, 0, _CLASSES - 1).astype(np.uint8)
     return NoiseClasses(np.sqrt(steps[1:] * steps[:-1]), classes.reshape(sigma.shape))
+
+
+def _sample(seen: Redundancy) -> Redundancy:
+    stride = max(1, seen.intensity.size // _ENOUGH)
+    return Redundancy(seen.residual[:, ::stride], seen.intensity[::stride])
 
 
 def _binned(seen: Redundancy, step: float) -> tuple[Floats, Floats, Floats]:

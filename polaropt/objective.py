@@ -18,6 +18,7 @@ from polaropt.capture import Capture
 from polaropt.closed_form import ClosedForm
 from polaropt.errors import InputError
 from polaropt.forward import PSE
+from polaropt.noise_model import NoiseClasses
 from polaropt.varying import VaryingPSE
 from priors.base import CHROMA_WEIGHT, Regularizer
 from priors.edge_independence import EdgeIndependence
@@ -89,7 +90,8 @@ class Misfit:
     pse : PSE or VaryingPSE
         For images of the canvas's size.
     canvas : Canvas
-    noise : float
+    noise : float or NoiseClasses
+        Standard deviation of a photograph's noise, the same everywhere or by classes of pixels.
     robust : bool
         Pseudo-Huber instead of squares: residuals beyond 3 sigma count linearly.
     place : callable, optional
@@ -101,13 +103,14 @@ class Misfit:
         capture: Capture,
         pse: PSE | VaryingPSE,
         canvas: Canvas,
-        noise: float,
+        noise: float | NoiseClasses,
         robust: bool = False,
         place: Callable[[NDArray[Any]], Any] = np.asarray,
     ) -> None:
         shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
         self._photographs = place(canvas.pad_zeros(capture.intensities.reshape(shape)))
-        self._precision = place(canvas.pad_zeros(capture.valid.reshape(shape).astype(np.float32) / np.float32(noise)))
+        sigma = noise.images() if isinstance(noise, NoiseClasses) else np.float32(noise)
+        self._precision = place(canvas.pad_zeros(capture.valid.reshape(shape).astype(np.float32) / sigma))
         self._pse = pse
         self._robust = robust
 

@@ -13,6 +13,7 @@ from polaropt.canvas import Canvas, canvas_for
 from polaropt.capture import Capture
 from polaropt.closed_form import ClosedForm, natural_image_layers
 from polaropt.forward import PSE
+from polaropt.noise_model import NoiseClasses, NoiseModel, noise_classes
 from polaropt.objective import Misfit, Term, Weights, build_objective, default_penalties
 from polaropt.plate import ghosts_that_matter
 from polaropt.preconditioner import FourierPreconditioner
@@ -56,6 +57,8 @@ class Problem:
         Residuals beyond 3 sigma count linearly.
     center : (float, float), optional
         Column and row of the camera's principal point. Default: the middle of the frame.
+    growth : NoiseModel, optional
+        How the noise grows with the light. Default: it is the same everywhere.
     """
 
     def __init__(
@@ -66,8 +69,13 @@ class Problem:
         weights: Weights,
         robust: bool = False,
         center: tuple[float, float] | None = None,
+        *,
+        growth: NoiseModel | None = None,
     ) -> None:
-        self.capture, self.scene, self.noise = capture, scene, noise
+        classes = None if growth is None else noise_classes(capture, growth)
+        self.noise = noise if classes is None else classes.typical
+        self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
+        self.capture, self.scene = capture, scene
         self._weights, self._robust = weights, robust
         self.pse = engine_for(scene, capture.angles_deg, noise, center)
         self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
@@ -99,10 +107,10 @@ class Problem:
         from polaropt.fused_misfit import FusedMisfit, FusedVaryingMisfit
 
         if self._robust:
-            return ReadableMisfit(Misfit(self.capture, self._on_canvas(), self.canvas, self.noise, robust=True))
+            return ReadableMisfit(Misfit(self.capture, self._on_canvas(), self.canvas, self._pixel_noise, robust=True))
         if isinstance(self.pse, PSE):
-            return FusedMisfit(self.capture, self.pse, self.canvas, self.noise)
-        return FusedVaryingMisfit(self.capture, self.pse, self.canvas, self.noise)
+            return FusedMisfit(self.capture, self.pse, self.canvas, self._pixel_noise)
+        return FusedVaryingMisfit(self.capture, self.pse, self.canvas, self._pixel_noise)
 
     def _on_canvas(self) -> PSE | VaryingPSE:
         """The engine for images of the canvas's size."""
@@ -119,7 +127,7 @@ class Problem:
         from polaropt.whitened import WhitenedObjective, on_device
 
         place = np.asarray if device is None else on_device(device)
-        misfit = Misfit(self.capture, self._on_canvas(), self.canvas, self.noise, self._robust, place)
+        misfit = Misfit(self.capture, self._on_canvas(), self.canvas, self._pixel_noise, self._robust, place)
         objective = build_objective(misfit, self.penalties.placed(place), self.canvas, self._weights)
         known, natural = self.known, self.penalties.natural_image
         local = FusedPenalties(self.penalties, self.canvas, start.shape[1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Literal
 
@@ -16,7 +16,7 @@ from polaropt.diagnostics import Diagnostics, diagnose
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.model_selection import FoundScene, Tried, find_scene, model_names
-from polaropt.noise import noise_level
+from polaropt.noise_model import NoiseModel, measured_noise
 from polaropt.objective import Term, Weights
 from polaropt.problem import component_images
 from polaropt.scene import SceneParameters
@@ -176,19 +176,21 @@ def separate(
     # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
     with threadpool_limits(1, "blas"), told_of_compiling(stages.compiling):
         stages.begin("Measuring the noise", 0.0)
-        noise = noise_level(capture)
+        noise, growth = measured_noise(capture)
         stages.begin("Estimating the scene", 0.02)
         found = find_scene(capture, asked, noise, model, thickness_px=thickness_px, thickness_kind=thickness_kind)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:
             return _unseparated(capture, found, noise, estimate, stages)
-        how = How(minimizer, init, weights, stopping, robust, device)
+        how = How(minimizer, init, weights, stopping, robust, device, growth)
         solution = solve(capture, found.scene, noise, how, stages)
         stages.begin("Taking stock", 0.97)
-        return _report(capture, found, noise, solution, stages)
+        return _report(capture, found, noise, solution, stages, growth)
 
 
-def _report(capture: Capture, found: FoundScene, noise: float, solution: Solution, stages: Stages) -> Separation:
+def _report(
+    capture: Capture, found: FoundScene, noise: float, solution: Solution, stages: Stages, growth: NoiseModel
+) -> Separation:
     diagnostics = diagnose(
         capture,
         noise,
@@ -206,11 +208,11 @@ def _report(capture: Capture, found: FoundScene, noise: float, solution: Solutio
         tried=found.tried,
         terms=solution.terms,
         solver=solution.solver,
-        diagnostics=diagnostics,
+        diagnostics=replace(diagnostics, noise_model=growth),
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
-        judge=partial(estimate_uncertainty, capture, solution.layers, noise, solution.pieces),
+        judge=partial(estimate_uncertainty, capture, solution.layers, noise, solution.pieces, growth),
     )
 
 

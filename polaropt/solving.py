@@ -13,6 +13,7 @@ from polaropt.canvas import Canvas
 from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.forward import PSE
+from polaropt.noise_model import NoiseModel
 from polaropt.objective import Term, Weights, unknown_shares
 from polaropt.problem import Problem, engine_for
 from polaropt.scene import SceneParameters
@@ -50,6 +51,8 @@ class How:
     robust : bool
     device : str or None
         Where the readable objective runs on tensors; None for the compiled one.
+    growth : NoiseModel or None
+        How the noise grows with the light; None where it is the same everywhere.
     """
 
     minimizer: Solver
@@ -58,6 +61,7 @@ class How:
     stopping: StoppingRule
     robust: bool
     device: str | None
+    growth: NoiseModel | None = None
 
 
 @dataclass(frozen=True)
@@ -147,7 +151,7 @@ def _solve_tile(
     done, share = place.number / place.of, 1 / place.of
     reach = _TAKING_STOCK - _CLOSED_FORM
     stages.begin("Closed form", _CLOSED_FORM + reach * done)
-    problem = Problem(capture, scene, noise, how.weights, how.robust, place.center)
+    problem = Problem(capture, scene, noise, how.weights, how.robust, place.center, growth=how.growth)
     start = problem.take_start(how.init)
     stages.begin("Setting up", _CLOSED_FORM + reach * done)
     objective = problem.compiled(start) if how.device is None else problem.readable(start, how.device)

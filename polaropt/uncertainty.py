@@ -12,6 +12,7 @@ from polaropt.capture import Capture
 from polaropt.forward import PSE
 from polaropt.local_precision import LEAST, local_precision
 from polaropt.local_variance import SCALES, Knowledge, variance_table
+from polaropt.noise_model import NoiseModel, noise_classes
 from polaropt.tiles import Tile
 from polaropt.varying import VaryingPSE
 from priors.base import CHROMA_WEIGHT
@@ -53,7 +54,9 @@ class Piece:
     pse: PSE | VaryingPSE
 
 
-def estimate_uncertainty(capture: Capture, layers: Images, noise: float, pieces: Sequence[Piece]) -> Uncertainty:
+def estimate_uncertainty(
+    capture: Capture, layers: Images, noise: float, pieces: Sequence[Piece], growth: NoiseModel | None = None
+) -> Uncertainty:
     """Standard errors from the variance that each place's photographs and spectra leave.
 
     Parameters
@@ -63,13 +66,17 @@ def estimate_uncertainty(capture: Capture, layers: Images, noise: float, pieces:
     noise : float
     pieces : sequence of Piece
         Their weights add up to 1 in every pixel.
+    growth : NoiseModel, optional
+        How the noise grows with the light. Default: it is the same everywhere.
     """
     colors = layers.shape[1]
     total = np.zeros((2 * colors + 1, *layers.shape[-2:]), dtype=np.float32)
     for piece in pieces:
         part = capture.part(*piece.tile.where)
-        precision = local_precision(part, piece.pse, noise, piece.known)
-        for place in _places(piece, noise, part.shape[-2:]):
+        classes = None if growth is None else noise_classes(part, growth)
+        usual = noise if classes is None else classes.typical
+        precision = local_precision(part, piece.pse, usual, piece.known, classes)
+        for place in _places(piece, usual, part.shape[-2:]):
             rows, columns = place.tile.where
             of_frame = (slice(None), *_within(piece.tile, rows, columns))
             exact = None if precision is None else precision[rows, columns]

@@ -33,6 +33,7 @@ def blend(
     noise: float = 0.005,
     angles_deg: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0),
     exposure: float = 1.0,
+    shot_noise: float = 0.0,
     **scene: object,
 ) -> Blend:
     """Astronaut behind the glass, a coffee cup mirrored; ghosts find content beyond the frame."""
@@ -41,7 +42,7 @@ def blend(
     if not color:
         images = [image.mean(axis=-1) for image in images]
     parameters = SceneParameters(incidence_deg, azimuth_deg, ghost_shift).replace(**scene)
-    larger = simulate(images[0], images[1], parameters, angles_deg, noise=noise)
+    larger = simulate(images[0], images[1], parameters, angles_deg, noise=noise, shot_noise=shot_noise)
     inside = (..., slice(MARGIN, -MARGIN), slice(MARGIN, -MARGIN))
     capture = Capture(larger.intensities[inside], angles_deg, larger.valid[inside])
     return Blend(capture, parameters, np.stack([planes_first(image)[inside] for image in images]))
