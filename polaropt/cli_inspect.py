@@ -102,6 +102,8 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
 
 def estimate_sentences(found: FoundScene, pane: PaneOptions, focal_hint_px: float | None = None) -> list[str]:
     """The scene, line by line, and what it rests on."""
+    from polaropt.perspective import largest_turn
+
     incidence, azimuth, shift = found.scene.values()
     lines = [
         f"incidence  {incidence:7.2f} deg  {_source(pane.incidence)}",
@@ -110,6 +112,9 @@ def estimate_sentences(found: FoundScene, pane: PaneOptions, focal_hint_px: floa
     if found.scene.focal_px is not None:
         told = found.scene.focal_px in (pane.focal_px, focal_hint_px)
         lines.append(f"focal      {found.scene.focal_px:7.0f} px   {'(given)' if told else '(estimated)'}")
+    if found.scene.bent:
+        lines.append(f"bend       {100 * largest_turn(found.scene.bend_deg_per_px):7.1f} deg  in 100 px (estimated)")
+    if found.scene.varies:
         lines.append("incidence and azimuth change over the picture; those above are at its middle")
     elif pane.single_surface:
         lines.append("a single surface, without ghosts")

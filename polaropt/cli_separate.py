@@ -12,6 +12,7 @@ from polaropt.cli_capture import CaptureOptions
 from polaropt.cli_command import progress_bar, say, say_json
 from polaropt.cli_options import LadderOptions, PaneOptions
 from polaropt.errors import InputError
+from polaropt.pane_text import pane_sentence
 
 if TYPE_CHECKING:
     from polaropt.objective import Weights
@@ -225,7 +226,7 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
     solver = report["solver"]
     seconds = sum(report["seconds"].values())
     lines = [
-        _pane_sentence(report),
+        pane_sentence(report),
         f"Solver: {solver['n_evaluations']} evaluations, {seconds:.1f} s altogether. {solver['sentence']}",
     ]
     lines += [f"ATTENTION: {text}" for text in report["attention"]]
@@ -250,24 +251,3 @@ def _uncertainty_sentence(told: dict[str, Any]) -> str:
         f"standard errors, typically {typical['transmission']:.2g} and {typical['reflection']:.2g}; "
         f"the reflection's detail is unknown in {100 * faded:.0f} % of the picture"
     )
-
-
-def _pane_sentence(report: dict[str, Any]) -> str:
-    scene, estimated = report["scene"], report["estimated"]
-    if not scene["signal"]:
-        return "Not separated: the intensity is returned as transmission."
-    parts = [
-        f"{word} {scene[name]:.2f} {unit} ({'estimated' if name in estimated else 'given'})"
-        for name, word, unit in (
-            ("incidence_deg", "incidence", "deg"),
-            ("azimuth_deg", "azimuth", "deg"),
-            ("ghost_shift", "ghost shift", "px"),
-            ("transmission_ghost_shift", "of the transmission", "px"),
-        )
-        if scene[name] is not None
-        and not (name == "ghost_shift" and scene["single_surface"] and scene["focal_px"] is None)
-    ]
-    if scene["focal_px"] is not None:
-        how = "estimated" if "focal_px" in estimated else "given"
-        parts[-1] = f"both changing over the picture, focal length {scene['focal_px']:.0f} px ({how})"
-    return f"Pane: {', '.join(parts)}, refractive index {scene['refractive_index']:g}."

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from polaropt.capture import Capture
+from polaropt.errors import InputError
 from polaropt.plate_frame import stokes_images
 from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.rungs import RUNGS, Attempt, Evidence, noise_misfit
@@ -98,6 +99,8 @@ def find_scene(
         return FoundScene(asked, None, ())
     if asked.focal_px is not None and model == "auto":
         model = "perspective"
+    if asked.bent:
+        raise InputError("a bent pane must be given whole: set incidence, azimuth and ghost shift, or no bend")
     began = time.perf_counter()
     flat = asked.replace(focal_px=None)
     if model not in ("auto", "ghosts") and asked.ghost_shift is None:

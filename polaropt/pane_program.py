@@ -26,22 +26,36 @@ N_NUMBERS = 6
 
 # Focal length over the longer side: from a fisheye's middle to a telephoto lens that sees everything in parallel.
 SHORTEST, LONGEST = 0.4, 30.0
+FROM_AFAR = 0.0
 _STEEPEST = np.radians(86.0)
 _MOST_BENT = np.radians(40.0)
 _LOW = np.array([np.radians(0.5), -2 * np.pi, 0.5 / LONGEST, *3 * [-_MOST_BENT]])
+# A bent pane's view may come out a little beyond that of parallel rays, so that its errors are those of an open end.
+_BEYOND = -0.3
 _HIGH = np.array([_STEEPEST, 4 * np.pi, 0.5 / SHORTEST, *3 * [_MOST_BENT]])
 _OPTIONS = {"print_level": 0, "sb": "yes", "tol": 1e-7, "mu_init": 1e-3, "max_iter": 100}
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known beforehand of the six numbers: means and inverse variances (6,); 0 where nothing is."""
+    """What is known beforehand of the six numbers: means (6,) and precision (6, 6); 0 where nothing is."""
 
     mean: Values
     precision: Values
 
+    def told(self, direction: Values, value: float, error: float) -> Prior:
+        """With a measurement of the numbers along a direction (6,), and its standard error."""
+        information = direction / error**2
+        precision = self.precision + np.outer(direction, information)
+        mean = np.linalg.pinv(precision, hermitian=True) @ (self.precision @ self.mean + information * value)
+        return Prior(mean, precision)
 
-NOTHING = Prior(np.zeros(N_NUMBERS), np.zeros(N_NUMBERS))
+    def distance(self, point: Values) -> float:
+        """Squared distance of a point in standard errors."""
+        return float((point - self.mean) @ self.precision @ (point - self.mean))
+
+
+NOTHING = Prior(np.zeros(N_NUMBERS), np.zeros((N_NUMBERS, N_NUMBERS)))
 
 
 @dataclass(frozen=True)
@@ -70,14 +84,13 @@ def fitted(blocks: PolarizedBlocks, start: Values, free: Numbers, prior: Prior =
         Which of the six numbers are fitted; the others stay.
     prior : Prior
     """
-    program = _program(blocks.places.shape[1], free)
-    chosen = list(free)
-    found = program.solver(
-        x0=np.clip(start[chosen], _LOW[chosen], _HIGH[chosen]),
-        p=_told(blocks, start, prior),
-        lbx=_LOW[chosen],
-        ubx=_HIGH[chosen],
-    )
+    program, chosen = _program(blocks.places.shape[1], free), list(free)
+    low, high = _LOW.copy(), _HIGH
+    if set(BEND) <= set(free):
+        low[VIEW] = _BEYOND
+    low, high = low[chosen], high[chosen]
+    start_there = np.clip(start[chosen], low, high)
+    found = program.solver(x0=start_there, p=_told(blocks, start, prior), lbx=low, ubx=high)
     point = start.copy()
     point[chosen] = np.asarray(found["x"]).ravel()
     return point
@@ -92,7 +105,7 @@ def with_errors(blocks: PolarizedBlocks, point: Values, free: Numbers, prior: Pr
     program, chosen = _program(blocks.places.shape[1], free), list(free)
     curvature, gradients = program.curvature(point[chosen], _told(blocks, point, prior))
     parts = blocks.grouped(np.asarray(gradients))
-    known = np.diag(prior.precision[chosen])
+    known = prior.precision[np.ix_(chosen, chosen)]
     scatter = parts.T @ parts * len(parts) / max(1, len(parts) - 1) + known
     inverse = np.linalg.pinv(np.asarray(curvature) + known, hermitian=True)
     covariance = np.zeros((N_NUMBERS, N_NUMBERS))
@@ -102,7 +115,8 @@ def with_errors(blocks: PolarizedBlocks, point: Values, free: Numbers, prior: Pr
 
 def _told(blocks: PolarizedBlocks, point: Values, prior: Prior) -> Values:
     """The program's parameters: numbers that stay, the prior and the blocks."""
-    return np.concatenate([point, prior.mean, prior.precision, blocks.places.ravel(), blocks.moments.ravel()])
+    told = [point, prior.mean, prior.precision, blocks.places, blocks.moments]
+    return np.concatenate([part.ravel() for part in told])
 
 
 @dataclass(frozen=True)
@@ -117,14 +131,15 @@ class _Program:
 def _program(n_blocks: int, free: Numbers) -> _Program:
     casadi = import_module("casadi")
     unknown = casadi.MX.sym("unknown", len(free))
-    told = casadi.MX.sym("told", 3 * N_NUMBERS + 5 * n_blocks)
-    fixed, mean, precision, rest = casadi.vertsplit(told, [0, 6, 12, 18, told.numel()])
+    n, m = N_NUMBERS, N_NUMBERS**2
+    told = casadi.MX.sym("told", 2 * n + m + 5 * n_blocks)
+    fixed, mean, precision, rest = casadi.vertsplit(told, [0, n, 2 * n, 2 * n + m, told.numel()])
     point = [unknown[free.index(i)] if i in free else fixed[i] for i in range(N_NUMBERS)]
     halves = _half_squares(point, *casadi.vertsplit(rest, n_blocks))
     misfit = casadi.sum1(halves)
     away = casadi.vertcat(*point) - mean
     # Per block, so that tolerances mean the same for all numbers of them.
-    objective = (misfit + casadi.dot(precision * away, away) / 2) / n_blocks
+    objective = (misfit + casadi.bilin(casadi.reshape(precision, n, n), away, away) / 2) / n_blocks
     told_ipopt = {"print_time": False, "error_on_fail": False, "ipopt": _OPTIONS}
     solver = casadi.nlpsol("pane", "ipopt", {"x": unknown, "p": told, "f": objective}, told_ipopt)
     curvature, _ = casadi.hessian(misfit, unknown)
@@ -139,6 +154,5 @@ def _half_squares(point: list[Any], x: Any, y: Any, s11: Any, s12: Any, s22: Any
     incidence, azimuth, view, *bend = point
     across = casadi.sin(incidence)
     normal = across * casadi.cos(azimuth), across * casadi.sin(azimuth), casadi.cos(incidence)
-    focal = 1 / view
-    _, cos, sin = viewing_angles(bent_normal(normal, tuple(bend), focal, x, y), focal, x, y)
+    _, cos, sin = viewing_angles(bent_normal(normal, tuple(bend), view, x, y), view, x, y)
     return (cos * cos * s22 - 2 * cos * sin * s12 + sin * sin * s11) / 2

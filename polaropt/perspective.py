@@ -11,6 +11,7 @@ with ``q = b_xx x^2 + 2 b_xy x y + b_yy y^2``. Its gradient makes the normals ``
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ def pixel_grid(height: int, width: int, center: tuple[float, float]) -> tuple[Pl
     return columns[None, :] - center[0], center[1] - rows[:, None]
 
 
-def bent_normal(normal: Any, bend: Bend, focal_px: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
+def bent_normal(normal: Any, bend: Bend, vergence: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
     """Normal of a bent pane, of any length, for pixels x to the right and y up.
 
     Plain arithmetic: numbers, arrays and symbols alike.
@@ -54,26 +55,44 @@ def bent_normal(normal: Any, bend: Bend, focal_px: Any, x: Any, y: Any) -> tuple
         At the middle.
     bend : (b_xx, b_xy, b_yy)
         Change of the normal per pixel, in radians.
-    focal_px : scalar
-        Infinite for a pane that is seen from far.
+    vergence : scalar
+        One over the focal length in pixels; 0 for a pane that is seen from far.
     x, y : scalar or array
         From the principal point, in pixels.
     """
     b_xx, b_xy, b_yy = bend
     turn_x, turn_y = b_xx * x + b_xy * y, b_xy * x + b_yy * y
-    return normal[0] + turn_x, normal[1] + turn_y, normal[2] - (turn_x * x + turn_y * y) / (2 * focal_px)
+    return normal[0] + turn_x, normal[1] + turn_y, normal[2] - (turn_x * x + turn_y * y) * (vergence / 2)
+
+
+def largest_turn(bend: Bend) -> float:
+    """How much a bent pane's normal turns over a pixel, in the direction in which it turns most; units of the bend."""
+    b_xx, b_xy, b_yy = bend
+    return float(np.abs(np.linalg.eigvalsh([[b_xx, b_xy], [b_xy, b_yy]])).max())
+
+
+@dataclass(frozen=True)
+class Pane:
+    """Normal at the middle, bend in radians per pixel, and vergence, one over the focal length in pixels."""
+
+    normal: tuple[float, float, float]
+    bend: Bend
+    vergence: float
+
+    def angles(self, x: Plane, y: Plane) -> tuple[Plane, Plane, Plane]:
+        """As `viewing_angles`."""
+        return viewing_angles(bent_normal(self.normal, self.bend, self.vergence, x, y), self.vergence, x, y)
 
 
 def scene_angles(scene: SceneParameters, x: Plane, y: Plane) -> tuple[Plane, Plane, Plane]:
     """What `viewing_angles` gives for a complete scene, flat or bent, near or far."""
     incidence_deg, azimuth_deg, _ = scene.values()
-    focal_px = math.inf if scene.focal_px is None else scene.focal_px
     bend = tuple(math.radians(part) for part in scene.bend_deg_per_px)
-    normal = bent_normal(plane_normal(incidence_deg, azimuth_deg), bend, focal_px, x, y)
-    return viewing_angles(normal, focal_px, x, y)
+    vergence = 0.0 if scene.focal_px is None else 1 / scene.focal_px
+    return Pane(plane_normal(incidence_deg, azimuth_deg), bend, vergence).angles(x, y)
 
 
-def viewing_angles(normal: Any, focal_px: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
+def viewing_angles(normal: Any, vergence: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
     """Cosine of the incidence, and cosine and sine of twice the azimuth, for pixels x to the right and y up.
 
     Plain arithmetic: numbers, arrays and symbols alike.
@@ -82,13 +101,13 @@ def viewing_angles(normal: Any, focal_px: Any, x: Any, y: Any) -> tuple[Any, Any
     ----------
     normal : (n_x, n_y, n_z)
         Of any length.
-    focal_px : scalar
-        Infinite for a pane that is seen from far.
+    vergence : scalar
+        One over the focal length in pixels; 0 for a pane that is seen from far.
     x, y : scalar or array
         From the principal point, in pixels.
     """
     n_x, n_y, n_z = normal
-    x, y = x / focal_px, y / focal_px
+    x, y = x * vergence, y * vergence
     squared = x * x + y * y + 1
     along = n_x * x + n_y * y + n_z
     w_x, w_y = n_x - along * x / squared, n_y - along * y / squared

@@ -105,6 +105,6 @@ def _misfits(blocks: PolarizedBlocks, points: Values) -> Values:
     incidence, azimuth, view = points[:, [INCIDENCE, AZIMUTH, VIEW]].T
     normal = np.array([plane_normal(*np.degrees(pair)) for pair in zip(incidence, azimuth, strict=True)]).T
     x, y = blocks.places
-    _, cos, sin = viewing_angles(normal[..., None], 1 / view[:, None], x, y)
+    _, cos, sin = viewing_angles(normal[..., None], view[:, None], x, y)
     s11, s12, s22 = blocks.moments
     return np.asarray((cos * cos) @ s22 - 2 * (cos * sin) @ s12 + (sin * sin) @ s11)

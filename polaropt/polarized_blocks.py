@@ -59,8 +59,8 @@ class PolarizedBlocks:
 
     def across(self, incidence_deg: float, azimuth_deg: float, focal_px: float, bend: Bend = FLAT) -> Values:
         """Light polarized at 45 degrees to the plane of incidence, flat, in units of its noise."""
-        normal = bent_normal(plane_normal(incidence_deg, azimuth_deg), bend, focal_px, self._x, self._y)
-        _, cos, sin = viewing_angles(normal, focal_px, self._x, self._y)
+        normal = bent_normal(plane_normal(incidence_deg, azimuth_deg), bend, 1 / focal_px, self._x, self._y)
+        _, cos, sin = viewing_angles(normal, 1 / focal_px, self._x, self._y)
         return np.asarray(cos * self._s2 - sin * self._s1).ravel()
 
     def misfit(self, incidence_deg: float, azimuth_deg: float, focal_px: float, bend: Bend = FLAT) -> float:

@@ -71,6 +71,8 @@ def scene_report(found: SceneParameters, given: SceneParameters, focal_hint_px: 
     for name in ("focal_px", "transmission_ghost_shift"):
         if getattr(found, name) is not None and getattr(given, name) is None:
             estimated.append(name)
+    if found.bent and not given.bent:
+        estimated.append("bend_deg_per_px")
     if found.focal_px == focal_hint_px and "focal_px" in estimated:
         estimated.remove("focal_px")
     return {"scene": {"rung": found.rung, **plain(found)}, "estimated": estimated}

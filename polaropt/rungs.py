@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from polaropt.capture import Capture
+from polaropt.curved_fit import fit_curved
 from polaropt.focal_length import focal_hint_px
 from polaropt.perspective_fit import PerspectiveFit, fit_perspective
 from polaropt.plate_frame import StokesImages
@@ -120,7 +121,7 @@ def _may_vary(evidence: Evidence) -> bool:
     """Whether incidence and azimuth over the frame are for us to find, and something is left to explain."""
     asked = evidence.asked
     free = asked.incidence_deg is None and asked.azimuth_deg is None and not asked.ghost_shift
-    return free and (evidence.wanted == "perspective" or not evidence.explained)
+    return free and (evidence.wanted != "auto" or not evidence.explained)
 
 
 def _perspective(evidence: Evidence) -> Attempt:
@@ -161,4 +162,22 @@ def _from_afar(evidence: Evidence) -> Attempt:
     return Attempt(scene, misfit, 1, True, "Incidence and azimuth are those of the plain pane.")
 
 
-RUNGS = (Rung("perspective", _may_vary, _perspective),)
+def _curved(evidence: Evidence) -> Attempt:
+    plain = evidence.estimate.scene
+    asked = evidence.wanted == "curved"
+    # A pane that leaves most of it is not bent so: its edges are not worth their time.
+    enough = math.inf if asked else 1 + (evidence.misfit - 1) / 2
+    fit = fit_curved(evidence.stokes, plain, evidence.focal_px, enough)
+    known = asked or (evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG)
+    scene = plain.replace(
+        incidence_deg=fit.incidence_deg,
+        azimuth_deg=fit.azimuth_deg,
+        ghost_shift=0.0,
+        focal_px=fit.focal_px,
+        bend_deg_per_px=fit.bend_deg_per_px,
+    )
+    remark = "" if known else "The polarized light does not tell how the pane is bent."
+    return Attempt(scene, fit.misfit, 5 + (evidence.focal_px is None and fit.focal_px is not None), known, remark)
+
+
+RUNGS = (Rung("perspective", _may_vary, _perspective), Rung("curved", _may_vary, _curved))

@@ -32,7 +32,10 @@ from studies.protocol import (
 )
 from studies.record import write_study
 
-MODELS = ("auto", "pixelwise", "ghosts", "perspective")
+MODELS = ("auto", "pixelwise", "ghosts", "perspective", "curved", "known")
+"""Those of `polaropt.separate`, and the true scene told."""
+MOST_BENT_DEG = 8.0
+"""From the middle to the end of the frame's longer side."""
 CLIPPED = 0.05
 _HALF_VIEW = math.tan(math.radians(22.5))
 
@@ -63,6 +66,11 @@ class Family:
     told: SceneParameters = BLIND
     clipped: float = 0.0
 
+    def true_scene(self, pair: Pair) -> SceneParameters:
+        """The scene of a pair."""
+        size = pair.cropped(pair.transmission).shape[0]
+        return self.scene(size, np.random.default_rng(pair.number))
+
 
 def _ghosts(
     incidence_deg: float, index: float = REFRACTIVE_INDEX
@@ -79,6 +87,11 @@ def _wide(size: int, random: np.random.Generator) -> SceneParameters:
     return SceneParameters(55.0, float(random.uniform(0, 360)), 0.0, focal_px=size / 2 / _HALF_VIEW)
 
 
+def _bent(size: int, random: np.random.Generator) -> SceneParameters:
+    b_xx, b_xy, b_yy = random.uniform(-MOST_BENT_DEG, MOST_BENT_DEG, 3) / (size / 2)
+    return _wide(size, random).replace(bend_deg_per_px=(float(b_xx), float(b_xy), float(b_yy)))
+
+
 def _water(size: int, random: np.random.Generator) -> SceneParameters:
     return SceneParameters(60.0, float(random.uniform(0, 180)), 0.0, 1.33, single_surface=True)
 
@@ -89,6 +102,7 @@ FAMILIES = (
     Family("ghosts, 40 deg", "ghosts", _ghosts(40)),
     Family("ghosts, 70 deg", "ghosts", _ghosts(70)),
     Family("wide lens, 45 deg of view", "perspective", _wide),
+    Family("bent pane, 45 deg of view", "curved", _bent),
     Family("water, single surface", "pixelwise", _water, WATER),
     Family("index 1.6 told as 1.5", "ghosts", _ghosts(60, 1.6)),
     Family("ghosts, 60 deg", "ghosts", _ghosts(60)),
@@ -114,8 +128,7 @@ class Row:
 
 def family_capture(family: Family, pair: Pair) -> tuple[Capture, tuple[np.ndarray, np.ndarray]]:
     """Photographs of a pair on the frame, and both layers (channel, h, w)."""
-    size = pair.cropped(pair.transmission).shape[0]
-    scene = family.scene(size, np.random.default_rng(pair.number))
+    scene = family.true_scene(pair)
     behind = pair.transmission
     if family.clipped:
         bright = np.quantile(pair.cropped(behind).max(axis=-1), 1 - family.clipped)
@@ -128,7 +141,8 @@ def family_capture(family: Family, pair: Pair) -> tuple[Capture, tuple[np.ndarra
 def run(family: Family, pair: Pair, model: str) -> Row:
     """Separate one scene on one rung."""
     capture, layers = family_capture(family, pair)
-    result = separate(capture, family.told, model=model)
+    told = family.true_scene(pair) if model == "known" else family.told
+    result = separate(capture, told, model="auto" if model == "known" else model)
     return Row(
         family.name,
         pair.number,
@@ -174,12 +188,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--photos", type=Path, help="folder of photographs (default: those inside scikit-image)")
     parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
+    parser.add_argument("--family", default="", help="only families whose name contains this")
     parser.add_argument("--models", default=",".join(MODELS), help="names, comma separated")
     parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON, CSV)")
     options = parser.parse_args()
+    families = [family for family in FAMILIES if options.family in family.name]
     pairs = (shipped_pairs() if options.photos is None else protocol_pairs(options.photos))[: options.pairs]
     models = options.models.split(",")
-    rows = [run(family, pair, model) for family in FAMILIES for model in models for pair in pairs]
+    rows = [run(family, pair, model) for family in families for model in models for pair in pairs]
     print(table(rows))
     if options.out:
         photos = None if options.photos is None else str(options.photos)

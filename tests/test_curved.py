@@ -10,12 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polaropt import SceneParameters, separate, simulate
+from polaropt.curved_fit import fit_curved
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.metrics import psnr_db
-from polaropt.perspective import pixel_grid, scene_angles
+from polaropt.model_selection import find_scene
+from polaropt.perspective import Pane, pixel_grid, plane_normal, scene_angles
+from polaropt.plate_frame import stokes_images
 from polaropt.problem import Problem
 from polaropt.varying import VaryingPSE
+from polaropt.varying_overlap import VaryingOverlap
 from tests.blends import blend
 from tests.checks import assert_adjoint
 from tests.test_fused import WEIGHTS, assert_equal
@@ -97,3 +101,59 @@ def test_a_known_bent_pane_is_separated():
 def test_a_bend_is_three_numbers(bend):
     with pytest.raises(InputError, match="three finite numbers"):
         SceneParameters(bend_deg_per_px=bend)
+
+
+@pytest.mark.parametrize("focal_px", [150.0, None])
+def test_polarization_and_edges_tell_how_the_pane_is_bent(focal_px):
+    """From far a pane and its like, bent and leaning the other way, look the same: azimuth modulo 180."""
+    bend = (0.10, 0.04, -0.06)
+    capture, _ = seen_bent(128, SceneParameters(50.0, 200.0, 0.0, focal_px=focal_px, bend_deg_per_px=bend))
+    fit = fit_curved(stokes_images(capture, 0.005), SceneParameters(45.0, 20.0, 0.0), focal_px)
+    assert abs(fit.incidence_deg - 50) < max(3 * fit.incidence_error_deg, 0.5)
+    assert fit.incidence_error_deg < 1.5
+    turned = (fit.azimuth_deg - 200 + 90) % 180 - 90
+    assert abs(turned) < max(4 * fit.azimuth_error_deg, 0.1)
+    leaning = 1 if abs((fit.azimuth_deg - 200 + 180) % 360 - 180) < 90 else -1
+    assert leaning == 1 or focal_px is None
+    away = np.abs(leaning * np.array(fit.bend_deg_per_px) - bend)
+    assert (away < np.maximum(4 * np.array(fit.bend_error_deg_per_px), 0.005)).all()
+    assert fit.focal_px == focal_px
+    assert fit.misfit == pytest.approx(1, abs=0.1)
+
+
+def test_a_misfit_that_no_bend_lowers_is_not_worth_the_edges():
+    capture, _ = seen_bent(64, BENT)
+    fit = fit_curved(stokes_images(capture, 0.005), SceneParameters(45.0, 20.0, 0.0), enough=0.5)
+    assert fit.incidence_error_deg == math.inf
+
+
+def test_blind_the_bent_pane_is_found_and_told():
+    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=190.0, bend_deg_per_px=(0.10, 0.04, -0.06))
+    capture, layers = seen_bent(160, scene)
+    blind, known = separate(capture), separate(capture, scene)
+    assert blind.scene.rung == "curved"
+    assert [tried.rung for tried in blind.tried] == ["pixelwise", "perspective", "curved"]
+    assert psnr_db(blind.layers[0], layers[0], 8) > psnr_db(known.layers[0], layers[0], 8) - 1.5
+    assert blind.diagnostics.warnings == ()
+
+
+def test_a_flat_pane_before_a_lens_is_not_taken_for_bent():
+    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=190.0)
+    capture, _ = seen_bent(160, scene)
+    found = find_scene(capture, SceneParameters(None, None, None), 0.005)
+    assert found.scene.rung == "perspective"
+    assert [tried.rung for tried in found.tried] == ["pixelwise", "perspective"]
+
+
+def test_a_bent_pane_cannot_be_given_by_half():
+    with pytest.raises(InputError, match="given whole"):
+        separate(blend(50, 32).capture, SceneParameters(None, None, 0.0, bend_deg_per_px=(0.1, 0.0, 0.0)))
+
+
+def test_the_edges_overlap_least_at_the_true_incidence():
+    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=115.0, bend_deg_per_px=(0.10, 0.04, -0.06))
+    overlap = VaryingOverlap(stokes_images(seen_bent(128, scene)[0], 0.005), scene)
+    bend = tuple(math.radians(part) for part in scene.bend_deg_per_px)
+    trials = np.arange(45.0, 66.0, 2.0)
+    values = [overlap.log(Pane(plane_normal(float(trial), 200.0), bend, 1 / 115)).mean() for trial in trials]
+    assert abs(trials[int(np.argmin(values))] - 55) <= 2

@@ -23,7 +23,7 @@ def seen(point: np.ndarray, seed: int = 0, noise: float = 0.01, stray: float = 0
     middle = (np.arange(SIZE) - (SIZE - 1) / 2) * 2 / SIZE
     x, y = np.meshgrid(middle, -middle)
     normal = plane_normal(*np.degrees(point[:2]))
-    _, cos, sin = viewing_angles(bent_normal(normal, tuple(point[3:]), 1 / point[VIEW], x, y), 1 / point[VIEW], x, y)
+    _, cos, sin = viewing_angles(bent_normal(normal, tuple(point[3:]), point[VIEW], x, y), point[VIEW], x, y)
     along = random.uniform(-0.2, 0.3, (3, SIZE, SIZE))
     images = np.stack([np.ones_like(along), cos * along, sin * along])
     images[2] += stray * np.exp(-4 * (x * x + y * y))
@@ -72,7 +72,7 @@ def test_a_minimum_outside_the_bounds_is_not_followed():
 def test_a_prior_draws_what_the_light_does_not_tell():
     blocks = seen(TRUE)
     free = (INCIDENCE, AZIMUTH, VIEW, *BEND)
-    prior = Prior(TRUE + 0.01, np.full(6, 1e12))
+    prior = Prior(TRUE + 0.01, 1e12 * np.eye(6))
     fit = with_errors(blocks, fitted(blocks, TRUE, free, prior), free, prior)
     np.testing.assert_allclose(fit.point, prior.mean, atol=1e-4)
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), 1e-6, rtol=0.1)

@@ -51,7 +51,7 @@ def test_a_wide_lens_knows_least_of_each_layer_on_its_own_side():
         result.uncertainty.mean(axis=1)[..., -16:].mean(axis=(1, 2)),
     )
     x, y = pixel_grid(128, 128, (63.5, 63.5))
-    cosine, _, _ = viewing_angles(plane_normal(60, 0), 150.0, x, y)
+    cosine, _, _ = viewing_angles(plane_normal(60, 0), 1 / 150, x, y)
     oblique, frontal = (0, 1) if cosine[:, :16].mean() < cosine[:, -16:].mean() else (1, 0)
     assert sides[oblique][0] > 1.5 * sides[frontal][0]
     assert sides[frontal][1] > 1.5 * sides[oblique][1]

@@ -60,14 +60,14 @@ def test_components_add_up_to_the_photographs():
 
 
 def test_at_the_middle_incidence_and_azimuth_are_those_of_the_scene():
-    cosine, cos, sin = viewing_angles(plane_normal(40, 250), 300.0, 0.0, 0.0)
+    cosine, cos, sin = viewing_angles(plane_normal(40, 250), 1 / 300, 0.0, 0.0)
     assert math.degrees(math.acos(cosine)) == pytest.approx(40)
     assert math.degrees(math.atan2(sin, cos)) % 360 == pytest.approx(500 % 360)
 
 
 def test_the_incidence_changes_by_the_angle_of_view_along_the_azimuth():
     x, y = pixel_grid(101, 101, (50.0, 50.0))
-    cosine, _, _ = viewing_angles(plane_normal(50, 0), 50 / math.tan(math.radians(20)), x, y)
+    cosine, _, _ = viewing_angles(plane_normal(50, 0), math.tan(math.radians(20)) / 50, x, y)
     incidence = np.degrees(np.arccos(cosine))[50]
     np.testing.assert_allclose(incidence[[0, 50, 100]], [70, 50, 30], atol=1e-6)
 

@@ -1,0 +1,34 @@
+"""Standard errors by leaving parts of a frame out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]
+
+
+def grid_sums(maps: NDArray[np.floating], groups: int) -> Values:
+    """Sums of maps (..., h, w) over a chessboard of up to groups x groups parts, flat: (..., part)."""
+    sums = maps.astype(np.float64)
+    for axis, length in ((-2, maps.shape[-2]), (-1, maps.shape[-1])):
+        starts = np.linspace(0, length, min(groups, length) + 1)[:-1].astype(int)
+        sums = np.add.reduceat(sums, starts, axis=axis)
+    return sums.reshape(*maps.shape[:-2], -1)
+
+
+def left_out(sums: Values) -> Values:
+    """Of sums (..., part) the whole without each part, (..., part)."""
+    rest: Values = sums.sum(axis=-1, keepdims=True) - sums
+    return rest
+
+
+def jackknife_error(estimates: Values) -> float:
+    """Standard error from the estimates (part,) that leave one part of a frame out each.
+
+    Parts of equal weight are assumed; see Efron and Stein, The jackknife estimate of variance (1981).
+    """
+    n = estimates.size
+    return math.sqrt((n - 1) / n * float(np.square(estimates - estimates.mean()).sum())) if n > 1 else math.inf

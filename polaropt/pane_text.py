@@ -1,0 +1,45 @@
+"""The pane's numbers in a sentence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_NUMBERS = (
+    ("incidence_deg", "incidence", "deg"),
+    ("azimuth_deg", "azimuth", "deg"),
+    ("ghost_shift", "ghost shift", "px"),
+    ("transmission_ghost_shift", "of the transmission", "px"),
+)
+
+
+def pane_sentence(report: dict[str, Any]) -> str:
+    """How the pane stands, each number with where it comes from.
+
+    Parameters
+    ----------
+    report : dict
+        As ``report.json``.
+    """
+    scene, estimated = report["scene"], report["estimated"]
+    if not scene["signal"]:
+        return "Not separated: the intensity is returned as transmission."
+    varies = scene["focal_px"] is not None or any(scene["bend_deg_per_px"])
+    parts = [
+        f"{word} {scene[name]:.2f} {unit} ({_source(name, estimated)})"
+        for name, word, unit in _NUMBERS
+        if scene[name] is not None and not (name == "ghost_shift" and (scene["single_surface"] or varies))
+    ]
+    if varies:
+        parts.append("both changing over the picture")
+    if scene["focal_px"] is not None:
+        parts.append(f"focal length {scene['focal_px']:.0f} px ({_source('focal_px', estimated)})")
+    if any(scene["bend_deg_per_px"]):
+        from polaropt.perspective import largest_turn
+
+        turn = 100 * largest_turn(scene["bend_deg_per_px"])
+        parts.append(f"bent by {turn:.1f} deg in 100 px ({_source('bend_deg_per_px', estimated)})")
+    return f"Pane: {', '.join(parts)}, refractive index {scene['refractive_index']:g}."
+
+
+def _source(name: str, estimated: list[str]) -> str:
+    return "estimated" if name in estimated else "given"
