@@ -4,14 +4,16 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.polaropt-installed
+PEERS := .venv-peers
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint clean
+.PHONY: help setup demo test lint peers clean
 
 help:
 	@echo "make demo   set up, separate an example and name the pictures to look at"
 	@echo "make test   set up and run the tests"
 	@echo "make lint   set up and run ruff and mypy"
+	@echo "make peers  build $(PEERS), the environment of a peer in studies.peers"
 	@echo "make setup  only set up ($(VENV) in this folder)"
 	@echo "make clean  remove everything that the above made"
 
@@ -34,6 +36,14 @@ lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# It needs an older numpy than polaropt does.
+peers: $(PEERS)/.installed
+
+$(PEERS)/.installed: studies/peer_requirements.txt
+	test -x $(PEERS)/bin/pip || $(PYTHON) -m venv $(PEERS)
+	$(PEERS)/bin/python -m pip install --quiet --requirement $<
+	touch $@
+
 clean:
-	rm -rf $(VENV) demo-output build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(PEERS) demo-output build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

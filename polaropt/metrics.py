@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+
+_SIMILARITY_SIGMA_PX = 1.5
 
 
 def psnr_db(image: ArrayLike, reference: ArrayLike, border: int = 0, peak: float = 1.0) -> float:
@@ -26,11 +30,53 @@ def psnr_db(image: ArrayLike, reference: ArrayLike, border: int = 0, peak: float
     ValueError
         Images of different shape, or a border that leaves nothing.
     """
-    if np.shape(image) != np.shape(reference):
-        raise ValueError(f"the images have shapes {np.shape(image)} and {np.shape(reference)}; give two equal ones")
+    _check_shapes(image, reference)
     difference = np.asarray(image, dtype=np.float64) - np.asarray(reference, dtype=np.float64)
     if border:
         difference = difference[..., border:-border, border:-border]
     if difference.size == 0:
         raise ValueError(f"a border of {border} px leaves nothing of images of shape {np.shape(image)}")
     return float(10 * np.log10(peak**2 / max(float(np.mean(difference**2)), 1e-20)))
+
+
+def similarity_map(image: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDArray[np.float64]:
+    """Structural similarity (SSIM) of images (..., h, w) around each pixel, mean over the axes before height and width.
+
+    With a Gaussian window of 1.5 px, as in Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error
+    visibility to structural similarity", IEEE TIP 2004.
+
+    Parameters
+    ----------
+    image, reference : array_like, shape (..., h, w)
+    peak : float
+        The value of white.
+
+    Returns
+    -------
+    ndarray, shape (h, w)
+        Its mean is the SSIM.
+
+    Raises
+    ------
+    ValueError
+        Images of different shape.
+    """
+    from skimage import metrics
+
+    structural_similarity: Any = metrics.structural_similarity
+    _check_shapes(image, reference)
+    height, width = np.shape(image)[-2:]
+    planes = (np.reshape(np.asarray(each, dtype=np.float64), (-1, height, width)) for each in (image, reference))
+    maps = [
+        structural_similarity(
+            *pair, data_range=peak, gaussian_weights=True, sigma=_SIMILARITY_SIGMA_PX, use_sample_covariance=False,
+            full=True,
+        )[1]
+        for pair in zip(*planes, strict=True)
+    ]  # fmt: skip
+    return np.asarray(np.mean(maps, axis=0))
+
+
+def _check_shapes(image: ArrayLike, reference: ArrayLike) -> None:
+    if np.shape(image) != np.shape(reference):
+        raise ValueError(f"the images have shapes {np.shape(image)} and {np.shape(reference)}; give two equal ones")

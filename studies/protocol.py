@@ -54,7 +54,7 @@ def protocol_pairs(photos: Path, size: int = 256, margin: int = 128, n_pairs: in
         raise InputError(f"{photos}: {len(files)} photographs; at least 2 are needed")
     half = len(files) // 2 - (1 if len(files) // 2 % 2 == 0 else 0)
     frames = [
-        tuple(_middle(imread(files[j % len(files)]), size + 2 * margin) for j in (2 * i, 2 * i + half))
+        tuple(middle(_white_1(imread(files[j % len(files)])), size + 2 * margin) for j in (2 * i, 2 * i + half))
         for i in range(min(n_pairs, len(files) // 2))
     ]
     return [Pair(i, frame[0], frame[1], margin) for i, frame in enumerate(frames)]
@@ -65,7 +65,7 @@ def shipped_pairs(size: int = 256, margin: int = 128) -> list[Pair]:
     from skimage import data
 
     photographs = [data.astronaut(), data.coffee(), data.chelsea(), data.rocket()]
-    frames = [_middle(photograph, size + 2 * margin) for photograph in photographs]
+    frames = [middle(_white_1(photograph), size + 2 * margin) for photograph in photographs]
     order = ((0, 1), (2, 3), (1, 2), (3, 0))
     return [Pair(number, frames[i], frames[j], margin) for number, (i, j) in enumerate(order)]
 
@@ -89,11 +89,15 @@ def truth(pair: Pair) -> tuple[Image, Image]:
     return pair.cropped(pair.transmission), pair.cropped(pair.reflection)
 
 
-def _middle(photograph: NDArray[np.uint8], size: int) -> Image:
-    """Middle of a photograph in [0, 1], mirrored where it ends."""
-    image = photograph[..., :3].astype(np.float32) / 255
+def middle(image: Image, size: int) -> Image:
+    """Middle of an image (h, w, 3), mirrored where it ends, (size, size, 3)."""
     missing: Sequence[int] = [max(size - side, 0) for side in image.shape[:2]]
     padding = [(lack // 2, lack - lack // 2) for lack in missing]
     image = np.pad(image, [*padding, (0, 0)], mode="symmetric")
     top, left = ((side - size) // 2 for side in image.shape[:2])
     return np.ascontiguousarray(image[top : top + size, left : left + size])
+
+
+def _white_1(photograph: NDArray[np.uint8]) -> Image:
+    """A photograph's colours in [0, 1]."""
+    return photograph[..., :3].astype(np.float32) / 255
