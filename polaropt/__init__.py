@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from polaropt.alignment import align as align
+    from polaropt.angle_frame import find_start_angle as find_start_angle
     from polaropt.capture import Capture as Capture
     from polaropt.diagnostics import Warning as Warning
     from polaropt.errors import InputError as InputError
@@ -33,6 +34,7 @@ _HOMES = {
     "Warning": "polaropt.diagnostics",
     "Weights": "polaropt.objective",
     "align": "polaropt.alignment",
+    "find_start_angle": "polaropt.angle_frame",
     "ghost_step": "polaropt.scene",
     "read_capture": "polaropt.reader",
     "separate": "polaropt.separation",
@@ -48,6 +50,7 @@ __all__ = [
     "Warning",
     "Weights",
     "align",
+    "find_start_angle",
     "ghost_step",
     "read_capture",
     "separate",

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from polaropt.cli_options import PaneOptions
 
 AngleSense = Literal["ccw", "cw"]
+_RELATIVE = "relative"
 _FILES = "Reading the photographs"
 
 
@@ -36,7 +37,8 @@ class CaptureOptions:
         str,
         typer.Option(
             metavar="DEG,DEG,...",
-            help="Polarizer angles in degrees, counter-clockwise from horizontal.",
+            help="Polarizer angles in degrees, counter-clockwise from horizontal. relative, or relative,DEG,DEG,...: "
+            "only the steps between them are known (0,45,90,135 unless given), the start is found from double images.",
             rich_help_panel=_FILES,
         ),
     ] = "0,45,90,135"
@@ -117,12 +119,13 @@ class CaptureOptions:
     ] = False
 
     def read(self) -> Capture:
-        """Read the files, and align them where that is asked for."""
+        """Read the files, align them and look for the start of the angles where that is asked for."""
         from polaropt.reader import read_capture
 
+        steps = self.angles.removeprefix(_RELATIVE).removeprefix(",")
         capture = read_capture(
             self.captures,
-            numbers(self.angles, "--angles"),
+            numbers(steps or "0,45,90,135", "--angles"),
             self.sensor,
             numbers(self.cell_order, "--cell-order"),
             self.black_level,
@@ -133,21 +136,30 @@ class CaptureOptions:
             angle_sense=self.angle_sense,
             field_of_view_deg=self.field_of_view_deg,
         )
-        if not self.align:
-            return capture
-        from polaropt.alignment import align
+        if self.align:
+            from polaropt.alignment import align
 
-        return align(capture)
+            capture = align(capture)
+        if self.angles.startswith(_RELATIVE):
+            from polaropt.angle_frame import find_start_angle
+
+            capture = find_start_angle(capture)
+        return capture
 
     def check(self, pane: PaneOptions) -> None:
         """InputError where what is said of the camera contradicts what is said of the pane."""
         if self.field_of_view_deg is not None and pane.focal_px is not None:
             raise InputError("--field-of-view-deg and --focal-px both set the focal length; give one of them")
 
-    def alignment(self, capture: Capture) -> list[str]:
-        """What aligning did to a capture that was read, in a sentence; nothing where it was not asked for."""
-        if not self.align:
-            return []
-        from polaropt.alignment import alignment_sentence
+    def told(self, capture: Capture) -> list[str]:
+        """What aligning and looking for the start of the angles did to a capture that was read, where asked for."""
+        sentences = []
+        if self.align:
+            from polaropt.alignment import alignment_sentence
 
-        return [alignment_sentence(capture)]
+            sentences.append(alignment_sentence(capture))
+        if self.angles.startswith(_RELATIVE):
+            from polaropt.angle_frame import start_sentence
+
+            sentences.append(start_sentence(capture))
+        return sentences

@@ -44,7 +44,7 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, speech: Spe
     inspection = inspect_capture(photographs)
     if picture.output is not None:
         _write_picture(photographs, picture.output)
-    said = [*capture.alignment(photographs), *inspection.sentences()]
+    said = [*capture.told(photographs), *inspection.sentences()]
     if speech.json:
         written = [] if picture.output is None else [str(picture.output)]
         say_json({**inspection.as_dict(), "sentences": said, "written": written})
@@ -97,7 +97,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         polarized = found.estimate is None or found.estimate.polarized
         say_json({**scene_report(found.scene, scene, hint), "rungs": plain(found.tried), "polarized": polarized})
         return
-    say(*capture.alignment(photographs), *estimate_sentences(found, pane, hint))
+    say(*capture.told(photographs), *estimate_sentences(found, pane, hint))
 
 
 def estimate_sentences(found: FoundScene, pane: PaneOptions, focal_hint_px: float | None = None) -> list[str]:

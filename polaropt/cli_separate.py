@@ -191,7 +191,7 @@ def separate_command(
     if folder.json:
         say_json({"output": str(folder.output), **report})
     elif not folder.quiet:
-        say(*capture.alignment(photographs), *report_sentences(report, folder.output))
+        say(*capture.told(photographs), *report_sentences(report, folder.output))
 
 
 def parse_weights(text: str) -> Weights:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,8 @@ class CrossSpectra:
     tile : int
         Side of the tiles in pixels.
     azimuth_deg : float
+    ghosts_deg : float, optional
+        Direction in the image along which ghosts lie, where the polarizer's zero is in doubt. Default: the azimuth.
     """
 
     par: Images
@@ -47,6 +49,7 @@ class CrossSpectra:
     covariance: Matrix
     tile: int
     azimuth_deg: float
+    ghosts_deg: float | None = None
 
     def across(self) -> CrossSpectra:
         """The same for a pane whose plane of incidence lies across: its two polarizations are exchanged."""
@@ -60,13 +63,26 @@ class CrossSpectra:
             self.covariance[::-1, ::-1],
             self.tile,
             self.azimuth_deg + 90,
+            self.ghosts_deg,
         )
 
+    def with_ghosts_along(self, direction_deg: float) -> CrossSpectra:
+        """The same for ghosts along another direction in the image than the azimuth."""
+        return replace(self, ghosts_deg=direction_deg)
+
+    @property
+    def along_ghosts(self) -> Matrix:
+        """Angular frequency along the ghosts, per pixel."""
+        if self.ghosts_deg is None:
+            return self.along
+        turn = math.radians(self.ghosts_deg - self.azimuth_deg)
+        return self.along * math.cos(turn) - self.across_azimuth * math.sin(turn)
+
     def coherence(self, shifts: Matrix) -> Images:
-        """Share of its light that a tile's window has in common with itself one ghost shift along the azimuth."""
-        azimuth = math.radians(self.azimuth_deg)
-        common = _hann_autocorrelation(shifts * math.cos(azimuth) / self.tile)
-        return (common * _hann_autocorrelation(shifts * math.sin(azimuth) / self.tile)).astype(np.float32)
+        """Share of its light that a tile's window has in common with itself one ghost shift further."""
+        direction = math.radians(self.azimuth_deg if self.ghosts_deg is None else self.ghosts_deg)
+        common = _hann_autocorrelation(shifts * math.cos(direction) / self.tile)
+        return (common * _hann_autocorrelation(shifts * math.sin(direction) / self.tile)).astype(np.float32)
 
 
 def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:

@@ -7,6 +7,7 @@ from enum import Enum
 
 import numpy as np
 
+from polaropt.angle_check import AngleMistake, angle_mistake
 from polaropt.capture import Capture
 from polaropt.capture_checks import checked_blocks, fit_gamma, swapped_photographs
 from polaropt.noise_model import NoiseModel
@@ -55,6 +56,14 @@ class Warning(Enum):
     ANGLES_SWAPPED = (
         "The photographs look as if they were given in a wrong order (pairs do not add up, others would): "
         "check which file belongs to which polarizer angle."
+    )
+    ANGLES_REVERSED = (
+        "The polarizer's angles look as if they were counted the other way (double images, or the change over the "
+        "picture, contradict them): try --angle-sense cw (ccw if you gave cw)."
+    )
+    ANGLES_ROTATED = (
+        "Double images lie along another direction than the polarizer's angles say: check from where and in which "
+        "order the angles count, or try --angles relative."
     )
     MISALIGNED = (
         "The photographs are shifted against each other by more than half a pixel: align them (--align, in Python "
@@ -136,12 +145,16 @@ def diagnose(
     polarized = estimate is None or estimate.polarized
     if scene is None and estimate is not None:
         scene = estimate.scene
+    mistakes, mistake = _of_mistakes(capture), None
+    if scene is not None and not any(mistakes.values()):
+        mistake = angle_mistake(capture, noise, scene, estimate, unexplained)
     deserved = {
         Warning.NO_POLARIZATION: not polarized,
         Warning.REFLECTION_NOT_IDENTIFIABLE: not polarized or reflection_unknown > _UNKNOWN_REFLECTION,
         **_of_geometry_and_noise(capture, noise, polarized, reflection_unknown, scene),
         Warning.SATURATED: clipped > _MUCH_CLIPPED,
-        **_of_mistakes(capture),
+        **mistakes,
+        **_of_angles(mistake),
         Warning.POLARIZED_SOURCE: looks_polarized or _found_polarized(scene, estimate),
         Warning.MODEL_DOES_NOT_EXPLAIN: polarized and max(misfit_ratio, unexplained) > _BAD_FIT,
         Warning.SOLVER_FAILED: not finite,
@@ -185,6 +198,13 @@ def _of_mistakes(capture: Capture) -> dict[Warning, bool]:
     moved = visible_shift(capture) > 0
     encoded = not swapped and not moved and _looks_encoded(capture, blocks)
     return {Warning.ANGLES_SWAPPED: swapped, Warning.MISALIGNED: moved, Warning.GAMMA_ENCODED: encoded}
+
+
+def _of_angles(mistake: AngleMistake | None) -> dict[Warning, bool]:
+    return {
+        Warning.ANGLES_REVERSED: mistake is AngleMistake.REVERSED,
+        Warning.ANGLES_ROTATED: mistake is AngleMistake.ROTATED,
+    }
 
 
 def _looks_encoded(capture: Capture, blocks: Floats) -> bool:

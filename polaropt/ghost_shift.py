@@ -99,12 +99,14 @@ class ShiftLikelihood:
         self._data = _Hermitian(spectra.par, spectra.perp, spectra.cross.real.copy(), spectra.cross.imag.copy())
         (par, cross), (_, perp) = spectra.covariance.astype(np.float32)
         self._noise = _Hermitian(par, perp, cross, np.float32(0))  # type: ignore[arg-type]
-        self._along = spectra.along.astype(np.float32)
+        self._along = spectra.along_ghosts.astype(np.float32)
         self._coherence = spectra.coherence
         self._multiplicity = spectra.multiplicity
         self._scene = scene
-        self._shapes = _spectral_shapes(spectra.along, spectra.across_azimuth)
-        """(level, frequency): natural images' power, split over a few radii and two directions."""
+        # Directions that are compared must not differ in what pictures they expect; nor may edges pass for ghosts.
+        directions = 2 if spectra.ghosts_deg is None else 4
+        self._shapes = _spectral_shapes(spectra.along, spectra.across_azimuth, directions)
+        """(level, frequency): natural images' power, split over a few radii and directions."""
 
     def misfit(
         self,
@@ -198,14 +200,16 @@ class ShiftLikelihood:
         return a, b, determinant, (p * of.ad + q * of.bd + of.nd) / determinant
 
 
-def _spectral_shapes(along: Matrix, across: Matrix) -> Images:
+def _spectral_shapes(along: Matrix, across: Matrix, n_directions: int) -> Images:
     radius2 = along**2 + across**2
     position = np.log(radius2) / 2
     knots = np.linspace(position.min(), position.max(), _RADIAL_KNOTS)
     hats = np.maximum(0, 1 - np.abs(position - knots[:, None]) / (knots[1] - knots[0]))
-    directions = np.stack([along**2, across**2]) / radius2
-    shapes: Images = np.concatenate([hats * direction / radius2 for direction in directions]).astype(np.float32)
-    return shapes
+    turns = np.pi * np.arange(n_directions) / n_directions
+    # Squares of two directions add up to 1, fourth powers of four to a constant.
+    directions = [(along * np.cos(turn) + across * np.sin(turn)) ** n_directions for turn in turns]
+    shapes: Images = np.concatenate([hats * d / radius2 ** (1 + n_directions / 2) for d in directions])
+    return shapes.astype(np.float32)
 
 
 def _series(square: Images, cosine: Images, sine: Images) -> _Series:

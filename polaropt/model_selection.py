@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass
 from typing import Literal
 
+from polaropt.angle_frame import start_unknown
 from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.plate_frame import stokes_images
@@ -103,7 +104,7 @@ def find_scene(
         raise InputError("a bent pane must be given whole: set incidence, azimuth and ghost shift, or no bend")
     began = time.perf_counter()
     flat = asked.replace(focal_px=None)
-    if model not in ("auto", "ghosts") and asked.ghost_shift is None:
+    if asked.ghost_shift is None and (model not in ("auto", "ghosts") or start_unknown(capture)):
         flat = flat.replace(ghost_shift=0.0)
     stokes = stokes_images(capture, noise)
     estimate = estimate_scene(capture, flat, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from polaropt.angle_frame import start_unknown
 from polaropt.capture import Capture
 from polaropt.curved_fit import fit_curved
 from polaropt.focal_length import focal_hint_px
@@ -121,6 +122,8 @@ def _may_vary(evidence: Evidence) -> bool:
     """Whether incidence and azimuth over the frame are for us to find, and something is left to explain."""
     asked = evidence.asked
     free = asked.incidence_deg is None and asked.azimuth_deg is None and not asked.ghost_shift
+    # How the azimuth turns over the frame means nothing where the frame's own angle is unknown.
+    free = free and not start_unknown(evidence.capture)
     return free and (evidence.wanted != "auto" or not evidence.explained)
 
 
