@@ -38,7 +38,7 @@ def angle_mistake(
     A constant azimuth takes up any start and sense of the angles; the image has to contradict. Ghosts lie along the
     azimuth: where they lie along another direction the angles start elsewhere, and if that direction is the azimuth's
     mirror image they more likely count the other way. Before a wide lens the azimuth turns over the frame: if the
-    capture fits a pane with the sense reversed only, it is.
+    capture fits a flat pane with the sense reversed only, it is, and no bent pane is needed.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def angle_mistake(
     """
     if estimate is None or not estimate.polarized or start_unknown(capture):
         return None
-    if unexplained > _UNEXPLAINED:
+    if unexplained > _UNEXPLAINED or scene.rung == "curved":
         return AngleMistake.REVERSED if _fits_reversed(capture, noise, unexplained) else None
     if scene.single_surface or scene.focal_px is not None or scene.polarized or _ghosts_along(estimate):
         return None
