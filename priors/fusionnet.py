@@ -1,0 +1,170 @@
+"""FusionNet: all photographs and PolarNet's pairs to the two layers; and both networks as one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import avg_pool2d, pixel_shuffle, pixel_unshuffle
+
+from priors.blocks import Hourglass, detail, from_opponent, opponent, padded
+from priors.encoder import CompactEncoder, Vgg19Encoder, vgg19_weights
+from priors.gates import GROUPS, N_BANDS, activity, bands, gated, n_gates, strengths
+from priors.observation import COLORS, Observation, n_scene_numbers
+from priors.polarnet import PlainCNN, PolarNet
+
+Form = Literal["paper", "conditioned"]
+PAPER_VIEWS, PLATE_VIEWS = 4, 2
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """What the networks are made of.
+
+    Parameters
+    ----------
+    form : {"paper", "conditioned"}
+        "paper" sees the photographs alone, as at 0, 45, 90 and 135 degrees; "conditioned" sees them along and across
+        the plane of incidence, and the layers in closed form with their standard errors.
+    polarnet : {"compact", "vgg19", "plain"}
+        PolarNet's encoder; "plain" puts the ablation's multi-layer network in PolarNet's place.
+    polar_widths, fusion_widths : tuple of int
+        Channels of the levels of the compact encoder and of FusionNet.
+    """
+
+    form: Form = "conditioned"
+    polarnet: Literal["compact", "vgg19", "plain"] = "compact"
+    polar_widths: tuple[int, ...] = (12, 24, 32)
+    fusion_widths: tuple[int, ...] = (32, 48, 64, 96)
+
+    @property
+    def n_views(self) -> int:
+        """Photographs that the networks see."""
+        return PAPER_VIEWS if self.form == "paper" else PLATE_VIEWS
+
+
+class FusionNet(nn.Module):
+    """Gates for the bands of what is seen, and what no gate can give, from an hourglass that sees everything.
+
+    The sources of the bands are the views, or with a closed form its two layers and the sum of the views; before any
+    training the layers are those of the closed form, or the mean of the views.
+
+    Parameters
+    ----------
+    architecture : Architecture
+    """
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__()
+        conditioned = architecture.form == "conditioned"
+        n_views, self._n_sources = architecture.n_views, 3 if conditioned else architecture.n_views
+        n_seen = n_views + (2 if conditioned else 0)
+        # Local contrast in four phases, values, PolarNet's pairs, what happens where, what is trusted.
+        n_planes = COLORS * (4 * n_seen + n_seen + 2 * n_views + (N_BANDS - 2) * self._n_sources) + 1
+        n_numbers = n_scene_numbers(n_views, conditioned)
+        self._n_gates = n_gates(self._n_sources)
+        self._hourglass = Hourglass(n_planes, self._n_gates + 8 * COLORS, architecture.fusion_widths, n_numbers)
+        self._context = None if conditioned else nn.Linear(n_views**2, n_numbers)
+        self._multiple = max(2 * self._hourglass.multiple, 2 ** (N_BANDS - 1))
+
+    def forward(self, seen: Observation, parts: Tensor) -> Tensor:
+        """Layers (batch, 2, 3, h, w) from an observation and PolarNet's parts (batch, view, 2, 3, h, w)."""
+        height, width = seen.views.shape[-2:]
+        # What is known to less than the noise must not be rounded to half precision.
+        with torch.autocast(seen.views.device.type, enabled=False):
+            known, errors = self._known(seen)
+            known = padded(known, self._multiple)
+            pyramid = bands(known[:, : COLORS * self._n_sources])
+            events = activity(pyramid, errors[:, : COLORS * self._n_sources])
+            others = [
+                padded(images.flatten(1, -3), self._multiple) for images in (opponent(parts.float()), seen.trusted)
+            ]
+            halves = [avg_pool2d(planes, 2) for planes in (known, *others)]
+            contrast = pixel_unshuffle(detail(known, errors), 2)
+            numbers = seen.scene if seen.layers is not None else seen.scene + self._of_views(seen.views)
+        x = self._hourglass(torch.cat([contrast, events, *halves], 1), numbers)
+        with torch.autocast(seen.views.device.type, enabled=False):
+            gates, free = x.float().split([self._n_gates, 8 * COLORS], dim=1)
+            change = gated(pyramid, gates, self._factors(seen, pyramid))
+            change = change + torch.unflatten(pixel_shuffle(free, 2), 1, (2, COLORS)) * _scale(seen)
+            start = seen.views.mean(1, keepdim=True) if seen.layers is None else seen.layers
+            return start + from_opponent(change[..., :height, :width])
+
+    def _known(self, seen: Observation) -> tuple[Tensor, Tensor]:
+        """Sources first, then the rest of what is seen, (batch, plane, h, w) in the opponent basis; their errors."""
+        noise = seen.view_errors
+        if seen.layers is None or seen.errors is None:
+            return opponent(seen.views).flatten(1, 2), noise.repeat_interleave(COLORS, dim=1)
+        total, contrast = seen.views.sum(1), seen.views[:, 0] - seen.views[:, 1]
+        images = torch.cat([seen.layers, total[:, None], contrast[:, None]], dim=1)
+        both = noise.square().sum(1, keepdim=True).sqrt().expand(-1, 2 * COLORS)
+        return opponent(images).flatten(1, 2), torch.cat([seen.errors.flatten(1), both], dim=1)
+
+    def _factors(self, seen: Observation, pyramid: list[Tensor]) -> Tensor:
+        """Factors on the gates; the views' mean is no closed form and has everything to change."""
+        if seen.errors is None:
+            return seen.views.new_ones(1, N_BANDS, 2, GROUPS, self._n_sources, 1, 1)
+        return strengths(pyramid, seen.errors, self._n_sources)
+
+    def _of_views(self, views: Tensor) -> Tensor:
+        """What the whole picture tells of the pane: how the views' brightness varies together."""
+        assert self._context is not None
+        luminance = views.mean(2).flatten(2)
+        centered = luminance - luminance.mean(dim=(1, 2), keepdim=True)
+        covariance = centered @ centered.mT / centered.shape[-1]
+        total = covariance.diagonal(dim1=1, dim2=2).sum(1)[:, None, None].clamp(min=1e-8)
+        numbers: Tensor = self._context((covariance / total).flatten(1))
+        return numbers
+
+
+def _scale(seen: Observation) -> Tensor:
+    """Size of what is left to find, (batch, 2, 3, 1, 1)."""
+    if seen.errors is None:
+        return seen.views.new_full((1, 2, COLORS, 1, 1), 0.1)
+    return seen.errors[..., None, None]
+
+
+@dataclass(frozen=True)
+class Separated:
+    """What the networks make of an observation.
+
+    Attributes
+    ----------
+    layers : Tensor, shape (batch, 2, 3, h, w)
+    parts : Tensor, shape (batch, view, 2, 3, h, w)
+        PolarNet's transmitted and reflected part of every view.
+    """
+
+    layers: Tensor
+    parts: Tensor
+
+
+class SeparationNetwork(nn.Module):
+    """PolarNet on every view, then FusionNet.
+
+    Parameters
+    ----------
+    architecture : Architecture
+    vgg19 : Path, optional
+        File of VGG-19's weights, for that encoder alone.
+    """
+
+    def __init__(self, architecture: Architecture, vgg19: Path | None = None) -> None:
+        super().__init__()
+        self.architecture = architecture
+        self.polarnet = PlainCNN() if architecture.polarnet == "plain" else PolarNet(_encoder(architecture, vgg19))
+        self.fusionnet = FusionNet(architecture)
+
+    def forward(self, seen: Observation) -> Separated:
+        """Layers and parts of an observation of any size."""
+        parts = torch.unflatten(self.polarnet(seen.views.flatten(0, 1)), 0, seen.views.shape[:2])
+        return Separated(self.fusionnet(seen, parts), parts)
+
+
+def _encoder(architecture: Architecture, vgg19: Path | None) -> CompactEncoder | Vgg19Encoder:
+    if architecture.polarnet == "compact":
+        return CompactEncoder(architecture.polar_widths)
+    return Vgg19Encoder(vgg19_weights(vgg19 or Path("vgg19-dcbb9e9d.pth")))

@@ -1,0 +1,226 @@
+"""The training loop: samples by number, Adam, averaged weights, a log, and states to go on from."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from priors.discriminator import Discriminator
+from priors.fusionnet import SeparationNetwork
+from priors.losses import BORDER_PX, Critics, discriminator_loss, loss_terms
+from priors.observation import collated, placed
+from priors.training_options import Batch, Sample, SampleSource, TrainingOptions
+
+STATE, LOG = "state.pt", "log.csv"
+_FIRST_TEST = 1 << 40
+Progress = Callable[[str, float], None]
+
+
+class NotFinite(ArithmeticError):
+    """The loss became infinite or NaN; the text says at which step."""
+
+
+class Training:
+    """A network that is being trained.
+
+    Parameters
+    ----------
+    network : SeparationNetwork
+    source : SampleSource
+    options : TrainingOptions
+    features : callable, optional
+        For the perceptual loss; None compares raw pixels.
+    """
+
+    def __init__(
+        self,
+        network: SeparationNetwork,
+        source: SampleSource,
+        options: TrainingOptions,
+        features: Callable[[Tensor], Sequence[Tensor]] | None = None,
+    ) -> None:
+        self.network, self.options, self.step = network.to(options.device), options, 0
+        self._source = source
+        average: Any = get_ema_multi_avg_fn(options.averaging)  # type: ignore[no-untyped-call]
+        self._averaged = AveragedModel(self.network, multi_avg_fn=average)
+        trained = [parameter for parameter in network.parameters() if parameter.requires_grad]
+        self._optimizer = torch.optim.Adam(trained, options.learning_rate)
+        judge = Discriminator().to(options.device) if options.weights.adversarial else None
+        self._critics = Critics(features, judge)
+        self._judge_optimizer = None if judge is None else torch.optim.Adam(judge.parameters(), 1e-4)
+        self._kept: dict[int, Sample] = {}
+
+    @property
+    def averaged(self) -> SeparationNetwork:
+        """The network with averaged weights: the one to use."""
+        module: Any = self._averaged.module
+        return module  # type: ignore[no-any-return]
+
+    def run(self, folder: Path, progress: Progress | None = None) -> list[dict[str, float]]:
+        """Train to the end, saving states and log in a folder.
+
+        Returns
+        -------
+        list of dict
+            The log: step, seconds, learning rate, the terms' means and the tests' PSNR in dB.
+
+        Raises
+        ------
+        NotFinite
+            The loss became infinite or NaN.
+        """
+        began, log = time.perf_counter(), _read_log(folder / LOG, self.step)
+        before = log[-1]["seconds"] if log else 0.0
+        sums: dict[str, float] = {}
+        while self.step < self.options.steps:
+            for name, value in self._train_step().items():
+                sums[name] = sums.get(name, 0.0) + value
+            self.step += 1
+            if self.step % self.options.test_every == 0 or self.step == self.options.steps:
+                taken = self.step - (int(log[-1]["step"]) if log else 0)
+                seconds = before + time.perf_counter() - began
+                row = {"step": float(self.step), "seconds": seconds, "rate": self.options.rate(self.step)}
+                log.append({**row, **{name: total / taken for name, total in sums.items()}, **self.tested()})
+                sums = {}
+                self.save(folder / STATE)
+                _write_log(folder / LOG, log)
+            if progress is not None:
+                progress(f"Training, step {self.step} of {self.options.steps}", self.step / self.options.steps)
+        return log
+
+    def _train_step(self) -> dict[str, float]:
+        batch = self.batch(self.step)
+        for group in self._optimizer.param_groups:
+            group["lr"] = self.options.rate(self.step)
+        kind = self.options.device.partition(":")[0]
+        with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.options.mixed):
+            found = self.network(batch.observation)
+        terms = loss_terms(found, batch, self.options.weights, self._critics)
+        loss = sum(terms.values(), torch.zeros((), device=self.options.device))
+        if not bool(torch.isfinite(loss)):
+            raise NotFinite(f"the loss became infinite or NaN at step {self.step}; lower the learning rate")
+        self._optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self._optimizer.step()
+        self._averaged.update_parameters(self.network)
+        values = {name: float(term.detach()) for name, term in terms.items()}
+        return {"loss": float(loss.detach()), **values, **self._train_judge(batch, found.layers.detach())}
+
+    def _train_judge(self, batch: Batch, found: Tensor) -> dict[str, float]:
+        judge = self._critics.discriminator
+        if judge is None or self._judge_optimizer is None:
+            return {}
+        loss = discriminator_loss(judge, batch.observation.views, found, batch.layers)
+        self._judge_optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._judge_optimizer.step()
+        return {"discriminator": float(loss.detach())}
+
+    def batch(self, step: int) -> Batch:
+        """The batch of a step, always the same: drawn from a window that moves over the samples' numbers."""
+        options = self.options
+        first = int(step * options.fresh)
+        numbers = np.random.default_rng([options.seed, 7, step]).integers(options.window, size=options.batch_size)
+        self._kept = {number: sample for number, sample in self._kept.items() if number >= first}
+        for number in first + numbers:
+            if int(number) not in self._kept:
+                self._kept[int(number)] = self._source.sample(int(number))
+        return _batch([self._kept[int(number)] for number in first + numbers], options.device)
+
+    @torch.no_grad()
+    def tested(self) -> dict[str, float]:
+        """Mean PSNR of both layers on samples that are never trained on, and of the layers in closed form."""
+        rows = []
+        for number in range(_FIRST_TEST, _FIRST_TEST + self.options.test_samples):
+            sample = self._source.sample(number)
+            seen, truth = placed(sample.observation, self.options.device), sample.layers.to(self.options.device)
+            row = psnr(self.averaged(seen).layers, truth)
+            rows.append([*row, *(psnr(seen.layers, truth) if seen.layers is not None else ())])
+        names = ("transmission_db", "reflection_db", "closed_form_transmission_db", "closed_form_reflection_db")
+        return dict(zip(names, np.mean(rows, axis=0).tolist(), strict=False)) if rows else {}
+
+    def save(self, path: Path) -> None:
+        """Write all that is needed to go on as if nothing had happened."""
+        critics = (self._critics.discriminator, self._judge_optimizer)
+        state = {
+            "step": self.step,
+            "seed": self.options.seed,
+            "network": self.network.state_dict(),
+            "averaged": self._averaged.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "critics": [None if critic is None else critic.state_dict() for critic in critics],
+        }
+        path.parent.mkdir(parents=True, exist_ok=True)
+        torch.save(state, path.with_suffix(".part"))
+        path.with_suffix(".part").replace(path)
+
+    def resume(self, path: Path) -> None:
+        """Go on from a state.
+
+        Raises
+        ------
+        ValueError
+            No such file, another architecture or another seed; one line.
+        """
+        if not path.is_file():
+            raise ValueError(f"{path}: no state to resume from; leave --resume out to begin anew")
+        try:
+            state = torch.load(path, map_location=self.options.device, weights_only=True)
+            self.network.load_state_dict(state["network"])
+            self._averaged.load_state_dict(state["averaged"])
+            self._optimizer.load_state_dict(state["optimizer"])
+            for critic, saved in zip(
+                (self._critics.discriminator, self._judge_optimizer), state["critics"], strict=True
+            ):
+                if critic is not None:
+                    critic.load_state_dict(saved)
+        except Exception:
+            raise ValueError(
+                f"{path}: is no state of this training; resume with the options it was begun with"
+            ) from None
+        if state["seed"] != self.options.seed:
+            raise ValueError(f"{path}: was begun with seed {state['seed']}, not {self.options.seed}")
+        self.step = state["step"]
+
+
+def psnr(found: Tensor, truth: Tensor) -> tuple[float, float]:
+    """PSNR in dB of both layers of one sample, less the border."""
+    inside = (..., slice(BORDER_PX, -BORDER_PX), slice(BORDER_PX, -BORDER_PX))
+    squares = (found - truth)[inside].double().square().mean(dim=(0, 2, 3, 4)).clamp(min=1e-20)
+    transmission, reflection = (-10 * torch.log10(squares)).tolist()
+    return transmission, reflection
+
+
+def _batch(samples: Sequence[Sample], device: str) -> Batch:
+    return Batch(
+        placed(collated([sample.observation for sample in samples]), device),
+        torch.cat([sample.layers for sample in samples]).to(device),
+        torch.cat([sample.parts for sample in samples]).to(device),
+        tuple(sample.engine for sample in samples),
+    )
+
+
+def _read_log(path: Path, until: int) -> list[dict[str, float]]:
+    """Rows of a log up to a step; none where there is no log."""
+    if not path.is_file() or not until:
+        return []
+    with path.open(newline="") as file:
+        rows = [{name: float(value) for name, value in row.items() if value} for row in csv.DictReader(file)]
+    return [row for row in rows if row["step"] <= until]
+
+
+def _write_log(path: Path, log: Sequence[dict[str, float]]) -> None:
+    names = list(dict.fromkeys(name for row in log for name in row))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, names)
+        writer.writeheader()
+        writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in log)
