@@ -64,7 +64,13 @@ class CaptureOptions:
         ),
     ] = "90,45,135,0"
     black_level: Annotated[
-        float, typer.Option(metavar="VALUE", help="Value of black in the file.", rich_help_panel=_FILES)
+        float,
+        typer.Option(
+            metavar="VALUE",
+            help="Value of black in the file, where the camera adds one. Left out, it brightens both layers by twice "
+            "as much; inspect tells how high it can be.",
+            rich_help_panel=_FILES,
+        ),
     ] = 0.0
     white_level: Annotated[
         float | None,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from polaropt.capture import Capture
+from polaropt.capture import Capture, Origin
 from polaropt.capture_checks import GammaFit, fit_gamma, swapped_photographs
 from polaropt.noise import noise_level, quantization_step
 from polaropt.pair_gain import block_means, orthogonal_pairs, pair_gain_of
@@ -16,6 +17,8 @@ from polaropt.stokes import stokes_from_intensities
 
 _DIM = 0.1
 _SUMMARY_BLOCK = 2
+_DARKEST_SHARE = 1e-3
+_MOST_SAMPLES = 4e6
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,9 @@ class Inspection:
         In the file's units.
     brightest : float
         Highest value (white = 1).
+    darkest : float or None
+        Value that 0.1 % of the pixels are below, in the file's units; None where the values were encoded. The black
+        level is hardly above it.
     noise : float
         Standard deviation of the noise of one photograph (white = 1).
     pair_gain : float or None
@@ -71,6 +77,7 @@ class Inspection:
     black_level: float
     white_level: float
     brightest: float
+    darkest: float | None
     noise: float
     pair_gain: float | None
     pair_gain_removed: float
@@ -127,6 +134,7 @@ def inspect_capture(capture: Capture) -> Inspection:
         black_level=0.0 if origin is None else origin.black_level,
         white_level=1.0 if origin is None else origin.white_level,
         brightest=float(capture.intensities.max()),
+        darkest=_darkest(capture),
         noise=noise_level(capture),
         pair_gain=_gain_as_photographed(capture, removed),
         pair_gain_removed=removed,
@@ -139,6 +147,16 @@ def inspect_capture(capture: Capture) -> Inspection:
         swapped_deg=tuple((capture.angles_deg[a], capture.angles_deg[b]) for a, b in swapped),
         visible_shift_px=moved,
     )
+
+
+def _darkest(capture: Capture) -> float | None:
+    origin = capture.origin or Origin((), "memory", "")
+    if origin.gamma is not None:
+        return None
+    step = max(1, round(math.sqrt(capture.intensities.size / _MOST_SAMPLES)))
+    # A defect or two are darker than black.
+    value = float(np.quantile(capture.intensities[..., ::step, ::step], _DARKEST_SHARE))
+    return origin.black_level + value * (origin.white_level - origin.black_level)
 
 
 def _looks_encoded(gamma: GammaFit | None, hint: str) -> bool | None:

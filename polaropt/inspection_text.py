@@ -17,12 +17,13 @@ _LAYOUTS = {
     "memory": "made in memory",
 }
 _DARK = 0.1
+_NEARLY_BLACK = 0.004
 _WEAK_DOLP = 0.02
 
 
 def sentences(inspection: Inspection) -> tuple[str, ...]:
     """Facts first, then what needs attention."""
-    facts = [_size(inspection), _depth(inspection), _noise(inspection), _saturation(inspection)]
+    facts = [_size(inspection), _depth(inspection), _black(inspection), _noise(inspection), _saturation(inspection)]
     facts += [
         _polarization(inspection),
         _gain(inspection),
@@ -53,6 +54,16 @@ def _depth(it: Inspection) -> str:
             "if the camera clips earlier, give its white level (4095 for 12 bits)."
         )
     return text
+
+
+def _black(it: Inspection) -> str:
+    """The black level cannot be measured: what it adds, a pane takes for twice as much light in both layers."""
+    if not it.sample_type or it.darkest is None or it.black_level != 0 or it.darkest < _NEARLY_BLACK * it.white_level:
+        return ""
+    return (
+        f"Hardly anything is darker than {it.darkest:.4g}. Part of that may be the camera's own black level, which "
+        "photographs do not tell: give it if you know it (black level); else both layers come out brighter by twice it."
+    )
 
 
 def _noise(it: Inspection) -> str:
