@@ -17,7 +17,7 @@ _FEWEST_BLOCKS = 50
 _ENOUGH_BLOCKS = 3000
 _CERTAIN = 0.15
 # Blocks are no independent samples: an accusation needs far more than the usual three deviations.
-_SURE = 10.5
+_SURE, _LIKELY = 10.5, 6.0
 # Differences in exposure between the photographs of one pair, as logarithms.
 _EXPOSURES = (0.02, 0.02)
 _LINEAR = (0.75, 1.3)
@@ -48,8 +48,16 @@ class GammaFit:
     @property
     def encoded(self) -> bool:
         """Whether the photographs are surely not linear."""
-        beyond_doubt = abs(np.log(self.exponent)) * self.exponent > _SURE * self.standard_error
-        return bool(self.certain and beyond_doubt and not _LINEAR[0] <= self.exponent <= _LINEAR[1])
+        return self._differs(_SURE)
+
+    @property
+    def likely_encoded(self) -> bool:
+        """Whether they are not linear, if something else tells that the pairs do not add up."""
+        return self._differs(_LIKELY)
+
+    def _differs(self, deviations: float) -> bool:
+        beyond = abs(np.log(self.exponent)) * self.exponent > deviations * self.standard_error
+        return bool(self.certain and beyond and not _LINEAR[0] <= self.exponent <= _LINEAR[1])
 
 
 def checked_blocks(capture: Capture) -> Floats:

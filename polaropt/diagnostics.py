@@ -9,12 +9,10 @@ import numpy as np
 
 from polaropt.angle_check import AngleMistake, angle_mistake
 from polaropt.capture import Capture
-from polaropt.capture_checks import checked_blocks, fit_gamma, swapped_photographs
+from polaropt.mistakes import Mistakes, find_mistakes
 from polaropt.noise_model import NoiseModel
-from polaropt.pair_gain import Floats
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
-from polaropt.shift_check import visible_shift
 
 _UNKNOWN_REFLECTION = 0.94
 """There the fine detail of the reflection correlates with the truth by less than about 0.3."""
@@ -123,6 +121,7 @@ def diagnose(
     scene: SceneParameters | None = None,
     unexplained: float = 1.0,
     looks_polarized: bool = False,
+    mistakes: Mistakes | None = None,
     finite: bool = True,
 ) -> Diagnostics:
     """Collect the warnings that a capture and its solution deserve.
@@ -138,6 +137,8 @@ def diagnose(
         Light polarized at 45 degrees to the plane of incidence, mean square over blocks in units of its noise.
     looks_polarized : bool
         Whether the layers' light looks polarized where the scene has it unpolarized.
+    mistakes : Mistakes, optional
+        What was found wrong with the photographs. Default: it is looked for.
     finite : bool
         Whether the solver met nothing but finite values.
     """
@@ -145,15 +146,15 @@ def diagnose(
     polarized = estimate is None or estimate.polarized
     if scene is None and estimate is not None:
         scene = estimate.scene
-    mistakes, mistake = _of_mistakes(capture), None
-    if scene is not None and not any(mistakes.values()):
+    mistakes, mistake = find_mistakes(capture) if mistakes is None else mistakes, None
+    if scene is not None and mistakes == Mistakes():
         mistake = angle_mistake(capture, noise, scene, estimate, unexplained)
     deserved = {
         Warning.NO_POLARIZATION: not polarized,
         Warning.REFLECTION_NOT_IDENTIFIABLE: not polarized or reflection_unknown > _UNKNOWN_REFLECTION,
         **_of_geometry_and_noise(capture, noise, polarized, reflection_unknown, scene),
         Warning.SATURATED: clipped > _MUCH_CLIPPED,
-        **mistakes,
+        **_of_mistakes(mistakes),
         **_of_angles(mistake),
         Warning.POLARIZED_SOURCE: looks_polarized or _found_polarized(scene, estimate),
         Warning.MODEL_DOES_NOT_EXPLAIN: polarized and max(misfit_ratio, unexplained) > _BAD_FIT,
@@ -191,13 +192,12 @@ def _of_geometry_and_noise(
     }
 
 
-def _of_mistakes(capture: Capture) -> dict[Warning, bool]:
-    """Wrong order, movement and encoding break the same identity; what explains the others goes first."""
-    blocks = checked_blocks(capture)
-    swapped = bool(swapped_photographs(capture, blocks))
-    moved = visible_shift(capture) > 0
-    encoded = not swapped and not moved and _looks_encoded(capture, blocks)
-    return {Warning.ANGLES_SWAPPED: swapped, Warning.MISALIGNED: moved, Warning.GAMMA_ENCODED: encoded}
+def _of_mistakes(mistakes: Mistakes) -> dict[Warning, bool]:
+    return {
+        Warning.ANGLES_SWAPPED: mistakes.swapped,
+        Warning.MISALIGNED: mistakes.moved,
+        Warning.GAMMA_ENCODED: mistakes.encoded,
+    }
 
 
 def _of_angles(mistake: AngleMistake | None) -> dict[Warning, bool]:
@@ -205,8 +205,3 @@ def _of_angles(mistake: AngleMistake | None) -> dict[Warning, bool]:
         Warning.ANGLES_REVERSED: mistake is AngleMistake.REVERSED,
         Warning.ANGLES_ROTATED: mistake is AngleMistake.ROTATED,
     }
-
-
-def _looks_encoded(capture: Capture, blocks: Floats) -> bool:
-    fit = fit_gamma(capture, blocks)
-    return fit is not None and bool(np.isfinite(fit.exponent)) and fit.encoded

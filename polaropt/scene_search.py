@@ -143,7 +143,8 @@ class SceneSearch:
     def with_own_shifts(self, frame: PlateFrame, found: SceneParameters) -> SceneParameters:
         """A scene that was found, with a shift for each layer where both were open and that explains clearly more."""
         open_shifts = self._open_shift and self._thickness is None and self._scene.transmission_ghost_shift is None
-        if not open_shifts or found.n_bounces == 0:
+        # They are found together with the incidence.
+        if not open_shifts or self._scene.incidence_deg is not None or found.n_bounces == 0:
             return found
         return own_shifts(frame, self._likelihood, found, self._most_shift)
 

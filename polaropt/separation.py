@@ -15,10 +15,12 @@ from polaropt.capture import Capture
 from polaropt.diagnostics import Diagnostics, diagnose
 from polaropt.errors import InputError
 from polaropt.forward import PSE
+from polaropt.mistakes import Mistakes, find_mistakes
 from polaropt.model_selection import FoundScene, Tried, find_scene, model_names
 from polaropt.noise_model import NoiseModel, measured_noise
 from polaropt.objective import Term, Weights
 from polaropt.problem import component_images
+from polaropt.safeguard import scene_source
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
 from polaropt.simulation import planes_last
@@ -177,20 +179,31 @@ def separate(
     with threadpool_limits(1, "blas"), told_of_compiling(stages.compiling):
         stages.begin("Measuring the noise", 0.0)
         noise, growth = measured_noise(capture)
+        seen = _Seen(capture, noise, growth, find_mistakes(capture))
         stages.begin("Estimating the scene", 0.02)
-        found = find_scene(capture, asked, noise, model, thickness_px=thickness_px, thickness_kind=thickness_kind)
+        source, of_source = scene_source(capture, noise, seen.mistakes)
+        found = find_scene(source, asked, of_source, model, thickness_px=thickness_px, thickness_kind=thickness_kind)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:
-            return _unseparated(capture, found, noise, estimate, stages)
+            return _unseparated(seen, found, estimate, stages)
         how = How(minimizer, init, weights, stopping, robust, device, growth)
         solution = solve(capture, found.scene, noise, how, stages)
         stages.begin("Taking stock", 0.97)
-        return _report(capture, found, noise, solution, stages, growth)
+        return _report(seen, found, solution, stages)
 
 
-def _report(
-    capture: Capture, found: FoundScene, noise: float, solution: Solution, stages: Stages, growth: NoiseModel
-) -> Separation:
+@dataclass(frozen=True)
+class _Seen:
+    """A capture, and what was seen of it before anything was estimated."""
+
+    capture: Capture
+    noise: float
+    growth: NoiseModel
+    mistakes: Mistakes
+
+
+def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) -> Separation:
+    capture, noise = seen.capture, seen.noise
     diagnostics = diagnose(
         capture,
         noise,
@@ -199,6 +212,7 @@ def _report(
         estimate=found.estimate,
         scene=found.scene,
         unexplained=found.unexplained,
+        mistakes=seen.mistakes,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()
@@ -208,18 +222,17 @@ def _report(
         tried=found.tried,
         terms=solution.terms,
         solver=solution.solver,
-        diagnostics=replace(diagnostics, noise_model=growth),
+        diagnostics=replace(diagnostics, noise_model=seen.growth),
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
-        judge=partial(estimate_uncertainty, capture, solution.layers, noise, solution.pieces, growth),
+        judge=partial(estimate_uncertainty, capture, solution.layers, noise, solution.pieces, seen.growth),
     )
 
 
-def _unseparated(
-    capture: Capture, found: FoundScene, noise: float, estimate: SceneEstimate, stages: Stages
-) -> Separation:
+def _unseparated(seen: _Seen, found: FoundScene, estimate: SceneEstimate, stages: Stages) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells."""
+    capture, noise = seen.capture, seen.noise
     intensity = capture.stokes[0]
     stages.end()
     return Separation(
@@ -229,7 +242,12 @@ def _unseparated(
         terms={},
         solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),
         diagnostics=diagnose(
-            capture, noise, misfit_ratio=1.0, reflection_unknown=float(not estimate.polarized), estimate=estimate
+            capture,
+            noise,
+            misfit_ratio=1.0,
+            reflection_unknown=float(not estimate.polarized),
+            estimate=estimate,
+            mistakes=seen.mistakes,
         ),
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
