@@ -85,7 +85,7 @@ def canvas_for(pse: PSE | VaryingPSE, height: int, width: int) -> Canvas:
     """Canvas that holds the ghosts which show, with sides that the Fourier transform likes."""
     from scipy.fft import next_fast_len
 
-    reach = _reach(pse) if isinstance(pse, PSE) else 0.0
+    reach = _reach(pse, height, width)
     margin = min(MOST_MARGIN, max(LEAST_MARGIN, math.ceil(reach)), height // 2, width // 2)
     rows, columns = (int(next_fast_len(side + 2 * margin, real=True)) for side in (height, width))
     more_rows, more_columns = rows - height - 2 * margin, columns - width - 2 * margin
@@ -93,11 +93,18 @@ def canvas_for(pse: PSE | VaryingPSE, height: int, width: int) -> Canvas:
     return Canvas(height, width, margin, margin + more_rows, margin, margin + more_columns)
 
 
-def _reach(pse: PSE) -> float:
+def _reach(pse: PSE | VaryingPSE, height: int, width: int) -> float:
     """Distance in pixels of the farthest ghost that shows."""
-    strength = np.abs(pse.taps).sum(axis=2).max(axis=0)
+    if isinstance(pse, PSE):
+        strength, displacements = np.abs(pse.taps).sum(axis=2).max(axis=0), pse.displacements
+    elif pse.scene.has_ghosts:
+        # What a layer of intensity 1 adds to the total intensity.
+        strength = pse.ghost_mixtures(height, width)[0].max(axis=(0, -1, -2))
+        displacements = pse.displacements(height, width)
+    else:
+        return 0.0
     shown = strength > _FAINT * strength.max()
-    return float(np.hypot(*np.array(pse.displacements)[shown].T).max())
+    return float(np.hypot(*np.array(displacements)[shown].T).max())
 
 
 def _between(before: Images, after: Images, n: int) -> Images:

@@ -113,8 +113,6 @@ class PaneOptions:
             ("--transmission-shift", self.transmission_shift),
             ("--thickness-px", self.thickness_px),
         ):
-            if self.focal_px is not None and value:
-                raise InputError(f"{name} and --focal-px cannot be had together yet: leave one out")
             if self.single_surface and value is not None:
                 raise InputError(f"{name} is for a pane with a back face; leave it or --single-surface out")
         if self.thickness_px is not None and not 0 <= self.thickness_px < math.inf:

@@ -6,7 +6,7 @@ themselves estimated (expectation maximization), each colour of an opponent basi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +138,7 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
     entries = in_basis(basis.astype(np.float32), plate_entries(capture, pse), np)
     level = entries.mean(axis=(-1, -2), keepdims=True)
-    seen = _normal_equations(pse, precision, transformed(entries, level, canvas), canvas)
+    seen = normal_equations(plate_transfer(pse, *canvas.shape), precision, transformed(entries, level, canvas))
     sums = pse.taps.sum(axis=1).T
     mean = _means(level[..., 0, 0], sums, precision * canvas.height * canvas.width, basis)
     return closed_form_of(seen, initial_power(entries[0] + entries[1]), mean, basis, canvas)
@@ -170,12 +170,19 @@ def closed_form_of(
     """
     bands = FrequencyBands(*canvas.shape)
     fitted = _fitted(seen, bands, power)
-    prior = fitted.everywhere(bands)
+    known = described(seen, fitted, bands, mean, basis)
+    return replace(known, layers=filtered(seen, known.prior, mean, basis, canvas))
+
+
+def described(
+    seen: NormalEquations, fitted: FittedSpectra, bands: FrequencyBands, mean: Images, basis: Basis
+) -> ClosedForm:
+    """What is known of the layers under fitted spectra, without the layers themselves."""
     edges = bands.share * bands.squared_frequency
     return ClosedForm(
-        layers=_wiener(seen, prior, mean, basis, canvas),
+        layers=np.empty(0, dtype=np.float32),
         mean=mean,
-        prior=prior,
+        prior=fitted.everywhere(bands),
         told=seen.told,
         cross=seen.cross,
         basis=basis,
@@ -201,9 +208,8 @@ def transformed(entries: Images, level: Images, canvas: Canvas) -> Spectrum:
     return spectra
 
 
-def _normal_equations(pse: PSE, precision: Matrix, data: Spectrum, canvas: Canvas) -> NormalEquations:
-    """What the entries' spectra (entries, channel, ...) tell of the layers."""
-    transfer = plate_transfer(pse, *canvas.shape)
+def normal_equations(transfer: Spectrum, precision: Matrix, data: Spectrum) -> NormalEquations:
+    """What spectra (entries, channel, ...) tell of layers that a pane with this transfer (entries, 2, ...) mixes."""
     weighted = np.tensordot(precision.astype(np.float32), transfer.conj(), axes=1)
     told = np.stack([(weighted[:, i] * transfer[:, i]).real.sum(axis=0) for i in (0, 1)])
     cross = (weighted[:, 0] * transfer[:, 1]).sum(axis=0)
@@ -226,8 +232,8 @@ def _sampled(seen: NormalEquations, bands: FrequencyBands, prior: Power, basis: 
     return Knowledge(told, cross, prior, bands.share, bands.squared_frequency, basis)
 
 
-def _wiener(seen: NormalEquations, prior: Power, mean: Images, basis: Basis, canvas: Canvas) -> Images:
-    """The layers that are most likely under Gaussian layers of these spectra."""
+def filtered(seen: NormalEquations, prior: Power, mean: Images, basis: Basis, canvas: Canvas) -> Images:
+    """The layers on the canvas that are most likely under Gaussian layers of these spectra."""
     from polaropt.fused_preconditioner import FusedPreconditioner
 
     hessian = AssumedHessian(seen.told, seen.cross, np.float32(1) / prior, np.zeros(prior.shape[:2]))

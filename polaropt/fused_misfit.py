@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 
 from polaropt.canvas import Canvas
 from polaropt.capture import Capture
-from polaropt.forward import PSE
+from polaropt.forward import PSE, Displacements
 from polaropt.misfit_kernels import Ghosts, residuals, spread
 from polaropt.noise_model import NoiseClasses
-from polaropt.varying import VaryingPSE
-from polaropt.varying_kernels import varying_residuals
 from solvers.blocks import in_blocks
 
 Images = NDArray[np.float32]
@@ -40,8 +38,16 @@ class Information:
     """From the photographs to what no entries explain, in units of the noise: one matrix (rest, k) a kind."""
 
 
-class _Whitened:
-    """Photographs reduced to the residuals' data, and what whitens entries to compare with them."""
+class Whitened:
+    """Photographs reduced to the residuals' data, and what whitens entries to compare with them.
+
+    Parameters
+    ----------
+    capture : Capture
+    mixing : ndarray, shape (k, entry)
+        Photographs from entries.
+    noise : float or NoiseClasses
+    """
 
     def __init__(self, capture: Capture, mixing: NDArray[np.float64], noise: float | NoiseClasses) -> None:
         shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
@@ -76,7 +82,7 @@ class FusedMisfit:
     """
 
     def __init__(self, capture: Capture, pse: PSE, canvas: Canvas, noise: float | NoiseClasses) -> None:
-        self._seen = _Whitened(capture, pse.mixing[:, : pse.taps.shape[2]], noise)
+        self._seen = Whitened(capture, pse.mixing[:, : pse.taps.shape[2]], noise)
         self._ghosts = ghosts_of(pse)
         self._corner = (canvas.top, canvas.left)
 
@@ -97,42 +103,17 @@ class FusedMisfit:
         return value
 
 
-class FusedVaryingMisfit:
-    """The same where incidence and azimuth vary over the frame.
-
-    Parameters
-    ----------
-    capture : Capture
-    pse : VaryingPSE
-        Made for the frame.
-    canvas : Canvas
-    noise : float or NoiseClasses
-    """
-
-    def __init__(self, capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float | NoiseClasses) -> None:
-        self._seen = _Whitened(capture, pse.analyzer, noise)
-        self._mixtures = pse.mixtures(canvas.height, canvas.width)
-        self._corner = (canvas.top, canvas.left)
-
-    def value_and_grad(self, layers: Images, gradient: Images, weight: float = 1.0) -> float:
-        """Value at canvas layers (2, channel, H, W); `gradient` is overwritten by weight times the gradient."""
-        seen, factor = self._seen, np.float32(weight)
-        top, left = self._corner
-        gradient[...] = 0
-
-        def rows(start: int, stop: int) -> float:
-            parts = (self._mixtures, seen.roots, seen.kinds, seen.data, factor, seen.slopes)
-            return float(varying_residuals(layers, top, left, *parts, gradient, start, stop))
-
-        return sum(in_blocks(rows, seen.height, _ROWS)) + seen.constant
-
-
 def ghosts_of(pse: PSE) -> Ghosts:
     """The ghosts of a pane as whole and fractional shifts."""
-    distance = np.array(pse.displacements)
+    return ghosts_at(pse.displacements, pse.taps)
+
+
+def ghosts_at(displacements: Displacements, taps: NDArray[np.float64]) -> Ghosts:
+    """The same of images at these places, with weights (2, ghost, entry)."""
+    distance = np.array(displacements)
     whole = np.floor(distance + _SNAP)
     fraction = np.where(np.abs(distance - whole) < _SNAP, 0, distance - whole)
-    return Ghosts(pse.taps.astype(np.float32), whole.astype(np.int64), fraction.astype(np.float32))
+    return Ghosts(taps.astype(np.float32), whole.astype(np.int64), fraction.astype(np.float32))
 
 
 def kinds_of_pixels(valid: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.uint16]]:

@@ -43,7 +43,7 @@ def _moves(whole: Array, fraction: Array) -> bool:
 
 
 @compiled
-def _any(taps: Array) -> bool:
+def has_part(taps: Array) -> bool:
     """Whether a layer has a part in a ghost."""
     found = False
     for e in range(taps.size):
@@ -101,29 +101,36 @@ def _add_to_entries(source: Array, taps: Array, entries: Array) -> None:
 
 
 @compiled
+def read_shifted(plane: Array, y: int, left: int, whole: Array, fraction: Array, scratch: Array, out: Array) -> None:
+    """Row y from column left on of a plane shifted by whole + fraction, with scratch (2, more than out's size)."""
+    width = out.size
+    first, row = left - whole[0] - 1, y - whole[1]
+    if not _moves(whole, fraction):
+        source = plane[y, left : left + width]
+        for x in range(width):
+            out[x] = source[x]
+    elif _within(first, width + 1, row, plane.shape[0], plane.shape[1]):
+        _interpolate(plane[row - 1, first : first + width + 1], plane[row, first : first + width + 1], fraction, out)
+    else:
+        _shifted_row(plane, y, left, whole, fraction, scratch[0, : width + 1], scratch[1, : width + 1], out)
+
+
+@compiled
 def _entries_row(layers: Array, c: int, y: int, left: int, ghosts: Ghosts, entries: Array, scratch: Array) -> None:
     """One row of the plate's entries (entry, w), all ghosts of both layers."""
     width = entries.shape[1]
-    padded, other, shifted = scratch[0, : width + 1], scratch[1, : width + 1], scratch[2, :width]
+    shifted = scratch[2, :width]
     entries[:] = 0
     for k in range(ghosts.taps.shape[1]):
         whole, fraction = ghosts.whole[k], ghosts.fraction[k]
-        first, row = left - whole[0] - 1, y - whole[1]
-        inside = _within(first, width + 1, row, layers.shape[2], layers.shape[3])
         for i in range(2):
-            if not _any(ghosts.taps[i, k]):
+            if not has_part(ghosts.taps[i, k]):
                 continue
             source = shifted
-            if not _moves(whole, fraction):
-                source = layers[i, c, y, left : left + width]
-            elif inside:
-                above, at = (
-                    layers[i, c, row - 1, first : first + width + 1],
-                    layers[i, c, row, first : first + width + 1],
-                )
-                _interpolate(above, at, fraction, shifted)
+            if _moves(whole, fraction):
+                read_shifted(layers[i, c], y, left, whole, fraction, scratch, shifted)
             else:
-                _shifted_row(layers[i, c], y, left, whole, fraction, padded, other, shifted)
+                source = layers[i, c, y, left : left + width]
             _add_to_entries(source, ghosts.taps[i, k], entries)
 
 
@@ -216,6 +223,20 @@ def _mix(slopes: Array, c: int, y: int, taps: Array, out: Array) -> None:
 
 
 @compiled
+def spread_row(row: Array, y: int, left: int, whole: Array, fraction: Array, samples: Array, plane: Array) -> None:
+    """Transpose of `read_shifted`: add a row to a plane, with scratch for one sample more."""
+    width = row.size
+    first, at = left - whole[0] - 1, y - whole[1]
+    if not _moves(whole, fraction):
+        add_scaled(row, np.float32(1), plane[y, left : left + width])
+    elif _within(first, width + 1, at, plane.shape[0], plane.shape[1]):
+        here = slice(first, first + width + 1)
+        _interpolate_transposed(row, fraction, plane[at - 1, here], plane[at, here])
+    else:
+        _add_shifted_row(row, y, left, whole, fraction, samples, plane)
+
+
+@compiled
 def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, start: int, stop: int) -> None:
     """Bring slopes by the entries (entry, channel, h, w) back to the layers.
 
@@ -229,15 +250,7 @@ def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, 
         plane[:] = 0
         for y in range(top, top + height):
             for k in range(ghosts.taps.shape[1]):
-                if not _any(ghosts.taps[i, k]):
+                if not has_part(ghosts.taps[i, k]):
                     continue
-                whole, fraction = ghosts.whole[k], ghosts.fraction[k]
                 _mix(slopes, c, y - top, ghosts.taps[i, k], mixed)
-                first, row = left - whole[0] - 1, y - whole[1]
-                if not _moves(whole, fraction):
-                    add_scaled(mixed, np.float32(1), plane[y, left : left + width])
-                elif _within(first, width + 1, row, plane.shape[0], plane.shape[1]):
-                    above, at = plane[row - 1, first : first + width + 1], plane[row, first : first + width + 1]
-                    _interpolate_transposed(mixed, fraction, above, at)
-                else:
-                    _add_shifted_row(mixed, y, left, whole, fraction, samples, plane)
+                spread_row(mixed, y, left, ghosts.whole[k], ghosts.fraction[k], samples, plane)

@@ -27,10 +27,11 @@ def pane_sentence(report: dict[str, Any]) -> str:
     parts = [
         f"{word} {scene[name]:.2f} {unit} ({_source(name, estimated)})"
         for name, word, unit in _NUMBERS
-        if scene[name] is not None and not (name == "ghost_shift" and (scene["single_surface"] or varies))
+        if scene[name] is not None
+        and not (name == "ghost_shift" and (scene["single_surface"] or (varies and not scene[name])))
     ]
     if varies:
-        parts.append("both changing over the picture")
+        parts.insert(2, "both changing over the picture")
     if scene["focal_px"] is not None:
         parts.append(f"focal length {scene['focal_px']:.0f} px ({_source('focal_px', estimated)})")
     if any(scene["bend_deg_per_px"]):

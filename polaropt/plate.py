@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from polaropt.fresnel import interface
 from polaropt.scene import SceneParameters
 
+Entries = NDArray[np.float64]
+
 # Ghosts fainter than this share of the light are added to the last one kept.
 _NEGLIGIBLE = 1e-12
 _MOST_GHOSTS = 2000
@@ -38,11 +40,29 @@ def ghost_weights(scene: SceneParameters, n_ghosts: int | None = None) -> NDArra
     """
     incidence_deg, _, shift = scene.values()
     rho, tau = (np.array(entries) for entries in interface(incidence_deg, scene.refractive_index))
+    if n_ghosts is None:
+        n_ghosts = 1 if shift == 0 else ghosts_that_matter(scene)
+    return interface_weights(scene, rho, tau, n_ghosts)
+
+
+def interface_weights(scene: SceneParameters, rho: Entries, tau: Entries, n_ghosts: int) -> Entries:
+    """Weights as of `ghost_weights` from an interface's reflection and transmission entries.
+
+    Parameters
+    ----------
+    scene : SceneParameters
+        Its geometry but for the shift is not used.
+    rho, tau : ndarray, shape (3, ...)
+    n_ghosts : int
+
+    Returns
+    -------
+    ndarray, shape (2, n_ghosts + 1, 3, ...)
+    """
+    shift = scene.values()[2]
     if scene.single_surface:
-        weights = np.stack([tau, rho])[:, None, :]
+        weights = np.stack([tau, rho])[:, None]
     else:
-        if n_ghosts is None:
-            n_ghosts = 1 if shift == 0 else ghosts_that_matter(scene)
         weights = _plate_weights(rho, tau, n_ghosts if scene.n_bounces is None else scene.n_bounces)
         if scene.n_bounces is None:
             _add_tail(weights, rho, tau)
@@ -61,7 +81,7 @@ class GhostLine:
 
     Attributes
     ----------
-    weights : ndarray, shape (2, n, 3)
+    weights : ndarray, shape (2, n, 3, ...)
         [0] transmission, [1] reflection; entries (par, perp, s2').
     orders : ndarray, shape (n,)
         How many steps an image lies from the direct one.
@@ -74,7 +94,9 @@ class GhostLine:
     steps: NDArray[np.float64]
 
 
-def ghost_line(scene: SceneParameters, n_ghosts: int | None = None) -> GhostLine:
+def ghost_line(
+    scene: SceneParameters, n_ghosts: int | None = None, interface_entries: tuple[Entries, Entries] | None = None
+) -> GhostLine:
     """Ghosts with their places: one image for each order, or for each layer's own where their shifts differ.
 
     Parameters
@@ -83,15 +105,25 @@ def ghost_line(scene: SceneParameters, n_ghosts: int | None = None) -> GhostLine
         A complete scene.
     n_ghosts : int, optional
         As for `ghost_weights`.
+    interface_entries : (ndarray, ndarray), optional
+        Reflection and transmission entries (3, ...) where they are not those of the scene's incidence; with them,
+        `n_ghosts` must be given.
     """
+
+    def weights_of(shifted: SceneParameters) -> Entries:
+        if interface_entries is None:
+            return ghost_weights(shifted, n_ghosts)
+        assert n_ghosts is not None
+        return interface_weights(shifted, *interface_entries, n_ghosts)
+
     shift, own = scene.values()[2], scene.transmission_ghost_shift
-    weights = ghost_weights(scene, n_ghosts)
+    weights = weights_of(scene)
     n = weights.shape[1]
     if own is None or own == shift:
         return GhostLine(weights, np.arange(n, dtype=np.float64), np.full(n, shift))
-    of_t = ghost_weights(scene.replace(ghost_shift=own, transmission_ghost_shift=None), n_ghosts)[0]
+    of_t = weights_of(scene.replace(ghost_shift=own, transmission_ghost_shift=None))[0]
     # The direct light of both layers is one image; the ghosts of each show nothing of the other.
-    both = np.zeros((2, n + len(of_t) - 1, 3))
+    both = np.zeros((2, n + len(of_t) - 1, *of_t.shape[1:]))
     both[1, :n] = weights[1]
     both[0, 0], both[0, n:] = of_t[0], of_t[1:]
     orders = np.concatenate([np.arange(n), np.arange(1, len(of_t))]).astype(np.float64)
@@ -101,7 +133,11 @@ def ghost_line(scene: SceneParameters, n_ghosts: int | None = None) -> GhostLine
 def ghosts_that_matter(scene: SceneParameters, share: float = _NEGLIGIBLE) -> int:
     """Number of ghosts until the next is fainter than `share` of the first."""
     incidence_deg, _, _ = scene.values()
-    strongest = max(interface(incidence_deg, scene.refractive_index).reflection[:2])
+    return ghosts_until(max(interface(incidence_deg, scene.refractive_index).reflection[:2]), share)
+
+
+def ghosts_until(strongest: float, share: float = _NEGLIGIBLE) -> int:
+    """The same for an interface that reflects no more than `strongest`."""
     if strongest <= 0:
         return 1
     if strongest >= 1:
@@ -119,7 +155,7 @@ def in_place_reflectance(incidence_deg: float, refractive_index: float, single_s
 
 def _plate_weights(rho: NDArray[np.float64], tau: NDArray[np.float64], n_ghosts: int) -> NDArray[np.float64]:
     """The two series up to ghost `n_ghosts`, shape (2, n_ghosts + 1, 3)."""
-    order = np.arange(n_ghosts + 1)[:, None]
+    order = np.arange(n_ghosts + 1).reshape(-1, *(1 for _ in rho.shape))
     transmitted = tau**2 * rho ** (2 * order)
     reflected = np.concatenate([rho[None], tau**2 * rho ** (2 * order[1:] - 1)])
     return np.stack([transmitted, reflected])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,7 +20,7 @@ from polaropt.plate import ghosts_that_matter
 from polaropt.preconditioner import FourierPreconditioner
 from polaropt.scene import SceneParameters
 from polaropt.starts import start_layers
-from polaropt.varying import VaryingPSE
+from polaropt.varying import VaryingPSE, ghosts_seen
 
 if TYPE_CHECKING:
     from polaropt.fused import MisfitInPlace
@@ -28,6 +29,7 @@ Images = NDArray[np.float32]
 
 # A ghost shows if it carries more than this share of the noise where the light is white.
 _GHOST_SHARE = 0.3
+_STRIP_ROWS = 128
 
 
 class Coordinates(Protocol):
@@ -77,7 +79,7 @@ class Problem:
         self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
         self.capture, self.scene = capture, scene
         self._weights, self._robust = weights, robust
-        self.pse = engine_for(scene, capture.angles_deg, noise, center)
+        self.pse = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:], center)
         self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
         self.known: ClosedForm = self._closed_form()
         self.penalties = default_penalties(self.known, noise)
@@ -86,8 +88,10 @@ class Problem:
         if isinstance(self.pse, PSE):
             return natural_image_layers(self.capture, self.pse, self.canvas, self.noise)
         from polaropt.varying_closed_form import varying_layers
+        from polaropt.varying_ghosts import ghost_layers
 
-        return varying_layers(self.capture, self.pse, self.canvas, self.noise)
+        varying = ghost_layers if self.scene.has_ghosts else varying_layers
+        return varying(self.capture, self.pse, self.canvas, self.noise)
 
     def take_start(self, init: str) -> Images:
         """Canvas layers to start from, by name; what only the start needs of the closed form is given up."""
@@ -104,21 +108,22 @@ class Problem:
 
     def _compiled_misfit(self) -> MisfitInPlace:
         from polaropt.fused import ReadableMisfit
-        from polaropt.fused_misfit import FusedMisfit, FusedVaryingMisfit
+        from polaropt.fused_misfit import FusedMisfit
+        from polaropt.fused_varying import FusedGhostMisfit, FusedVaryingMisfit
 
         if self._robust:
             return ReadableMisfit(Misfit(self.capture, self._on_canvas(), self.canvas, self._pixel_noise, robust=True))
         if isinstance(self.pse, PSE):
             return FusedMisfit(self.capture, self.pse, self.canvas, self._pixel_noise)
-        return FusedVaryingMisfit(self.capture, self.pse, self.canvas, self._pixel_noise)
+        varying = FusedGhostMisfit if self.scene.has_ghosts else FusedVaryingMisfit
+        return varying(self.capture, self.pse, self.canvas, self._pixel_noise)
 
     def _on_canvas(self) -> PSE | VaryingPSE:
         """The engine for images of the canvas's size."""
         if isinstance(self.pse, PSE):
             return self.pse
-        column, row = self.pse.center(self.canvas.height, self.canvas.width)
-        center = (column + self.canvas.left, row + self.canvas.top)
-        return VaryingPSE(self.scene, self.capture.angles_deg, center)
+        canvas = self.canvas
+        return self.pse.moved(canvas.left, canvas.top, canvas.height, canvas.width)
 
     def readable(self, start: Images, device: str | None = None) -> Coordinates:
         """The same in its readable form, on numpy arrays or on torch tensors of a device."""
@@ -146,19 +151,33 @@ def engine_for(
     scene: SceneParameters,
     angles_deg: Sequence[float],
     noise: float,
+    shape: tuple[int, ...],
     center: tuple[float, float] | None = None,
 ) -> PSE | VaryingPSE:
-    """The engine that a scene needs, for images of the frame's size."""
-    if scene.varies:
-        return VaryingPSE(scene, angles_deg, center)
+    """The engine that a scene needs, for images of the frame's size (h, w)."""
     # Ghosts that drown in the noise cost as much as the others; their light is added to the last one kept.
-    return PSE(scene, angles_deg, n_ghosts=ghosts_that_matter(scene, _GHOST_SHARE * noise))
+    share = _GHOST_SHARE * noise
+    if not scene.varies:
+        return PSE(scene, angles_deg, n_ghosts=ghosts_that_matter(scene, share))
+    n_ghosts = ghosts_seen(scene, (shape[0], shape[1]), center, share) if scene.has_ghosts else None
+    return VaryingPSE(scene, angles_deg, center, n_ghosts)
 
 
 def component_images(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images) -> Images:
     """The parts of the photographs that come from each layer of the canvas, (2, k, channel, h, w)."""
     if isinstance(pse, VaryingPSE):
-        components: Images = pse.components(np.ascontiguousarray(canvas.crop(layers)))
+        on_canvas = pse.moved(canvas.left, canvas.top, canvas.height, canvas.width)
+        components: Images = canvas.crop(np.concatenate(list(_in_strips(on_canvas, layers)), axis=-2))
         return components
     # A colour at a time: the engine holds several times its input.
     return np.concatenate([canvas.crop(pse.components(layers[:, c : c + 1])) for c in range(layers.shape[1])], axis=2)
+
+
+def _in_strips(pse: VaryingPSE, layers: Images) -> Iterator[Images]:
+    """Components of some rows at a time: the weights of all ghosts in every pixel are much memory."""
+    height, width = layers.shape[-2:]
+    reach = 1 + math.ceil(max(abs(down) for _, down in pse.displacements(height, width)))
+    for top in range(0, height, _STRIP_ROWS):
+        first, stop = max(0, top - reach), min(height, top + _STRIP_ROWS)
+        part = pse.moved(0, -first, height, width).components(layers[..., first : stop + reach, :])
+        yield part[..., top - first : stop - first, :]

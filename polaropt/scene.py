@@ -45,12 +45,13 @@ class SceneParameters:
     focal_px : float or None
         Focal length of a pinhole camera in pixels, its axis through the middle of the frame: incidence and azimuth
         vary over the frame, and those above are the ones at its middle. The azimuth is then the direction to which
-        the pane's normal (towards the scene) leans, and adding 180 is another pane; all bounces are summed in place.
+        the pane's normal (towards the scene) leans, and adding 180 is another pane. Ghosts lie along it, at the same
+        distance in all of the frame, and are as bright as each pixel's own incidence makes them.
         None: the pane is seen from far, and both are the same everywhere unless it is bent.
     bend_deg_per_px : (float, float, float)
         How a bent pane's normal changes from pixel to pixel, in degrees: (b_xx, b_xy, b_yy) of a symmetric matrix. At
         (x, y) from the middle of the frame, x to the right and y up, the normal's part across the camera's axis has
-        changed by (b_xx x + b_xy y, b_xy x + b_yy y). Zeros: flat. All bounces are then summed in place.
+        changed by (b_xx x + b_xy y, b_xy x + b_yy y). Zeros: flat.
     signal : bool
         Whether there is polarization at all; without, the numbers above mean nothing and the rung is "none".
 

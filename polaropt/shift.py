@@ -104,6 +104,20 @@ class PaddedFrame:
         """Samples before the nearest one that a shift needs."""
         return (1 if shift.across else 0) + (self.stride if shift.down else 0)
 
+    def shifted(self, planes: Any, shift: Shift, xp: Any) -> Any:
+        """Images (..., h, w) that a shift makes of extended planes (..., samples)."""
+        reach = self.reach(shift)
+        samples = planes[..., shift.offset - reach : shift.offset + self.size]
+        return shift.scale * self.crop(self.interpolate(samples, shift), xp)
+
+    def add_shifted_back(self, images: Any, shift: Shift, planes: Any, xp: Any) -> None:
+        """Transpose of `shifted`: add images (..., h, w) to planes (..., samples)."""
+        reach, ahead = self.reach(shift), self.stride + 1
+        samples = self.spread(images, xp)[..., ahead - reach : ahead + self.size + reach]
+        planes[..., shift.offset - reach : shift.offset + self.size] += shift.scale * self.interpolate_transposed(
+            samples, shift
+        )
+
     def interpolate(self, samples: Any, shift: Shift) -> Any:
         """Sums of neighbours, short of the shift's `scale`; takes `reach` samples more than it gives."""
         if shift.down:

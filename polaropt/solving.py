@@ -140,7 +140,7 @@ def solve(capture: Capture, scene: SceneParameters, noise: float, how: How, stag
         layers[:, :, tile.rows, tile.columns] += tile.weights * found.layers
         nothing = np.empty(0, dtype=np.float32)
         solutions.append(replace(found, layers=nothing, canvas_layers=nothing))
-    pse = engine_for(scene, capture.angles_deg, noise)
+    pse = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:])
     return _together(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
 
 

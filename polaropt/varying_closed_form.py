@@ -37,10 +37,9 @@ def varying_layers(capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: flo
     """Counterpart of `polaropt.closed_form.natural_image_layers`; parameters and result as there."""
     basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
     stokes = in_basis(basis.astype(np.float32), least_squares_entries(capture, pse.analyzer), np)
-    intensity = max(1e-6, float(np.sqrt(np.square(stokes[0].mean(axis=(-1, -2))).sum())))
     precision = pse.analyzer.T @ pse.analyzer / noise**2
     mixtures = pse.mixtures(canvas.height, canvas.width)
-    told, layers, covariance = inverted(mixtures, precision, stokes, 1 / (_SPREAD * intensity) ** 2)
+    told, layers, covariance = inverted(mixtures, precision, stokes, weak_prior(stokes))
     level = layers.mean(axis=(-1, -2), keepdims=True)
     information = np.linalg.inv(covariance)
     right = np.tensordot(information.astype(np.float32), transformed(layers, level, canvas), axes=1)
@@ -48,6 +47,12 @@ def varying_layers(capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: flo
     # What is told on average, not what is left open on average, makes the coordinates round.
     mean = _everywhere(told.mean(axis=(-1, -2), dtype=np.float64), right)
     return replace(known, told=mean.told, cross=mean.cross)
+
+
+def weak_prior(stokes: Images) -> float:
+    """Inverse variance of a pixel of a layer before anything is measured, from Stokes images in the colour basis."""
+    intensity = max(1e-6, float(np.sqrt(np.square(stokes[0].mean(axis=(-1, -2))).sum())))
+    return 1 / (_SPREAD * intensity) ** 2
 
 
 def varying_pixel_layers(capture: Capture, pse: VaryingPSE) -> Images:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polaropt import PSE, SceneParameters
-from polaropt.transfer import bilinear_transfer, frequencies, plate_transfer
+from polaropt.transfer import bilinear_transfer, frequencies, ghost_transfer_at, plate_transfer
 
 SCENES = [
     SceneParameters(60, 33, 2.3),
@@ -32,6 +32,15 @@ def test_transfer_equals_the_engine_on_periodic_content(scene: SceneParameters, 
     periodic = pse.entries(np.tile(layers, (1, 9, 9)))
     middle = periodic[:, 4 * height : 5 * height, 4 * width : 5 * width]
     np.testing.assert_allclose(filtered, middle, atol=1e-5)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_sample_of_the_frequencies_is_transferred_alike(scene: SceneParameters) -> None:
+    pse = PSE(scene, (0, 45, 90, 135))
+    sample = np.array([0, 3, 17, 40])
+    transfer = plate_transfer(pse, 9, 10)
+    at = ghost_transfer_at(pse.taps, pse.displacements, (9, 10), sample)
+    np.testing.assert_allclose(at, transfer.reshape(*transfer.shape[:2], -1)[..., sample], atol=1e-6)
 
 
 def test_a_constant_passes_with_the_energy_of_the_pane() -> None:

@@ -14,6 +14,7 @@ from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.metrics import psnr_db
 from polaropt.model_selection import find_scene
+from polaropt.objective import Weights
 from polaropt.perspective import pixel_grid, plane_normal, viewing_angles
 from polaropt.perspective_fit import fit_perspective
 from polaropt.plate_frame import stokes_images
@@ -28,10 +29,10 @@ ANGLES = (0, 45, 90, 135)
 WIDE = 96 / 2 / math.tan(math.radians(22.5))
 
 
-def seen_wide(size: int = 96, focal_px: float = WIDE, azimuth_deg: float = 200.0, **kwargs):
+def seen_wide(size: int = 96, focal_px: float = WIDE, azimuth_deg: float = 200.0, ghost_shift: float = 0.0, **kwargs):
     """A blend whose incidence varies over the frame: photographs, layers and scene."""
     example = blend(55, size, ghost_shift=0.0, **kwargs)
-    scene = SceneParameters(55.0, azimuth_deg, 0.0, focal_px=focal_px)
+    scene = SceneParameters(55.0, azimuth_deg, ghost_shift, focal_px=focal_px)
     layers = example.layers if example.layers.ndim == 3 else np.moveaxis(example.layers, 1, -1)
     return simulate(layers[0], layers[1], scene, noise=0.005, bits=12, seed=1), example.layers, scene
 
@@ -51,6 +52,47 @@ def test_from_far_away_it_is_the_plain_engine(single_surface, polarized):
 def test_the_adjoint_is_the_transpose(shape):
     pse = VaryingPSE(SceneParameters(55, 100, 0.0, focal_px=20.0), ANGLES)
     assert_adjoint(pse.forward, pse.adjoint, (2, *shape))
+
+
+GHOSTS = [{}, {"n_bounces": 2}, {"transmission_ghost_shift": -1.5}, {"reflection_polarization": (0.4, 30.0)}]
+
+
+@pytest.mark.parametrize("options", GHOSTS)
+@pytest.mark.parametrize("ghost_shift", [3.0, -4.3, 0.0])
+def test_from_far_away_it_has_the_plain_engines_ghosts(ghost_shift, options):
+    scene = SceneParameters(65, 30, ghost_shift, **options)
+    layers = np.random.default_rng(0).random((2, 3, 20, 31))
+    far = VaryingPSE(scene.replace(focal_px=1e7), ANGLES).forward(layers)
+    np.testing.assert_allclose(far, PSE(scene, ANGLES).forward(layers), atol=2e-5)
+
+
+@pytest.mark.parametrize("options", GHOSTS)
+@pytest.mark.parametrize("shape", [(17, 22), (2, 16, 15)])
+def test_the_adjoint_is_the_transpose_with_ghosts_too(shape, options):
+    pse = VaryingPSE(SceneParameters(55, 100, 3.3, focal_px=20.0, **options), ANGLES)
+    assert_adjoint(pse.forward, pse.adjoint, (2, *shape))
+
+
+def test_ghosts_lie_along_the_azimuth_and_weigh_what_their_pixel_says():
+    scene = SceneParameters(60, 0, 4.0, focal_px=30.0)
+    layers = np.zeros((2, 21, 31))
+    layers[1, 10, 12] = 1
+    pse = VaryingPSE(scene, (0.0, 90.0))
+    first = PSE(scene.replace(focal_px=None), (0.0, 90.0)).weights[1, 1, :2]
+    seen = pse.forward(layers)[:, 10]
+    assert set(np.flatnonzero(seen.sum(axis=0) > 1e-12)) == {12, 16, 20, 24, 28}
+    x = 16 - 15.0
+    local = SceneParameters(60 + math.degrees(math.atan(-x / 30)), 0, 4.0)
+    np.testing.assert_allclose(seen[:, 16], PSE(local, (0.0, 90.0)).weights[1, 1, :2] / 2, rtol=1e-5)
+    assert not np.allclose(seen[:, 16], first / 2, rtol=1e-2)
+
+
+def test_torch_tensors_give_what_arrays_give():
+    torch = pytest.importorskip("torch")
+    pse = VaryingPSE(SceneParameters(55, 100, 3.3, focal_px=20.0), ANGLES)
+    layers, photographs = np.random.default_rng(0).random((2, 3, 8, 9)), np.random.default_rng(1).random((4, 3, 8, 9))
+    for function, x in ((pse.forward, layers), (pse.adjoint, photographs)):
+        np.testing.assert_allclose(function(torch.asarray(x)).numpy(), function(x), atol=1e-12)
 
 
 def test_components_add_up_to_the_photographs():
@@ -78,6 +120,13 @@ def test_compiled_and_readable_objective_agree(color):
     assert_equal(Problem(capture, scene, 0.005, WEIGHTS))
 
 
+@pytest.mark.parametrize("options", GHOSTS)
+@pytest.mark.parametrize("ghost_shift", [3.7, -20.0])
+def test_they_agree_where_there_are_ghosts(ghost_shift, options):
+    capture, _, scene = seen_wide(33, focal_px=40.0, ghost_shift=ghost_shift)
+    assert_equal(Problem(capture, scene.replace(**options), 0.005, WEIGHTS, center=(12.0, 19.0)))
+
+
 def test_they_agree_with_masked_pixels_outliers_and_an_axis_off_the_middle():
     capture, _, scene = seen_wide(33, focal_px=40.0)
     valid = np.random.default_rng(1).random(capture.intensities.shape) > 0.3
@@ -94,6 +143,25 @@ def test_a_known_pane_is_separated_from_every_start(init):
     assert result.diagnostics.warnings == ()
     residual = result.components.sum(axis=0) - capture.intensities
     assert residual.std() == pytest.approx(0.005, rel=0.3)
+
+
+@pytest.mark.parametrize("init", ["closed-form", "per-pixel"])
+def test_ghosts_before_a_wide_lens_are_taken_out(init):
+    capture, layers, scene = seen_wide(128, focal_px=150.0, ghost_shift=5.3)
+    result, in_place = (separate(capture, chosen, init=init) for chosen in (scene, scene.replace(ghost_shift=0.0)))
+    gain = [psnr_db(result.layers[i], layers[i], 16) - psnr_db(in_place.layers[i], layers[i], 16) for i in (0, 1)]
+    assert gain[0] > 0
+    assert gain[1] > 2
+    residual = result.components.sum(axis=0) - capture.intensities
+    assert residual.std() == pytest.approx(0.005, rel=0.3)
+
+
+def test_the_closed_form_is_near_what_the_solve_finds():
+    capture, layers, scene = seen_wide(128, focal_px=150.0, ghost_shift=5.3)
+    problem = Problem(capture, scene, 0.005, Weights())
+    start, solved = problem.canvas.crop(problem.known.layers), separate(capture, scene).layers
+    for i, most in ((0, 3.0), (1, 4.0)):
+        assert psnr_db(start[i], layers[i], 16) > psnr_db(solved[i], layers[i], 16) - most
 
 
 def test_tiles_agree_with_the_whole(monkeypatch):
