@@ -89,6 +89,7 @@ def _sentences(example: Example, report: dict[str, Any], scores: tuple[Score, Sc
         f"  {folder / COMPARISON}  photographs, separated layers and truth",
         f"  {folder / 'transmission.png'}  what is behind the glass",
         f"  {folder / 'reflection.png'}    what the glass mirrors",
+        f"  {folder / 'report.html'}       all of it as a page, for a browser",
         f"  {folder / 'report.json'}       how it was found",
         "The same from the files:",
         f"  polaropt separate {folder / 'capture_*.png'} -o my-output",

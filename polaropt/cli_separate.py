@@ -148,8 +148,9 @@ def separate_command(
 
     Writes into the folder: transmission.tiff and reflection.tiff (linear, 32-bit floating point), transmission.png and
     reflection.png (to look at: sRGB, each with the exposure that report.json tells), how well they are known
-    (transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png) and report.json. Files of
-    other names stay. A run that fails or is interrupted leaves the folder as it was.
+    (transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png), report.json and
+    report.html (all of it as a page, for a browser). Files of other names stay. A run that fails or is interrupted
+    leaves the folder as it was.
     """
     from polaropt.output import result_folder
 
@@ -242,6 +243,7 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
             "  misfit.tiff, misfit.png             where the pane does not explain the photographs, in units of noise"
         )
     lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
+    lines.append("  report.html                         the result as a page, with pictures and warnings")
     return lines
 
 

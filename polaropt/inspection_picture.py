@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,14 +35,8 @@ def inspection_picture(capture: Capture) -> Picture:
     hue; brightness there is the DoLP, full from its 95 % quantile up, so that unpolarized pixels are black. Saturated
     pixels are grey in the last two. Large captures are reduced to at most 640 px per panel.
     """
-    stokes, valid = _gray_stokes(capture)
-    dolp, aolp = dolp_aolp(stokes)
-    full = max(float(np.quantile(dolp[valid], 0.95)) if valid.any() else 1.0, 0.02)
-    panels = [
-        _intensity_panel(capture),
-        _masked(dolp_colors(dolp), valid),
-        _masked(aolp_colors(aolp, np.clip(dolp / full, 0, 1)), valid),
-    ]
+    polarization = polarization_panels(capture)
+    panels = [_intensity_panel(capture), polarization.dolp, polarization.aolp]
     keys = [
         None,
         dolp_colors(np.linspace(0, 1, 200)[None]),
@@ -49,10 +44,28 @@ def inspection_picture(capture: Capture) -> Picture:
     ]
     titles = ("intensity", "degree of polarization", "angle of polarization")
     ticks = ((), ("0", "0.5", "1"), ("0", "45", "90", "135", "180 deg"))
-    notes = ("", "grey: saturated", f"black: unpolarized; full colour from {full:.2f}")
+    notes = ("", "grey: saturated", f"black: unpolarized; full colour from {polarization.full:.2f}")
     columns = [_column(*parts) for parts in zip(panels, titles, keys, ticks, notes, strict=True)]
     gap = np.full((columns[0].shape[0], _GAP, 3), _BACKGROUND, dtype=np.uint8)
     return np.concatenate([gap, columns[0], gap, columns[1], gap, columns[2], gap], axis=1)
+
+
+@dataclass(frozen=True)
+class PolarizationPanels:
+    """Degree and angle of polarization as pictures (h, w, 3), and the degree from which the angle has full colour."""
+
+    dolp: Picture
+    aolp: Picture
+    full: float
+
+
+def polarization_panels(capture: Capture) -> PolarizationPanels:
+    """Panels of `inspection_picture`, without titles and keys."""
+    stokes, valid = _gray_stokes(capture)
+    dolp, aolp = dolp_aolp(stokes)
+    full = max(float(np.quantile(dolp[valid], 0.95)) if valid.any() else 1.0, 0.02)
+    angles = aolp_colors(aolp, np.clip(dolp / full, 0, 1))
+    return PolarizationPanels(_masked(dolp_colors(dolp), valid), _masked(angles, valid), full)
 
 
 def dolp_colors(dolp: Floats) -> Picture:

@@ -13,6 +13,7 @@ import numpy as np
 
 from polaropt.capture import Capture
 from polaropt.diagnostics import Warning
+from polaropt.html_report import write_html_report
 from polaropt.image_io import write_png, write_png_view, write_tiff
 from polaropt.inspection import Inspection, inspect_capture
 from polaropt.misfit_map import MISFIT_WHITE, misfit_map
@@ -45,7 +46,7 @@ class Request:
 
 
 def write_separation(folder: Path, result: Separation, capture: Capture, request: Request) -> dict[str, Any]:
-    """Write the layers (TIFF linear, PNG to look at), their uncertainty and ``report.json`` into a folder.
+    """Write the layers (TIFF linear, PNG to look at), their uncertainty, ``report.json`` and ``report.html``.
 
     Where the model does not explain the photographs, ``misfit.tiff`` and ``misfit.png`` show where.
 
@@ -81,6 +82,7 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
     document: dict[str, Any] = plain(report)
     text = json.dumps(document, indent=2, allow_nan=False)
     (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    write_html_report(folder / "report.html", result, capture, document)
     return document
 
 

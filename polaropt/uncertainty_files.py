@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,12 +43,13 @@ def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
         write_tiff(folder / f"{name}_error.tiff", error)
     known = result.reflection_known
     write_tiff(folder / "reflection_known.tiff", known)
-    white = {name: max(float(np.quantile(error, _WHITE)), 1e-6) for name, error in errors.items()}
+    shown = uncertainty_panels(result)
+    white = shown.white
     panels: list[tuple[str, Image | None]] = [
-        (f"{name}: error, white = {white[name]:.2g}", _panel(error) / np.float32(white[name]))
-        for name, error in errors.items()
+        (f"{name}: error, white = {white[name]:.2g}", error / np.float32(white[name]))
+        for name, error in shown.errors.items()
     ]
-    panels.append((f"reflection: detail told, below {FADED:g} red", _marked(_panel(known))))
+    panels.append((f"reflection: detail told, below {FADED:g} red", shown.known))
     # Values of the picture are in proportion to the errors.
     straight = [(title, None if panel is None else linearize(np.clip(panel, 0, 1), "srgb")) for title, panel in panels]
     write_png(folder / "uncertainty.png", side_by_side([straight]))
@@ -56,6 +58,35 @@ def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
         "reflection_faded": {"share_of_pixels": float(np.mean(known < FADED)), "told_below": FADED},
         "white_in_png": white,
     }
+
+
+@dataclass(frozen=True)
+class UncertaintyPanels:
+    """What is known of the layers, of a size to look at.
+
+    Attributes
+    ----------
+    errors : dict of str to ndarray
+        Standard errors of transmission and reflection, (h, w) or (h, w, channel), linear.
+    white : dict of str to float
+        The error to show as white.
+    known : ndarray, shape (h, w, 3)
+        Told share of the reflection's detail, red below `faded`.
+    faded : float
+    """
+
+    errors: dict[str, Image]
+    white: dict[str, float]
+    known: Image
+    faded: float
+
+
+def uncertainty_panels(result: Separation) -> UncertaintyPanels:
+    """Panels of ``uncertainty.png``; of large images pixels are left out."""
+    errors = dict(zip(("transmission", "reflection"), map(planes_last, result.uncertainty), strict=True))
+    white = {name: max(float(np.quantile(error, _WHITE)), 1e-6) for name, error in errors.items()}
+    shown = {name: _panel(error) for name, error in errors.items()}
+    return UncertaintyPanels(shown, white, _marked(_panel(result.reflection_known)), FADED)
 
 
 def _panel(image: Image) -> Image:

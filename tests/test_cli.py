@@ -25,7 +25,15 @@ from polaropt.reader import read_capture
 
 ROOT = Path(__file__).parent.parent
 UNCERTAINTY = {"transmission_error.tiff", "reflection_error.tiff", "reflection_known.tiff", "uncertainty.png"}
-RESULTS = {"transmission.tiff", "reflection.tiff", "transmission.png", "reflection.png", "report.json", *UNCERTAINTY}
+RESULTS = {
+    "transmission.tiff",
+    "reflection.tiff",
+    "transmission.png",
+    "reflection.png",
+    "report.json",
+    "report.html",
+    *UNCERTAINTY,
+}
 COMMANDS = ("demo", "simulate", "inspect", "estimate", "separate")
 HEAVY = ("scipy", "skimage", "torch", "nlopt", "matplotlib")
 QUICK = ["--max-evaluations", "3"]
