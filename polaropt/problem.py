@@ -79,10 +79,13 @@ class Problem:
         self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
         self.capture, self.scene = capture, scene
         self._weights, self._robust = weights, robust
-        self.pse = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:], center)
+        self.pse = self._engine(center)
         self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
         self.known: ClosedForm = self._closed_form()
         self.penalties = default_penalties(self.known, noise)
+
+    def _engine(self, center: tuple[float, float] | None) -> PSE | VaryingPSE:
+        return engine_for(self.scene, self.capture.angles_deg, self.noise, self.capture.shape[-2:], center)
 
     def _closed_form(self) -> ClosedForm:
         if isinstance(self.pse, PSE):

@@ -1,0 +1,173 @@
+"""What each part of the separation is worth: the whole, and without each part, on the paper's six incidences.
+
+Run ``polaropt study ablation -o OUT``. Differences are to the whole on the same scenes; their intervals come from
+resampling the pairs of photographs.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import bootstrap
+from threadpoolctl import threadpool_limits
+
+from polaropt.metrics import psnr_db, similarity_map
+from polaropt.noise import noise_level
+from polaropt.scene import SceneParameters
+from studies.ablation_figures import draw_crops, draw_differences
+from studies.ablation_variants import ALL, VARIANTS, Variant
+from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from studies.protocol import EVALUATION_BORDER, INCIDENCES_DEG, N_PAIRS, protocol_capture, protocol_scene, truth
+from studies.record import write_tables
+from studies.work import row_of, run_jobs
+
+LAYERS = ("transmission", "reflection")
+QUICK_INCIDENCES_DEG, QUICK_SIZE, SIZE = (10, 60), 128, 256
+_SEED = 0
+# A part earns its place if the mean of either layer is better by this with it than without.
+_WORTH_DB = 0.05
+# An interval over fewer pairs says nothing.
+_FEWEST_PAIRS = 4
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene, solved with every variant."""
+
+    photos: str | None
+    pair: int
+    incidence_deg: float
+    size: int
+
+
+@dataclass(frozen=True)
+class Row:
+    """One solve: PSNR in dB and SSIM of both layers, 16 px at the border left out; seconds without the estimate."""
+
+    variant: str
+    pair: int
+    incidence_deg: float
+    transmission: float
+    reflection: float
+    transmission_ssim: float
+    reflection_ssim: float
+    evaluations: int
+    seconds: float
+
+
+def run(job: Job) -> list[Row]:
+    """Solve one scene with every variant; those that ask the same of the estimate share it."""
+    pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
+    capture = protocol_capture(pair, job.incidence_deg)
+    true = protocol_scene(pair, job.incidence_deg)
+    layers = np.stack([np.moveaxis(layer, -1, 0) for layer in truth(pair)])
+    noise = noise_level(capture)
+    found: dict[SceneParameters, SceneParameters] = {}
+    rows = []
+    with threadpool_limits(1, "blas"):
+        for variant in VARIANTS:
+            if variant.asked not in found:
+                found[variant.asked] = variant.found(capture, noise)
+            began = time.perf_counter()
+            solved = variant.solved(capture, found[variant.asked], true)
+            seconds = time.perf_counter() - began
+            quality = _quality(solved.layers, layers)
+            rows.append(Row(variant.name, job.pair, job.incidence_deg, *quality, solved.solver.n_evaluations, seconds))
+    return rows
+
+
+def _quality(layers: np.ndarray, true: np.ndarray) -> tuple[float, float, float, float]:
+    inner = (..., slice(EVALUATION_BORDER, -EVALUATION_BORDER), slice(EVALUATION_BORDER, -EVALUATION_BORDER))
+    noise = [psnr_db(layers[i], true[i], EVALUATION_BORDER) for i in (0, 1)]
+    likeness = [float(similarity_map(layers[i], true[i])[inner].mean()) for i in (0, 1)]
+    return noise[0], noise[1], likeness[0], likeness[1]
+
+
+def difference(rows: Sequence[Row], variant: str, layer: str) -> tuple[float, float, float]:
+    """Mean PSNR with the part less that without it, in dB, and its 95 % interval over pairs."""
+
+    def per_pair(name: str) -> np.ndarray:
+        part = [row for row in rows if row.variant == name]
+        pairs = sorted({row.pair for row in part})
+        return np.array([np.mean([getattr(row, layer) for row in part if row.pair == pair]) for pair in pairs])
+
+    gain = per_pair(ALL) - per_pair(variant)
+    mean = float(gain.mean())
+    if len(gain) < _FEWEST_PAIRS:
+        return mean, math.nan, math.nan
+    if np.ptp(gain) == 0:
+        return mean, mean, mean
+    interval = bootstrap((gain,), np.mean, method="percentile", rng=np.random.default_rng(_SEED)).confidence_interval
+    return mean, float(interval.low), float(interval.high)
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Means over all scenes, and the worth of every part, as a Markdown table."""
+    head = "| left out | in its place | T | R | T SSIM | R SSIM | T gained by it | R gained by it | evaluations | s | |"
+    lines = [head, "|" + "---|" * 11]
+    return "\n".join([*lines, *(_line(rows, variant) for variant in VARIANTS)])
+
+
+def _line(rows: Sequence[Row], variant: Variant) -> str:
+    part = [row for row in rows if row.variant == variant.name]
+    means = [np.mean([getattr(row, name) for row in part]) for name in LAYERS]
+    likeness = [np.mean([getattr(row, f"{name}_ssim") for row in part]) for name in LAYERS]
+    gains = [difference(rows, variant.name, layer) for layer in LAYERS]
+    told = [f"{mean:+.2f}" + ("" if math.isnan(low) else f" ({low:+.2f} to {high:+.2f})") for mean, low, high in gains]
+    said = "" if variant.name == ALL else _verdict(gains)
+    return (
+        f"| {variant.name} | {variant.said} | " + " | ".join(f"{mean:.2f}" for mean in means) + " | "
+        + " | ".join(f"{mean:.3f}" for mean in likeness) + " | " + " | ".join(told if said else ["", ""])
+        + f" | {np.median([row.evaluations for row in part]):.0f} | {np.median([row.seconds for row in part]):.2f}"
+        f" | {said} |"
+    )  # fmt: skip
+
+
+def _verdict(gains: Sequence[tuple[float, float, float]]) -> str:
+    if math.isnan(gains[0][1]):
+        return "too few pairs"
+    if any(mean > _WORTH_DB and low > 0 for mean, low, _ in gains):
+        return "earns its place"
+    if any(mean < -_WORTH_DB and high < 0 for mean, _, high in gains):
+        return "better without"
+    return "does not show here"
+
+
+def incidence_table(rows: Sequence[Row]) -> str:
+    """PSNR of both layers per incidence, as a Markdown table."""
+    incidences = sorted({row.incidence_deg for row in rows})
+    lines = ["| left out | " + " | ".join(f"{incidence:g} deg" for incidence in incidences) + " |"]
+    lines.append("|" + "---|" * (len(incidences) + 1))
+    for variant in VARIANTS:
+        cells = []
+        for incidence in incidences:
+            part = [row for row in rows if (row.variant, row.incidence_deg) == (variant.name, incidence)]
+            cells.append(" / ".join(f"{np.mean([getattr(row, name) for row in part]):.2f}" for name in LAYERS))
+        lines.append(f"| {variant.name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables and write them with all rows and figures."""
+    parser = study_parser(__doc__)
+    options = parser.parse_args(arguments)
+    quick = effort_of(options) == "quick"
+    size = QUICK_SIZE if quick else SIZE
+    n_pairs = n_pairs_of(options, 2 if quick else N_PAIRS, size, size // 2)
+    incidences = QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG
+    jobs = [Job(options.photos, pair, float(theta), size) for pair in range(n_pairs) for theta in incidences]
+    made = run_jobs(run, jobs, options.out / "ablation.json", {}, hands_of(options))
+    rows = [row_of(Row, row) for row in made]
+    text = f"{table(rows)}\n\n{incidence_table(rows)}"
+    print(text)
+    write_tables(options.out, "ablation", made, text)
+    draw_differences({v.name: [difference(rows, v.name, layer) for layer in LAYERS] for v in VARIANTS[1:]}, options.out)
+    draw_crops(pairs_of(options.photos, size, size // 2)[0], options.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""What the ablation leaves out is left out, and its intervals are those of the differences over pairs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from polaropt import separate
+from polaropt.metrics import psnr_db
+from polaropt.noise import noise_level
+from studies.ablation import Row, difference, table
+from studies.ablation_variants import ALL, VARIANTS
+from tests.blends import blend
+
+
+@pytest.fixture(scope="module")
+def example():
+    return blend(60, 96)
+
+
+def solved(example, name):
+    (variant,) = [variant for variant in VARIANTS if variant.name == name]
+    found = variant.found(example.capture, noise_level(example.capture))
+    return variant.solved(example.capture, found, example.scene)
+
+
+def test_the_whole_is_what_separate_does(example):
+    layers = separate(example.capture).layers
+    assert np.abs(solved(example, ALL).layers.reshape(layers.shape) - layers).max() < 2e-3
+
+
+def test_without_polarization_the_layers_cannot_be_told_apart(example):
+    with_it, without = (solved(example, name).layers for name in (ALL, "polarization"))
+    quality = [
+        psnr_db(layers[1].reshape(example.layers[1].shape), example.layers[1], 8) for layers in (with_it, without)
+    ]
+    assert quality[0] > quality[1] + 6
+
+
+@pytest.mark.parametrize("name", ["preconditioner", "closed-form start"])
+def test_another_way_to_the_minimum_ends_near_it(example, name):
+    whole, other = (solved(example, part).solver.value for part in (ALL, name))
+    assert other == pytest.approx(whole, rel=0.05)
+
+
+def rows(gains):
+    scene = {"incidence_deg": 60.0, "reflection": 30.0, "transmission_ssim": 1.0, "reflection_ssim": 1.0}
+    rest = {**scene, "evaluations": 5, "seconds": 1.0}
+    for pair, gain in enumerate(gains):
+        for variant in VARIANTS:
+            worse = 0.0 if variant.name == ALL else gain
+            yield Row(variant.name, pair, transmission=40 - worse, **rest)
+
+
+def test_a_gain_has_an_interval_over_pairs():
+    gains = [1.0, 2.0, 3.0, 2.0, 1.0, 3.0]
+    mean, low, high = difference(list(rows(gains)), "misfit", "transmission")
+    assert mean == pytest.approx(2)
+    assert 1 < low < 2 < high < 3
+    assert "| earns its place |" in table(list(rows(gains)))
+
+
+def test_few_pairs_have_none():
+    found = list(rows([1.0, 2.0]))
+    assert math.isnan(difference(found, "misfit", "transmission")[1])
+    assert "too few pairs" in table(found)
+
+
+def test_variants_have_names_of_their_own():
+    assert len({variant.name for variant in VARIANTS}) == len(VARIANTS)
