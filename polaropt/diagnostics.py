@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polaropt.angle_check import AngleMistake, angle_mistake
 from polaropt.capture import Capture
@@ -13,15 +14,18 @@ from polaropt.mistakes import Mistakes, find_mistakes
 from polaropt.noise_model import NoiseModel
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
+from polaropt.stokes import stokes_from_intensities
 
-_UNKNOWN_REFLECTION = 0.94
-"""There the fine detail of the reflection correlates with the truth by less than about 0.3."""
+Floats = NDArray[np.float32]
+
+_UNKNOWN_REFLECTION = 0.86
+"""There the fine detail of the reflection correlates with the truth by 0.3 to 0.4."""
 _FRONTAL_DEG, _GRAZING_DEG = 12.0, 84.0
 _MUCH_CLIPPED = 0.01
-_MUCH_NOISE = 0.1
-"""Noise of this share of the mean brightness hides detail whatever the polarization."""
+_MUCH_NOISE = 0.42
+"""There the transmission gains less than 7 dB on the plain intensity."""
 _BAD_FIT = 4.0
-_SAMPLE = 64
+_SAMPLE = 128
 
 
 class Warning(Enum):
@@ -95,7 +99,7 @@ class Diagnostics:
     misfit_ratio : float
         Mean squared residual of the photographs in units of the noise; 1 where the model explains them.
     reflection_unknown : float
-        Share of the reflection's gradient energy that the photographs do not tell, 0..1.
+        Share of the reflection's detail (finer than about 5 px) that the photographs do not tell, 0..1.
     estimate : SceneEstimate or None
         How the scene was found; None where nothing was estimated.
     noise_model : NoiseModel or None
@@ -120,6 +124,7 @@ def diagnose(
     estimate: SceneEstimate | None,
     scene: SceneParameters | None = None,
     unexplained: float = 1.0,
+    noise_share: float = 0.0,
     looks_polarized: bool = False,
     mistakes: Mistakes | None = None,
     finite: bool = True,
@@ -135,6 +140,8 @@ def diagnose(
         The scene of the solution. Default: that of the estimate.
     unexplained : float
         Light polarized at 45 degrees to the plane of incidence, mean square over blocks in units of its noise.
+    noise_share : float
+        See the function of this name.
     looks_polarized : bool
         Whether the layers' light looks polarized where the scene has it unpolarized.
     mistakes : Mistakes, optional
@@ -152,7 +159,7 @@ def diagnose(
     deserved = {
         Warning.NO_POLARIZATION: not polarized,
         Warning.REFLECTION_NOT_IDENTIFIABLE: not polarized or reflection_unknown > _UNKNOWN_REFLECTION,
-        **_of_geometry_and_noise(capture, noise, polarized, reflection_unknown, scene),
+        **_of_geometry_and_noise(polarized, reflection_unknown, noise_share, scene),
         Warning.SATURATED: clipped > _MUCH_CLIPPED,
         **_of_mistakes(mistakes),
         **_of_angles(mistake),
@@ -170,25 +177,43 @@ def diagnose(
     )
 
 
+def noise_share(capture: Capture, transmission: Floats, variance: float) -> float:
+    """Error that noise leaves in the transmission, over what was changed of the intensity or its contrast.
+
+    Rms values; of the two the smaller counts. The separation gains as many decibels as this lies below 1.
+
+    Parameters
+    ----------
+    capture : Capture
+    transmission : ndarray, shape ([channel,] h, w)
+    variance : float
+        Mean square of the error.
+    """
+    rows, columns = (slice(None, None, max(1, side // _SAMPLE)) for side in capture.shape[-2:])
+    seen = transmission[..., rows, columns]
+    intensity = stokes_from_intensities(capture.intensities[..., rows, columns], capture.angles_deg)[0]
+    changed = float(np.sqrt(np.mean(np.square(seen - intensity.reshape(seen.shape)))))
+    least = min(changed, float(seen.std()))
+    return float(np.sqrt(variance)) / least if least > 0 else 0.0
+
+
 def _found_polarized(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
     """Whether polarized light was found, not given."""
     return estimate is not None and scene is not None and scene.polarized
 
 
 def _of_geometry_and_noise(
-    capture: Capture, noise: float, polarized: bool, reflection_unknown: float, scene: SceneParameters | None
+    polarized: bool, reflection_unknown: float, noise_share: float, scene: SceneParameters | None
 ) -> dict[Warning, bool]:
     """Why the reflection, or the transmission, cannot be told."""
     incidence = None if scene is None or not polarized else scene.incidence_deg
     frontal = incidence is not None and incidence < _FRONTAL_DEG
-    rows, columns = (slice(None, None, max(1, side // _SAMPLE)) for side in capture.shape[-2:])
-    brightness = float(capture.intensities[..., rows, columns].mean())
     # Where the pane is oblique enough nothing but noise can hide the reflection.
     unseen = polarized and not frontal and reflection_unknown > _UNKNOWN_REFLECTION
     return {
         Warning.NEAR_NORMAL: frontal,
         Warning.GRAZING: incidence is not None and incidence > _GRAZING_DEG,
-        Warning.NOISE_TOO_HIGH: unseen or noise > _MUCH_NOISE * brightness,
+        Warning.NOISE_TOO_HIGH: unseen or noise_share > _MUCH_NOISE,
     }
 
 

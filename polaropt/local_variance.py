@@ -22,6 +22,8 @@ SCALES = np.geomspace(0.01, 30.0, 9)
 # Nine of ten photographs have less than so many times the power of another (measured on luminance, in any octave).
 _SPREAD_OF_POWER = 4.0
 _TURNS = 12
+# Detail is what a Gaussian of this width takes out of a layer.
+_DETAIL_PX = 2.0
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,19 @@ class Knowledge:
         color_weights = np.full(per_color.shape[1], CHROMA_WEIGHT)
         color_weights[0] = 1.0
         return np.asarray(per_color @ color_weights, dtype=np.float64)
+
+    def unknown_detail(self) -> NDArray[np.float64]:
+        """Share of each layer's detail, what is finer than about 5 px, that remains open, (2,).
+
+        The root of the rest is how the detail of a layer found correlates with the true one.
+        """
+        finer = 1 - np.exp(-self.squared_frequency * np.float32(_DETAIL_PX**2 / 2))
+        before, after = ((power @ (self.share * finer**2)).sum(axis=1) for power in (self.prior, self.uncertainty()))
+        return np.asarray(after / before, dtype=np.float64)
+
+    def variance(self) -> NDArray[np.float64]:
+        """That the photographs leave to a pixel of each layer, mean over colours, (2,)."""
+        return np.asarray((self.uncertainty() @ self.share).mean(axis=1), dtype=np.float64)
 
     def structure(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
         """Mean squared difference of two pixels so far apart, mean over colours, (2, distances)."""

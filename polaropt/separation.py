@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polaropt.canvas import Canvas
 from polaropt.capture import Capture
-from polaropt.diagnostics import Diagnostics, diagnose
+from polaropt.diagnostics import Diagnostics, diagnose, noise_share
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.mistakes import Mistakes, find_mistakes
@@ -212,6 +212,7 @@ def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) 
         estimate=found.estimate,
         scene=found.scene,
         unexplained=found.unexplained,
+        noise_share=noise_share(capture, solution.layers[0], solution.transmission_variance),
         mistakes=seen.mistakes,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )

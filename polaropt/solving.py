@@ -14,7 +14,7 @@ from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.noise_model import NoiseModel
-from polaropt.objective import Term, Weights, unknown_shares
+from polaropt.objective import Term, Weights
 from polaropt.problem import Problem, engine_for
 from polaropt.scene import SceneParameters
 from polaropt.stages import Stages
@@ -79,7 +79,9 @@ class Solution:
     misfit_ratio : float
         Mean squared residual in units of the noise, less what the unknowns take up.
     reflection_unknown : float
-        Share of the reflection's gradient energy that the photographs leave open, 0..1.
+        Share of the reflection's detail that the photographs leave open, 0..1.
+    transmission_variance : float
+        That the noise leaves to a pixel of the transmission, where the scene is known.
     pse : PSE or VaryingPSE
     canvas : Canvas
     canvas_layers : ndarray of float32, shape (2, channel, H, W)
@@ -93,6 +95,7 @@ class Solution:
     solver: SolverResult
     misfit_ratio: float
     reflection_unknown: float
+    transmission_variance: float
     pse: PSE | VaryingPSE
     canvas: Canvas
     canvas_layers: Images
@@ -178,7 +181,8 @@ def _solve_tile(
         terms=terms,
         solver=replace(result, x=np.zeros(0, dtype=np.float32)),
         misfit_ratio=problem.misfit_ratio(terms["misfit"].value),
-        reflection_unknown=float(unknown_shares(problem.known)[1]),
+        reflection_unknown=float(problem.known.sampled.unknown_detail()[1]),
+        transmission_variance=float(problem.known.sampled.variance()[0]),
         pse=problem.pse,
         canvas=problem.canvas,
         canvas_layers=layers,
@@ -202,6 +206,7 @@ def _together(
         solver=_joined([solution.solver for solution in solutions]),
         misfit_ratio=float(mean @ [solution.misfit_ratio for solution in solutions]),
         reflection_unknown=float(mean @ [solution.reflection_unknown for solution in solutions]),
+        transmission_variance=float(mean @ [solution.transmission_variance for solution in solutions]),
         pse=pse,
         canvas=frame,
         canvas_layers=layers,
