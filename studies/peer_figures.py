@@ -26,7 +26,6 @@ _STYLES = (
     Style("#8c564b", (0, (4, 1, 1, 1, 1, 1)), "*"),
     Style("#56b4e9", (0, (6, 2)), "P"),
     Style("#332288", (0, (2, 1)), "X"),
-    Style("#555555", (0, (8, 2)), "D"),
     Style("black", "-", "o", 2.6),
 )
 _LAYERS = ("transmission", "reflection")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.separation import separate
+from polaropt.starts import start_names
 from solvers.base import StoppingRule
 from studies import peer_single_image
 from studies.peer_multiscale import separate_in_scales
@@ -22,8 +23,10 @@ Images = NDArray[np.float32]
 # Transmission and reflection (channel, h, w); None is not shown.
 Layers = tuple[Images, Images | None]
 
-FULL, CLOSED_FORM = "full solve", "closed form alone"
+FULL, CLOSED_FORM, NETWORKS = "full solve", "closed form alone", "PolarNet and FusionNet alone"
 PLAIN = "plain intensity"
+# Name of the start that they are, see `polaropt.starts`.
+LEARNED = "learned"
 
 
 class NotRun(Exception):
@@ -83,12 +86,15 @@ def _single_image(sample: Sample) -> Layers:
     return min(tried, key=lambda image: float(np.square(image - truth).mean())), None
 
 
-def _network(name: str, sample: Sample) -> Layers:
-    raise NotRun(f"there are no trained weights of {name} yet")
+def _networks(sample: Sample) -> Layers:
+    """What the learned start gives, before any solve."""
+    if LEARNED not in start_names():
+        raise NotRun("there are no trained weights yet")
+    return _separated(StoppingRule(max_evaluations=1), sample, init=LEARNED)
 
 
-def _separated(stopping: StoppingRule, sample: Sample) -> Layers:
-    transmission, reflection = separate(sample.capture, stopping=stopping).layers
+def _separated(stopping: StoppingRule, sample: Sample, init: str = "closed-form") -> Layers:
+    transmission, reflection = separate(sample.capture, stopping=stopping, init=init).layers
     return transmission, reflection
 
 
@@ -127,8 +133,7 @@ METHODS: Sequence[Method] = (
         source="Yang et al., CVPR 2019; package fast-reflection-removal",
         scaleless=True,
     ),
-    Method("PolarNet alone", partial(_network, "PolarNet"), ours=True),
-    Method("FusionNet alone", partial(_network, "FusionNet"), ours=True),
+    Method(NETWORKS, _networks, ours=True),
     Method(CLOSED_FORM, partial(_separated, StoppingRule(max_evaluations=1)), ours=True),
     Method(FULL, partial(_separated, StoppingRule()), ours=True),
 )

@@ -16,7 +16,7 @@ from polaropt.errors import InputError
 from polaropt.plate import in_place_reflectance
 from studies import peers
 from studies.peer_figures import draw
-from studies.peer_methods import FULL, METHODS, PLAIN, Method, NotRun
+from studies.peer_methods import FULL, METHODS, NETWORKS, PLAIN, Method, NotRun
 from studies.peer_multiscale import LABELS_DEG, _patch_entropy, _propagated, nonnegative_layers, separate_in_scales
 from studies.peer_published import TABLES
 from studies.peer_rows import Row
@@ -145,7 +145,7 @@ def refuses(sample):
 def test_what_a_method_does_not_show_is_not_scored():
     plain = next(method for method in METHODS if method.name == PLAIN)
     job = Job(PROTOCOL, "60", 0, None, 64, 32)
-    shown, not_run = peers.run(job, (plain, Method("PolarNet alone", refuses, ours=True)))
+    shown, not_run = peers.run(job, (plain, Method(NETWORKS, refuses, ours=True)))
     assert shown.transmission > 10
     assert 0 < shown.transmission_ssim < 1
     assert shown.transmission_fitted >= shown.transmission
@@ -164,7 +164,7 @@ ROWS = [
     measured(PLAIN, "10", 0, 30.0), measured(PLAIN, "10", 1, 30.0), measured(PLAIN, "40", 0, 31.0),
     measured("FastICA", "10", 0, 33.0, 14.0), measured("FastICA", "10", 1, 33.0, 14.0),
     measured("FastICA", "40", 0, 20.0, 15.0),
-    Row(PROTOCOL, "10", 0, "PolarNet alone", not_run="no weights"),
+    Row(PROTOCOL, "10", 0, NETWORKS, not_run="no weights"),
 ]  # fmt: skip
 
 
@@ -182,7 +182,7 @@ def test_the_page_tells_all_methods_and_the_papers_own_figures(tmp_path):
     assert "| FastICA* | 33.0 / 14.0 | 20.0 / 15.0 |" in page
     assert f"| **{FULL}** | 41.0 / 20.0 | 45.0 / 25.0 |" in page
     assert f"| {PLAIN} | 30.0 / - |" in page
-    assert "| **PolarNet alone** | not run: no weights |" in page
+    assert "| **PolarNet and FusionNet alone** | not run: no weights |" in page
     assert (
         "| the paper's method | 31.08 / 0.911 | 25.73 / 0.817 | 29.16 / 0.907 | 22.91 / 0.696 | 27.22 / 0.833 |" in page
     )
