@@ -41,8 +41,8 @@ def draw(judged: Sequence[Judged], out: Path) -> list[Path]:
     """
     import matplotlib
 
-    figures = {
-        "stability_map": _maps(judged),
+    figures = {"stability_map": _maps(judged)} if any(part.row.family == MAP for part in judged) else {}
+    figures |= {
         "stability_transmission": _curves(judged, "transmission"),
         "stability_reflection": _curves(judged, "reflection"),
         "stability_warnings": _warnings(judged),

@@ -69,7 +69,7 @@ def methods() -> tuple[str, ...]:
     return (*(name for name in model_names() if name != "none"), *BASELINES)
 
 
-def run(case: Case, pair: Pair, wanted: Sequence[str]) -> list[Row]:
+def rows_of(case: Case, pair: Pair, wanted: Sequence[str]) -> list[Row]:
     """Separate one scene in every way that is wanted."""
     taken = take(case, pair)
     return [_row(case, pair, method, taken) for method in wanted]

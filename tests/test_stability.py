@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from dataclasses import replace
 
@@ -12,10 +13,9 @@ from polaropt.simulation import exact_photographs
 from studies import stability
 from studies.protocol import shipped_pairs
 from studies.stability_capture import bent_photographs, take
-from studies.stability_figures import draw
 from studies.stability_methods import BASELINES, MINIMUM, NOTHING, Row, baseline, methods
-from studies.stability_scenes import BLIND, MAP, Case, Taking, cases
-from studies.stability_scores import AUTO, judge, score, tables
+from studies.stability_scenes import BLIND, Case, Taking, cases
+from studies.stability_scores import AUTO, judge, score
 
 PAIR = shipped_pairs(size=48, margin=48)[0]
 EASY = Case("family", 0, easy=True)
@@ -127,20 +127,14 @@ def test_scores_are_shares():
     assert (found.recall, found.false_share, found.worse, found.least_gain) == (0.5, 0.5, 2, -5.0)
 
 
-def test_a_run_goes_on_where_it_was_broken_off_and_draws_what_it_has(tmp_path, monkeypatch):
-    scenes = [case for case in cases() if case.family == MAP and case.second == 0.001 and case.value in (60, 70)]
-    scenes += [case for case in cases() if case.family == "bits" and case.value in (14, 6)]
-    settings = {"methods": [AUTO, NOTHING, MINIMUM]}
-    assert set(settings["methods"]) <= set(methods())
-    path = tmp_path / "stability.json"
-    first = stability.run_all(scenes[:2], [PAIR], path, settings)
-    done = []
-    whole_run = stability.run
-    monkeypatch.setattr(stability, "run", lambda case, *rest: done.append(case) or whole_run(case, *rest))
-    again = stability.run_all(scenes, [PAIR], path, settings)
-    assert again[: len(first)] == first
-    assert done == scenes[2:]
-    parts = judge(again, scenes)
-    files = draw(parts, tmp_path)
-    assert all(file.stat().st_size > 5000 for file in files)
-    assert "4 separations by `auto`" in tables(parts)
+def test_the_study_is_one_command_and_draws_what_it_has(tmp_path, capsys):
+    stability.main(["--families", "bits", "--quick", "--methods", AUTO, "-o", str(tmp_path)])
+    told = capsys.readouterr().out
+    assert "separations by `auto`" in told
+    assert (tmp_path / "stability.md").read_text().strip() == told.strip()
+    assert (tmp_path / "stability.csv").exists()
+    for name in ("transmission", "reflection", "warnings"):
+        assert (tmp_path / f"stability_{name}.png").stat().st_size > 5000
+    document = json.loads((tmp_path / "stability.json").read_text())
+    assert {row["method"] for row in document["results"]} == {AUTO, NOTHING, MINIMUM}
+    assert AUTO in methods()
