@@ -43,6 +43,8 @@ class Origin:
         How far down and to the right each photograph lay from the first and was moved back; empty if none was.
     shift_error_px : float, optional
         Standard error of these shifts.
+    rotations_deg, scales : tuple of float
+        How far each photograph was turned clockwise, and how much larger it showed the scene; empty if none was.
     focal_px : float, optional
         Focal length in pixels of these photographs, from the field of view or from what the camera wrote into the file.
     angle_sense : {"ccw", "cw"}
@@ -64,6 +66,8 @@ class Origin:
     raw_noise: float | None = None
     shifts_px: tuple[tuple[float, float], ...] = ()
     shift_error_px: float | None = None
+    rotations_deg: tuple[float, ...] = ()
+    scales: tuple[float, ...] = ()
     focal_px: float | None = None
     angle_sense: str = "ccw"
     start_unknown: bool = False

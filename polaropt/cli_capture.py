@@ -119,7 +119,8 @@ class CaptureOptions:
         typer.Option(
             "--align",
             metavar="",
-            help="Move photographs that are shifted against each other (a filter turned by hand) onto the first one.",
+            help="Move photographs that are shifted, turned or scaled against each other (a filter turned by hand, a "
+            "camera not held still) onto the first one.",
             rich_help_panel=_FILES,
         ),
     ] = False

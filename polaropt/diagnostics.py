@@ -68,8 +68,8 @@ class Warning(Enum):
         "order the angles count, or try --angles relative."
     )
     MISALIGNED = (
-        "The photographs are shifted against each other by more than half a pixel: align them (--align, in Python "
-        "polaropt.align)."
+        "The photographs are shifted or turned against each other by more than half a pixel: align them (--align, in "
+        "Python polaropt.align)."
     )
     GAMMA_ENCODED = (
         "The photographs look gamma-encoded: pairs do not add up. Give linear files, or tell the encoding (gamma)."

@@ -20,11 +20,11 @@ _FINE, _COARSE = 0.7, 2.0
 _MARGIN = 4
 _SIDE = 1024
 _STEPS, _LONGEST_STEP, _AT_REST = 8, 1.5, 0.004
-_FEWEST = 500
-_BY_CHANCE = 300
+FEWEST = 500
+BY_CHANCE = 300
 """What the best of all shifts gains on photographs of noise, times the number of pixels."""
-_SURE = 3.0
-_NEGLIGIBLE = 0.05
+SURE = 3.0
+NEGLIGIBLE = 0.05
 """Below this, in pixels, resampling costs more than it gains."""
 
 
@@ -54,7 +54,7 @@ class Shifts:
     @property
     def certain(self) -> bool:
         """Whether moving the photographs is better than leaving them."""
-        return self.better and self.largest > max(_SURE * self.error, _NEGLIGIBLE)
+        return self.better and self.largest > max(SURE * self.error, NEGLIGIBLE)
 
 
 def measure_shifts(capture: Capture) -> Shifts:
@@ -64,8 +64,8 @@ def measure_shifts(capture: Capture) -> Shifts:
     (`polaropt.shift_fit`), resampling until nothing moves. Clipped pixels and their neighbours do not count. Of large
     captures the middle is looked at.
     """
-    images, valid = _luminance(capture.part(*middle(capture.shape, _SIDE)))
-    bands = np.stack([_band_passed(image, mask) for image, mask in zip(images, valid, strict=True)])
+    images, valid = luminance(capture.part(*middle(capture.shape, _SIDE)))
+    bands = np.stack([band_passed(image, mask) for image, mask in zip(images, valid, strict=True)])
     inner = np.stack([far_from_invalid(mask) for mask in valid])
     start = coarse_shifts(bands)
     nowhere = np.zeros_like(start)
@@ -81,7 +81,7 @@ def _refined(bands: Images, inner: Mask, start: Matrix) -> SmallShifts:
     shifts = start
     for _ in range(_STEPS):
         moved, common = _moved(bands, inner, shifts)
-        if np.count_nonzero(common) < _FEWEST:
+        if np.count_nonzero(common) < FEWEST:
             return SmallShifts(start, np.inf)
         step = fit_small_shifts(products(moved, common))
         shifts = shifts + np.clip(step.pixels, -_LONGEST_STEP, _LONGEST_STEP)
@@ -96,10 +96,10 @@ def _compared(bands: Images, inner: Mask, shifts: Matrix) -> float:
     moved, common = _moved(bands, inner, shifts)
     common = common & inner.all(axis=0)
     count = np.count_nonzero(common)
-    if count < _FEWEST:
+    if count < FEWEST:
         return 0.0
     gain = disagreement(products(bands, common)) - disagreement(products(moved, common))
-    return -gain if gain > _BY_CHANCE / count else 0.0
+    return -gain if gain > BY_CHANCE / count else 0.0
 
 
 def _moved(bands: Images, inner: Mask, shifts: Matrix) -> tuple[Images, Mask]:
@@ -153,13 +153,14 @@ def _correlation_peaks(bands: Images, pairs: list[tuple[int, int]]) -> Matrix:
     return np.asarray(peaks, dtype=np.float64)
 
 
-def _luminance(capture: Capture) -> tuple[Images, Mask]:
+def luminance(capture: Capture) -> tuple[Images, Mask]:
+    """Photographs (k, h, w), colours averaged, and their valid pixels."""
     if not capture.color:
         return capture.intensities, capture.valid
     return capture.intensities.mean(axis=1), np.asarray(capture.valid.all(axis=1))
 
 
-def _band_passed(image: Images, valid: Mask) -> Images:
+def band_passed(image: Images, valid: Mask) -> Images:
     """Difference of two Gaussian means over valid pixels."""
     from scipy.ndimage import gaussian_filter
 

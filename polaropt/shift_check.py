@@ -49,8 +49,8 @@ def _near(images: Images, trusted: Mask) -> float:
         inside = far_from_invalid(trusted)[edge:-edge, edge:-edge]
         if np.count_nonzero(inside) < _FEWEST:
             return 0.0
-    found = fit_small_shifts(products(bands, inside), at_rest=_ABOUT)
-    largest = largest_distance(found.pixels)
+    found = fit_small_shifts(products(bands, inside, turning=True), at_rest=_ABOUT, n_motions=4)
+    largest = max(largest_distance(found.pixels[:, :2]), largest_distance(found.pixels[:, 2:]))
     return largest if largest > _LEAST + _SURE * found.error else 0.0
 
 
