@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture
 from polaropt.image_io import encode_srgb
 from polaropt.inspection_picture import aolp_colors, dolp_colors, polarization_panels
+from polaropt.misfit_map import MISFIT_WHITE
 from polaropt.pair_gain import block_means
 from polaropt.simulation import planes_last
 from polaropt.uncertainty_files import uncertainty_panels
@@ -26,6 +28,7 @@ Image = NDArray[np.float32]
 _LONG_SIDE = 1000
 _QUALITY = 88
 _STOPS = 13
+_GREYS = "linear-gradient(to right, #000, #fff)"
 
 
 @dataclass(frozen=True)
@@ -66,12 +69,25 @@ class PagePicture:
     comparable: bool = False
 
 
-def page_pictures(result: Separation, capture: Capture) -> list[PagePicture]:
-    """Photograph and layers, their errors, polarization, in the order of the page."""
-    return [*_layers(result, capture), *_errors(result), *_polarization(capture)]
+def page_pictures(
+    result: Separation, capture: Capture, exposures: Mapping[str, float], misfit: Image | None = None
+) -> list[PagePicture]:
+    """Photograph and layers, their errors, polarization and misfit, in the order of the page.
+
+    Parameters
+    ----------
+    result : Separation
+    capture : Capture
+    exposures : mapping of str to float
+        What "transmission" and "reflection" are multiplied by.
+    misfit : ndarray, shape (h, w), optional
+        Standard deviations of the noise.
+    """
+    last = [] if misfit is None else [_misfit(misfit)]
+    return [*_layers(result, capture, exposures), *_errors(result), *_polarization(capture), *last]
 
 
-def _layers(result: Separation, capture: Capture) -> list[PagePicture]:
+def _layers(result: Separation, capture: Capture, exposures: Mapping[str, float]) -> list[PagePicture]:
     shown = (
         ("photograph", "Photograph", "light of all polarizations, as without a filter", capture.stokes[0]),
         ("transmission", "Transmission", "what is behind the glass", result.layers[0]),
@@ -80,7 +96,7 @@ def _layers(result: Separation, capture: Capture) -> list[PagePicture]:
     pictures = []
     for name, title, what, planes in shown:
         image = _reduced(planes)
-        exposure = viewing_exposure(image)
+        exposure = exposures.get(name) or viewing_exposure(image)
         caption = f"{what[0].upper()}{what[1:]}; {exposure:.3g} times the linear values, in sRGB."
         pixels = np.round(255 * encode_srgb(image * np.float32(exposure))).astype(np.uint8)
         pictures.append(_picture(name, title, caption, f"{title}: {what}.", pixels, comparable=True))
@@ -94,7 +110,7 @@ def _errors(result: Separation) -> list[PagePicture]:
         white = panels.white[name]
         pixels = np.round(255 * np.clip(error / np.float32(white), 0, 1)).astype(np.uint8)
         title = f"Standard error of the {name}"
-        key = Key("linear-gradient(to right, #000, #fff)", ("0", f"{white / 2:.2g}", f"{white:.2g}"))
+        key = Key(_GREYS, ("0", f"{white / 2:.2g}", f"{white:.2g}"))
         caption = "In the layer's linear values."
         pictures.append(_picture(f"{name}-error", title, caption, f"{title}, bright where it is large.", pixels, key))
     pixels = np.round(255 * np.clip(panels.known, 0, 1)).astype(np.uint8)
@@ -102,6 +118,13 @@ def _errors(result: Separation) -> list[PagePicture]:
     alt = "Where the reflection is known: bright where it is, red where it is not."
     pictures.append(_picture("known", "Where the reflection is known", caption, alt, pixels))
     return pictures
+
+
+def _misfit(misfit: Image) -> PagePicture:
+    pixels = np.round(255 * np.clip(_reduced(misfit) / MISFIT_WHITE, 0, 1)).astype(np.uint8)
+    key = Key(_GREYS, ("0", f"{MISFIT_WHITE / 2:g}", f"{MISFIT_WHITE:g}"))
+    caption = "Where the pane does not explain the photographs, in standard deviations of the noise."
+    return _picture("misfit", "Misfit", caption, "Misfit of the photographs, bright where it is large.", pixels, key)
 
 
 def _polarization(capture: Capture) -> list[PagePicture]:

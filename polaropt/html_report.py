@@ -8,6 +8,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from polaropt.capture import Capture
 from polaropt.convergence_chart import convergence_chart
 from polaropt.html_pictures import page_pictures
@@ -48,7 +51,13 @@ class Parameter:
     how: str
 
 
-def write_html_report(path: Path, result: Separation, capture: Capture, report: dict[str, Any]) -> None:
+def write_html_report(
+    path: Path,
+    result: Separation,
+    capture: Capture,
+    report: dict[str, Any],
+    misfit: NDArray[np.float32] | None = None,
+) -> None:
     """Write a page that needs nothing beside it: pictures, pane, course of the solve, warnings.
 
     Parameters
@@ -59,8 +68,10 @@ def write_html_report(path: Path, result: Separation, capture: Capture, report: 
         What was separated.
     report : dict
         As in ``report.json``.
+    misfit : ndarray, shape (h, w), optional
+        Map of the misfit in standard deviations of the noise, where the model does not explain the photographs.
     """
-    pictures = page_pictures(result, capture)
+    pictures = page_pictures(result, capture, report["view"]["exposure"], misfit)
     names = [Path(name).name for name in report["input"].get("files", ())]
     page = _template().render(
         title=_title(names),

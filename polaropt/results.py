@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polaropt.capture import Capture
 from polaropt.diagnostics import Warning
@@ -70,27 +71,26 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
         write_tiff(folder / f"{name}.tiff", layer)
         write_png_view(folder / f"{name}.png", layer * exposures[name])
     inspection = inspect_capture(capture)
+    unexplained = Warning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
+    misfit = misfit_map(result, capture) if unexplained else None
     report = {
         "request": request,
         **separation_report(result, capture, request.scene),
         "inspection": inspection.as_dict(),
         "attention": attention(inspection, result.diagnostics.warnings),
         "uncertainty": write_uncertainty(folder, result),
-        "misfit_map": _write_misfit(folder, result, capture),
+        "misfit_map": None if misfit is None else _write_misfit(folder, misfit),
         "view": {"exposure": exposures, "encoding": "sRGB of exposure times the linear values"},
     }
     document: dict[str, Any] = plain(report)
     text = json.dumps(document, indent=2, allow_nan=False)
     (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    write_html_report(folder / "report.html", result, capture, document)
+    write_html_report(folder / "report.html", result, capture, document, misfit)
     return document
 
 
-def _write_misfit(folder: Path, result: Separation, capture: Capture) -> dict[str, Any] | None:
-    """The map of the misfit, linear and to look at, where there is a warning that asks for it; what it holds."""
-    if Warning.MODEL_DOES_NOT_EXPLAIN not in result.diagnostics.warnings:
-        return None
-    misfit = misfit_map(result, capture)
+def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:
+    """The map of the misfit, linear and to look at; what it holds."""
     write_tiff(folder / "misfit.tiff", misfit)
     write_png(folder / "misfit.png", np.round(255 * np.clip(misfit / MISFIT_WHITE, 0, 1)).astype(np.uint8))
     return {"unit": "standard deviations of the noise", "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}

@@ -16,11 +16,13 @@ from skimage.io import imread
 
 from polaropt.capture import Capture, Origin
 from polaropt.convergence_chart import convergence_chart, round_steps
+from polaropt.html_pictures import page_pictures
 from polaropt.html_report import parameters
 from polaropt.report import scene_report
 from polaropt.results import Request, write_separation
 from polaropt.scene import SceneParameters
 from polaropt.separation import separate
+from solvers.base import StoppingRule
 from studies.index_page import write_index
 
 UNKNOWN = SceneParameters(None, None, None)
@@ -44,6 +46,11 @@ class Elements(HTMLParser):
 
     def of(self, tag):
         return [attributes for name, attributes in self.tags if name == tag]
+
+
+def blend_result():
+    capture = blend(65.0, 96, noise=0.004).capture
+    return separate(capture, stopping=StoppingRule(max_evaluations=1)), capture
 
 
 def written(folder, capture):
@@ -104,6 +111,17 @@ def test_a_capture_that_tells_nothing_has_a_page_that_warns(unpolarized):
     assert any(attributes.get("role") == "alert" for attributes in elements.of("section"))
     assert 'id="parameters"' not in page.read_text()
     assert 'id="convergence"' not in page.read_text()
+
+
+def test_the_misfit_is_shown_where_there_is_a_map(separated):
+    page, report = separated
+    assert ("MODEL_DOES_NOT_EXPLAIN" in {warning["name"] for warning in report["diagnostics"]["warnings"]}) == (
+        'id="misfit"' in page.read_text()
+    )
+    result, capture = blend_result()
+    pictures = page_pictures(result, capture, {}, np.full((96, 96), 3.0, np.float32))
+    assert pictures[-1].name == "misfit"
+    assert pictures[-1].key.ticks[0] == "0"
 
 
 def test_standard_errors_stand_beside_what_was_estimated():
