@@ -78,6 +78,10 @@ class Warning(Enum):
         "The light of a layer looks polarized before it meets the glass (a screen behind it, blue sky in the "
         "reflection): check the layers for parts that belong to the other one."
     )
+    INCIDENCE_DOUBTFUL = (
+        "The photographs speak against the incidence that was given: with it the reflection would be taken off by a "
+        "third too much or too little. Check it, or leave it to be found."
+    )
     MODEL_DOES_NOT_EXPLAIN = (
         "The pane with these parameters does not explain the photographs down to their noise: "
         "a wide lens, a bent pane, polarized light or movement may be the reason."
@@ -127,6 +131,7 @@ def diagnose(
     noise_share: float = 0.0,
     looks_polarized: bool = False,
     mistakes: Mistakes | None = None,
+    doubtful_incidence: bool = False,
     finite: bool = True,
 ) -> Diagnostics:
     """Collect the warnings that a capture and its solution deserve.
@@ -146,6 +151,8 @@ def diagnose(
         Whether the layers' light looks polarized where the scene has it unpolarized.
     mistakes : Mistakes, optional
         What was found wrong with the photographs. Default: it is looked for.
+    doubtful_incidence : bool
+        Whether the photographs speak against the incidence that was given.
     finite : bool
         Whether the solver met nothing but finite values.
     """
@@ -164,6 +171,7 @@ def diagnose(
         **_of_mistakes(mistakes),
         **_of_angles(mistake),
         Warning.POLARIZED_SOURCE: looks_polarized or _found_polarized(scene, estimate),
+        Warning.INCIDENCE_DOUBTFUL: doubtful_incidence,
         Warning.MODEL_DOES_NOT_EXPLAIN: polarized and max(misfit_ratio, unexplained) > _BAD_FIT,
         Warning.SOLVER_FAILED: not finite,
     }

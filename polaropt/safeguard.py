@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,12 @@ from polaropt.capture import MOST_NEGATIVE, Capture
 from polaropt.errors import InputError
 from polaropt.mistakes import Mistakes
 from polaropt.noise import noise_level
+from polaropt.plate import in_place_reflectance
+from polaropt.scene import SceneParameters
+from polaropt.scene_estimation import estimate_scene
+
+_MUCH_CORRECTION = 1 / 3
+_LEAST_DEG = 0.5
 
 
 def mended(capture: Capture, mistakes: Mistakes) -> Capture:
@@ -32,6 +38,39 @@ def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> tuple[Ca
     """The photographs that the scene is estimated from, see `mended`, and the noise of one of them."""
     source = mended(capture, mistakes)
     return (capture, noise) if source is capture else (source, noise_level(source))
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be found of a scene, and whether the photographs speak against the incidence that was given."""
+
+    scene: SceneParameters
+    doubtful: bool = False
+
+
+def with_incidence_checked(source: Capture, asked: SceneParameters, noise: float) -> Asked:
+    """Compare an incidence that was given with the one that would be found.
+
+    Where the layers would be corrected by a third too much or too little with it, the azimuth found without it is
+    kept: with a wrong incidence the one across often seems to explain the photographs better.
+    """
+    if asked.incidence_deg is None or asked.complete:
+        return Asked(asked)
+    open_scene = asked.replace(incidence_deg=None, focal_px=None)
+    found = estimate_scene(source, open_scene, noise=noise)
+    if not found.polarized:
+        return Asked(asked)
+    if abs(correction(asked) / correction(found.scene) - 1) <= _MUCH_CORRECTION:
+        return Asked(asked)
+    azimuth = found.scene.azimuth_deg if asked.azimuth_deg is None else asked.azimuth_deg
+    return Asked(asked.replace(azimuth_deg=azimuth), doubtful=True)
+
+
+def correction(scene: SceneParameters) -> float:
+    """What is taken off the intensity for each unit of polarized light, all bounces in place."""
+    incidence = max(_LEAST_DEG, scene.incidence_deg or 0.0)
+    par, perp = in_place_reflectance(incidence, scene.refractive_index, scene.single_surface)
+    return (perp + par) / (perp - par)
 
 
 def linear(capture: Capture, gamma: float) -> Capture:

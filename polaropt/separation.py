@@ -20,7 +20,7 @@ from polaropt.model_selection import FoundScene, Tried, find_scene, model_names
 from polaropt.noise_model import NoiseModel, measured_noise
 from polaropt.objective import Term, Weights
 from polaropt.problem import component_images
-from polaropt.safeguard import scene_source
+from polaropt.safeguard import scene_source, with_incidence_checked
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
 from polaropt.simulation import planes_last
@@ -182,7 +182,11 @@ def separate(
         seen = _Seen(capture, noise, growth, find_mistakes(capture))
         stages.begin("Estimating the scene", 0.02)
         source, of_source = scene_source(capture, noise, seen.mistakes)
-        found = find_scene(source, asked, of_source, model, thickness_px=thickness_px, thickness_kind=thickness_kind)
+        checked = with_incidence_checked(source, asked, of_source)
+        seen = replace(seen, doubtful_incidence=checked.doubtful)
+        found = find_scene(
+            source, checked.scene, of_source, model, thickness_px=thickness_px, thickness_kind=thickness_kind
+        )
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:
             return _unseparated(seen, found, estimate, stages)
@@ -200,6 +204,7 @@ class _Seen:
     noise: float
     growth: NoiseModel
     mistakes: Mistakes
+    doubtful_incidence: bool = False
 
 
 def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) -> Separation:
@@ -214,6 +219,7 @@ def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) 
         unexplained=found.unexplained,
         noise_share=noise_share(capture, solution.layers[0], solution.transmission_variance),
         mistakes=seen.mistakes,
+        doubtful_incidence=seen.doubtful_incidence,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polaropt import Capture, separate
+from polaropt import Capture, SceneParameters, Warning, separate
 from polaropt.capture import Origin
 from polaropt.metrics import psnr_db
 from polaropt.mistakes import Mistakes, find_mistakes, identity_ratio
-from polaropt.safeguard import linear, mended
+from polaropt.safeguard import Asked, correction, linear, mended, with_incidence_checked
+from polaropt.simulation import ANGLES_DEG, exact_photographs
 from tests.blends import blend
 from tests.shifted import shifted_blend
 
@@ -82,3 +83,24 @@ def test_linear_photographs_are_the_encoded_ones_raised():
     bright = capture.intensities > 0.01
     np.testing.assert_allclose(raised.intensities[bright], capture.intensities[bright] ** 2, rtol=1e-5)
     np.testing.assert_array_equal(raised.valid, capture.valid)
+
+
+@pytest.mark.parametrize(("told", "doubtful"), [(40.0, True), (57.0, False), (63.0, False), (76.0, True)])
+def test_an_incidence_that_was_given_is_kept_and_doubted_where_it_is_far_off(told, doubtful):
+    capture = blend(60, 144).capture
+    result = separate(capture, SceneParameters(told, None, None))
+    assert result.scene.incidence_deg == told
+    assert (Warning.INCIDENCE_DOUBTFUL in result.diagnostics.warnings) == doubtful
+    assert (result.scene.azimuth_deg - 25 + 90) % 180 - 90 == pytest.approx(0, abs=3)
+
+
+def test_without_an_incidence_there_is_nothing_to_doubt():
+    capture, asked = blend(60, 96).capture, SceneParameters(None, 25.0, None)
+    assert with_incidence_checked(capture, asked, 0.005) == Asked(asked)
+
+
+def test_the_correction_is_what_turns_polarized_light_into_transmission():
+    scene = SceneParameters(60.0, 0.0, 0.0)
+    behind, mirrored = np.random.default_rng(0).random((2, 20, 20))
+    s0, s1, _ = Capture(exact_photographs(np.stack([behind, mirrored]).astype(np.float32), scene, ANGLES_DEG)).stokes
+    np.testing.assert_allclose(s0 + correction(scene) * s1, behind, atol=1e-5)
