@@ -108,6 +108,8 @@ class PaneOptions:
         """InputError where two options contradict each other."""
         if self.shift is not None and self.thickness_px is not None:
             raise InputError("--shift and --thickness-px both set the ghost shift; give one of them")
+        if self.focal_px is not None and self.thickness_px is not None:
+            raise InputError("--thickness-px and --focal-px cannot be had together: the shift is found, or set --shift")
         for name, value in (
             ("--shift", self.shift),
             ("--transmission-shift", self.transmission_shift),

@@ -150,8 +150,7 @@ def _one_scene(pane: PaneOptions) -> SceneParameters:
     if pane.thickness_px is not None:
         shift = ghost_step(incidence, pane.index, pane.thickness_px, pane.thickness_kind)
     azimuth = _AZIMUTH_DEG if pane.azimuth is None else pane.azimuth
-    told = pane.shift is not None or pane.thickness_px is not None
-    shift = 0.0 if pane.single_surface or (pane.focal_px is not None and not told) else shift
+    shift = 0.0 if pane.single_surface or (pane.focal_px is not None and pane.shift is None) else shift
     return pane.scene().replace(incidence_deg=incidence, azimuth_deg=azimuth, ghost_shift=shift)
 
 

@@ -93,9 +93,13 @@ class ShiftLikelihood:
     spectra : CrossSpectra
     scene : SceneParameters
         Index and surfaces of the pane, and the transmission's own shift, if it has one; nothing else is used.
+    detail : (int, int), optional
+        Radii and directions into which the layers' spectra are split. With few of them a blurred scene passes for one
+        with close ghosts; with many a comparison takes longer. Default: 3 and 2, or 3 and 4 where ghosts have a
+        direction of their own.
     """
 
-    def __init__(self, spectra: CrossSpectra, scene: SceneParameters) -> None:
+    def __init__(self, spectra: CrossSpectra, scene: SceneParameters, detail: tuple[int, int] | None = None) -> None:
         self._data = _Hermitian(spectra.par, spectra.perp, spectra.cross.real.copy(), spectra.cross.imag.copy())
         (par, cross), (_, perp) = spectra.covariance.astype(np.float32)
         self._noise = _Hermitian(par, perp, cross, np.float32(0))  # type: ignore[arg-type]
@@ -104,8 +108,8 @@ class ShiftLikelihood:
         self._multiplicity = spectra.multiplicity
         self._scene = scene
         # Directions that are compared must not differ in what pictures they expect; nor may edges pass for ghosts.
-        directions = 2 if spectra.ghosts_deg is None else 4
-        self._shapes = _spectral_shapes(spectra.along, spectra.across_azimuth, directions)
+        detail = detail or (_RADIAL_KNOTS, 2 if spectra.ghosts_deg is None else 4)
+        self._shapes = _spectral_shapes(spectra.along, spectra.across_azimuth, *detail)
         """(level, frequency): natural images' power, split over a few radii and directions."""
 
     def misfit(
@@ -200,10 +204,10 @@ class ShiftLikelihood:
         return a, b, determinant, (p * of.ad + q * of.bd + of.nd) / determinant
 
 
-def _spectral_shapes(along: Matrix, across: Matrix, n_directions: int) -> Images:
+def _spectral_shapes(along: Matrix, across: Matrix, n_radii: int, n_directions: int) -> Images:
     radius2 = along**2 + across**2
     position = np.log(radius2) / 2
-    knots = np.linspace(position.min(), position.max(), _RADIAL_KNOTS)
+    knots = np.linspace(position.min(), position.max(), n_radii)
     hats = np.maximum(0, 1 - np.abs(position - knots[:, None]) / (knots[1] - knots[0]))
     turns = np.pi * np.arange(n_directions) / n_directions
     # Squares of two directions add up to 1, fourth powers of four to a constant.

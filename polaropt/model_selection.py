@@ -17,7 +17,7 @@ from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.plate_frame import stokes_images
 from polaropt.polarized_blocks import PolarizedBlocks
-from polaropt.rungs import RUNGS, Attempt, Evidence, noise_misfit
+from polaropt.rungs import RUNGS, Attempt, Evidence, noise_misfit, with_ghosts
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
 
@@ -164,7 +164,11 @@ def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
         steps.append(_Step(rung.name, attempt, time.perf_counter() - began))
         if attempt.known and attempt.misfit <= noise_misfit(evidence.blocks.n):
             break
-    taken = _taken(evidence, steps)
+    best = _taken(evidence, steps)
+    began = time.perf_counter()
+    attempt = with_ghosts(evidence, best.attempt)
+    taken = _Step(best.rung, attempt, best.seconds + time.perf_counter() - began)
+    steps[steps.index(best)] = taken
     tried = tuple(step.tried(evidence, step is taken, _reason(evidence, steps, step, taken)) for step in steps)
     scene = taken.attempt.scene
     return FoundScene(scene, dataclasses.replace(evidence.estimate, scene=scene), tried)

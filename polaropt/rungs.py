@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from polaropt.angle_frame import start_unknown
 from polaropt.capture import Capture
@@ -18,6 +18,7 @@ from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
+from polaropt.varying_shift import likeliest_shift
 
 # How well a pane that is not seen from far must be known.
 _WORST_ERROR_DEG = 3.0
@@ -121,10 +122,30 @@ class Rung:
 def _may_vary(evidence: Evidence) -> bool:
     """Whether incidence and azimuth over the frame are for us to find, and something is left to explain."""
     asked = evidence.asked
-    free = asked.incidence_deg is None and asked.azimuth_deg is None and not asked.ghost_shift
+    free = asked.incidence_deg is None and asked.azimuth_deg is None
     # How the azimuth turns over the frame means nothing where the frame's own angle is unknown.
     free = free and not start_unknown(evidence.capture)
     return free and (evidence.wanted != "auto" or not evidence.explained)
+
+
+def _plain(evidence: Evidence) -> SceneParameters:
+    """The plain pane with the ghost shifts that were asked for, else with all bounces in place."""
+    asked = evidence.asked
+    return evidence.estimate.scene.replace(
+        ghost_shift=asked.ghost_shift or 0.0, transmission_ghost_shift=asked.transmission_ghost_shift
+    )
+
+
+def with_ghosts(evidence: Evidence, attempt: Attempt) -> Attempt:
+    """An attempt whose pane varies over the frame, with the ghost shift that the capture shows if that is open."""
+    scene = attempt.scene
+    if not scene.varies or evidence.asked.ghost_shift is not None or scene.single_surface or scene.n_bounces == 0:
+        return attempt
+    found = likeliest_shift(evidence.stokes, scene)
+    if not found.shows:
+        return attempt
+    remark = f"{attempt.remark} Its double images lie {abs(found.pixels):.1f} px apart.".strip()
+    return replace(attempt, scene=scene.replace(ghost_shift=found.pixels), remark=remark)
 
 
 def _perspective(evidence: Evidence) -> Attempt:
@@ -133,9 +154,7 @@ def _perspective(evidence: Evidence) -> Attempt:
     if evidence.wanted == "perspective" and not known:
         return _from_afar(evidence)
     focal = evidence.focal_px if told else fit.focal_px
-    scene = evidence.estimate.scene.replace(
-        incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, ghost_shift=0.0, focal_px=focal
-    )
+    scene = _plain(evidence).replace(incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=focal)
     remark = "The polarized light does not tell how incidence and azimuth change over the picture."
     if known:
         refused = evidence.focal_px is not None and not told
@@ -160,7 +179,7 @@ def _from_afar(evidence: Evidence) -> Attempt:
     incidence, azimuth, _ = evidence.estimate.scene.values()
     ways = (azimuth % 360, (azimuth + 180) % 360)
     leaning = min(ways, key=lambda way: evidence.blocks.misfit(incidence, way, focal))
-    scene = evidence.estimate.scene.replace(azimuth_deg=leaning, ghost_shift=0.0, focal_px=focal)
+    scene = _plain(evidence).replace(azimuth_deg=leaning, focal_px=focal)
     misfit = evidence.blocks.misfit(incidence, leaning, focal)
     return Attempt(scene, misfit, 1, True, "Incidence and azimuth are those of the plain pane.")
 
@@ -172,10 +191,9 @@ def _curved(evidence: Evidence) -> Attempt:
     enough = math.inf if asked else 1 + (evidence.misfit - 1) / 2
     fit = fit_curved(evidence.stokes, plain, evidence.focal_px, enough)
     known = asked or (evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG)
-    scene = plain.replace(
+    scene = _plain(evidence).replace(
         incidence_deg=fit.incidence_deg,
         azimuth_deg=fit.azimuth_deg,
-        ghost_shift=0.0,
         focal_px=fit.focal_px,
         bend_deg_per_px=fit.bend_deg_per_px,
     )

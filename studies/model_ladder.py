@@ -92,6 +92,10 @@ def _bent(size: int, random: np.random.Generator) -> SceneParameters:
     return _wide(size, random).replace(bend_deg_per_px=(float(b_xx), float(b_xy), float(b_yy)))
 
 
+def _wide_with_ghosts(size: int, random: np.random.Generator) -> SceneParameters:
+    return _wide(size, random).replace(ghost_shift=ghost_step(55, REFRACTIVE_INDEX, THICKNESS_PX, "paper"))
+
+
 def _water(size: int, random: np.random.Generator) -> SceneParameters:
     return SceneParameters(60.0, float(random.uniform(0, 180)), 0.0, 1.33, single_surface=True)
 
@@ -102,6 +106,7 @@ FAMILIES = (
     Family("ghosts, 40 deg", "ghosts", _ghosts(40)),
     Family("ghosts, 70 deg", "ghosts", _ghosts(70)),
     Family("wide lens, 45 deg of view", "perspective", _wide),
+    Family("wide lens with ghosts", "perspective", _wide_with_ghosts),
     Family("bent pane, 45 deg of view", "curved", _bent),
     Family("water, single surface", "pixelwise", _water, WATER),
     Family("index 1.6 told as 1.5", "ghosts", _ghosts(60, 1.6)),

@@ -78,6 +78,10 @@ BAD = {
     "index": ([*FOUR, "--index", "0.9"], "1 or more"),
     "azimuth": ([*FOUR, "--azimuth", "inf"], "finite"),
     "shift and thickness": ([*FOUR, "--shift", "3", "--thickness-px", "5"], "one of them"),
+    "thickness and focal length": (
+        [*FOUR, "--thickness-px", "5", "--focal-px", "300"],
+        "--thickness-px and --focal-px",
+    ),
     "thickness": ([*FOUR, "--thickness-px", "-1"], "--thickness-px"),
     "thickness kind": ([*FOUR, "--thickness-kind", "glass"], "'paper', 'plate'"),
     "single surface and transmission shift": (
