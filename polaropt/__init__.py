@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from polaropt.separation import Separation as Separation
     from polaropt.separation import separate as separate
     from polaropt.simulation import simulate as simulate
+    from polaropt.starts import Initializer as Initializer
+    from polaropt.starts import initializers as initializers
     from solvers.base import StoppingRule as StoppingRule
 
 __version__ = "0.1.0"
@@ -26,6 +28,7 @@ __version__ = "0.1.0"
 # Names are resolved when first used, so that importing the package stays cheap.
 _HOMES = {
     "Capture": "polaropt.capture",
+    "Initializer": "polaropt.starts",
     "InputError": "polaropt.errors",
     "PSE": "polaropt.forward",
     "SceneParameters": "polaropt.scene",
@@ -36,6 +39,7 @@ _HOMES = {
     "align": "polaropt.alignment",
     "find_start_angle": "polaropt.angle_frame",
     "ghost_step": "polaropt.scene",
+    "initializers": "polaropt.starts",
     "read_capture": "polaropt.reader",
     "separate": "polaropt.separation",
     "simulate": "polaropt.simulation",
@@ -43,6 +47,7 @@ _HOMES = {
 __all__ = [
     "PSE",
     "Capture",
+    "Initializer",
     "InputError",
     "SceneParameters",
     "Separation",
@@ -52,6 +57,7 @@ __all__ = [
     "align",
     "find_start_angle",
     "ghost_step",
+    "initializers",
     "read_capture",
     "separate",
     "simulate",

@@ -14,6 +14,7 @@ from polaropt.cli_inspect import estimate_command, inspect_command
 from polaropt.cli_separate import separate_command
 from polaropt.cli_simulate import simulate_command
 from polaropt.cli_study import add_study_command
+from polaropt.cli_train import train_command
 from polaropt.errors import InputError
 
 INTERRUPTED = 130
@@ -31,6 +32,7 @@ add_command(app, simulate_command, "polaropt simulate behind.png mirrored.png --
 add_command(app, inspect_command, f"polaropt inspect {_FOUR} -o look.png")
 add_command(app, estimate_command, f"polaropt estimate {_FOUR}")
 add_command(app, separate_command, f"polaropt separate {_FOUR} -o out")
+add_command(app, train_command, "polaropt train --quick -o training")
 add_study_command(app)
 
 

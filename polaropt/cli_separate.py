@@ -41,7 +41,7 @@ class SolveOptions:
         str,
         typer.Option(
             metavar="NAME",
-            help="Layers that the optimizer starts from: closed-form, per-pixel or cold.",
+            help="Layers that the optimizer starts from: closed-form, learned, per-pixel or cold.",
             rich_help_panel=_SOLVING,
         ),
     ] = "closed-form"
@@ -93,13 +93,14 @@ class SolveOptions:
 
     def check_names(self) -> None:
         """InputError that lists the solvers or starts, where one does not exist."""
-        from polaropt.starts import start_names
+        from polaropt.starts import check_start, start_names
         from solvers.base import MissingPackage
         from solvers.registry import get_solver, solver_names
 
         for option, name, known in (("--solver", self.solver, solver_names()), ("--init", self.init, start_names())):
             if name not in known:
                 raise InputError(f"{option} {name!r} does not exist; choose one of: {', '.join(known)}")
+        check_start(self.init)
         try:
             get_solver(self.solver)
         except MissingPackage as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 import numpy as np
@@ -71,6 +72,7 @@ class FusedObjective:
         self._whitened = FusedPreconditioner(hessian, natural.mean, natural.basis, canvas.shape[1])
         self._layers = np.empty_like(start)
         self._gradient = np.empty_like(start)
+        self.misfit = math.inf
 
     def coordinates(self, layers: Images) -> Vector:
         """Coordinates of canvas layers."""
@@ -94,6 +96,7 @@ class FusedObjective:
         """Raw values by name; the gradient by the layers, but for the spectral prior's, goes into the buffer."""
         energy = self._whitened.layers(z, self._layers)
         misfit = self._misfit.value_and_grad(self._layers, self._gradient, self._weights.factor("misfit"))
+        self.misfit = misfit
         local = self._local.value_and_grad(self._layers, self._gradient, self._weights)
         return {"misfit": misfit, **local, "natural_image": energy}
 

@@ -5,6 +5,7 @@ Every term is in units of the noise, so that no weight depends on brightness, ex
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -165,13 +166,16 @@ class Objective:
 
     def __init__(self, terms: dict[str, Regularizer], weights: Weights) -> None:
         self._terms = {name: (weights.factor(name), term) for name, term in terms.items()}
+        self.misfit = math.inf
+        """Raw misfit at the last evaluation."""
 
     def value_and_grad(self, layers: Any) -> tuple[float, Any]:
         """Value (float64) and gradient (float32) at canvas layers (2, channel, H, W), arrays or tensors."""
         total, gradient = 0.0, array_namespace(layers).zeros_like(layers)
-        for weight, term in self._terms.values():
+        for name, (weight, term) in self._terms.items():
             if weight:
                 value, part = term.value_and_grad(layers)
+                self.misfit = value if name == "misfit" else self.misfit
                 total += weight * value
                 gradient += weight * part
         return total, gradient

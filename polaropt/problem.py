@@ -35,6 +35,10 @@ _STRIP_ROWS = 128
 class Coordinates(Protocol):
     """An objective of a flat vector, with the way from layers to the vector and back."""
 
+    @property
+    def misfit(self) -> float:
+        """Raw misfit at the last evaluation; infinite before the first."""
+
     def coordinates(self, layers: Images) -> Any:
         """Coordinates of canvas layers."""
 
@@ -98,7 +102,7 @@ class Problem:
 
     def take_start(self, init: str) -> Images:
         """Canvas layers to start from, by name; what only the start needs of the closed form is given up."""
-        start = start_layers(init, self.capture, self.pse, self.canvas, self.known)
+        start = start_layers(init, self)
         nothing = np.empty(0, dtype=np.float32)
         self.known = replace(self.known, layers=nothing, prior=nothing)
         return start
@@ -142,6 +146,11 @@ class Problem:
         hessian = assumed_hessian(local, natural, self._weights, known, start)
         whitened = FourierPreconditioner(hessian, known.mean, known.basis, self.canvas.shape[1], place)
         return WhitenedObjective(objective, whitened, place)
+
+    @property
+    def misfit_of_noise(self) -> float:
+        """Misfit that the true layers have: half of one per trusted value."""
+        return 0.5 * float(self.capture.valid.sum())
 
     def misfit_ratio(self, misfit: float) -> float:
         """Mean squared residual in units of the noise, less what the unknowns take up."""

@@ -26,7 +26,7 @@ from polaropt.scene_estimation import SceneEstimate
 from polaropt.simulation import planes_last
 from polaropt.solving import How, Solution, solve
 from polaropt.stages import Progress, Stages
-from polaropt.starts import start_names
+from polaropt.starts import check_start
 from polaropt.uncertainty import Uncertainty, estimate_uncertainty, nothing_told
 from polaropt.varying import VaryingPSE
 from solvers.base import SolverResult, Status, StoppingRule
@@ -130,8 +130,8 @@ def separate(
     solver : str
         Name of a minimizer, see `solvers.registry.solver_names`.
     init : str
-        Where the solve starts: "closed-form" (per frequency, with all ghosts), "per-pixel" or "cold" (the plain
-        intensity).
+        Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it;
+        the solve then ends at the noise level), "per-pixel" or "cold" (the plain intensity); see `initializers`.
     refractive_index : float
         Index of the pane, where no scene is given.
     single_surface : bool
@@ -166,8 +166,7 @@ def separate(
     from threadpoolctl import threadpool_limits
 
     minimizer = get_solver(solver)
-    if init not in start_names():
-        raise InputError(f"unknown start {init!r}; there are: {', '.join(start_names())}")
+    check_start(init)
     asked = scene or SceneParameters(None, None, None, refractive_index, single_surface=single_surface)
     if model not in model_names():
         raise InputError(f"unknown model {model!r}; there are: {', '.join(model_names())}")

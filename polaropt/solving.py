@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any
@@ -18,10 +19,12 @@ from polaropt.objective import Term, Weights
 from polaropt.problem import Problem, engine_for
 from polaropt.scene import SceneParameters
 from polaropt.stages import Stages
+from polaropt.starts import ends_at_the_noise
 from polaropt.tiles import Tile, tiles
 from polaropt.uncertainty import Piece
 from polaropt.varying import VaryingPSE
 from solvers.base import Solver, SolverResult, Status, StoppingRule, TooLarge, TracePoint
+from solvers.trace import StopSolving
 
 Images = NDArray[np.float32]
 
@@ -32,6 +35,7 @@ _GRAVITY = (
     Status.TIME_LIMIT,
     Status.EVALUATION_LIMIT,
     Status.ROUNDOFF_LIMITED,
+    Status.EXPLAINED,
     Status.CONVERGED,
     Status.SMALL_GRADIENT,
 )
@@ -163,9 +167,12 @@ def _solve_tile(
     del start
     stages.begin("Solving", _CLOSED_FORM + reach * (done + (_SOLVING - _CLOSED_FORM) * share))
     evaluations = 0
+    enough = problem.misfit_of_noise if ends_at_the_noise(how.init) else -math.inf
 
     def evaluate(z: Any) -> tuple[float, Any]:
         nonlocal evaluations
+        if objective.misfit <= enough:
+            raise StopSolving(Status.EXPLAINED)
         evaluations += 1
         stages.advance((_TAKING_STOCK - _SOLVING) * share * min(1.0, evaluations / how.stopping.max_evaluations))
         return objective.value_and_grad(z)

@@ -2,44 +2,112 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.canvas import Canvas
 from polaropt.capture import Capture
-from polaropt.closed_form import ClosedForm, per_pixel_layers
+from polaropt.closed_form import per_pixel_layers
+from polaropt.errors import InputError
 from polaropt.forward import PSE
-from polaropt.varying import VaryingPSE
 from polaropt.varying_closed_form import varying_pixel_layers
+
+if TYPE_CHECKING:
+    from polaropt.problem import Problem
 
 Images = NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class Initializer:
+    """A start of the solve.
+
+    Attributes
+    ----------
+    name : str
+        As `separate(init=...)` takes it.
+    sentence : str
+        What it is.
+    installed : bool
+        Whether all that it needs is there.
+    """
+
+    name: str
+    sentence: str
+    installed: bool = True
+
+
+def initializers() -> tuple[Initializer, ...]:
+    """The starts that `separate` knows."""
+    there = all(find_spec(package) is not None for package in ("torch", "safetensors"))
+    return (
+        Initializer("closed-form", "A Wiener filter per frequency, with all ghosts (the default)."),
+        Initializer("cold", "The plain intensity."),
+        Initializer("learned", "Networks that improve the closed form; the solve stops at the noise level.", there),
+        Initializer("per-pixel", "Each pixel's own photographs, double images in place."),
+    )
+
+
 def start_names() -> tuple[str, ...]:
-    """Names that `start_layers` knows."""
-    return ("closed-form", "cold", "per-pixel")
+    """Names that `start_layers` knows, installed or not."""
+    return tuple(start.name for start in initializers())
 
 
-def start_layers(name: str, capture: Capture, pse: PSE | VaryingPSE, canvas: Canvas, known: ClosedForm) -> Images:
+def check_start(name: str) -> None:
+    """InputError where there is no such start, or where it lacks a package."""
+    known = {start.name: start for start in initializers()}
+    if name not in known:
+        raise InputError(f"unknown start {name!r}; there are: {', '.join(known)}")
+    if not known[name].installed:
+        raise InputError(f"the start {name!r} needs torch and safetensors: pip install 'polaropt[torch]'")
+
+
+def ends_at_the_noise(name: str) -> bool:
+    """Whether a solve from this start ends as soon as the photographs are explained to their noise.
+
+    The learned start knows what the objective does not; going on would trade that for what the objective prefers.
+    """
+    return name == "learned"
+
+
+def start_layers(name: str, problem: Problem) -> Images:
     """Canvas layers (2, channel, H, W) to start from.
 
     Parameters
     ----------
-    name : {"closed-form", "cold", "per-pixel"}
-    capture : Capture
-    pse : PSE or VaryingPSE
-    canvas : Canvas
-    known : ClosedForm
-        The closed form per frequency.
+    name : str
+        See `initializers`.
+    problem : Problem
+        With the closed form that it was made with.
     """
+    capture, canvas, pse = problem.capture, problem.canvas, problem.pse
     if name == "closed-form":
-        return canvas.continued(canvas.crop(known.layers))
+        return canvas.continued(canvas.crop(problem.known.layers))
+    if name == "learned":
+        return canvas.continued(_learned_layers(problem))
     if name == "per-pixel":
         layers = per_pixel_layers(capture, pse.scene) if isinstance(pse, PSE) else varying_pixel_layers(capture, pse)
         return canvas.continued(_with_channels(layers, capture))
     intensity = _with_channels(capture.stokes[:1], capture)
     flat = np.broadcast_to(intensity.mean((-1, -2), keepdims=True), intensity.shape)
     return canvas.continued(np.concatenate([intensity, flat]))
+
+
+def _learned_layers(problem: Problem) -> Images:
+    """What the shipped networks make of the closed form, on the frame."""
+    from polaropt.conditioning import conditioned_observation
+    from priors.encoder import WrongWeights
+    from priors.learned import shipped_initializer
+
+    layers = np.ascontiguousarray(problem.canvas.crop(problem.known.layers))
+    try:
+        learned = shipped_initializer()
+    except WrongWeights as error:
+        raise InputError(str(error)) from None
+    return learned.layers(conditioned_observation(problem, layers), layers.shape[1])
 
 
 def _with_channels(layers: Images, capture: Capture) -> Images:

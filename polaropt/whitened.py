@@ -30,6 +30,11 @@ class WhitenedObjective:
     def __init__(self, objective: Objective, preconditioner: FourierPreconditioner, place: Place = np.asarray) -> None:
         self._objective, self._whitened, self._place = objective, preconditioner, place
 
+    @property
+    def misfit(self) -> float:
+        """Raw misfit at the last evaluation; infinite before the first."""
+        return self._objective.misfit
+
     def coordinates(self, layers: Images) -> Any:
         """Coordinates of canvas layers, on the device."""
         return self._whitened.coordinates(self._place(layers))

@@ -26,6 +26,7 @@ class Status(Enum):
     """Why a solver stopped; the value is the sentence that a user reads."""
 
     CONVERGED = "The objective changed by less than the tolerance."
+    EXPLAINED = "The photographs are explained to their noise."
     SMALL_GRADIENT = "The gradient is smaller than the tolerance."
     EVALUATION_LIMIT = "The limit of evaluations was reached."
     TIME_LIMIT = "The limit of seconds was reached."
@@ -36,7 +37,7 @@ class Status(Enum):
     @property
     def success(self) -> bool:
         """Whether the point is a minimum as far as the stopping rule asks."""
-        return self in (Status.CONVERGED, Status.SMALL_GRADIENT, Status.ROUNDOFF_LIMITED, Status.NOT_RUN)
+        return self not in (Status.EVALUATION_LIMIT, Status.TIME_LIMIT, Status.NOT_FINITE)
 
 
 @dataclass(frozen=True)

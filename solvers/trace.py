@@ -57,8 +57,9 @@ class Traced:
     def __call__(self, x: Vector) -> tuple[float, Vector]:
         """Value and gradient at `x`; raises `StopSolving` where the rule or a non-finite value says so."""
         self._check_limits()
-        self.n_evaluations += 1
+        # An objective that ends the solve by itself is not counted.
         value, gradient = self._objective(x)
+        self.n_evaluations += 1
         if gradient.shape != x.shape:
             raise ValueError(f"the objective gave a gradient of shape {gradient.shape} at a point of shape {x.shape}")
         value, norm = float(value), self._norms.euclidean(gradient)

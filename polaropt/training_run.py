@@ -1,0 +1,97 @@
+"""One training from start to end: data, networks, losses, and the record of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import polaropt
+from polaropt.errors import InputError
+from polaropt.training_data import TrainingData
+from polaropt.training_pictures import Pictures
+
+if TYPE_CHECKING:
+    from polaropt.cli_train import NetworkOptions, RunOptions
+
+Progress = Callable[[str, float], None]
+
+
+def trained(network: NetworkOptions, run: RunOptions, progress: Progress | None = None) -> dict[str, Any]:
+    """Train, and write weights, log, state and record.
+
+    Returns
+    -------
+    dict
+        The record.
+
+    Raises
+    ------
+    InputError
+        Options that cannot be had, a folder without photographs, no state to resume from, or a loss that is no number.
+    """
+    import torch
+
+    from priors.checkpoint import save_network
+    from priors.fusionnet import SeparationNetwork
+    from priors.training import STATE, NotFinite, Training
+
+    _check_device(run.device)
+    architecture, options = network.architecture(), run.training(network.form)
+    pictures = Pictures(run.data)
+    source = TrainingData(pictures, network.form, run.side, run.seed)
+    features, compared = _features(network, run, options.weights.perceptual > 0)
+    torch.manual_seed(run.seed)
+    try:
+        training = Training(SeparationNetwork(architecture, network.vgg19), source, options, features)
+        if run.resume:
+            training.resume(network.output / STATE)
+        network.output.mkdir(parents=True, exist_ok=True)
+        log = training.run(network.output, progress)
+    except (ValueError, NotFinite, RuntimeError) as error:
+        raise InputError(str(error).splitlines()[0]) from None
+    digest = save_network(network.output / "weights.safetensors", training.averaged)
+    record = {
+        "polaropt": polaropt.__version__,
+        "architecture": asdict(architecture),
+        "data": pictures.source,
+        "size_px": run.side,
+        "options": asdict(options),
+        "perceptual_features": compared,
+        "steps": training.step,
+        "seconds": log[-1]["seconds"] if log else 0.0,
+        "figures": log[-1] if log else {},
+        "sha256": digest,
+    }
+    (network.output / "record.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    return record
+
+
+def _check_device(device: str) -> None:
+    import torch
+
+    try:
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"--device {device!r} cannot be used: {str(error).splitlines()[0]}") from None
+
+
+def _features(network: NetworkOptions, run: RunOptions, wanted: bool) -> tuple[Any, str | None]:
+    """Features of the perceptual loss and their name for the record; (None, "pixels") compares raw pixels."""
+    if run.features not in ("auto", "pixels"):
+        raise InputError(f"--features {run.features!r} does not exist; choose auto or pixels")
+    if not wanted:
+        return None, None
+    if run.features == "pixels":
+        return None, "pixels"
+    from priors.encoder import Vgg19Encoder, WrongWeights, vgg19_weights
+    from priors.learned import shipped_initializer
+
+    try:
+        if network.vgg19 is not None:
+            return Vgg19Encoder(vgg19_weights(network.vgg19)).to(run.device), "vgg19"
+        encoder: Any = shipped_initializer().network.polarnet.encoder
+    except WrongWeights as error:
+        raise InputError(str(error)) from None
+    return encoder.to(run.device), "compact encoder of the shipped conditioned form"

@@ -1,0 +1,87 @@
+"""``polaropt train``: it writes what it says, goes on where it stopped, and refuses what cannot be."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage import data
+
+from polaropt.cli import main
+from polaropt.image_io import write_png
+from priors.checkpoint import load_network
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("photographs")
+    for name, image in (("a", data.astronaut()), ("b", data.coffee())):
+        write_png(folder / f"{name}.png", np.ascontiguousarray(image[100:220, 150:290]))
+    return folder
+
+
+def tiny(photographs: Path, output: Path, *more: str) -> list[str]:
+    return [
+        "train",
+        "--data",
+        str(photographs),
+        "--steps",
+        "2",
+        "--batch",
+        "1",
+        "--size",
+        "32",
+        "-o",
+        str(output),
+        *more,
+    ]
+
+
+@pytest.mark.parametrize("form", ["conditioned", "paper"])
+def test_it_writes_weights_log_state_and_record(
+    photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], form: str
+) -> None:
+    assert main(tiny(photographs, tmp_path, "--form", form, "--without", "perceptual", "--json")) == 0
+    told = json.loads(capsys.readouterr().out)
+    record = json.loads((tmp_path / "record.json").read_text())
+    assert told == {"output": str(tmp_path), **record}
+    assert record["architecture"]["form"] == form
+    assert record["options"]["weights"]["perceptual"] == 0
+    assert record["steps"] == 2
+    assert load_network(tmp_path / "weights.safetensors", record["sha256"]).architecture.form == form
+    with (tmp_path / "log.csv").open(newline="") as file:
+        assert [float(row["step"]) for row in csv.DictReader(file)] == [2]
+
+
+def test_it_goes_on_where_it_stopped(photographs: Path, tmp_path: Path) -> None:
+    assert main(tiny(photographs, tmp_path)) == 0
+    command = tiny(photographs, tmp_path, "--resume")
+    command[command.index("2")] = "3"
+    assert main(command) == 0
+    assert json.loads((tmp_path / "record.json").read_text())["steps"] == 3
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (("--without", "nonsense"), "there is no such term"),
+        (("--resume",), "no state to resume from"),
+        (("--polarnet", "vgg19"), "--vgg19"),
+        (("--polarnet", "vgg19", "--vgg19", "nowhere.pth"), "no such file"),
+        (("--features", "nonsense"), "choose auto or pixels"),
+        (("--device", "nonsense"), "cannot be used"),
+        (("--batch", "0"), "give 1 or more"),
+        (("--rate", "2"), "between 0 and 1"),
+        (("--without", "pixelwise", "--without", "decibel"), "leaves no term"),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_line(
+    photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], told: str
+) -> None:
+    assert main(tiny(photographs, tmp_path / "out", *more)) == 2
+    line = capsys.readouterr().err
+    assert told in line
+    assert line.count("\n") == 1

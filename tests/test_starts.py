@@ -1,0 +1,129 @@
+"""The starts by name, and the learned one: what it gives, where its solve ends, what it refuses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from blends import blend
+from observations import small_network
+
+import polaropt
+from polaropt.errors import InputError
+from polaropt.objective import Weights
+from polaropt.problem import Problem
+from polaropt.scene import SceneParameters
+from polaropt.separation import separate
+from polaropt.starts import check_start, start_names
+from priors import learned
+from priors.checkpoint import save_network
+from priors.fusionnet import SeparationNetwork
+from solvers.base import Status
+
+
+def ship(path: Path, network: SeparationNetwork) -> None:
+    path.with_suffix(".json").write_text(json.dumps({"sha256": save_network(path, network)}))
+    learned.shipped_initializer.cache_clear()
+
+
+@pytest.fixture
+def untrained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A network that changes nothing, in the place of the shipped one."""
+    path = tmp_path / "conditioned.safetensors"
+    ship(path, small_network())
+    monkeypatch.setattr(learned, "WEIGHTS", tmp_path)
+    yield path
+    learned.shipped_initializer.cache_clear()
+
+
+@pytest.fixture
+def shaken(untrained: Path) -> None:
+    """A network that spoils the closed form so much that the photographs are not explained."""
+    network = small_network()
+    with torch.no_grad():
+        network.fusionnet._hourglass._exit.bias += 4.0
+    ship(untrained, network)
+
+
+def problem_of(**how: object) -> Problem:
+    blended = blend(size=64, **how)
+    return Problem(blended.capture, blended.scene, 0.005, Weights())
+
+
+def test_the_list_of_starts() -> None:
+    assert start_names() == ("closed-form", "cold", "learned", "per-pixel")
+    assert all(start.sentence.endswith(".") for start in polaropt.initializers())
+
+
+def test_unknown_starts_and_missing_packages_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="there are: closed-form, cold, learned, per-pixel"):
+        check_start("warm")
+    monkeypatch.setattr("polaropt.starts.find_spec", lambda package: None)
+    with pytest.raises(InputError, match=r"pip install 'polaropt\[torch\]'"):
+        check_start("learned")
+
+
+@pytest.mark.parametrize(
+    "how", [{}, {"color": False}, {"angles_deg": (0.0, 60.0, 120.0)}, {"focal_px": 150.0, "ghost_shift": 0.0}]
+)
+def test_a_network_that_changes_nothing_starts_at_the_closed_form(untrained: Path, how: dict[str, object]) -> None:
+    problem = problem_of(**how)
+    expected = problem.canvas.continued(problem.canvas.crop(problem.known.layers))
+    np.testing.assert_allclose(problem.take_start("learned"), expected, atol=2e-6)
+
+
+def test_the_same_capture_always_starts_at_the_same(shaken: None) -> None:
+    starts = [problem_of().take_start("learned") for _ in range(2)]
+    assert np.array_equal(*starts)
+
+
+def test_a_start_that_explains_the_photographs_is_not_thrown_away(untrained: Path) -> None:
+    blended = blend(size=64)
+    result = separate(blended.capture, blended.scene, init="learned")
+    assert result.solver.status is Status.EXPLAINED
+    assert result.solver.n_evaluations == 1
+
+
+@pytest.mark.parametrize("solver", ["lbfgs", "scipy", "nlopt", "torch"])
+def test_a_solve_goes_on_until_the_photographs_are_explained(shaken: None, solver: str) -> None:
+    problem = problem_of()
+    blended = blend(size=64)
+    result = separate(blended.capture, blended.scene, init="learned", solver=solver)
+    assert result.solver.status is Status.EXPLAINED
+    assert result.solver.status.success
+    assert result.solver.n_evaluations == len(result.solver.trace) > 1
+    assert result.terms["misfit"].value <= problem.misfit_of_noise * 1.02
+
+
+def test_the_true_layers_have_the_misfit_of_the_noise() -> None:
+    blended = blend(size=96)
+    noise = 0.005
+    problem = Problem(blended.capture, blended.scene, noise, Weights())
+    residual = problem.pse.forward(blended.layers) - blended.capture.intensities
+    inside = (..., slice(16, -16), slice(16, -16))
+    assert float(np.square(residual[inside] / noise).mean()) == pytest.approx(1, abs=0.05)
+
+
+def test_a_missing_file_of_weights_is_told(untrained: Path) -> None:
+    untrained.unlink()
+    with pytest.raises(InputError, match="no such file"):
+        separate(blend(size=64).capture, SceneParameters(60.0, 25.0, 5.3), init="learned")
+
+
+def test_the_shipped_weights_are_those_of_their_record_and_small() -> None:
+    learned.shipped_initializer.cache_clear()
+    network = learned.shipped_initializer().network
+    assert network.architecture.form == "conditioned"
+    assert (learned.WEIGHTS / "conditioned.safetensors").stat().st_size <= 8 * 2**20
+    assert (learned.WEIGHTS / "conditioned.md").is_file()
+
+
+def test_other_weights_than_the_record_tells_of_are_refused(untrained: Path) -> None:
+    save_network(untrained, small_network(seed=1))
+    learned.shipped_initializer.cache_clear()
+    with pytest.raises(InputError, match="digest"):
+        separate(blend(size=64).capture, SceneParameters(60.0, 25.0, 5.3), init="learned")
