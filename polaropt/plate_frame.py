@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
+from polaropt.closed_form import least_squares_entries
 from polaropt.stokes import analyzer_matrix, frame_matrix
 
 Images = NDArray[np.float32]
@@ -50,9 +51,9 @@ def stokes_images(capture: Capture, noise: float) -> StokesImages:
     """Stokes images of a capture whose photographs have noise of standard deviation `noise`."""
     analyzer = analyzer_matrix(capture.angles_deg)
     inverse = np.linalg.pinv(analyzer)
-    intensities = capture.intensities if capture.color else capture.intensities[:, None]
-    valid = np.asarray(capture.valid.all(axis=0)).reshape(intensities.shape[1:])
-    images = np.tensordot(inverse.astype(np.float32), intensities, axes=1)
+    images = least_squares_entries(capture, analyzer)
+    # Three photographs tell a pixel, if less exactly: gaps would cost more.
+    valid = (capture.valid.sum(axis=0) >= analyzer.shape[1]).reshape(images.shape[1:])
     if not valid.all():
         images = fill_gaps(images, valid)
     return StokesImages(images, noise**2 * inverse @ inverse.T, valid)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from polaropt.canvas import Canvas, canvas_for
 from polaropt.capture import Capture
+from polaropt.clipped import FILLINGS, filled, worth_filling
 from polaropt.closed_form import ClosedForm, natural_image_layers
 from polaropt.forward import PSE
 from polaropt.noise_model import NoiseClasses, NoiseModel, noise_classes
@@ -92,13 +93,23 @@ class Problem:
         return engine_for(self.scene, self.capture.angles_deg, self.noise, self.capture.shape[-2:], center)
 
     def _closed_form(self) -> ClosedForm:
+        known = self._closed_form_of(self.capture)
+        for _ in range(FILLINGS if worth_filling(self.capture) else 0):
+            known = self._closed_form_of(filled(self.capture, self._photographed(known.layers)))
+        return known
+
+    def _photographed(self, layers: Images) -> Images:
+        """Photographs (k, channel, h, w) of canvas layers."""
+        return np.asarray(self.canvas.crop(self._on_canvas().forward(layers)))
+
+    def _closed_form_of(self, capture: Capture) -> ClosedForm:
         if isinstance(self.pse, PSE):
-            return natural_image_layers(self.capture, self.pse, self.canvas, self.noise)
+            return natural_image_layers(capture, self.pse, self.canvas, self.noise)
         from polaropt.varying_closed_form import varying_layers
         from polaropt.varying_ghosts import ghost_layers
 
         varying = ghost_layers if self.scene.has_ghosts else varying_layers
-        return varying(self.capture, self.pse, self.canvas, self.noise)
+        return varying(capture, self.pse, self.canvas, self.noise)
 
     def take_start(self, init: str) -> Images:
         """Canvas layers to start from, by name; what only the start needs of the closed form is given up."""

@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from polaropt.capture import Capture
-from polaropt.metrics import psnr_db
 from polaropt.scene import SceneParameters, ghost_step
 from polaropt.separation import Separation, separate
-from polaropt.simulation import simulate
+from polaropt.simulation import ANGLES_DEG, digitized, exact_photographs, stack_layers
 from studies.paper_protocol import trivial_psnr
 from studies.protocol import (
     BITS,
@@ -28,7 +27,6 @@ from studies.protocol import (
     Pair,
     protocol_pairs,
     shipped_pairs,
-    truth,
 )
 from studies.record import write_study
 
@@ -37,6 +35,8 @@ MODELS = ("auto", "pixelwise", "ghosts", "perspective", "curved", "known")
 MOST_BENT_DEG = 8.0
 """From the middle to the end of the frame's longer side."""
 CLIPPED = 0.05
+Layers = tuple[np.ndarray, np.ndarray]
+Mask = np.ndarray
 _HALF_VIEW = math.tan(math.radians(22.5))
 
 
@@ -57,7 +57,9 @@ class Family:
     told : SceneParameters
         What the software is told of it; None is estimated.
     clipped : float
-        Share of the transmission's pixels that exceed white.
+        Share of the pixels that some photograph clips.
+    headroom : bool
+        The sensor shows what is brighter than white, too; figures are of the same pixels.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Family:
     scene: Callable[[int, np.random.Generator], SceneParameters]
     told: SceneParameters = BLIND
     clipped: float = 0.0
+    headroom: bool = False
 
     def true_scene(self, pair: Pair) -> SceneParameters:
         """The scene of a pair."""
@@ -111,7 +114,11 @@ FAMILIES = (
     Family("water, single surface", "pixelwise", _water, WATER),
     Family("index 1.6 told as 1.5", "ghosts", _ghosts(60, 1.6)),
     Family("ghosts, 60 deg", "ghosts", _ghosts(60)),
-    Family("ghosts, 60 deg, 5 % clipped", "ghosts", _ghosts(60), clipped=CLIPPED),
+    *(
+        Family(f"ghosts, {angle} deg, 5 % {how}", "ghosts", _ghosts(angle), clipped=CLIPPED, headroom=headroom)
+        for angle in (40, 60, 80)
+        for how, headroom in (("beyond white but seen", True), ("clipped", False))
+    ),
 )
 
 
@@ -131,21 +138,27 @@ class Row:
     warnings: tuple[str, ...]
 
 
-def family_capture(family: Family, pair: Pair) -> tuple[Capture, tuple[np.ndarray, np.ndarray]]:
-    """Photographs of a pair on the frame, and both layers (channel, h, w)."""
+def family_capture(family: Family, pair: Pair) -> tuple[Capture, Layers, Mask]:
+    """Photographs of a pair on the frame, both layers (channel, h, w), and the pixels (h, w) that figures are of."""
     scene = family.true_scene(pair)
-    behind = pair.transmission
+    layers = stack_layers(pair.transmission, pair.reflection)
+    exact = exact_photographs(layers, scene, ANGLES_DEG)
     if family.clipped:
-        bright = np.quantile(pair.cropped(behind).max(axis=-1), 1 - family.clipped)
-        behind = behind * np.float32(1.9 / bright)
-    larger = simulate(behind, pair.reflection, scene, noise=NOISE, bits=BITS, seed=pair.number)
-    capture = Capture(pair.cropped(larger.intensities), larger.angles_deg, pair.cropped(larger.valid))
-    return capture, (np.moveaxis(pair.cropped(behind), -1, 0), np.moveaxis(truth(pair)[1], -1, 0))
+        exposure = 1 / np.quantile(pair.cropped(exact).max(axis=(0, 1)), 1 - family.clipped)
+        layers, exact = layers * np.float32(exposure), exact * np.float32(exposure)
+    noisy = exact + NOISE * np.random.default_rng(pair.number).standard_normal(exact.shape)
+    seen = pair.cropped(digitized(noisy, BITS))
+    capture = Capture(seen, ANGLES_DEG)
+    unclipped = capture.valid.all(axis=(0, 1))
+    if family.headroom:
+        high = pair.cropped(noisy)
+        capture = Capture(np.where(capture.valid, seen, high), ANGLES_DEG, np.ones_like(capture.valid))
+    return capture, (pair.cropped(layers[0]), pair.cropped(layers[1])), unclipped
 
 
 def run(family: Family, pair: Pair, model: str) -> Row:
     """Separate one scene on one rung."""
-    capture, layers = family_capture(family, pair)
+    capture, layers, unclipped = family_capture(family, pair)
     told = family.true_scene(pair) if model == "known" else family.told
     result = separate(capture, told, model="auto" if model == "known" else model)
     return Row(
@@ -153,7 +166,7 @@ def run(family: Family, pair: Pair, model: str) -> Row:
         pair.number,
         model,
         max(trivial_psnr(capture, np.moveaxis(layers[0], 0, -1))),
-        *quality(result, layers, capture),
+        *quality(result, layers, unclipped),
         result.scene.rung,
         result.scene.rung == family.rung,
         sum(result.seconds.values()),
@@ -161,13 +174,10 @@ def run(family: Family, pair: Pair, model: str) -> Row:
     )
 
 
-def quality(result: Separation, layers: Sequence[np.ndarray], capture: Capture) -> tuple[float, float]:
+def quality(result: Separation, layers: Layers, unclipped: Mask) -> tuple[float, float]:
     """PSNR of both layers over the pixels that no photograph clips."""
-    seen = capture.valid.all(axis=(0, 1))
-    if seen.all():
-        return tuple(psnr_db(result.layers[i], layers[i], EVALUATION_BORDER) for i in (0, 1))  # type: ignore[return-value]
-    inner = slice(EVALUATION_BORDER, -EVALUATION_BORDER)
-    error = np.square(result.layers - np.stack(layers))[..., inner, inner][..., seen[inner, inner]].mean(axis=(1, 2))
+    inner = (..., *(slice(EVALUATION_BORDER, -EVALUATION_BORDER),) * 2)
+    error = np.square(result.layers - np.stack(layers))[inner][..., unclipped[inner]].mean(axis=(1, 2))
     return float(-10 * np.log10(error[0])), float(-10 * np.log10(error[1]))
 
 
