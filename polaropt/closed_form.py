@@ -17,6 +17,7 @@ from polaropt.color_basis import Basis, opponent_basis
 from polaropt.forward import PSE
 from polaropt.local_variance import Knowledge
 from polaropt.plate import in_place_reflectance
+from polaropt.plate_frame import least_squares_entries
 from polaropt.preconditioner import AssumedHessian
 from polaropt.scene import SceneParameters
 from polaropt.spectra import FittedSpectra, FrequencyBands, Power, Spectrum, each_plane, fit_spectra
@@ -72,26 +73,6 @@ class ClosedForm:
 def plate_entries(capture: Capture, pse: PSE) -> Images:
     """Least-squares (I_par, I_perp[, s2']) from the trusted photographs of each pixel, (entries, channel, h, w)."""
     return least_squares_entries(capture, pse.mixing[:, : pse.taps.shape[2]])
-
-
-def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:
-    """The same for photographs that are a constant mixing (k, entries) of entries."""
-    photographs = capture.intensities if capture.color else capture.intensities[:, None]
-    entries = np.tensordot(np.linalg.pinv(mixing).astype(np.float32), photographs, axes=1)
-    valid = capture.valid if capture.color else capture.valid[:, None]
-    # A pixel is told by as many photographs as there are unknowns; below that its clipped values must do.
-    partly = ~valid.all(axis=0) & (valid.sum(axis=0) >= mixing.shape[1])
-    if partly.any():
-        entries[:, partly] = _weighted_entries(photographs[:, partly], valid[:, partly], mixing)
-    return entries
-
-
-def _weighted_entries(values: Images, valid: NDArray[np.bool_], mixing: Matrix) -> Images:
-    """Least squares per pixel over valid photographs only: values and valid (k, pixels) to (entries, pixels)."""
-    normal = np.einsum("kp,ke,kf->pef", valid, mixing, mixing)
-    right = np.einsum("kp,ke->pe", valid * values, mixing)
-    ridge = 1e-6 * np.eye(mixing.shape[1])
-    return np.linalg.solve(normal + ridge, right[..., None])[..., 0].T.astype(np.float32)
 
 
 def per_pixel_layers(capture: Capture, scene: SceneParameters) -> Images:

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.closed_form import least_squares_entries
 from polaropt.stokes import analyzer_matrix, frame_matrix
 
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+# Weight of the pixels around against a photograph: noise is amplified at most tenfold.
+_DRAWN = 2e-3
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,6 @@ def stokes_images(capture: Capture, noise: float) -> StokesImages:
     images = least_squares_entries(capture, analyzer)
     # Three photographs tell a pixel, if less exactly: gaps would cost more.
     valid = (capture.valid.sum(axis=0) >= analyzer.shape[1]).reshape(images.shape[1:])
-    if not valid.all():
-        images = fill_gaps(images, valid)
     return StokesImages(images, noise**2 * inverse @ inverse.T, valid)
 
 
@@ -64,6 +64,30 @@ def plate_frame(stokes: StokesImages, azimuth_deg: float) -> PlateFrame:
     rotation = frame_matrix(azimuth_deg)[:2]
     images = np.tensordot(rotation.astype(np.float32), stokes.images, axes=1)
     return PlateFrame(images, rotation @ stokes.covariance @ rotation.T, stokes.valid, azimuth_deg)
+
+
+def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:
+    """Entries (entries, channel, h, w) of photographs that are a constant mixing (k, entries) of them.
+
+    From the trusted photographs of each pixel; what they do not tell is taken from the pixels around it.
+    """
+    photographs = capture.intensities if capture.color else capture.intensities[:, None]
+    entries = np.tensordot(np.linalg.pinv(mixing).astype(np.float32), photographs, axes=1)
+    valid = capture.valid if capture.color else capture.valid[:, None]
+    whole = np.asarray(valid.all(axis=0))
+    if not whole.all():
+        entries = fill_gaps(entries, whole)
+        partly = ~whole & valid.any(axis=0)
+        around = entries[:, partly]
+        entries[:, partly] = _weighted_entries(photographs[:, partly], valid[:, partly], mixing, around)
+    return entries
+
+
+def _weighted_entries(values: Images, valid: Mask, mixing: Matrix, around: Images) -> Images:
+    """Least squares per pixel over valid photographs, drawn to `around`: values (k, pixels) to (entries, pixels)."""
+    normal = np.einsum("kp,ke,kf->pef", valid, mixing, mixing)
+    right = np.einsum("kp,ke->pe", valid * values, mixing) + _DRAWN * around.T
+    return np.linalg.solve(normal + _DRAWN * np.eye(mixing.shape[1]), right[..., None])[..., 0].T.astype(np.float32)
 
 
 def fill_gaps(images: Images, valid: Mask) -> Images:

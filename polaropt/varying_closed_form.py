@@ -18,10 +18,10 @@ from polaropt.closed_form import (
     NormalEquations,
     closed_form_of,
     initial_power,
-    least_squares_entries,
     transformed,
 )
 from polaropt.color_basis import opponent_basis
+from polaropt.plate_frame import least_squares_entries
 from polaropt.varying import VaryingPSE
 from priors.natural_image import in_basis
 

@@ -8,6 +8,7 @@ import pytest
 from polaropt import separate
 from polaropt.capture import Capture
 from polaropt.clipped import filled, worth_filling
+from polaropt.closed_form import plate_entries
 from polaropt.forward import PSE
 from polaropt.plate_frame import stokes_images
 from polaropt.scene import SceneParameters
@@ -63,3 +64,19 @@ def test_three_photographs_tell_a_pixel_its_stokes_vector():
     part = stokes_images(Capture(wrong, valid=valid), 0.005)
     assert part.valid.all()
     np.testing.assert_allclose(part.images, whole, atol=2e-5)
+
+
+def test_photographs_that_hardly_tell_a_pixel_do_not_amplify_its_noise():
+    example = blend(60, 48, azimuth_deg=0.0)
+    valid = np.ones_like(example.capture.valid)
+    # At azimuth 0 the photographs at 45 and 135 degrees are the same mixture of both entries.
+    valid[::2, :, 20:24, 20:24] = False
+    capture = Capture(example.capture.intensities, valid=valid)
+    whole, part = (entries_of(c, example.scene) for c in (example.capture, capture))
+    off = np.abs(part - whole)[..., 20:24, 20:24]
+    assert off.max() < 0.3
+    np.testing.assert_allclose(part[..., :16, :], whole[..., :16, :], atol=1e-6)
+
+
+def entries_of(capture: Capture, scene: SceneParameters) -> np.ndarray:
+    return plate_entries(capture, PSE(scene, capture.angles_deg))
