@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.closed_form import least_squares_entries
 from polaropt.forward import PSE
+from polaropt.plate_frame import least_squares_entries
 from polaropt.problem import Problem
 from polaropt.scene import SceneParameters
 from polaropt.simulation import ANGLES_DEG

@@ -14,8 +14,8 @@ Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Weight of the pixels around against a photograph: noise is amplified at most tenfold.
-_DRAWN = 2e-3
+# Information in units of a photograph below which noise would be amplified more than tenfold.
+_TOLD = 0.01
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,13 @@ def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:
 
 
 def _weighted_entries(values: Images, valid: Mask, mixing: Matrix, around: Images) -> Images:
-    """Least squares per pixel over valid photographs, drawn to `around`: values (k, pixels) to (entries, pixels)."""
+    """Entries (entries, pixels) of valid photographs (k, pixels), by least squares; `around` where they hardly tell."""
     normal = np.einsum("kp,ke,kf->pef", valid, mixing, mixing)
-    right = np.einsum("kp,ke->pe", valid * values, mixing) + _DRAWN * around.T
-    return np.linalg.solve(normal + _DRAWN * np.eye(mixing.shape[1]), right[..., None])[..., 0].T.astype(np.float32)
+    told, directions = np.linalg.eigh(normal)
+    right = np.einsum("kp,ke,pef->pf", valid * values, mixing, directions)
+    elsewhere = np.einsum("ep,pef->pf", around, directions)
+    along = np.where(told > _TOLD, right / np.maximum(told, _TOLD), elsewhere)
+    return np.asarray(np.einsum("pef,pf->ep", directions, along), dtype=np.float32)
 
 
 def fill_gaps(images: Images, valid: Mask) -> Images:

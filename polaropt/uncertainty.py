@@ -35,7 +35,8 @@ class Uncertainty:
     ----------
     standard_error : ndarray of float32, shape (2, [channel,] h, w)
         Of the transmission and the reflection, in the layers' units. 90 to 99 % of true values lie within two of them
-        where the scene is known (``python -m studies.coverage``).
+        where the scene is known (``python -m studies.coverage``); of pixels that all photographs clip, fewer: nothing
+        says how much brighter than white they are.
     reflection_known : ndarray of float32, shape (h, w)
         Share of the reflection's detail (gradient energy) that the photographs tell, 0..1. Where it is low the
         reflection fades to its slow changes.

@@ -20,11 +20,11 @@ from polaropt.closed_form import (
     described,
     filtered,
     initial_power,
-    least_squares_entries,
     normal_equations,
     transformed,
 )
 from polaropt.color_basis import Basis, opponent_basis
+from polaropt.plate_frame import least_squares_entries
 from polaropt.spectra import FittedSpectra, FrequencyBands, Spectrum, fit_spectra
 from polaropt.transfer import ghost_transfer, ghost_transfer_at
 from polaropt.varying import VaryingPSE
