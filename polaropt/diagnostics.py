@@ -161,7 +161,9 @@ def diagnose(
     if scene is None and estimate is not None:
         scene = estimate.scene
     mistakes, mistake = find_mistakes(capture) if mistakes is None else mistakes, None
-    if scene is not None and mistakes == Mistakes():
+    # An azimuth that was given may be the one that is wrong.
+    free = estimate is None or np.isfinite(estimate.axis_margin)
+    if scene is not None and free and mistakes == Mistakes():
         mistake = angle_mistake(capture, noise, scene, estimate, unexplained)
     deserved = {
         Warning.NO_POLARIZATION: not polarized,

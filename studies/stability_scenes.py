@@ -105,15 +105,23 @@ class Case:
 
     @property
     def facts(self) -> frozenset[str]:
-        """Warnings that are true of this scene, whether or not it fails."""
+        """Warnings that are true of this scene, whether or not it fails.
+
+        That the model does not explain the photographs is true where the scene is none of the model's.
+        """
         taking = self.taking
+        polarized = taking.screen_dolp > 0 or taking.sky_dolp > 0
+        moved, encoded = 2 * taking.shift_px >= 0.5, taking.gamma != 1
+        told_wrongly = "told" in self.family and not self.easy
         true = {
             "SATURATED": True,
             "NEAR_NORMAL": self.incidence_deg < 12,
             "GRAZING": self.incidence_deg > 84,
-            "MISALIGNED": taking.shift_px >= 0.5,
-            "GAMMA_ENCODED": taking.gamma != 1,
-            "POLARIZED_SOURCE": taking.screen_dolp > 0 or taking.sky_dolp > 0,
+            "MISALIGNED": moved,
+            "GAMMA_ENCODED": encoded,
+            "POLARIZED_SOURCE": polarized,
+            "INCIDENCE_DOUBTFUL": told_wrongly and self.family.startswith("incidence"),
+            "MODEL_DOES_NOT_EXPLAIN": any((polarized, moved, encoded, told_wrongly, taking.bend_deg)),
         }
         return frozenset(name for name, holds in true.items() if holds)
 

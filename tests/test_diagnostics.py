@@ -184,6 +184,12 @@ def test_what_the_model_does_not_explain_is_shown(tmp_path):
         assert (report["misfit_map"] is not None) == written
 
 
+@pytest.mark.parametrize("error", [2.0, 10.0])
+def test_an_azimuth_that_was_given_wrongly_does_not_accuse_the_angles(error):
+    found = warnings_of(blend(60, 128).capture, SceneParameters(None, 25.0 + error, None))
+    assert found.isdisjoint({Warning.ANGLES_REVERSED, Warning.ANGLES_ROTATED})
+
+
 def test_a_scene_that_does_not_fit():
     example = blend(75, 96, noise=0.002)
     wrong = SceneParameters(75.0, 25.0 + 45, 5.3)
