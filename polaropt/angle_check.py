@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from polaropt.angle_frame import ghost_direction, start_unknown
+from polaropt.angle_frame import LEAST_DEG, LOWER_DEG, MOST_DEG, ghost_direction, start_unknown
 from polaropt.capture import Capture
 from polaropt.perspective_fit import fit_perspective
 from polaropt.plate_frame import StokesImages, stokes_images
@@ -15,7 +15,7 @@ from polaropt.rungs import SCATTERS, noise_misfit
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
 
-_ALONG = 8e-3
+_ALONG = 4e-3
 """Log likelihood per frequency that ghosts along the azimuth gain where there is no doubt about the angles."""
 _ELSEWHERE_DEG = 12.0
 _MIRRORED_DEG = 6.0
@@ -64,6 +64,8 @@ def angle_mistake(
     if scene.single_surface or scene.focal_px is not None or scene.polarized or _ghosts_along(estimate):
         return None
     incidence, azimuth, _ = scene.values()
+    if not LEAST_DEG <= incidence <= MOST_DEG - min(LOWER_DEG):
+        return None
     found = ghost_direction(capture, noise, incidence, azimuth)
     if not found.certain or abs(found.start_deg) < _ELSEWHERE_DEG:
         return None

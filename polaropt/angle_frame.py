@@ -38,9 +38,9 @@ _GAIN, _GAIN_LOWER = 8e-3, 20e-3
 than the one found up to 15e-3."""
 _EXCHANGED_DEG, _EXCHANGED = 56.0, 1.6
 _OBLIQUE_DEG = 60.0
-_LOWER_DEG = (-5.0, -2.5, 0.0)
+LOWER_DEG = (-5.0, -2.5, 0.0)
 """Ghosts along another direction than supposed make a pane look more oblique than it is, from 60 degrees on."""
-_LEAST_DEG, _MOST_DEG = 32.0, 76.0
+LEAST_DEG, MOST_DEG = 32.0, 76.0
 """Between these incidences ghosts are bright and edges no match for them."""
 _MOST_LEFT = 4.0
 """Polarized light that a constant azimuth may leave, in units of its noise: what is left looks like ghosts, too."""
@@ -76,7 +76,7 @@ class GhostDirection:
     def certain(self) -> bool:
         """Whether the ghosts tell a direction at all."""
         told = self.gain > self.least and self.rival < _RIVAL * self.gain
-        return told and _LEAST_DEG <= self.incidence_deg <= _MOST_DEG
+        return told and LEAST_DEG <= self.incidence_deg <= MOST_DEG
 
     @property
     def start_deg(self) -> float:
@@ -154,7 +154,7 @@ def _of_axis(capture: Capture, noise: float, incidence_deg: float, azimuth_deg: 
     spectra = cross_spectra(plate_frame(stokes_images(capture, noise), azimuth_deg))
     found = _likeliest(spectra, np.array([incidence_deg]), _GAIN)
     if not found.certain and incidence_deg > _OBLIQUE_DEG:
-        lower = _likeliest(spectra, incidence_deg + np.array(_LOWER_DEG), _GAIN_LOWER)
+        lower = _likeliest(spectra, incidence_deg + np.array(LOWER_DEG), _GAIN_LOWER)
         found = lower if lower.certain else found
     return found
 
