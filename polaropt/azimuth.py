@@ -29,7 +29,7 @@ class PrincipalAxis:
     azimuth_deg : float
         Azimuth modulo 90, in [0, 90): the axis is that of the plane of incidence or the one across it.
     error_deg : float
-        Standard error of the azimuth that the noise leads to (90 where there is nothing but noise).
+        Standard error of the azimuth that the noise leads to (22.5 where there is nothing but noise).
     snr : float
         Polarized energy found, in standard errors of what noise alone would leave.
     """
@@ -70,9 +70,12 @@ def principal_axis(polarized: Images, noise_covariance: Matrix) -> PrincipalAxis
     twice = math.atan2(2 * moment[0, 1], moment[0, 0] - moment[1, 1])
     signal = math.hypot(2 * moment[0, 1], moment[0, 0] - moment[1, 1])
     of_noise = 0.5 * noise * math.sqrt(float((gains**2).sum())) + _LEAST
-    cross = math.sqrt(of_noise**2 + 0.5 * noise * max(signal, 0.0))
-    error_deg = math.degrees(0.5 * math.atan2(cross, max(signal, _LEAST)))
-    return PrincipalAxis(math.degrees(twice) / 4 % 90, 2 * error_deg, signal / of_noise)
+    # What turns the moment: noise with noise, and noise across with signal along.
+    seen = sum(float(np.vdot(c * gain, c * gain)) for c, gain in zip(coefficients.swapaxes(0, 1), gains, strict=True))
+    along = max(seen - noise * float((gains**2).sum()), 0.0)
+    across = math.sqrt(4 * of_noise**2 + 2 * noise * along)
+    error_deg = math.degrees(math.atan2(across, max(signal, _LEAST))) / 4
+    return PrincipalAxis(math.degrees(twice) / 4 % 90, error_deg, signal / of_noise)
 
 
 def _thinning(side: int) -> int:

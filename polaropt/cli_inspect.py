@@ -11,6 +11,7 @@ import typer
 from polaropt.cli_capture import CaptureOptions
 from polaropt.cli_command import progress_bar, say, say_json
 from polaropt.cli_options import LadderOptions, PaneOptions, SpeechOptions
+from polaropt.pane_text import error_of
 
 if TYPE_CHECKING:
     from polaropt.capture import Capture
@@ -95,7 +96,8 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         from polaropt.report import plain, scene_report
 
         polarized = found.estimate is None or found.estimate.polarized
-        say_json({**scene_report(found.scene, scene, hint), "rungs": plain(found.tried), "polarized": polarized})
+        told = {"errors": plain(found.errors), "rungs": plain(found.tried), "polarized": polarized}
+        say_json({**scene_report(found.scene, scene, hint), **told})
         return
     say(*capture.told(photographs), *estimate_sentences(found, pane, hint))
 
@@ -106,12 +108,13 @@ def estimate_sentences(found: FoundScene, pane: PaneOptions, focal_hint_px: floa
 
     incidence, azimuth, shift = found.scene.values()
     lines = [
-        f"incidence  {incidence:7.2f} deg  {_source(pane.incidence)}",
-        f"azimuth    {azimuth:7.2f} deg  {_source(pane.azimuth)}",
+        f"incidence  {incidence:7.2f} deg  {error_of(found.errors.incidence_deg)}{_source(pane.incidence)}",
+        f"azimuth    {azimuth:7.2f} deg  {error_of(found.errors.azimuth_deg)}{_source(pane.azimuth)}",
     ]
     if found.scene.focal_px is not None:
         told = found.scene.focal_px in (pane.focal_px, focal_hint_px)
-        lines.append(f"focal      {found.scene.focal_px:7.0f} px   {'(given)' if told else '(estimated)'}")
+        source = "(given)" if told else "(estimated)"
+        lines.append(f"focal      {found.scene.focal_px:7.0f} px   {error_of(found.errors.focal_px)}{source}")
     if found.scene.bent:
         lines.append(f"bend       {100 * largest_turn(found.scene.bend_deg_per_px):7.1f} deg  in 100 px (estimated)")
     if found.scene.varies:
@@ -119,7 +122,7 @@ def estimate_sentences(found: FoundScene, pane: PaneOptions, focal_hint_px: floa
     elif pane.single_surface:
         lines.append("a single surface, without ghosts")
     else:
-        lines.append(f"shift      {shift:7.2f} px   {_shift_source(pane)}")
+        lines.append(f"shift      {shift:7.2f} px   {error_of(found.errors.ghost_shift)}{_shift_source(pane)}")
     lines.append(f"index      {pane.index:7.2f}      (given or assumed)")
     lines += [f"rung       {tried.rung}: {'taken' if tried.taken else 'left'}. {tried.reason}" for tried in found.tried]
     if found.estimate is not None and not found.estimate.polarized:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,26 @@ _LOWEST_CYCLES = 2.5
 _HIGHEST = 2.8
 _MOST_INVALID = 0.2
 _MOST_TILES = 128
+_MOST_BANDS = 8
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Sums of periodograms over bands of tiles, (band, frequency), and how many periodograms each holds."""
+
+    par: Images
+    perp: Images
+    cross: NDArray[np.complex64]
+    counts: NDArray[np.intp]
+
+    def across(self) -> Bands:
+        """The same with the two polarizations exchanged."""
+        return Bands(self.perp, self.par, self.cross.conj(), self.counts)
+
+    def without(self, band: int) -> list[Any]:
+        """Mean par, perp and cross of all other bands."""
+        count = np.float32(self.counts.sum() - self.counts[band])
+        return [(part.sum(axis=0) - part[band]) / count for part in (self.par, self.perp, self.cross)]
 
 
 @dataclass(frozen=True)
@@ -38,6 +59,8 @@ class CrossSpectra:
     azimuth_deg : float
     ghosts_deg : float, optional
         Direction in the image along which ghosts lie, where the polarizer's zero is in doubt. Default: the azimuth.
+    bands : Bands, optional
+        What the means are made of.
     """
 
     par: Images
@@ -50,6 +73,7 @@ class CrossSpectra:
     tile: int
     azimuth_deg: float
     ghosts_deg: float | None = None
+    bands: Bands | None = None
 
     def across(self) -> CrossSpectra:
         """The same for a pane whose plane of incidence lies across: its two polarizations are exchanged."""
@@ -64,7 +88,15 @@ class CrossSpectra:
             self.tile,
             self.azimuth_deg + 90,
             self.ghosts_deg,
+            None if self.bands is None else self.bands.across(),
         )
+
+    def left_out(self) -> list[CrossSpectra]:
+        """The same without each of the bands."""
+        if self.bands is None or len(self.bands.counts) == 1:
+            return []
+        rest = [self.bands.without(i) for i in range(len(self.bands.counts))]
+        return [replace(self, par=par, perp=perp, cross=cross, bands=None) for par, perp, cross in rest]
 
     def with_ghosts_along(self, direction_deg: float) -> CrossSpectra:
         """The same for ghosts along another direction in the image than the azimuth."""
@@ -94,17 +126,20 @@ def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
     window = np.outer(profile, profile)
     window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)
     share = window / np.sum(window)
-    par: Images = np.zeros((side, side // 2 + 1), np.float32)
-    perp, cross = par.copy(), np.zeros(par.shape, np.complex64)
     corners = _tile_corners(frame.valid, side)
-    for top, left in corners:
+    n_bands = min(_MOST_BANDS, len(corners))
+    par: Images = np.zeros((n_bands, side, side // 2 + 1), np.float32)
+    perp, cross, counts = par.copy(), np.zeros(par.shape, np.complex64), np.zeros(n_bands, np.intp)
+    for i, (top, left) in enumerate(corners):
         part = _opponent(frame.images[..., top : top + side, left : left + side])
         mean = np.einsum("ecyx,yx->ec", part, share)[..., None, None]
         first, second = rfft2((part - mean) * window)
-        par += _power(first)
-        perp += _power(second)
-        cross += np.einsum("cyx,cyx->yx", first, second.conj())
-    return _usable((par, perp, cross), len(corners) * frame.images.shape[1], side, frame)
+        band = i * n_bands // len(corners)
+        par[band] += _power(first)
+        perp[band] += _power(second)
+        cross[band] += np.einsum("cyx,cyx->yx", first, second.conj())
+        counts[band] += part.shape[1]
+    return _usable(Bands(par, perp, cross, counts), side, frame)
 
 
 def _hann_autocorrelation(lag: Matrix) -> Matrix:
@@ -121,9 +156,7 @@ def _power(spectra: NDArray[np.complex64]) -> Images:
     return power
 
 
-def _usable(
-    sums: tuple[Images, Images, NDArray[np.complex64]], count: int, side: int, frame: PlateFrame
-) -> CrossSpectra:
+def _usable(sums: Bands, side: int, frame: PlateFrame) -> CrossSpectra:
     rows, columns = frequencies(side, side)
     azimuth = math.radians(frame.azimuth_deg)
     along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
@@ -137,10 +170,20 @@ def _usable(
     use = (radius > _LOWEST_CYCLES * 2 * np.pi / side) & (radius < _HIGHEST)
     # The window makes neighbouring frequencies much alike: every second one, as on a chessboard, says the same.
     use &= np.add.outer(np.arange(side), np.arange(side // 2 + 1)) % 2 == 0
-    par, perp = (total[use] / np.float32(count) for total in sums[:2])
-    cross = sums[2][use] / np.float32(count)
+    bands = Bands(sums.par[:, use], sums.perp[:, use], sums.cross[:, use], sums.counts)
+    count = np.float32(sums.counts.sum())
+    par, perp, cross = (part.sum(axis=0) / count for part in (bands.par, bands.perp, bands.cross))
     return CrossSpectra(
-        par, perp, cross, along[use], across[use], multiplicity[use], frame.covariance, side, frame.azimuth_deg
+        par,
+        perp,
+        cross,
+        along[use],
+        across[use],
+        multiplicity[use],
+        frame.covariance,
+        side,
+        frame.azimuth_deg,
+        bands=bands,
     )
 
 

@@ -9,12 +9,12 @@ usually have.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.jackknife import jackknife_error, left_out
+from polaropt.pane_edges import MIDDLE_BLOCKS, Candidate, PaneEdges, candidate_near, named
 from polaropt.pane_program import (
     AZIMUTH,
     BEND,
@@ -25,11 +25,8 @@ from polaropt.pane_program import (
     PaneFit,
     Prior,
     fitted,
-    with_errors,
 )
-from polaropt.parabola import local_minimum, vertex
-from polaropt.perspective import Pane, plane_normal
-from polaropt.perspective_fit import fit_perspective
+from polaropt.perspective_fit import flat_pane
 from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.scene import SceneParameters
@@ -37,19 +34,16 @@ from polaropt.varying_overlap import VaryingOverlap
 
 Values = NDArray[np.float64]
 
-_COARSE_BLOCKS, _MIDDLE_BLOCKS = 12, 24
+_COARSE_BLOCKS = 12
 # Half the longer side over the focal length: a usual lens and its spread.
 _VIEW, _VIEW_SPREAD = 0.4, 0.25
 # Standard errors by which a lens must be told from one that sees all from far.
 _SHOWS = 3.0
+# Six numbers' directions scatter a little more than their noise: 83 % of bends lie within two errors without.
+_WIDER = 1.35
 _BEND_SPREAD, _INCIDENCE_SPREAD = math.radians(15), math.radians(12)
 # Difference of chi squared up to which the directions leave both planes of incidence open.
 _AS_LIKELY = 20.0
-# The edges are asked along directions in which the pane is known worse than this.
-_OPEN, _MOST_ASKED = math.radians(0.7), 2
-_STEP, _TOLERANCE, _REACH = math.radians(4), math.radians(0.3), math.radians(25)
-_JACKKNIFE_STEP, _FARTHEST, _LEAST_ERROR = math.radians(1.5), 4.0, math.radians(0.05)
-_EXACTLY = 1e-4
 
 
 @dataclass(frozen=True)
@@ -104,12 +98,13 @@ def fit_curved(
     found = _likeliest(blocks, stokes, plain, focal_px)
     if blocks.misfit(*named(found[0].fit.point, blocks)) > enough or not overlap.usable:
         return _result(blocks, PaneFit(found[0].fit.point, np.full((N_NUMBERS, N_NUMBERS), math.inf)))
-    edges = _Edges(overlap, PolarizedBlocks(stokes, _MIDDLE_BLOCKS))
+    edges = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS))
     if len(found) > 1:
         found = sorted((edges.asked(candidate) for candidate in found), key=edges.log_overlap)
     best = edges.completed(found[0])
-    if focal_px is None and not best.lens_shows:
-        best = edges.completed(_candidate(blocks, best.prior, _OTHERS, best.from_afar()))
+    if focal_px is None and not _lens_shows(best.fit):
+        remote = candidate_near(blocks, best.prior, _OTHERS, _from_afar(best.fit.point))
+        best = edges.completed(replace(remote, asked=best.asked))
     return _result(blocks, best.fit)
 
 
@@ -117,45 +112,9 @@ _OTHERS = (INCIDENCE, AZIMUTH, *BEND)
 _ALL = (INCIDENCE, AZIMUTH, VIEW, *BEND)
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """A pane, the numbers that are fitted and what else is known of them."""
-
-    blocks: PolarizedBlocks
-    prior: Prior
-    free: tuple[int, ...]
-    fit: PaneFit
-
-    def told(self, direction: Values, value: float, error: float) -> _Candidate:
-        """The pane with one more measurement."""
-        return _candidate(self.blocks, self.prior.told(direction, value, error), self.free, self.fit.point)
-
-    def given(self, direction: Values, value: float, blocks: PolarizedBlocks) -> Values:
-        """The likeliest point that has a value along a direction."""
-        start = self.fit.point + direction * (value - direction @ self.fit.point)
-        return fitted(blocks, start, self.free, self.prior.told(direction, value, _EXACTLY))
-
-    @property
-    def lens_shows(self) -> bool:
-        """Whether the focal length is known to be shorter than one that sees all from far."""
-        error = math.sqrt(self.fit.covariance[VIEW, VIEW])
-        return bool(self.fit.point[VIEW] - FROM_AFAR > _SHOWS * error)
-
-    def from_afar(self) -> Values:
-        """Its point for a lens that sees all from far."""
-        point = self.fit.point.copy()
-        point[VIEW] = FROM_AFAR
-        return point
-
-
-def _candidate(blocks: PolarizedBlocks, prior: Prior, free: tuple[int, ...], start: Values) -> _Candidate:
-    point = fitted(blocks, start, free, prior)
-    return _Candidate(blocks, prior, free, with_errors(blocks, point, free, prior))
-
-
 def _likeliest(
     blocks: PolarizedBlocks, stokes: StokesImages, plain: SceneParameters, focal_px: float | None
-) -> list[_Candidate]:
+) -> list[Candidate]:
     """The likeliest pane by directions, and one whose plane of incidence lies across if it is about as likely."""
     view = _VIEW if focal_px is None else blocks.half_px / focal_px
     spread = np.array([_INCIDENCE_SPREAD, math.inf, _VIEW_SPREAD, *3 * [_BEND_SPREAD]])
@@ -169,7 +128,7 @@ def _likeliest(
     rough = [fitted(coarse, start, free, prior) for start in _starts(stokes, blocks, plain, view)]
     rough.sort(key=lambda point: chi_squared(coarse, point))
     across = [point for point in rough if math.cos(2 * (point[AZIMUTH] - rough[0][AZIMUTH])) < 0]
-    found = [_candidate(blocks, prior, free, point) for point in (rough[0], *across[:1])]
+    found = [candidate_near(blocks, prior, free, point) for point in (rough[0], *across[:1])]
     values = [chi_squared(blocks, candidate.fit.point) for candidate in found]
     enough = min(values) + _AS_LIKELY * max(1.0, min(values) / blocks.n)
     return [candidate for candidate, value in zip(found, values, strict=True) if value <= enough]
@@ -178,65 +137,29 @@ def _likeliest(
 def _starts(stokes: StokesImages, blocks: PolarizedBlocks, plain: SceneParameters, view: float) -> list[Values]:
     """The best flat pane before the lens, and the plain one leaning any way: bent enough, all may fit."""
     incidence, azimuth, _ = plain.values()
-    flat = fit_perspective(stokes, blocks.half_px / view)
-    panes = [(flat.incidence_deg, flat.azimuth_deg)] + [(incidence, azimuth + turn) for turn in (0, 90, 180, 270)]
+    flat = flat_pane(stokes, blocks.half_px / view)
+    panes = [tuple(np.degrees(flat[[INCIDENCE, AZIMUTH]]))] + [
+        (incidence, azimuth + turn) for turn in (0, 90, 180, 270)
+    ]
     return [np.array([math.radians(i), math.radians(a % 360), view, 0.0, 0.0, 0.0]) for i, a in panes]
 
 
-class _Edges:
-    """Edge overlap of the layers along the panes that the directions of polarization leave open."""
-
-    def __init__(self, overlap: VaryingOverlap, blocks: PolarizedBlocks) -> None:
-        self._overlap, self._blocks = overlap, blocks
-
-    def log_overlap(self, candidate: _Candidate) -> float:
-        """Of the layers that a pane leaves."""
-        return float(self._logs(candidate.fit.point).mean())
-
-    def completed(self, candidate: _Candidate) -> _Candidate:
-        """The pane with what the edges tell along directions in which it is known badly."""
-        for _ in range(_MOST_ASKED):
-            if math.sqrt(np.linalg.eigvalsh(candidate.fit.covariance)[-1]) <= _OPEN:
-                break
-            candidate = self.asked(candidate)
-        return candidate
-
-    def asked(self, candidate: _Candidate) -> _Candidate:
-        """The pane with what the edges tell along the direction in which it is known worst."""
-        direction = np.linalg.eigh(candidate.fit.covariance)[1][:, -1]
-        return candidate.told(direction, *self._told(candidate, direction))
-
-    def _told(self, candidate: _Candidate, direction: Values) -> tuple[float, float]:
-        """Where along a direction the edges overlap least, and its standard error."""
-
-        def logs(value: float) -> Values:
-            return self._logs(candidate.given(direction, value, self._blocks))
-
-        begin = float(direction @ candidate.fit.point)
-        bounds = (begin - _REACH, begin + _REACH)
-        found = local_minimum(lambda x: float(logs(x).mean()), begin, bounds, _STEP, _TOLERANCE)
-        step = _JACKKNIFE_STEP
-        curves = left_out(np.stack([logs(found + shift) for shift in (-step, 0.0, step)]))
-        away = [vertex(before, here, after, _FARTHEST) for before, here, after in curves.T]
-        return found, max(step * jackknife_error(np.array(away)), _LEAST_ERROR)
-
-    def _logs(self, point: Values) -> Values:
-        """Log overlap of each part of the frame."""
-        incidence_deg, azimuth_deg, focal, bend = named(point, self._blocks)
-        return self._overlap.log(Pane(plane_normal(incidence_deg, azimuth_deg), bend, 1 / focal))
+def _lens_shows(fit: PaneFit) -> bool:
+    """Whether the focal length is known to be shorter than one that sees all from far."""
+    return bool(fit.point[VIEW] - FROM_AFAR > _SHOWS * math.sqrt(fit.covariance[VIEW, VIEW]))
 
 
-def named(point: Values, blocks: PolarizedBlocks) -> tuple[float, float, float, tuple[float, ...]]:
-    """Incidence and azimuth in degrees, focal length in pixels (or infinite), bend in radians per pixel of a point."""
-    incidence_deg, azimuth_deg = np.degrees(point[[INCIDENCE, AZIMUTH]])
-    focal = blocks.half_px / float(point[VIEW]) if point[VIEW] else math.inf
-    bend = tuple(float(part) / blocks.half_px for part in point[list(BEND)])
-    return float(incidence_deg), float(azimuth_deg), focal, bend
+def _from_afar(point: Values) -> Values:
+    """The same for a lens that sees all from far."""
+    point = point.copy()
+    point[VIEW] = FROM_AFAR
+    return point
 
 
 def _result(blocks: PolarizedBlocks, fit: PaneFit) -> CurvedFit:
     incidence, azimuth, focal, bend = named(fit.point, blocks)
     errors = np.sqrt(np.diag(fit.covariance))
+    errors[[AZIMUTH, VIEW, *BEND]] *= _WIDER
     in_degrees = np.degrees(errors)
     b_xx, b_xy, b_yy = np.degrees(bend)
     e_xx, e_xy, e_yy = in_degrees[list(BEND)] / blocks.half_px

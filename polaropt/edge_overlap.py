@@ -11,11 +11,13 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from polaropt.block_images import BlockImages, Step
 from polaropt.fresnel import interface
+from polaropt.jackknife import grid_sums, left_out
 from polaropt.plate_frame import Images, Matrix, block_mean
 from polaropt.scene import SceneParameters
 
@@ -27,6 +29,7 @@ _PSEUDO = 0.01
 _NOISE_BEYOND = 0.0115
 """Mean square of what noise alone leaves of a gradient shrunk by two standard errors."""
 _SEEN = 1.4
+_PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class _Scale:
     gradients: Images
     noise: Matrix
     weight: Images | None
+    shape: tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -56,8 +60,7 @@ class Overlap:
     @property
     def value(self) -> float:
         """Normalized overlap, 0..1; 1 where nothing stands out of the noise."""
-        pseudo = _PSEUDO * self.n_blocks
-        return (self.both + pseudo) / (math.sqrt(self.reflection * self.transmission) + pseudo)
+        return float(_normalized(self.both, self.reflection, self.transmission, self.n_blocks))
 
 
 class EdgeOverlap:
@@ -95,6 +98,12 @@ class EdgeOverlap:
     def joint(self, incidence_deg: float) -> float:
         """Geometric mean of the overlap over the scales, 0..1."""
         return math.exp(sum(math.log(part.value) for part in self.at(incidence_deg)) / max(1, len(self._scales)))
+
+    def left_out(self, incidence_deg: float) -> Matrix:
+        """The joint overlap without each part of the frame, (part,)."""
+        factors = self._factors(incidence_deg)
+        logs = [np.log(_normalized(*left_out(_parts(scale, factors, self._covariance)))) for scale in self._scales]
+        return np.asarray(np.exp(np.mean(logs, axis=0)))
 
     def at_best_scales(self, incidence_deg: float, n_scales: int = 3) -> EdgeOverlap:
         """The same on the finest scale at which the reflection's edges stand out of the noise, and coarser ones."""
@@ -137,7 +146,7 @@ def _scale(copies: Images, share: Images | None, step: Step, size: int) -> _Scal
         good = share.min(axis=0) >= _MOSTLY
         weight = (good[:-1, :-1] & good[:-1, 1:] & good[1:, :-1]).astype(np.float32).ravel()
     flat = gradients.reshape(2, n_copies * n_entries, n_channels, -1)
-    return _Scale(flat, _noise_factors(n_copies, step, size), weight)
+    return _Scale(flat, _noise_factors(n_copies, step, size), weight, (height - 1, width - 1))
 
 
 def _noise_factors(n_copies: int, step: tuple[float, float], size: int) -> Matrix:
@@ -156,7 +165,34 @@ def _triangle(distance: Matrix) -> Matrix:
     return triangle
 
 
+def _normalized(both: Any, reflection: Any, transmission: Any, n_blocks: Any) -> Any:
+    pseudo = _PSEUDO * n_blocks
+    return (both + pseudo) / (np.sqrt(reflection * transmission) + pseudo)
+
+
 def _overlap(scale: _Scale, factors: Matrix, covariance: Matrix) -> Overlap:
+    """Sums over a scale."""
+    reflection, transmission = _energies(scale, factors, covariance)
+    n_channels, n_blocks = scale.gradients.shape[2:]
+    return Overlap(
+        float(np.sum(np.sqrt(reflection * transmission), dtype=np.float64)),
+        float(np.sum(reflection, dtype=np.float64)),
+        float(np.sum(transmission, dtype=np.float64)),
+        n_blocks if scale.weight is None else int(np.sum(scale.weight)),
+        2 * n_channels,
+    )
+
+
+def _parts(scale: _Scale, factors: Matrix, covariance: Matrix) -> Matrix:
+    """The same sums and the number of blocks over each part of the frame, (4, part)."""
+    reflection, transmission = _energies(scale, factors, covariance)
+    weight = np.ones_like(reflection) if scale.weight is None else scale.weight
+    maps = np.stack([np.sqrt(reflection * transmission), reflection, transmission, weight])
+    return grid_sums(maps.reshape(4, *scale.shape), _PARTS)
+
+
+def _energies(scale: _Scale, factors: Matrix, covariance: Matrix) -> tuple[Images, Images]:
+    """Squared gradients of reflection and transmission beyond the noise, in units of it, of each block."""
     _, n_sources, n_channels, n_blocks = scale.gradients.shape
     variance = np.einsum("lae,dab,lbf,ef->dl", factors, scale.noise, factors, covariance)
     error = np.sqrt(np.maximum(variance, 1e-30))
@@ -170,11 +206,4 @@ def _overlap(scale: _Scale, factors: Matrix, covariance: Matrix) -> Overlap:
     energy = np.einsum("dlcn,dlcn->ln", beyond, beyond)
     if scale.weight is not None:
         energy *= scale.weight
-    reflection, transmission = energy
-    return Overlap(
-        float(np.sum(np.sqrt(reflection * transmission), dtype=np.float64)),
-        float(np.sum(reflection, dtype=np.float64)),
-        float(np.sum(transmission, dtype=np.float64)),
-        n_blocks if scale.weight is None else int(np.sum(scale.weight)),
-        2 * n_channels,
-    )
+    return energy[0], energy[1]

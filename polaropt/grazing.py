@@ -13,18 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.fresnel import interface
+from polaropt.jackknife import grid_sums, left_out, minimum_error
 from polaropt.parabola import vertex
 from polaropt.plate_frame import Images, PlateFrame, block_mean
 from polaropt.scene import SceneParameters
 from polaropt.transfer import frequencies
 
 Spectrum = NDArray[np.complex64]
+Sums = NDArray[np.float64]
 
 STRONG_GHOSTS_DEG = 64.0
 _STEP_DEG = 0.7
 _FARTHEST = 1.5
 _SIDE = 512
 _HALF, _BLOCK = 2, 2
+_PARTS = 4
 _FADED, _LEFT_OUT = 8, 6
 """Samples at each border over which the pictures fade out, and that do not count."""
 _FIRST_LEVEL, _LEAST_LEVEL = 3e-3, 1e-9
@@ -32,7 +35,7 @@ _ROUNDS, _EVERY = 3, 2
 """Rounds in which the levels are fitted, to every so-many-th frequency."""
 
 
-def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> float:
+def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> tuple[float, float]:
     """Incidence in degrees near that of a complete scene at which the layers' coarse edges overlap least.
 
     Parameters
@@ -44,14 +47,17 @@ def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> float:
 
     Returns
     -------
-    float
+    incidence_deg, error_deg : float
+        With its standard error.
     """
     start, _, _ = scene.values()
     overlap = LayerOverlap(frame, scene, start)
     step = min(_STEP_DEG, (89.5 - start) / 2)
-    before, here, after = (overlap.at(start + shift) for shift in (-step, 0.0, step))
+    parts = [overlap.parts(start + shift) for shift in (-step, 0.0, step)]
+    before, here, after = (float(_normalized(part.sum(axis=-1))) for part in parts)
+    error = minimum_error([_normalized(left_out(part)) for part in parts], step)
     # One parabola: a search would need four times as many inversions.
-    return start + step * vertex(before, here, after, _FARTHEST)
+    return start + step * vertex(before, here, after, _FARTHEST), error
 
 
 class LayerOverlap:
@@ -72,15 +78,31 @@ class LayerOverlap:
 
     def at(self, incidence_deg: float) -> float:
         """The overlap, 0..1."""
-        return coarse_overlap(self._wiener.layers(incidence_deg))
+        return float(_normalized(self.parts(incidence_deg).sum(axis=-1)))
+
+    def parts(self, incidence_deg: float) -> Sums:
+        """Sums over each part of the frame, (3, part): of |grad t||grad r|, |grad t|^2 and |grad r|^2."""
+        t, r = _gradients(self._wiener.layers(incidence_deg))
+        return grid_sums(np.stack([np.sqrt(t * r), t, r]), _PARTS)
 
 
 def coarse_overlap(layers: Images) -> float:
     """Cosine between the gradient magnitudes of two layers (2, h, w), averaged over 2x2 samples first."""
+    t, r = _gradients(layers)
+    return float(_normalized(np.stack([np.sqrt(t * r), t, r]).sum(axis=(-2, -1), dtype=np.float64)))
+
+
+def _normalized(sums: Sums) -> Sums:
+    overlap: Sums = sums[0] / np.sqrt(sums[1] * sums[2] + 1e-30)
+    return overlap
+
+
+def _gradients(layers: Images) -> tuple[Images, Images]:
+    """Squared gradients of both layers averaged over 2x2 samples."""
     blocks = block_mean(layers, _BLOCK)
     across, down = np.diff(blocks, axis=-1)[:, :-1], np.diff(blocks, axis=-2)[..., :-1]
     t, r = across**2 + down**2
-    return float(np.sqrt(t * r).sum(dtype=np.float64) / np.sqrt(float(t.sum()) * float(r.sum()) + 1e-30))
+    return t, r
 
 
 class _Wiener:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.parabola import vertex
+
 Values = NDArray[np.float64]
+
+# Steps up to which a parabola is followed.
+_FARTHEST = 4.0
 
 
 def grid_sums(maps: NDArray[np.floating], groups: int) -> Values:
@@ -32,3 +38,16 @@ def jackknife_error(estimates: Values) -> float:
     """
     n = estimates.size
     return math.sqrt((n - 1) / n * float(np.square(estimates - estimates.mean()).sum())) if n > 1 else math.inf
+
+
+def minimum_error(values: Sequence[Values], step: float) -> float:
+    """Standard error of where a function is least.
+
+    Parameters
+    ----------
+    values : three arrays (part,)
+        The function without each part of a frame, at points `step` apart around the minimum.
+    step : float
+    """
+    minima = [vertex(before, here, after, _FARTHEST) for before, here, after in zip(*values, strict=True)]
+    return step * jackknife_error(np.array(minima))

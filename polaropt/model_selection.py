@@ -19,6 +19,7 @@ from polaropt.plate_frame import stokes_images
 from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.rungs import RUNGS, Attempt, Evidence, noise_misfit, with_ghosts
 from polaropt.scene import SceneParameters
+from polaropt.scene_errors import SceneErrors
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
 
 _LOWER = ("none", "pixelwise", "ghosts")
@@ -61,6 +62,11 @@ class FoundScene:
     scene: SceneParameters
     estimate: SceneEstimate | None
     tried: tuple[Tried, ...]
+
+    @property
+    def errors(self) -> SceneErrors:
+        """Standard errors of what was estimated."""
+        return SceneErrors() if self.estimate is None else self.estimate.errors
 
     @property
     def unexplained(self) -> float:
@@ -133,7 +139,8 @@ def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
     shift = estimate.scene.values()[2]
     if abs(shift) >= _LEAST_SHIFT_PX:
         return estimate
-    return dataclasses.replace(estimate, scene=estimate.scene.replace(ghost_shift=0.0))
+    errors = dataclasses.replace(estimate.errors, ghost_shift=None)
+    return dataclasses.replace(estimate, scene=estimate.scene.replace(ghost_shift=0.0), errors=errors)
 
 
 @dataclass(frozen=True)
@@ -155,7 +162,7 @@ class _Step:
 def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
     """Rung by rung up to the first that leaves nothing but noise, or the best of all."""
     wanted, plain = evidence.wanted, evidence.estimate.scene
-    steps = [_Step(plain.rung, Attempt(plain, evidence.misfit, 1, True), seconds)]
+    steps = [_Step(plain.rung, Attempt(plain, evidence.misfit, 1, True, errors=evidence.estimate.errors), seconds)]
     for rung in RUNGS:
         if wanted not in ("auto", rung.name) or not rung.may_help(evidence):
             continue
@@ -171,7 +178,7 @@ def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
     steps[steps.index(best)] = taken
     tried = tuple(step.tried(evidence, step is taken, _reason(evidence, steps, step, taken)) for step in steps)
     scene = taken.attempt.scene
-    return FoundScene(scene, dataclasses.replace(evidence.estimate, scene=scene), tried)
+    return FoundScene(scene, dataclasses.replace(evidence.estimate, scene=scene, errors=taken.attempt.errors), tried)
 
 
 def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:

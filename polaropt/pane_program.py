@@ -33,6 +33,7 @@ _LOW = np.array([np.radians(0.5), -2 * np.pi, 0.5 / LONGEST, *3 * [-_MOST_BENT]]
 # A bent pane's view may come out a little beyond that of parallel rays, so that its errors are those of an open end.
 _BEYOND = -0.3
 _HIGH = np.array([_STEEPEST, 4 * np.pi, 0.5 / SHORTEST, *3 * [_MOST_BENT]])
+_LEAST_CURVATURE = 1e-12
 _OPTIONS = {"print_level": 0, "sb": "yes", "tol": 1e-7, "mu_init": 1e-3, "max_iter": 100}
 
 
@@ -105,12 +106,26 @@ def with_errors(blocks: PolarizedBlocks, point: Values, free: Numbers, prior: Pr
     program, chosen = _program(blocks.places.shape[1], free), list(free)
     curvature, gradients = program.curvature(point[chosen], _told(blocks, point, prior))
     parts = blocks.grouped(np.asarray(gradients))
+    scatter = parts.T @ parts * len(parts) / max(1, len(parts) - 1)
+    told = _at_least_noise(np.asarray(curvature), scatter)
     known = prior.precision[np.ix_(chosen, chosen)]
-    scatter = parts.T @ parts * len(parts) / max(1, len(parts) - 1) + known
     inverse = np.linalg.pinv(np.asarray(curvature) + known, hermitian=True)
     covariance = np.zeros((N_NUMBERS, N_NUMBERS))
-    covariance[np.ix_(chosen, chosen)] = inverse @ scatter @ inverse
+    covariance[np.ix_(chosen, chosen)] = inverse @ (told + known) @ inverse
     return PaneFit(point, covariance)
+
+
+def _at_least_noise(curvature: Values, scatter: Values) -> Values:
+    """The gradient's scatter, in no direction below the curvature, which is what the noise alone makes it.
+
+    A few bright parts may hold most of what is told, and then scatter too little by chance.
+    """
+    sizes, directions = np.linalg.eigh(curvature)
+    root = directions * np.sqrt(np.maximum(sizes, _LEAST_CURVATURE * sizes.max()))
+    inverse = np.linalg.pinv(root)
+    ratios, axes = np.linalg.eigh(inverse @ scatter @ inverse.T)
+    whitened: Values = root @ (axes * np.maximum(ratios, 1)) @ axes.T @ root.T
+    return whitened
 
 
 def _told(blocks: PolarizedBlocks, point: Values, prior: Prior) -> Values:

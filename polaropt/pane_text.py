@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 _NUMBERS = (
@@ -25,7 +26,7 @@ def pane_sentence(report: dict[str, Any]) -> str:
         return "Not separated: the intensity is returned as transmission."
     varies = scene["focal_px"] is not None or any(scene["bend_deg_per_px"])
     parts = [
-        f"{word} {scene[name]:.2f} {unit} ({_source(name, estimated)})"
+        f"{word} {scene[name]:.2f} {error_of(report['errors'][name])}{unit} ({_source(name, estimated)})"
         for name, word, unit in _NUMBERS
         if scene[name] is not None
         and not (name == "ghost_shift" and (scene["single_surface"] or (varies and not scene[name])))
@@ -33,13 +34,22 @@ def pane_sentence(report: dict[str, Any]) -> str:
     if varies:
         parts.insert(2, "both changing over the picture")
     if scene["focal_px"] is not None:
-        parts.append(f"focal length {scene['focal_px']:.0f} px ({_source('focal_px', estimated)})")
+        error = error_of(report["errors"]["focal_px"])
+        parts.append(f"focal length {scene['focal_px']:.0f} {error}px ({_source('focal_px', estimated)})")
     if any(scene["bend_deg_per_px"]):
         from polaropt.perspective import largest_turn
 
         turn = 100 * largest_turn(scene["bend_deg_per_px"])
         parts.append(f"bent by {turn:.1f} deg in 100 px ({_source('bend_deg_per_px', estimated)})")
     return f"Pane: {', '.join(parts)}, refractive index {scene['refractive_index']:g}."
+
+
+def error_of(error: float | None) -> str:
+    """A standard error to be said after its value, two digits of it; nothing where there is none."""
+    if error is None or not math.isfinite(error):
+        return ""
+    digits = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 2
+    return f"+- {error:.{min(digits, 2)}f} "
 
 
 def _source(name: str, estimated: list[str]) -> str:

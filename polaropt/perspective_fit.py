@@ -1,7 +1,8 @@
 """How a pane stands before a pinhole camera, from the directions of polarization over the frame.
 
 Unpolarized layers leave no light polarized at 45 degrees to the plane of incidence, in any pixel. Where the azimuth
-turns over the frame, this alone tells the pane's normal, and the focal length as well.
+turns over the frame, this alone tells the pane's normal, and the focal length as well. The edges of the layers tell the
+incidence once more: together they are surer, and where they contradict each other the pane is not flat.
 """
 
 from __future__ import annotations
@@ -12,10 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.pane_program import AZIMUTH, INCIDENCE, VIEW, PaneFit, fitted, with_errors
+from polaropt.pane_edges import MIDDLE_BLOCKS, PaneEdges, candidate_near, named
+from polaropt.pane_program import AZIMUTH, INCIDENCE, N_NUMBERS, NOTHING, VIEW, PaneFit, fitted
 from polaropt.perspective import plane_normal, viewing_angles
 from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
+from polaropt.scene import SceneParameters
+from polaropt.varying_overlap import VaryingOverlap
 
 Values = NDArray[np.float64]
 
@@ -24,6 +28,11 @@ _FOCAL_RATIOS = (0.6, 1.0, 2.0, 5.0)
 _INCIDENCES_DEG = (10.0, 25.0, 40.0, 55.0, 68.0, 80.0)
 _AZIMUTHS_DEG = tuple(range(0, 360, 15))
 _N_STARTS = 4
+# Error of the incidence above which nothing is asked: directions that tell nothing leave no pane to look at.
+_WORST_ASKED = math.radians(10)
+# Standard errors, and at least an angle, by which the edges' incidence differs where the pane is not flat.
+_AWAY, _LEAST_AWAY = 4.0, math.radians(3)
+_ALONG = np.eye(N_NUMBERS)[INCIDENCE]
 
 
 @dataclass(frozen=True)
@@ -39,6 +48,8 @@ class PerspectiveFit:
         Mean square of the light that is polarized across, in units of its noise: 1 where the model holds.
     n : int
         Number of blocks times colours that it is the mean of.
+    edges_agree : bool
+        Whether the edges of the layers tell about the same incidence, as they do where the pane is flat.
     """
 
     incidence_deg: float
@@ -49,40 +60,55 @@ class PerspectiveFit:
     focal_error_px: float
     misfit: float
     n: int
+    edges_agree: bool
 
 
-def fit_perspective(stokes: StokesImages, focal_px: float | None = None) -> PerspectiveFit:
-    """Fit normal and focal length: from a grid on large blocks, then on small ones.
+def fit_perspective(
+    stokes: StokesImages,
+    focal_px: float | None = None,
+    plain: SceneParameters = SceneParameters(),  # noqa: B008 (frozen)
+) -> PerspectiveFit:
+    """Fit normal and focal length: from a grid on large blocks, then on small ones, then with the layers' edges.
 
     Parameters
     ----------
     stokes : StokesImages
     focal_px : float, optional
         Focal length, where it is known.
+    plain : SceneParameters
+        Index and surfaces of the pane; its geometry is not used.
     """
-    coarse, fine = PolarizedBlocks(stokes, _COARSE_BLOCKS), PolarizedBlocks(stokes)
-    free = (INCIDENCE, AZIMUTH) if focal_px is not None else (INCIDENCE, AZIMUTH, VIEW)
-    starts = _starts(coarse, focal_px)
-    rough = [fitted(coarse, start, free) for start in starts]
-    best = min(rough, key=lambda point: coarse.misfit(*named(point, coarse)))
-    fit = with_errors(fine, fitted(fine, best, free), free)
-    return _result(fine, fit)
+    blocks, overlap = PolarizedBlocks(stokes), VaryingOverlap(stokes, plain)
+    by_directions = candidate_near(blocks, NOTHING, _free(focal_px), flat_pane(stokes, focal_px))
+    errors = np.sqrt(np.diag(by_directions.fit.covariance))
+    if not overlap.usable or errors[INCIDENCE] > _WORST_ASKED:
+        return _result(blocks, by_directions.fit, True)
+    incidence, error = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS)).told(by_directions, _ALONG)
+    away = abs(incidence - by_directions.fit.point[INCIDENCE])
+    if away > max(_AWAY * math.hypot(error, errors[INCIDENCE]), _LEAST_AWAY):
+        return _result(blocks, by_directions.fit, False)
+    return _result(blocks, by_directions.told(_ALONG, incidence, error).fit, True)
 
 
-def named(point: Values, blocks: PolarizedBlocks) -> tuple[float, float, float]:
-    """Incidence and azimuth in degrees and focal length in pixels of a flat pane's point."""
-    incidence_deg, azimuth_deg = np.degrees(point[[INCIDENCE, AZIMUTH]])
-    return float(incidence_deg), float(azimuth_deg), blocks.half_px / float(point[VIEW])
+def flat_pane(stokes: StokesImages, focal_px: float | None) -> Values:
+    """The point of the flat pane that the directions of polarization on large blocks tell."""
+    coarse = PolarizedBlocks(stokes, _COARSE_BLOCKS)
+    rough = [fitted(coarse, start, _free(focal_px)) for start in _starts(coarse, focal_px)]
+    return min(rough, key=lambda point: coarse.misfit(*named(point, coarse)))
 
 
-def _result(blocks: PolarizedBlocks, fit: PaneFit) -> PerspectiveFit:
-    incidence, azimuth, focal = named(fit.point, blocks)
+def _free(focal_px: float | None) -> tuple[int, ...]:
+    return (INCIDENCE, AZIMUTH) if focal_px is not None else (INCIDENCE, AZIMUTH, VIEW)
+
+
+def _result(blocks: PolarizedBlocks, fit: PaneFit, edges_agree: bool) -> PerspectiveFit:
+    incidence, azimuth, focal, _ = named(fit.point, blocks)
     errors = np.sqrt(np.diag(fit.covariance))
-    in_degrees = np.degrees(errors[[INCIDENCE, AZIMUTH]])
+    incidence_error, azimuth_error = (float(np.degrees(errors[i])) for i in (INCIDENCE, AZIMUTH))
     focal_error = focal * float(errors[VIEW] / fit.point[VIEW])
     misfit = blocks.misfit(incidence, azimuth, focal)
     return PerspectiveFit(
-        incidence, azimuth % 360, focal, float(in_degrees[0]), float(in_degrees[1]), focal_error, misfit, blocks.n
+        incidence, azimuth % 360, focal, incidence_error, azimuth_error, focal_error, misfit, blocks.n, edges_agree
     )
 
 

@@ -43,6 +43,7 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
     return {
         "input": capture_report(capture),
         **scene_report(result.scene, given, focal_hint_px(capture)),
+        "errors": plain(result.errors),
         "rungs": plain(result.tried),
         "objective": {name: {"raw": plain(term.value), "weight": plain(term.weight)} for name, term in _terms(result)},
         "solver": solver_report(result.solver),

@@ -17,6 +17,7 @@ from polaropt.perspective_fit import PerspectiveFit, fit_perspective
 from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.scene import SceneParameters
+from polaropt.scene_errors import SceneErrors
 from polaropt.scene_estimation import SceneEstimate
 from polaropt.varying_shift import likeliest_shift
 
@@ -101,6 +102,8 @@ class Attempt:
         Whether the capture tells these numbers well enough to rely on them.
     remark : str
         A sentence for `Tried.reason`: why they are not known, or what else is to be said. May be empty.
+    errors : SceneErrors
+        Standard errors of those numbers.
     """
 
     scene: SceneParameters
@@ -108,6 +111,7 @@ class Attempt:
     n_parameters: int
     known: bool
     remark: str = ""
+    errors: SceneErrors = SceneErrors()  # noqa: RUF009 (frozen)
 
 
 @dataclass(frozen=True)
@@ -153,22 +157,26 @@ def _perspective(evidence: Evidence) -> Attempt:
     known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
     if evidence.wanted == "perspective" and not known:
         return _from_afar(evidence)
+    flat = fit.edges_agree or evidence.wanted == "perspective"
     focal = evidence.focal_px if told else fit.focal_px
     scene = _plain(evidence).replace(incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=focal)
     remark = "The polarized light does not tell how incidence and azimuth change over the picture."
-    if known:
+    if known and not flat:
+        remark = "The layers' edges tell another incidence: the pane is not flat."
+    elif known:
         refused = evidence.focal_px is not None and not told
         remark = "The focal length that the file tells does not fit." if refused else ""
-    return Attempt(scene, fit.misfit, 2 if told else 3, known, remark)
+    errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
+    return Attempt(scene, fit.misfit, 2 if told else 3, known and flat, remark, errors)
 
 
 def _best_fit(evidence: Evidence) -> tuple[PerspectiveFit, bool]:
     """Pane and camera, and whether the focal length is the one told: a file may have been cropped since."""
-    fit = fit_perspective(evidence.stokes, evidence.focal_px)
+    fit = fit_perspective(evidence.stokes, evidence.focal_px, evidence.estimate.scene)
     asked = evidence.asked.focal_px is not None
     if asked or evidence.focal_px is None or fit.misfit <= noise_misfit(evidence.blocks.n):
         return fit, evidence.focal_px is not None
-    free = fit_perspective(evidence.stokes)
+    free = fit_perspective(evidence.stokes, None, evidence.estimate.scene)
     clearly = fit.misfit - free.misfit > SCATTERS * evidence.scatter
     return (free, False) if clearly else (fit, True)
 
@@ -181,7 +189,8 @@ def _from_afar(evidence: Evidence) -> Attempt:
     leaning = min(ways, key=lambda way: evidence.blocks.misfit(incidence, way, focal))
     scene = _plain(evidence).replace(azimuth_deg=leaning, focal_px=focal)
     misfit = evidence.blocks.misfit(incidence, leaning, focal)
-    return Attempt(scene, misfit, 1, True, "Incidence and azimuth are those of the plain pane.")
+    remark = "Incidence and azimuth are those of the plain pane."
+    return Attempt(scene, misfit, 1, True, remark, evidence.estimate.errors)
 
 
 def _curved(evidence: Evidence) -> Attempt:
@@ -198,7 +207,14 @@ def _curved(evidence: Evidence) -> Attempt:
         bend_deg_per_px=fit.bend_deg_per_px,
     )
     remark = "" if known else "The polarized light does not tell how the pane is bent."
-    return Attempt(scene, fit.misfit, 5 + (evidence.focal_px is None and fit.focal_px is not None), known, remark)
+    lens_found = evidence.focal_px is None and fit.focal_px is not None
+    errors = SceneErrors(
+        fit.incidence_error_deg,
+        fit.azimuth_error_deg,
+        focal_px=fit.focal_error_px if lens_found else None,
+        bend_deg_per_px=fit.bend_error_deg_per_px,
+    )
+    return Attempt(scene, fit.misfit, 5 + lens_found, known, remark, errors)
 
 
 RUNGS = (Rung("perspective", _may_vary, _perspective), Rung("curved", _may_vary, _curved))

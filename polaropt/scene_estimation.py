@@ -8,7 +8,7 @@ both rest.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from polaropt.grazing import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.noise import noise_level
 from polaropt.plate_frame import PlateFrame, plate_frame, stokes_images
 from polaropt.scene import SceneParameters
+from polaropt.scene_errors import SceneErrors, widened_incidence
 from polaropt.scene_search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
 
 _POLARIZED_SNR = 10.0
@@ -38,8 +39,8 @@ class SceneEstimate:
         Complete: what was given stays, the rest is estimated.
     polarization_snr : float
         Polarized light found, in standard errors of what noise alone would leave.
-    azimuth_error_deg : float
-        Standard error of the azimuth.
+    errors : SceneErrors
+        Standard errors of what was estimated.
     polarized : bool
         Whether there is polarization at all; without, incidence, azimuth and shift mean nothing.
     axis_margin : float
@@ -55,7 +56,7 @@ class SceneEstimate:
 
     scene: SceneParameters
     polarization_snr: float
-    azimuth_error_deg: float
+    errors: SceneErrors
     polarized: bool
     axis_margin: float
     incidence_margin: float
@@ -98,15 +99,19 @@ def estimate_scene(
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
     frame, search, trial, margin = _choose_axis(frame, scene, thickness)
     found = _completed(scene, frame.azimuth_deg, trial)
+    errors = SceneErrors()
     if axis.snr > _POLARIZED_SNR:
         found = search.with_own_shifts(frame, found)
-        found = _refined(frame, scene, found, thickness)
+        found, error = _refined(frame, scene, found, thickness)
+        errors = _errors(search, (scene, found, trial), error, axis.error_deg)
+        if thickness is not None:
+            errors = _tied(errors, found, thickness)
     overlap = search.curve(trial)
     shift_grid, shift_misfit = search.shift_curve(trial)
     return SceneEstimate(
         scene=found,
         polarization_snr=axis.snr,
-        azimuth_error_deg=axis.error_deg,
+        errors=errors,
         polarized=axis.snr > _POLARIZED_SNR,
         axis_margin=margin,
         incidence_margin=float(1 - overlap.min() / max(float(np.median(overlap)), 1e-9)),
@@ -153,15 +158,45 @@ def _completed(scene: SceneParameters, azimuth_deg: float, trial: Trial) -> Scen
 
 def _refined(
     frame: PlateFrame, asked: SceneParameters, found: SceneParameters, thickness: Thickness | None
-) -> SceneParameters:
-    """The scene with its incidence looked at again, where one was asked for and ghosts are strong."""
+) -> tuple[SceneParameters, float | None]:
+    """The scene with its incidence looked at again, where one was asked for and ghosts are strong, and its error."""
     incidence, _, shift = found.values()
     ghosts = shift != 0 and not found.single_surface and found.n_bounces != 0
     if asked.incidence_deg is not None or incidence < STRONG_GHOSTS_DEG or not ghosts:
-        return found
-    incidence = refined_incidence(frame, found)
+        return found, None
+    incidence, error = refined_incidence(frame, found)
     found = found.replace(incidence_deg=incidence)
     if thickness is None or asked.ghost_shift is not None:
-        return found
+        return found, error
     step = thickness.step(incidence, found.refractive_index)
-    return found.replace(ghost_shift=math.copysign(step, shift))
+    return found.replace(ghost_shift=math.copysign(step, shift)), error
+
+
+def _errors(
+    search: SceneSearch,
+    scenes: tuple[SceneParameters, SceneParameters, Trial],
+    refined_error_deg: float | None,
+    azimuth_error_deg: float,
+) -> SceneErrors:
+    """Of what was asked for, from the search's own sums; the incidence's where it was looked at again is known."""
+    asked, found, trial = scenes
+    shift, of_transmission = search.shift_errors(found) if asked.ghost_shift is None else (None, None)
+    incidence = None
+    if asked.incidence_deg is None:
+        incidence = search.incidence_error(trial) if refined_error_deg is None else widened_incidence(refined_error_deg)
+    return SceneErrors(
+        incidence_deg=incidence,
+        azimuth_deg=azimuth_error_deg if asked.azimuth_deg is None else None,
+        ghost_shift=shift,
+        transmission_ghost_shift=of_transmission,
+    )
+
+
+def _tied(errors: SceneErrors, found: SceneParameters, thickness: Thickness) -> SceneErrors:
+    """With the error of a ghost shift that follows from the incidence."""
+    if errors.ghost_shift is None or errors.incidence_deg is None:
+        return errors
+    incidence = found.values()[0]
+    near = (max(0.0, incidence - errors.incidence_deg), min(89.0, incidence + errors.incidence_deg))
+    steps = [thickness.step(angle, found.refractive_index) for angle in near]
+    return replace(errors, ghost_shift=abs(steps[1] - steps[0]) / 2)

@@ -23,6 +23,7 @@ from polaropt.layer_shifts import own_shifts
 from polaropt.parabola import local_minimum, vertex
 from polaropt.plate_frame import PlateFrame
 from polaropt.scene import SceneParameters, ghost_step
+from polaropt.scene_errors import incidence_error, shift_errors
 
 Curve = NDArray[np.float64]
 
@@ -147,6 +148,19 @@ class SceneSearch:
         if not open_shifts or self._scene.incidence_deg is not None or found.n_bounces == 0:
             return found
         return own_shifts(frame, self._likelihood, found, self._most_shift)
+
+    def incidence_error(self, trial: Trial) -> float:
+        """Standard error in degrees of the incidence of least edge overlap."""
+        return incidence_error(self._best_scales(trial, self._seen.fine).left_out, trial.incidence_deg)
+
+    def shift_errors(self, found: SceneParameters) -> tuple[float | None, float | None]:
+        """Standard errors in pixels of the ghost shifts of both layers; None where there are none to see."""
+        if not found.has_ghosts:
+            return None, None
+        incidence, _, shift = found.values()
+        likely = [] if self._thickness else self._likely_shifts(incidence, 0.5, _N_CANDIDATES)
+        rivals = [rival for rival in likely if abs(rival - shift) > 1]
+        return shift_errors(self._seen.spectra, found, rivals)
 
     def _likeliest(self, incidence_deg: float) -> Trial:
         grid = self._shift_grid(incidence_deg, 1.0)

@@ -22,6 +22,7 @@ from polaropt.objective import Term, Weights
 from polaropt.problem import component_images
 from polaropt.safeguard import scene_source, with_incidence_checked
 from polaropt.scene import SceneParameters
+from polaropt.scene_errors import SceneErrors
 from polaropt.scene_estimation import SceneEstimate
 from polaropt.simulation import planes_last
 from polaropt.solving import How, Solution, solve
@@ -46,6 +47,8 @@ class Separation:
         [0] transmission, [1] reflection, linear.
     scene : SceneParameters
         Complete: given or estimated.
+    errors : SceneErrors
+        Standard errors of what was estimated.
     tried : tuple of Tried
         The rungs of the ladder that were looked at, with why they were taken or left; empty where the scene was given.
     terms : dict of str to Term
@@ -63,6 +66,7 @@ class Separation:
 
     layers: Images = field(repr=False)
     scene: SceneParameters
+    errors: SceneErrors
     tried: tuple[Tried, ...]
     terms: dict[str, Term]
     solver: SolverResult
@@ -225,6 +229,7 @@ def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) 
     return Separation(
         layers=solution.layers if capture.color else solution.layers[:, 0],
         scene=found.scene,
+        errors=found.errors,
         tried=found.tried,
         terms=solution.terms,
         solver=solution.solver,
@@ -244,6 +249,7 @@ def _unseparated(seen: _Seen, found: FoundScene, estimate: SceneEstimate, stages
     return Separation(
         layers=np.stack([intensity, np.zeros_like(intensity)]),
         scene=found.scene,
+        errors=found.errors,
         tried=found.tried,
         terms={},
         solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),

@@ -17,7 +17,7 @@ from tests.blends import blend
 def test_an_incidence_that_is_a_little_off_is_put_right(incidence_deg, off_deg):
     example = blend(incidence_deg, 160, ghost_shift=8.0)
     frame = plate_frame(stokes_images(example.capture, 0.005), example.scene.azimuth_deg)
-    found = refined_incidence(frame, example.scene.replace(incidence_deg=incidence_deg + off_deg))
+    found, _ = refined_incidence(frame, example.scene.replace(incidence_deg=incidence_deg + off_deg))
     assert abs(found - incidence_deg) < 0.6
 
 

@@ -52,7 +52,7 @@ def test_near_normal_incidence_still_tells_the_axis() -> None:
     true = blend(15, SIZE, ghost_shift=0.6)
     found = estimate_scene(true.capture)
     assert_same_scene(found, true.scene, incidence=5, azimuth=2, shift=1.0)
-    assert found.azimuth_error_deg < 2
+    assert found.errors.azimuth_deg < 2
 
 
 def test_monochrome_and_three_angles() -> None:

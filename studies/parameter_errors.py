@@ -1,0 +1,148 @@
+"""How often the true numbers of a scene lie within two of the standard errors that are stated with them.
+
+Run ``python -m studies.parameter_errors --photos DIR``; without ``--photos`` it uses photographs inside scikit-image.
+Scenes of four kinds: bounces in place, ghosts, a wide lens, a bent pane before it; incidence, azimuth, thickness, view
+and bend are random, seeded by pair and round.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from polaropt.capture import Capture
+from polaropt.model_selection import FoundScene, find_scene
+from polaropt.noise import noise_level
+from polaropt.scene import SceneParameters, ghost_step
+from polaropt.simulation import simulate
+from studies.protocol import BITS, NOISE, REFRACTIVE_INDEX, Pair, protocol_pairs, shipped_pairs
+from studies.record import write_study
+
+KINDS = ("pixelwise", "ghosts", "perspective", "curved")
+INCIDENCES_DEG = (20.0, 80.0)
+WIDE_INCIDENCES_DEG = (30.0, 70.0)
+"""A wide lens sees more than 15 degrees beside the middle."""
+THICKNESSES_PX = (6.0, 12.0)
+VIEWS_DEG = (30.0, 50.0)
+MOST_BENT_DEG = 8.0
+SURE = 2.0
+_SIZE = 192
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of one scene: its true value, what was found and the standard error stated with it."""
+
+    kind: str
+    pair: int
+    turn: int
+    incidence_deg: float
+    parameter: str
+    true: float
+    found: float
+    error: float
+
+    @property
+    def covered(self) -> bool:
+        """Whether the truth lies within two standard errors."""
+        return abs(self.found - self.true) <= SURE * self.error
+
+
+def random_scene(kind: str, size: int, random: np.random.Generator) -> SceneParameters:
+    """A scene of one kind for frames of a size."""
+    wide = kind in ("perspective", "curved")
+    incidence = float(random.uniform(*(WIDE_INCIDENCES_DEG if wide else INCIDENCES_DEG)))
+    scene = SceneParameters(incidence, float(random.uniform(0, 360)), 0.0, REFRACTIVE_INDEX)
+    if kind == "ghosts":
+        formula = "paper" if random.random() < 0.5 else "plate"
+        thickness = float(random.uniform(*THICKNESSES_PX))
+        return scene.replace(ghost_shift=ghost_step(incidence, REFRACTIVE_INDEX, thickness, formula))
+    if wide:
+        half_view = math.radians(random.uniform(*VIEWS_DEG)) / 2
+        scene = scene.replace(focal_px=size / 2 / math.tan(half_view))
+    if kind == "curved":
+        bend = random.uniform(-MOST_BENT_DEG, MOST_BENT_DEG, 3) / (size / 2)
+        scene = scene.replace(bend_deg_per_px=tuple(float(part) for part in bend))
+    return scene
+
+
+def scene_rows(kind: str, pair: Pair, turn: int) -> Iterator[Row]:
+    """Every number that was found with an error, of one scene on the rung of its kind."""
+    size = pair.cropped(pair.transmission).shape[0]
+    scene = random_scene(kind, size, np.random.default_rng([pair.number, turn, KINDS.index(kind)]))
+    larger = simulate(pair.transmission, pair.reflection, scene, noise=NOISE, bits=BITS, seed=pair.number)
+    capture = Capture(pair.cropped(larger.intensities), larger.angles_deg, pair.cropped(larger.valid))
+    found = find_scene(capture, SceneParameters(None, None, None), noise_level(capture), kind)
+    for parameter, true, value, error in compared(scene, found):
+        yield Row(kind, pair.number, turn, scene.values()[0], parameter, true, value, error)
+
+
+def compared(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, float, float, float]]:
+    """Name, truth, value found and its error of each number; both azimuths that name the same pane are right."""
+    errors, told = found.errors, found.scene
+    incidence, azimuth, shift = scene.values()
+    found_incidence, found_azimuth, found_shift = told.values()
+    period = 360.0 if scene.focal_px is not None else 180.0
+    turned = (found_azimuth - azimuth + period / 2) % period - period / 2
+    sense = 1 if abs((found_azimuth - azimuth + 180) % 360 - 180) < 90 else -1
+    numbers = [
+        ("incidence_deg", incidence, found_incidence, errors.incidence_deg),
+        ("azimuth_deg", azimuth, azimuth + turned, errors.azimuth_deg),
+        ("ghost_shift", sense * shift, found_shift, errors.ghost_shift),
+        ("focal_px", scene.focal_px or math.nan, told.focal_px or math.nan, errors.focal_px),
+    ]
+    if errors.bend_deg_per_px is not None:
+        bends = zip(scene.bend_deg_per_px, told.bend_deg_per_px, errors.bend_deg_per_px, strict=True)
+        numbers += [("bend_deg_per_px", true, value, error) for true, value, error in bends]
+    for name, true, value, error in numbers:
+        if error is not None:
+            yield name, true, value, error
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Shares covered and typical errors per kind and parameter, and over all kinds, as a Markdown table."""
+    lines = [
+        "| scenes | parameter | n | within two errors | stated error, median | true error, median |",
+        "|" + "---|" * 6,
+    ]
+    kinds = [*dict.fromkeys(row.kind for row in rows), "all"]
+    for kind in kinds:
+        part = [row for row in rows if kind in (row.kind, "all")]
+        for parameter in dict.fromkeys(row.parameter for row in part):
+            told = [row for row in part if row.parameter == parameter]
+            away = np.median([abs(row.found - row.true) for row in told])
+            lines.append(
+                f"| {kind} | {parameter} | {len(told)} | {100 * np.mean([row.covered for row in told]):.0f} % "
+                f"| {np.median([row.error for row in told]):.3g} | {away:.3g} |"
+            )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table and write it with all rows."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--photos", type=Path, help="folder of photographs (default: those inside scikit-image)")
+    parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
+    parser.add_argument("--turns", type=int, default=2, help="scenes of each kind for every pair")
+    parser.add_argument("--kinds", default=",".join(KINDS), help="names, comma separated")
+    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON, CSV)")
+    options = parser.parse_args()
+    photos, kinds = options.photos, options.kinds.split(",")
+    pairs = shipped_pairs(_SIZE) if photos is None else protocol_pairs(photos, _SIZE, n_pairs=options.pairs)
+    pairs = pairs[: options.pairs]
+    rows = [
+        row for kind in kinds for pair in pairs for turn in range(options.turns) for row in scene_rows(kind, pair, turn)
+    ]
+    print(table(rows))
+    if options.out:
+        told = {"photos": photos and str(photos), "pairs": len(pairs), "turns": options.turns, "kinds": kinds}
+        write_study(options.out, "parameter_errors", told, rows, table(rows))
+
+
+if __name__ == "__main__":
+    main()
