@@ -86,7 +86,7 @@ def _features(network: NetworkOptions, run: RunOptions, wanted: bool) -> tuple[A
     if run.features == "pixels":
         return None, "pixels"
     from priors.encoder import Vgg19Encoder, WrongWeights, vgg19_weights
-    from priors.learned import shipped_initializer
+    from priors.learned import WEIGHTS, shipped_initializer
 
     try:
         if network.vgg19 is not None:
@@ -94,4 +94,5 @@ def _features(network: NetworkOptions, run: RunOptions, wanted: bool) -> tuple[A
         encoder: Any = shipped_initializer().network.polarnet.encoder
     except WrongWeights as error:
         raise InputError(str(error)) from None
-    return encoder.to(run.device), "compact encoder of the shipped conditioned form"
+    digest = json.loads((WEIGHTS / "conditioned.json").read_text(encoding="utf-8"))["sha256"]
+    return encoder.to(run.device), f"compact encoder of the shipped conditioned form {digest[:8]}"
