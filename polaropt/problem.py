@@ -178,12 +178,21 @@ def engine_for(
     center: tuple[float, float] | None = None,
 ) -> PSE | VaryingPSE:
     """The engine that a scene needs, for images of the frame's size (h, w)."""
-    # Ghosts that drown in the noise cost as much as the others; their light is added to the last one kept.
+    kept = bounces_that_show(scene, noise, shape, center)
+    return VaryingPSE(scene, angles_deg, center, kept) if scene.varies else PSE(scene, angles_deg, n_ghosts=kept)
+
+
+def bounces_that_show(
+    scene: SceneParameters, noise: float, shape: tuple[int, ...], center: tuple[float, float] | None = None
+) -> int:
+    """Bounces that stand out of the noise somewhere in a frame (h, w); parameters as for `engine_for`.
+
+    Those that drown cost as much as the others; their light is added to the last one kept.
+    """
     share = _GHOST_SHARE * noise
     if not scene.varies:
-        return PSE(scene, angles_deg, n_ghosts=ghosts_that_matter(scene, share))
-    n_ghosts = ghosts_seen(scene, (shape[0], shape[1]), center, share) if scene.has_ghosts else None
-    return VaryingPSE(scene, angles_deg, center, n_ghosts)
+        return ghosts_that_matter(scene, share)
+    return ghosts_seen(scene, (shape[0], shape[1]), center, share) if scene.has_ghosts else 1
 
 
 def component_images(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images) -> Images:

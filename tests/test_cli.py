@@ -113,6 +113,7 @@ def test_what_is_given_is_not_estimated(
     scene = report["scene"]
     assert (scene["incidence_deg"], scene["azimuth_deg"], scene["ghost_shift"]) == (64, 31, -3.5)
     assert scene["transmission_ghost_shift"] == -1.5
+    assert 1 <= report["n_bounces_kept"] <= 10
     assert scene["refractive_index"] == 1.52
     assert report["estimated"] == []
 

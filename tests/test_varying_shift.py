@@ -10,6 +10,7 @@ from polaropt import SceneParameters, separate
 from polaropt.metrics import psnr_db
 from polaropt.model_selection import find_scene
 from polaropt.plate_frame import stokes_images
+from polaropt.problem import bounces_that_show
 from polaropt.varying_shift import likeliest_shift
 from tests.test_varying import seen_wide
 
@@ -46,3 +47,12 @@ def test_a_shift_that_is_given_stays() -> None:
     capture, _, _ = seen_wide(128, 150.0, ghost_shift=6.0)
     found = find_scene(capture, BLIND.replace(ghost_shift=5.5), 0.005, "perspective")
     assert (found.scene.rung, found.scene.ghost_shift) == ("perspective", 5.5)
+
+
+def test_more_bounces_show_in_less_noise_and_where_the_pane_is_seen_more_steeply() -> None:
+    near, far = (SceneParameters(55.0, 30.0, 4.0, focal_px=focal) for focal in (100.0, 1e6))
+    kept = [bounces_that_show(scene, noise, (80, 80)) for scene, noise in ((near, 0.005), (far, 0.005), (far, 0.0005))]
+    assert kept[0] > kept[1]
+    assert kept[2] > kept[1]
+    assert bounces_that_show(far, 0.005, (80, 80)) == bounces_that_show(far.replace(focal_px=None), 0.005, (80, 80))
+    assert bounces_that_show(near.replace(ghost_shift=0.0), 0.005, (80, 80)) == 1
