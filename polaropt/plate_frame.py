@@ -56,6 +56,9 @@ def stokes_images(capture: Capture, noise: float) -> StokesImages:
     images = least_squares_entries(capture, analyzer)
     # Three photographs tell a pixel, if less exactly: gaps would cost more.
     valid = (capture.valid.sum(axis=0) >= analyzer.shape[1]).reshape(images.shape[1:])
+    if not valid.all():
+        # Where fewer do, what one of them tells beside what is filled in looks like polarized light.
+        images = fill_gaps(images, valid)
     return StokesImages(images, noise**2 * inverse @ inverse.T, valid)
 
 

@@ -12,6 +12,7 @@ from polaropt.closed_form import plate_entries
 from polaropt.forward import PSE
 from polaropt.plate_frame import stokes_images
 from polaropt.scene import SceneParameters
+from polaropt.scene_estimation import estimate_scene
 from studies.model_ladder import Family, family_capture, quality
 from studies.protocol import shipped_pairs
 from tests.blends import blend
@@ -64,6 +65,15 @@ def test_three_photographs_tell_a_pixel_its_stokes_vector():
     part = stokes_images(Capture(wrong, valid=valid), 0.005)
     assert part.valid.all()
     np.testing.assert_allclose(part.images, whole, atol=2e-5)
+
+
+@pytest.mark.parametrize("incidence_deg", [40.0, 60.0])
+def test_the_scene_is_found_beside_clipped_pixels(incidence_deg):
+    pair = shipped_pairs(160, 96)[0]
+    family = Family("", "", lambda size, random: SceneParameters(incidence_deg, 25.0, 5.0), clipped=_CLIPPED)
+    found = estimate_scene(family_capture(family, pair)[0]).scene
+    assert found.incidence_deg == pytest.approx(incidence_deg, abs=1.5)
+    assert found.ghost_shift == pytest.approx(5.0, abs=0.3)
 
 
 def test_photographs_that_hardly_tell_a_pixel_do_not_amplify_its_noise():
