@@ -113,7 +113,8 @@ def ghosts_at(displacements: Displacements, taps: NDArray[np.float64]) -> Ghosts
     distance = np.array(displacements)
     whole = np.floor(distance + _SNAP)
     fraction = np.where(np.abs(distance - whole) < _SNAP, 0, distance - whole)
-    return Ghosts(taps.astype(np.float32), whole.astype(np.int64), fraction.astype(np.float32))
+    shown = np.any(taps != 0, axis=2)
+    return Ghosts(taps.astype(np.float32), whole.astype(np.int64), fraction.astype(np.float32), shown)
 
 
 def kinds_of_pixels(valid: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.uint16]]:

@@ -14,11 +14,15 @@ Array = NDArray[Any]
 
 
 class Ghosts(NamedTuple):
-    """What the pane does to the layers: weights (2, ghost, entry), whole and fractional shifts (ghost, 2) in pixels."""
+    """What the pane does to the layers: weights (2, ghost, entry), whole and fractional shifts (ghost, 2) in pixels.
+
+    `shown` (2, ghost) says whether a layer has a part in a ghost at all.
+    """
 
     taps: Array
     whole: Array
     fraction: Array
+    shown: Array
 
 
 @compiled
@@ -40,15 +44,6 @@ def _continued_row(plane: Array, y: int, first: int, out: Array) -> None:
 @compiled
 def _moves(whole: Array, fraction: Array) -> bool:
     return bool(whole[0] != 0 or whole[1] != 0 or fraction[0] != 0 or fraction[1] != 0)
-
-
-@compiled
-def has_part(taps: Array) -> bool:
-    """Whether a layer has a part in a ghost."""
-    found = False
-    for e in range(taps.size):
-        found = found or taps[e] != 0
-    return found
 
 
 @compiled
@@ -117,20 +112,28 @@ def read_shifted(plane: Array, y: int, left: int, whole: Array, fraction: Array,
 
 @compiled
 def _entries_row(layers: Array, c: int, y: int, left: int, ghosts: Ghosts, entries: Array, scratch: Array) -> None:
-    """One row of the plate's entries (entry, w), all ghosts of both layers."""
+    """One row of the plate's entries (entry, w), all ghosts of both layers; `read_shifted` written out for speed."""
     width = entries.shape[1]
-    shifted = scratch[2, :width]
+    padded, other, shifted = scratch[0, : width + 1], scratch[1, : width + 1], scratch[2, :width]
     entries[:] = 0
     for k in range(ghosts.taps.shape[1]):
         whole, fraction = ghosts.whole[k], ghosts.fraction[k]
+        first, row = left - whole[0] - 1, y - whole[1]
+        inside = _within(first, width + 1, row, layers.shape[2], layers.shape[3])
         for i in range(2):
-            if not has_part(ghosts.taps[i, k]):
+            if not ghosts.shown[i, k]:
                 continue
             source = shifted
-            if _moves(whole, fraction):
-                read_shifted(layers[i, c], y, left, whole, fraction, scratch, shifted)
-            else:
+            if not _moves(whole, fraction):
                 source = layers[i, c, y, left : left + width]
+            elif inside:
+                above, at = (
+                    layers[i, c, row - 1, first : first + width + 1],
+                    layers[i, c, row, first : first + width + 1],
+                )
+                _interpolate(above, at, fraction, shifted)
+            else:
+                _shifted_row(layers[i, c], y, left, whole, fraction, padded, other, shifted)
             _add_to_entries(source, ghosts.taps[i, k], entries)
 
 
@@ -238,7 +241,7 @@ def spread_row(row: Array, y: int, left: int, whole: Array, fraction: Array, sam
 
 @compiled
 def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, start: int, stop: int) -> None:
-    """Bring slopes by the entries (entry, channel, h, w) back to the layers.
+    """Bring slopes by the entries (entry, channel, h, w) back to the layers; `spread_row` written out for speed.
 
     Planes start..stop of gradient (2, channel, H, W), counted through both layers, are overwritten.
     """
@@ -250,7 +253,15 @@ def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, 
         plane[:] = 0
         for y in range(top, top + height):
             for k in range(ghosts.taps.shape[1]):
-                if not has_part(ghosts.taps[i, k]):
+                if not ghosts.shown[i, k]:
                     continue
+                whole, fraction = ghosts.whole[k], ghosts.fraction[k]
                 _mix(slopes, c, y - top, ghosts.taps[i, k], mixed)
-                spread_row(mixed, y, left, ghosts.whole[k], ghosts.fraction[k], samples, plane)
+                first, row = left - whole[0] - 1, y - whole[1]
+                if not _moves(whole, fraction):
+                    add_scaled(mixed, np.float32(1), plane[y, left : left + width])
+                elif _within(first, width + 1, row, plane.shape[0], plane.shape[1]):
+                    above, at = plane[row - 1, first : first + width + 1], plane[row, first : first + width + 1]
+                    _interpolate_transposed(mixed, fraction, above, at)
+                else:
+                    _add_shifted_row(mixed, y, left, whole, fraction, samples, plane)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.misfit_kernels import Ghosts, has_part, read_shifted, spread_row
+from polaropt.misfit_kernels import Ghosts, read_shifted, spread_row
 from polaropt.whitening_kernels import residual_row
 from solvers.compiled import compiled
 
@@ -99,7 +99,7 @@ def varying_ghost_residuals(
             entries[:] = 0
             for k in range(ghosts.taps.shape[1]):
                 for i in range(2):
-                    if not has_part(ghosts.taps[i, k]):
+                    if not ghosts.shown[i, k]:
                         continue
                     read_shifted(layers[i, c], top + y, left, ghosts.whole[k], ghosts.fraction[k], scratch, shifted)
                     for e in range(n):
@@ -124,7 +124,7 @@ def varying_ghost_spread(
         plane[:] = 0
         for y in range(height):
             for k in range(ghosts.taps.shape[1]):
-                if not has_part(ghosts.taps[i, k]):
+                if not ghosts.shown[i, k]:
                     continue
                 mixed[:] = 0
                 for e in range(n):
