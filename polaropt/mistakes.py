@@ -16,7 +16,7 @@ from polaropt.pair_gain import Floats
 from polaropt.registration import measure_shifts
 from polaropt.shift_check import visible_shift
 
-_LEAST_SHIFT_PX = 0.5
+_LEAST_SHIFT_PX, _MOVED_PX = 0.3, 0.5
 _MAD_TO_SIGMA = 1.4826
 _SAMPLE = 2**15
 # Spread of the residual over its robust spread: 1 for noise, more where edges or bright places break the identity.
@@ -31,15 +31,20 @@ class Mistakes:
     ----------
     swapped : bool
         Whether they look as if they were given in a wrong order.
-    moved : bool
-        Whether they are shifted against each other by more than half a pixel.
+    shift_px : float
+        How far they are shifted against each other, about; 0 where that is not surely more than 0.3 px.
     gamma : float
         Exponent that makes them linear; 1 where they do not look encoded beyond doubt.
     """
 
     swapped: bool = False
-    moved: bool = False
+    shift_px: float = 0.0
     gamma: float = 1.0
+
+    @property
+    def moved(self) -> bool:
+        """Whether they are shifted by more than half a pixel."""
+        return self.shift_px > _MOVED_PX
 
     @property
     def encoded(self) -> bool:
@@ -53,9 +58,11 @@ def find_mistakes(capture: Capture) -> Mistakes:
     swapped = bool(swapped_photographs(capture, blocks))
     ratio = identity_ratio(capture)
     # Unlike the order, movement can be seen beside a wrong order.
-    moved = visible_shift(capture) > 0 or (ratio > _BROKEN and not swapped and _moved(capture))
-    if swapped or moved:
-        return Mistakes(swapped, moved)
+    shift = visible_shift(capture, _LEAST_SHIFT_PX)
+    if not shift and ratio > _BROKEN and not swapped:
+        shift = _measured_shift(capture)
+    if swapped or shift:
+        return Mistakes(swapped, shift)
     return Mistakes(gamma=_gamma(capture, blocks, ratio))
 
 
@@ -74,12 +81,12 @@ def identity_ratio(capture: Capture) -> float:
     return float(np.sqrt(np.mean(np.square(residual, dtype=np.float64)))) / robust if robust > 0 else 1.0
 
 
-def _moved(capture: Capture) -> bool:
-    """Whether they are, by the slower but sharper look."""
+def _measured_shift(capture: Capture) -> float:
+    """The same by the slower but sharper look."""
     if capture.origin is not None and "mosaic" in capture.origin.layout:
-        return False
+        return 0.0
     shifts = measure_shifts(capture)
-    return shifts.certain and shifts.largest > _LEAST_SHIFT_PX
+    return shifts.largest if shifts.certain and shifts.largest > _LEAST_SHIFT_PX else 0.0
 
 
 def _gamma(capture: Capture, blocks: Floats, ratio: float) -> float:

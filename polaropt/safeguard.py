@@ -26,7 +26,7 @@ def mended(capture: Capture, mistakes: Mistakes) -> Capture:
     layers suffer little from half a pixel; but the estimate may then find another pane, one across with its layers
     exchanged, and everything is lost. The layers themselves are those of the photographs as they were given.
     """
-    if mistakes.moved:
+    if mistakes.shift_px:
         try:
             return align(capture)
         except InputError:

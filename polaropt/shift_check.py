@@ -18,8 +18,8 @@ _CLEARLY_HIGHER = 1.3
 _ABOVE_CHANCE = 7.0
 
 
-def visible_shift(capture: Capture) -> float:
-    """Largest distance between two photographs in pixels, 0 where it is surely not more than half a pixel.
+def visible_shift(capture: Capture, least_px: float = _LEAST) -> float:
+    """Largest distance between two photographs in pixels, 0 where it is not surely more than `least_px`.
 
     A look at one colour in the middle of the frame: good to a tenth of a pixel up to about one pixel, beyond that only
     a hint of the size. `polaropt.registration.measure_shifts` measures. The cells of a mosaic do not move against each
@@ -37,10 +37,10 @@ def visible_shift(capture: Capture) -> float:
     if block > 1:
         trusted = _halved(trusted.astype(np.float32)) == 1
         images = _halved(images)
-    return max(_far(images), block * _near(images, trusted)) if min(images.shape[-2:]) >= 16 else 0.0
+    return max(_far(images), block * _near(images, trusted, least_px / block)) if min(images.shape[-2:]) >= 16 else 0.0
 
 
-def _near(images: Images, trusted: Mask) -> float:
+def _near(images: Images, trusted: Mask, least_px: float) -> float:
     """Distances of about a pixel, from the gradients."""
     bands = _band(images)
     inside = None
@@ -51,7 +51,7 @@ def _near(images: Images, trusted: Mask) -> float:
             return 0.0
     found = fit_small_shifts(products(bands, inside, turning=True), at_rest=_ABOUT, n_motions=4)
     largest = max(largest_distance(found.pixels[:, :2]), largest_distance(found.pixels[:, 2:]))
-    return largest if largest > _LEAST + _SURE * found.error else 0.0
+    return largest if largest > least_px + _SURE * found.error else 0.0
 
 
 def _far(images: Images) -> float:

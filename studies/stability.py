@@ -13,7 +13,7 @@ from functools import lru_cache
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.record import write_tables
 from studies.stability_figures import draw
-from studies.stability_methods import MINIMUM, NOTHING, Row, methods, rows_of
+from studies.stability_methods import COMPONENTS, MINIMUM, NOTHING, Row, methods, rows_of
 from studies.stability_scenes import Case, cases
 from studies.stability_scores import AUTO, judge, tables
 from studies.work import row_of, run_jobs
@@ -49,8 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--methods", help="names by commas; those that all are measured against come by themselves")
     options = parser.parse_args(arguments)
     effort = effort_of(options)
-    named = methods() if options.methods is None else (AUTO, *options.methods.split(","), NOTHING, MINIMUM)
-    wanted = tuple(dict.fromkeys(named))
+    named = options.methods.split(",") if options.methods else (COMPONENTS,) if effort == "quick" else methods()
+    wanted = tuple(dict.fromkeys((AUTO, *named, NOTHING, MINIMUM)))
     words = options.families.split(",")
     scenes = [case for case in cases(effort == "quick") if any(word in case.family for word in words)]
     n_pairs = n_pairs_of(options, N_PAIRS[effort], SIZE, MARGIN)
