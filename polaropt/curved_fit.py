@@ -21,7 +21,9 @@ from polaropt.pane_program import (
     FROM_AFAR,
     INCIDENCE,
     N_NUMBERS,
+    USUAL_VIEW,
     VIEW,
+    VIEW_SPREAD,
     PaneFit,
     Prior,
     fitted,
@@ -35,8 +37,6 @@ from polaropt.varying_overlap import VaryingOverlap
 Values = NDArray[np.float64]
 
 _COARSE_BLOCKS = 12
-# Half the longer side over the focal length: a usual lens and its spread.
-_VIEW, _VIEW_SPREAD = 0.4, 0.25
 # Standard errors by which a lens must be told from one that sees all from far.
 _SHOWS = 3.0
 # Six numbers' directions scatter a little more than their noise: 83 % of bends lie within two errors without.
@@ -80,7 +80,7 @@ class CurvedFit:
 
 
 def fit_curved(
-    stokes: StokesImages, plain: SceneParameters, focal_px: float | None = None, enough: float = math.inf
+    stokes: StokesImages, plain: SceneParameters, focal_px: float | None = None, enough: float = 0.0
 ) -> CurvedFit:
     """Fit normal, bend and, unless it is given, focal length.
 
@@ -92,12 +92,17 @@ def fit_curved(
     focal_px : float, optional
         Focal length, where it is known.
     enough : float
-        Misfit above which the edges are not looked at, as the pane is not bent so; its errors are then infinite.
+        Share of what the plain pane leaves on large blocks below which no more is looked at: the pane is not bent so,
+        and its errors are infinite.
     """
     blocks, overlap = PolarizedBlocks(stokes), VaryingOverlap(stokes, plain)
-    found = _likeliest(blocks, stokes, plain, focal_px)
-    if blocks.misfit(*named(found[0].fit.point, blocks)) > enough or not overlap.usable:
-        return _result(blocks, PaneFit(found[0].fit.point, np.full((N_NUMBERS, N_NUMBERS), math.inf)))
+    prior, free = _beforehand(blocks, plain, focal_px)
+    coarse = PolarizedBlocks(stokes, _COARSE_BLOCKS)
+    rough = _rough(coarse, _starts(stokes, plain, blocks.half_px, prior.mean[VIEW]), free, prior)
+    left, plain_left = coarse.misfit(*named(rough[0], coarse)), coarse.least_constant_misfit()
+    if plain_left - left < enough * (plain_left - 1) or not overlap.usable:
+        return _result(blocks, PaneFit(rough[0], np.full((N_NUMBERS, N_NUMBERS), math.inf)))
+    found = _likeliest(blocks, rough, free, prior)
     edges = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS))
     if len(found) > 1:
         found = sorted((edges.asked(candidate) for candidate in found), key=edges.log_overlap)
@@ -112,36 +117,40 @@ _OTHERS = (INCIDENCE, AZIMUTH, *BEND)
 _ALL = (INCIDENCE, AZIMUTH, VIEW, *BEND)
 
 
-def _likeliest(
-    blocks: PolarizedBlocks, stokes: StokesImages, plain: SceneParameters, focal_px: float | None
-) -> list[Candidate]:
-    """The likeliest pane by directions, and one whose plane of incidence lies across if it is about as likely."""
-    view = _VIEW if focal_px is None else blocks.half_px / focal_px
-    spread = np.array([_INCIDENCE_SPREAD, math.inf, _VIEW_SPREAD, *3 * [_BEND_SPREAD]])
+def _beforehand(
+    blocks: PolarizedBlocks, plain: SceneParameters, focal_px: float | None
+) -> tuple[Prior, tuple[int, ...]]:
+    """What is known of a pane before it is looked at, and which numbers are to be found."""
+    view = USUAL_VIEW if focal_px is None else blocks.half_px / focal_px
+    spread = np.array([_INCIDENCE_SPREAD, math.inf, VIEW_SPREAD, *3 * [_BEND_SPREAD]])
     mean = np.array([math.radians(plain.values()[0]), 0.0, view, 0.0, 0.0, 0.0])
-    prior, free = Prior(mean, np.diag(1 / spread**2)), _ALL if focal_px is None else _OTHERS
+    return Prior(mean, np.diag(1 / spread**2)), _ALL if focal_px is None else _OTHERS
 
-    def chi_squared(part: PolarizedBlocks, point: Values) -> float:
-        return float(part.n * part.misfit(*named(point, part)) + prior.distance(point))
 
-    coarse = PolarizedBlocks(stokes, _COARSE_BLOCKS)
-    rough = [fitted(coarse, start, free, prior) for start in _starts(stokes, blocks, plain, view)]
-    rough.sort(key=lambda point: chi_squared(coarse, point))
+def _chi_squared(blocks: PolarizedBlocks, point: Values, prior: Prior) -> float:
+    return float(blocks.n * blocks.misfit(*named(point, blocks)) + prior.distance(point))
+
+
+def _rough(coarse: PolarizedBlocks, starts: list[Values], free: tuple[int, ...], prior: Prior) -> list[Values]:
+    """Panes on large blocks, likeliest first."""
+    points = [fitted(coarse, start, free, prior) for start in starts]
+    return sorted(points, key=lambda point: _chi_squared(coarse, point, prior))
+
+
+def _likeliest(blocks: PolarizedBlocks, rough: list[Values], free: tuple[int, ...], prior: Prior) -> list[Candidate]:
+    """The likeliest pane by directions, and one whose plane of incidence lies across if it is about as likely."""
     across = [point for point in rough if math.cos(2 * (point[AZIMUTH] - rough[0][AZIMUTH])) < 0]
     found = [candidate_near(blocks, prior, free, point) for point in (rough[0], *across[:1])]
-    values = [chi_squared(blocks, candidate.fit.point) for candidate in found]
+    values = [_chi_squared(blocks, candidate.fit.point, prior) for candidate in found]
     enough = min(values) + _AS_LIKELY * max(1.0, min(values) / blocks.n)
     return [candidate for candidate, value in zip(found, values, strict=True) if value <= enough]
 
 
-def _starts(stokes: StokesImages, blocks: PolarizedBlocks, plain: SceneParameters, view: float) -> list[Values]:
+def _starts(stokes: StokesImages, plain: SceneParameters, half_px: float, view: float) -> list[Values]:
     """The best flat pane before the lens, and the plain one leaning any way: bent enough, all may fit."""
     incidence, azimuth, _ = plain.values()
-    flat = flat_pane(stokes, blocks.half_px / view)
-    panes = [tuple(np.degrees(flat[[INCIDENCE, AZIMUTH]]))] + [
-        (incidence, azimuth + turn) for turn in (0, 90, 180, 270)
-    ]
-    return [np.array([math.radians(i), math.radians(a % 360), view, 0.0, 0.0, 0.0]) for i, a in panes]
+    plains = [(math.radians(incidence), math.radians((azimuth + turn) % 360)) for turn in (0, 90, 180, 270)]
+    return [flat_pane(stokes, half_px / view), *(np.array([*angles, view, 0.0, 0.0, 0.0]) for angles in plains)]
 
 
 def _lens_shows(fit: PaneFit) -> bool:

@@ -152,7 +152,7 @@ class _Step:
     seconds: float
 
     def score(self, n: int) -> float:
-        return n * math.log(max(self.attempt.misfit, 1e-9)) + self.attempt.n_parameters * math.log(n)
+        return n * math.log(max(self.attempt.compared, 1e-9)) + self.attempt.n_parameters * math.log(n)
 
     def tried(self, evidence: Evidence, taken: bool, reason: str) -> Tried:
         parts = (self.attempt.misfit, self.score(evidence.blocks.n), self.seconds)
@@ -192,7 +192,7 @@ def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:
 
 def _share(evidence: Evidence, step: _Step) -> float:
     """Part of what the plain pane leaves that a rung explains."""
-    return (evidence.misfit - step.attempt.misfit) / max(evidence.misfit - 1, 1e-9)
+    return (evidence.misfit - step.attempt.compared) / max(evidence.misfit - 1, 1e-9)
 
 
 def _reason(evidence: Evidence, steps: list[_Step], step: _Step, taken: _Step) -> str:

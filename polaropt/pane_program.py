@@ -23,6 +23,10 @@ Numbers = tuple[int, ...]
 
 INCIDENCE, AZIMUTH, VIEW, BEND = 0, 1, 2, (3, 4, 5)
 N_NUMBERS = 6
+ALONG_INCIDENCE = np.eye(N_NUMBERS)[INCIDENCE]
+
+# Half the longer side over the focal length of a usual lens, and its spread.
+USUAL_VIEW, VIEW_SPREAD = 0.4, 0.25
 
 # Focal length over the longer side: from a fisheye's middle to a telephoto lens that sees everything in parallel.
 SHORTEST, LONGEST = 0.4, 30.0

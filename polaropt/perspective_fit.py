@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.pane_edges import MIDDLE_BLOCKS, PaneEdges, candidate_near, named
-from polaropt.pane_program import AZIMUTH, INCIDENCE, N_NUMBERS, NOTHING, VIEW, PaneFit, fitted
+from polaropt.pane_program import ALONG_INCIDENCE, AZIMUTH, INCIDENCE, NOTHING, VIEW, PaneFit, fitted
 from polaropt.perspective import plane_normal, viewing_angles
 from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
@@ -32,7 +32,6 @@ _N_STARTS = 4
 _WORST_ASKED = math.radians(10)
 # Standard errors, and at least an angle, by which the edges' incidence differs where the pane is not flat.
 _AWAY, _LEAST_AWAY = 4.0, math.radians(3)
-_ALONG = np.eye(N_NUMBERS)[INCIDENCE]
 
 
 @dataclass(frozen=True)
@@ -82,12 +81,18 @@ def fit_perspective(
     by_directions = candidate_near(blocks, NOTHING, _free(focal_px), flat_pane(stokes, focal_px))
     errors = np.sqrt(np.diag(by_directions.fit.covariance))
     if not overlap.usable or errors[INCIDENCE] > _WORST_ASKED:
-        return _result(blocks, by_directions.fit, True)
-    incidence, error = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS)).told(by_directions, _ALONG)
-    away = abs(incidence - by_directions.fit.point[INCIDENCE])
-    if away > max(_AWAY * math.hypot(error, errors[INCIDENCE]), _LEAST_AWAY):
-        return _result(blocks, by_directions.fit, False)
-    return _result(blocks, by_directions.told(_ALONG, incidence, error).fit, True)
+        return fit_result(blocks, by_directions.fit, True)
+    incidence, error = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS)).told(by_directions, ALONG_INCIDENCE)
+    if not incidences_agree(by_directions.fit, incidence, error):
+        return fit_result(blocks, by_directions.fit, False)
+    return fit_result(blocks, by_directions.told(ALONG_INCIDENCE, incidence, error).fit, True)
+
+
+def incidences_agree(by_directions: PaneFit, incidence: float, error: float) -> bool:
+    """Whether the incidence of the edges, with its error, is the one that the directions tell; radians."""
+    away = abs(incidence - by_directions.point[INCIDENCE])
+    told = math.sqrt(by_directions.covariance[INCIDENCE, INCIDENCE])
+    return bool(away <= max(_AWAY * math.hypot(error, told), _LEAST_AWAY))
 
 
 def flat_pane(stokes: StokesImages, focal_px: float | None) -> Values:
@@ -101,7 +106,8 @@ def _free(focal_px: float | None) -> tuple[int, ...]:
     return (INCIDENCE, AZIMUTH) if focal_px is not None else (INCIDENCE, AZIMUTH, VIEW)
 
 
-def _result(blocks: PolarizedBlocks, fit: PaneFit, edges_agree: bool) -> PerspectiveFit:
+def fit_result(blocks: PolarizedBlocks, fit: PaneFit, edges_agree: bool) -> PerspectiveFit:
+    """What a fit says of a flat pane."""
     incidence, azimuth, focal, _ = named(fit.point, blocks)
     errors = np.sqrt(np.diag(fit.covariance))
     incidence_error, azimuth_error = (float(np.degrees(errors[i])) for i in (INCIDENCE, AZIMUTH))

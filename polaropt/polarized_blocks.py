@@ -6,6 +6,7 @@ how the plane turns over the frame.
 
 from __future__ import annotations
 
+import copy
 import math
 from functools import cached_property
 
@@ -55,7 +56,26 @@ class PolarizedBlocks:
         rows, columns = means.shape[-2:]
         x, y = pixel_grid(rows, columns, ((width - size) / 2 / size, (height - size) / 2 / size))
         self._x, self._y = (size * grid.ravel()[seen] for grid in np.broadcast_arrays(x, y))
-        self.n, self.half_px = self._s1.size, max(height, width) / 2
+        self.n, self.half_px, self._trust = self._s1.size, max(height, width) / 2, 1.0
+
+    def trusted(self, weights: Values) -> PolarizedBlocks:
+        """The same with weights (m,) for the blocks' squares, up to 1; misfits are then weighted means."""
+        other = copy.copy(self)
+        other.__dict__.pop("moments", None)
+        root = np.sqrt(weights)
+        other._s1, other._s2 = self._s1 * root, self._s2 * root
+        other._trust = self._trust * float(weights.mean())
+        return other
+
+    @property
+    def brightness(self) -> Values:
+        """Mean square of each block's polarized light over the colours, without what is noise, (m,)."""
+        return np.asarray(np.maximum((np.square(self._s1) + np.square(self._s2)).mean(axis=0) - 2, 0))
+
+    def squares(self, incidence_deg: float, azimuth_deg: float, focal_px: float) -> Values:
+        """Mean square over the colours of what a flat pane leaves across in each block, (m,)."""
+        across = self.across(incidence_deg, azimuth_deg, focal_px).reshape(self._s1.shape)
+        return np.asarray(np.square(across).mean(axis=0))
 
     def across(self, incidence_deg: float, azimuth_deg: float, focal_px: float, bend: Bend = FLAT) -> Values:
         """Light polarized at 45 degrees to the plane of incidence, flat, in units of its noise."""
@@ -65,12 +85,17 @@ class PolarizedBlocks:
 
     def misfit(self, incidence_deg: float, azimuth_deg: float, focal_px: float, bend: Bend = FLAT) -> float:
         """Its mean square."""
-        return float(np.mean(np.square(self.across(incidence_deg, azimuth_deg, focal_px, bend))))
+        return float(np.mean(np.square(self.across(incidence_deg, azimuth_deg, focal_px, bend)))) / self._trust
 
     def constant_misfit(self, azimuth_deg: float) -> float:
         """The same for one azimuth all over the frame."""
         double = 2 * math.radians(azimuth_deg)
-        return float(np.mean(np.square(math.cos(double) * self._s2 - math.sin(double) * self._s1)))
+        return float(np.mean(np.square(math.cos(double) * self._s2 - math.sin(double) * self._s1))) / self._trust
+
+    def least_constant_misfit(self) -> float:
+        """The same for the azimuth that leaves least."""
+        s11, s12, s22 = self.moments.sum(axis=1) / self.n
+        return float((s11 + s22) / 2 - math.hypot((s11 - s22) / 2, s12)) / self._trust
 
     @cached_property
     def places(self) -> Values:

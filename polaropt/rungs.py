@@ -19,10 +19,15 @@ from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.scene import SceneParameters
 from polaropt.scene_errors import SceneErrors
 from polaropt.scene_estimation import SceneEstimate
+from polaropt.tolerant_fit import fit_tolerant
 from polaropt.varying_shift import likeliest_shift
 
 # How well a pane that is not seen from far must be known.
 _WORST_ERROR_DEG = 3.0
+# Share of what the plain pane leaves that a bent one must explain on large blocks to be looked at closely.
+_LEAST_BENT = 0.4
+# Share of what the plain pane leaves that a pane must explain where only blocks that agree count.
+_MOSTLY = 0.8
 # Focal length over the longer side from which on incidence and azimuth hardly vary.
 _FAR = 30.0
 
@@ -104,6 +109,9 @@ class Attempt:
         A sentence for `Tried.reason`: why they are not known, or what else is to be said. May be empty.
     errors : SceneErrors
         Standard errors of those numbers.
+    agreed_misfit : float or None
+        What the misfit would be if the blocks that disagree, as their own scene is polarized, did not count; rungs are
+        compared by this one where there is one.
     """
 
     scene: SceneParameters
@@ -112,6 +120,12 @@ class Attempt:
     known: bool
     remark: str = ""
     errors: SceneErrors = SceneErrors()  # noqa: RUF009 (frozen)
+    agreed_misfit: float | None = None
+
+    @property
+    def compared(self) -> float:
+        """The misfit that rungs are compared by."""
+        return self.misfit if self.agreed_misfit is None else self.agreed_misfit
 
 
 @dataclass(frozen=True)
@@ -155,6 +169,10 @@ def with_ghosts(evidence: Evidence, attempt: Attempt) -> Attempt:
 def _perspective(evidence: Evidence) -> Attempt:
     fit, told = _best_fit(evidence)
     known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
+    if evidence.misfit - fit.misfit < (evidence.misfit - 1) / 2 and not evidence.explained:
+        tolerant = _tolerant(evidence)
+        if tolerant is not None:
+            return tolerant
     if evidence.wanted == "perspective" and not known:
         return _from_afar(evidence)
     flat = fit.edges_agree or evidence.wanted == "perspective"
@@ -168,6 +186,22 @@ def _perspective(evidence: Evidence) -> Attempt:
         remark = "The focal length that the file tells does not fit." if refused else ""
     errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
     return Attempt(scene, fit.misfit, 2 if told else 3, known and flat, remark, errors)
+
+
+def _tolerant(evidence: Evidence) -> Attempt | None:
+    """The pane that most of the frame agrees on where part of the scene is polarized itself; None without one."""
+    found = fit_tolerant(evidence.stokes, evidence.estimate.scene, evidence.focal_px, _MOSTLY)
+    fit, told = found.pane, evidence.focal_px
+    if not (fit.edges_agree and fit.incidence_error_deg <= _WORST_ERROR_DEG and found.explained >= _MOSTLY):
+        return None
+    scene = _plain(evidence).replace(
+        incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=told or fit.focal_px
+    )
+    misfit = evidence.blocks.misfit(fit.incidence_deg, fit.azimuth_deg, told or fit.focal_px)
+    errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
+    remark = "That is where most of the picture agrees; the rest of the scene may be polarized itself."
+    agreed = 1 + (1 - min(found.explained, 1.0)) * (evidence.misfit - 1)
+    return Attempt(scene, misfit, 2 if told else 3, True, remark, errors, agreed)
 
 
 def _best_fit(evidence: Evidence) -> tuple[PerspectiveFit, bool]:
@@ -197,8 +231,7 @@ def _curved(evidence: Evidence) -> Attempt:
     plain = evidence.estimate.scene
     asked = evidence.wanted == "curved"
     # A pane that leaves most of it is not bent so: its edges are not worth their time.
-    enough = math.inf if asked else 1 + (evidence.misfit - 1) / 2
-    fit = fit_curved(evidence.stokes, plain, evidence.focal_px, enough)
+    fit = fit_curved(evidence.stokes, plain, evidence.focal_px, 0.0 if asked else _LEAST_BENT)
     known = asked or (evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG)
     scene = _plain(evidence).replace(
         incidence_deg=fit.incidence_deg,
