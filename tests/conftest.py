@@ -2,8 +2,25 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import settings
 
 # The machines that run this are slow at times; a deadline would fail for no reason. The same examples every time.
 settings.register_profile("polaropt", deadline=None, derandomize=True, max_examples=60, database=None)
 settings.load_profile("polaropt")
+
+
+@pytest.fixture(scope="session")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Four files of a small colour capture: 65 degrees, azimuth 30, ghosts 4 px apart."""
+    from skimage import data
+
+    from polaropt.cli import main
+    from polaropt.image_io import write_png
+
+    folder = tmp_path_factory.mktemp("photographs")
+    write_png(folder / "behind.png", data.coffee()[150:246, 200:296])
+    write_png(folder / "mirrored.png", data.astronaut()[30:126, 160:256])
+    pair = [str(folder / "behind.png"), str(folder / "mirrored.png")]
+    assert main(["simulate", *pair, "--incidence", "65", "--azimuth", "30", "--shift", "4", "-o", str(folder)]) == 0
+    return [str(folder / f"capture_{angle}.png") for angle in ("000", "045", "090", "135")]
