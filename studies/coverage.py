@@ -1,34 +1,38 @@
 """How often the true layers lie within two of the standard errors that are stated, per incidence and noise.
 
-Run ``python -m studies.coverage --photos DIR``; without ``--photos`` it uses photographs inside scikit-image.
+Run ``polaropt study coverage -o OUT``; without ``--photos`` it uses photographs inside scikit-image.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from polaropt.separation import Separation, separate
-from studies.protocol import (
-    INCIDENCES_DEG,
-    Image,
-    Pair,
-    protocol_capture,
-    protocol_pairs,
-    protocol_scene,
-    shipped_pairs,
-    truth,
-)
-from studies.record import write_study
+from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from studies.protocol import INCIDENCES_DEG, N_PAIRS, Image, protocol_capture, protocol_scene, truth
+from studies.record import write_tables
+from studies.work import row_of, run_jobs
 
 NOISES = (0.005, 0.02)
 LAYERS = ("transmission", "reflection")
 _BLUR_PX = 1.0
 _FLAT, _TEXTURED = 0.33, 0.67
+QUICK_INCIDENCES_DEG, QUICK_SIZE, SIZE = (10, 60), 128, 256
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene, separated with the scene known or blind."""
+
+    photos: str | None
+    pair: int
+    incidence_deg: float
+    noise: float
+    blind: bool
+    size: int
 
 
 @dataclass(frozen=True)
@@ -61,13 +65,15 @@ class Row:
     known: float
 
 
-def rows_of(pair: Pair, incidence_deg: float, noise: float, *, blind: bool) -> list[Row]:
+def run(job: Job) -> list[Row]:
     """Separate one scene and compare both layers."""
-    capture = protocol_capture(pair, incidence_deg, noise=noise)
-    result = separate(capture, None if blind else protocol_scene(pair, incidence_deg))
+    pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
+    capture = protocol_capture(pair, job.incidence_deg, noise=job.noise)
+    result = separate(capture, None if job.blind else protocol_scene(pair, job.incidence_deg))
     known = float(result.reflection_known.mean())
+    told = (job.pair, job.incidence_deg, job.noise, "blind" if job.blind else "known")
     return [
-        Row(pair.number, incidence_deg, noise, "blind" if blind else "known", name, *compared(result, i, layer), known)
+        Row(*told, name, *compared(result, i, layer), known)
         for i, (name, layer) in enumerate(zip(LAYERS, truth(pair), strict=True))
     ]
 
@@ -117,31 +123,27 @@ def _cells(rows: Sequence[Row]) -> list[str]:
     return [f"{100 * share:.1f}" for share in (*shares, least)] + [f"{ratio:.2f}" for ratio in ratios]
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table and write it with all rows."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--photos", type=Path, help="folder of photographs (default: those inside scikit-image)")
-    parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
-    parser.add_argument("--size", type=int, default=256, help="side of the frame in pixels")
-    parser.add_argument("--noises", default=",".join(map(str, NOISES)), help="standard deviations, comma separated")
-    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON, CSV)")
-    options = parser.parse_args()
-    margin = options.size // 2
-    photos = options.photos
-    pairs = shipped_pairs(options.size, margin) if photos is None else protocol_pairs(photos, options.size, margin)
-    noises = [float(noise) for noise in options.noises.split(",")]
-    rows = [
-        row
+    parser = study_parser(__doc__)
+    parser.add_argument("--size", type=int, help="side of the frame in pixels")
+    parser.add_argument("--noises", help="standard deviations, comma separated")
+    options = parser.parse_args(arguments)
+    quick = effort_of(options) == "quick"
+    size = options.size or (QUICK_SIZE if quick else SIZE)
+    noises = [float(text) for text in options.noises.split(",")] if options.noises else NOISES
+    n_pairs = n_pairs_of(options, 1 if quick else N_PAIRS, size, size // 2)
+    jobs = [
+        Job(options.photos, pair, float(incidence), noise, blind, size)
         for blind in (False, True)
         for noise in noises
-        for incidence in INCIDENCES_DEG
-        for pair in pairs[: options.pairs]
-        for row in rows_of(pair, incidence, noise, blind=blind)
+        for incidence in (QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG)
+        for pair in range(n_pairs)
     ]
-    print(table(rows))
-    if options.out:
-        settings = {name: str(value) for name, value in vars(options).items() if name != "out"}
-        write_study(options.out, "coverage", settings, rows, table(rows))
+    made = run_jobs(run, jobs, options.out / "coverage.json", {}, hands_of(options))
+    text = table([row_of(Row, row) for row in made])
+    print(text)
+    write_tables(options.out, "coverage", made, text)
 
 
 if __name__ == "__main__":

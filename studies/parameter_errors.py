@@ -1,17 +1,15 @@
 """How often the true numbers of a scene lie within two of the standard errors that are stated with them.
 
-Run ``python -m studies.parameter_errors --photos DIR``; without ``--photos`` it uses photographs inside scikit-image.
+Run ``polaropt study parameter_errors -o OUT``; without ``--photos`` it uses photographs inside scikit-image.
 Scenes of four kinds: bounces in place, ghosts, a wide lens, a bent pane before it; incidence, azimuth, thickness, view
 and bend are random, seeded by pair and round.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -20,8 +18,10 @@ from polaropt.model_selection import FoundScene, find_scene
 from polaropt.noise import noise_level
 from polaropt.scene import SceneParameters, ghost_step
 from polaropt.simulation import simulate
-from studies.protocol import BITS, NOISE, REFRACTIVE_INDEX, Pair, protocol_pairs, shipped_pairs
-from studies.record import write_study
+from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from studies.protocol import BITS, N_PAIRS, NOISE, REFRACTIVE_INDEX, Pair
+from studies.record import write_tables
+from studies.work import row_of, run_jobs
 
 KINDS = ("pixelwise", "ghosts", "perspective", "curved")
 INCIDENCES_DEG = (20.0, 80.0)
@@ -31,7 +31,18 @@ THICKNESSES_PX = (6.0, 12.0)
 VIEWS_DEG = (30.0, 50.0)
 MOST_BENT_DEG = 8.0
 SURE = 2.0
-_SIZE = 192
+_SIZE, _MARGIN = 192, 128
+_TURNS = {"quick": 1, "default": 2, "full": 4}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene of one kind."""
+
+    photos: str | None
+    kind: str
+    pair: int
+    turn: int
 
 
 @dataclass(frozen=True)
@@ -123,25 +134,28 @@ def table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
+def run(job: Job) -> list[Row]:
+    """Find one scene."""
+    return list(scene_rows(job.kind, pairs_of(job.photos, _SIZE, _MARGIN)[job.pair], job.turn))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table and write it with all rows."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--photos", type=Path, help="folder of photographs (default: those inside scikit-image)")
-    parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
-    parser.add_argument("--turns", type=int, default=2, help="scenes of each kind for every pair")
+    parser = study_parser(__doc__)
     parser.add_argument("--kinds", default=",".join(KINDS), help="names, comma separated")
-    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON, CSV)")
-    options = parser.parse_args()
-    photos, kinds = options.photos, options.kinds.split(",")
-    pairs = shipped_pairs(_SIZE) if photos is None else protocol_pairs(photos, _SIZE, n_pairs=options.pairs)
-    pairs = pairs[: options.pairs]
-    rows = [
-        row for kind in kinds for pair in pairs for turn in range(options.turns) for row in scene_rows(kind, pair, turn)
+    options = parser.parse_args(arguments)
+    effort = effort_of(options)
+    n_pairs = n_pairs_of(options, 2 if effort == "quick" else N_PAIRS, _SIZE, _MARGIN)
+    jobs = [
+        Job(options.photos, kind, pair, turn)
+        for kind in options.kinds.split(",")
+        for pair in range(n_pairs)
+        for turn in range(_TURNS[effort])
     ]
-    print(table(rows))
-    if options.out:
-        told = {"photos": photos and str(photos), "pairs": len(pairs), "turns": options.turns, "kinds": kinds}
-        write_study(options.out, "parameter_errors", told, rows, table(rows))
+    made = run_jobs(run, jobs, options.out / "parameter_errors.json", {}, hands_of(options))
+    text = table([row_of(Row, row) for row in made])
+    print(text)
+    write_tables(options.out, "parameter_errors", made, text)
 
 
 if __name__ == "__main__":
