@@ -83,7 +83,10 @@ class Separation:
 
     @property
     def uncertainty(self) -> Images:
-        """Standard error of the layers in every pixel, (2, [channel,] h, w); computed when first asked for."""
+        """Standard error of the layers in every pixel, (2, [channel,] h, w), with what the scene's own errors add.
+
+        Computed when first asked for.
+        """
         return self._judged.standard_error
 
     @property
@@ -237,7 +240,15 @@ def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) 
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
-        judge=partial(estimate_uncertainty, capture, solution.layers, noise, solution.pieces, seen.growth),
+        judge=partial(
+            estimate_uncertainty,
+            capture,
+            solution.layers,
+            noise,
+            solution.pieces,
+            seen.growth,
+            of_scene=found.errors,
+        ),
     )
 
 

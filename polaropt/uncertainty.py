@@ -13,6 +13,8 @@ from polaropt.forward import PSE
 from polaropt.local_precision import LEAST, local_precision
 from polaropt.local_variance import SCALES, Knowledge, variance_table
 from polaropt.noise_model import NoiseModel, noise_classes
+from polaropt.scene_errors import SceneErrors
+from polaropt.scene_uncertainty import Doubt, doubts, scene_variance
 from polaropt.tiles import Tile
 from polaropt.varying import VaryingPSE
 from priors.base import CHROMA_WEIGHT
@@ -34,9 +36,9 @@ class Uncertainty:
     Attributes
     ----------
     standard_error : ndarray of float32, shape (2, [channel,] h, w)
-        Of the transmission and the reflection, in the layers' units. 90 to 99 % of true values lie within two of them
-        where the scene is known (``python -m studies.coverage``); of pixels that all photographs clip, fewer: nothing
-        says how much brighter than white they are.
+        Of the transmission and the reflection, in the layers' units, with what the scene's own errors add. 90 to 99 %
+        of true values lie within two of them where the scene is known (``python -m studies.coverage``); of pixels that
+        all photographs clip, fewer: nothing says how much brighter than white they are.
     reflection_known : ndarray of float32, shape (h, w)
         Share of the reflection's detail (gradient energy) that the photographs tell, 0..1. Where it is low the
         reflection fades to its slow changes.
@@ -56,9 +58,15 @@ class Piece:
 
 
 def estimate_uncertainty(
-    capture: Capture, layers: Images, noise: float, pieces: Sequence[Piece], growth: NoiseModel | None = None
+    capture: Capture,
+    layers: Images,
+    noise: float,
+    pieces: Sequence[Piece],
+    growth: NoiseModel | None = None,
+    *,
+    of_scene: SceneErrors = SceneErrors(),  # noqa: B008 (frozen)
 ) -> Uncertainty:
-    """Standard errors from the variance that each place's photographs and spectra leave.
+    """Standard errors from the variance that each place's photographs and spectra leave, and from the scene's errors.
 
     Parameters
     ----------
@@ -69,6 +77,8 @@ def estimate_uncertainty(
         Their weights add up to 1 in every pixel.
     growth : NoiseModel, optional
         How the noise grows with the light. Default: it is the same everywhere.
+    of_scene : SceneErrors
+        Of what was estimated of the scene. Default: it is known.
     """
     colors = layers.shape[1]
     total = np.zeros((2 * colors + 1, *layers.shape[-2:]), dtype=np.float32)
@@ -83,8 +93,24 @@ def estimate_uncertainty(
             exact = None if precision is None else precision[rows, columns]
             total[of_frame] += place.tile.weights * _looked_up(layers[:, *of_frame], place.known, exact)
     errors = total[:-1].reshape(2, colors, *layers.shape[-2:])
+    doubtful = doubts(pieces[0].pse.scene, of_scene)
+    if doubtful:
+        np.hypot(errors, _of_scene(capture, noise, pieces, doubtful, growth), out=errors)
     known = 1 - np.clip(total[-1], 0, 1)
     return Uncertainty(errors if capture.color else errors[:, 0], known)
+
+
+def _of_scene(
+    capture: Capture, noise: float, pieces: Sequence[Piece], doubtful: tuple[Doubt, ...], growth: NoiseModel | None
+) -> Images:
+    """Standard errors (2, channel, h, w) that the scene's own add."""
+    height, width = capture.shape[-2:]
+    errors = np.zeros((2, capture.shape[0] if capture.color else 1, height, width), dtype=np.float32)
+    for tile in (piece.tile for piece in pieces):
+        center = ((width - 1) / 2 - tile.columns.start, (height - 1) / 2 - tile.rows.start)
+        variance = scene_variance(capture.part(*tile.where), noise, doubtful, center, growth)
+        errors[..., *tile.where] += tile.weights * np.sqrt(variance, out=variance)
+    return errors
 
 
 def nothing_told(capture: Capture, noise: float) -> Uncertainty:
