@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 from hypothesis import settings
+
+# Threads that wait actively take forever where cores are shared, and the images here are small. Before numpy and torch.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # The machines that run this are slow at times; a deadline would fail for no reason. The same examples every time.
 settings.register_profile("polaropt", deadline=None, derandomize=True, max_examples=60, database=None)
