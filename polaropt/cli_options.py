@@ -130,7 +130,8 @@ class LadderOptions:
         typer.Option(
             metavar="NAME",
             help="Scene model: none (the intensity, not separated), pixelwise (no double images), ghosts, perspective "
-            "(a wide lens), curved (a bent pane), or auto: the simplest that explains the capture.",
+            "(a wide lens), polarized (light that is polarized before it meets the glass), curved (a bent pane), "
+            "or auto: the simplest that explains the capture.",
             rich_help_panel=_PANE,
         ),
     ] = "auto"

@@ -117,7 +117,7 @@ class _Wiener:
         images = block_mean(_middle(frame.images).mean(axis=1), _HALF)
         self._shape: tuple[int, int] = images.shape[-2:]
         images -= images.mean(axis=(-2, -1), keepdims=True)
-        images *= np.outer(*(_fading(side) for side in self._shape))
+        images *= np.outer(*(fading(side) for side in self._shape))
         self._seen: Spectrum = rfft2(images, norm="ortho")
         rows, columns = frequencies(*self._shape)
         azimuth = math.radians(frame.azimuth_deg)
@@ -178,7 +178,7 @@ def _squared(values: Spectrum) -> Images:
     return squared
 
 
-def _fading(side: int) -> Images:
+def fading(side: int) -> Images:
     """One inside, falling to zero at both ends."""
     distance = np.minimum(np.arange(side), np.arange(side)[::-1]) + 0.5
     reach = min(_FADED, max(1, side // 8))

@@ -184,6 +184,9 @@ def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
 def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:
     if evidence.wanted != "auto":
         return steps[-1]
+    told = [step for step in steps[1:] if step.attempt.known and step.attempt.told_by_edges]
+    if evidence.explained and told:
+        return told[0]
     able = [step for step in steps[1:] if step.attempt.known and _share(evidence, step) >= _LEAST_EXPLAINED]
     noise = noise_misfit(evidence.blocks.n)
     lowest = [step for step in (steps[0], *able) if step.attempt.misfit <= noise]
@@ -200,10 +203,13 @@ def _reason(evidence: Evidence, steps: list[_Step], step: _Step, taken: _Step) -
         return _ASKED if step is taken else "Another one was asked for."
     if step is steps[0]:
         if step is not taken:
-            return "It leaves polarized light unexplained."
+            what = "edges" if evidence.explained else "polarized light"
+            return f"It leaves {what} unexplained."
         return "It leaves nothing but noise." if evidence.explained else "No higher rung explains what it leaves."
     if not step.attempt.known:
         return ""
+    if evidence.explained and step.attempt.told_by_edges:
+        return "The layers' edges and spectra tell it."
     share = _share(evidence, step)
     told = f"{100 * share:.0f} % of the polarized light that the {steps[0].rung} rung leaves"
     if step is taken:

@@ -16,6 +16,9 @@ from polaropt.focal_length import focal_hint_px
 from polaropt.perspective_fit import PerspectiveFit, fit_perspective
 from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
+from polaropt.polarized_check import looks_polarized
+from polaropt.polarized_fit import fit_polarized
+from polaropt.polarized_mixing import Mixture
 from polaropt.scene import SceneParameters
 from polaropt.scene_errors import SceneErrors
 from polaropt.scene_estimation import SceneEstimate
@@ -30,6 +33,8 @@ _LEAST_BENT = 0.4
 _MOSTLY = 0.8
 # Focal length over the longer side from which on incidence and azimuth hardly vary.
 _FAR = 30.0
+# Score that polarized light must gain, and where nothing but edges and spectra speaks of it.
+_LEAST_GAIN, _LEAST_GAIN_OF_EDGES = 0.004, 0.03
 
 
 @dataclass(frozen=True)
@@ -112,6 +117,8 @@ class Attempt:
     agreed_misfit : float or None
         What the misfit would be if the blocks that disagree, as their own scene is polarized, did not count; rungs are
         compared by this one where there is one.
+    told_by_edges : bool
+        Whether edges and spectra tell these numbers, even where the plain pane leaves no polarized light.
     """
 
     scene: SceneParameters
@@ -121,6 +128,7 @@ class Attempt:
     remark: str = ""
     errors: SceneErrors = SceneErrors()  # noqa: RUF009 (frozen)
     agreed_misfit: float | None = None
+    told_by_edges: bool = False
 
     @property
     def compared(self) -> float:
@@ -250,4 +258,29 @@ def _curved(evidence: Evidence) -> Attempt:
     return Attempt(scene, fit.misfit, 5 + lens_found, known, remark, errors)
 
 
-RUNGS = (Rung("perspective", _may_vary, _perspective), Rung("curved", _may_vary, _curved))
+def _may_be_polarized(evidence: Evidence) -> bool:
+    """Whether constant polarization of the layers' light explains most of what is left, or edges speak of it."""
+    if evidence.asked.polarized or evidence.asked.focal_px is not None:
+        return False
+    if evidence.wanted == "polarized":
+        return True
+    if evidence.explained:
+        return looks_polarized(evidence.stokes, evidence.estimate.scene)
+    return Mixture(evidence.stokes).misfit - 1 < (evidence.misfit - 1) / 2
+
+
+def _polarized(evidence: Evidence) -> Attempt:
+    plain = evidence.estimate.scene
+    fit = fit_polarized(evidence.stokes, evidence.asked, plain)
+    if fit is None:
+        return Attempt(plain, evidence.misfit, 1, False, "No polarization of the layers' light explains the capture.")
+    known = evidence.wanted == "polarized" or fit.gain > (_LEAST_GAIN_OF_EDGES if evidence.explained else _LEAST_GAIN)
+    remark = "" if known else "Polarized light makes the capture hardly any likelier."
+    return Attempt(fit.scene, fit.misfit, 5, known, remark, told_by_edges=True)
+
+
+RUNGS = (
+    Rung("perspective", _may_vary, _perspective),
+    Rung("polarized", _may_be_polarized, _polarized),
+    Rung("curved", _may_vary, _curved),
+)

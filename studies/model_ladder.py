@@ -30,7 +30,7 @@ from studies.protocol import (
 )
 from studies.record import write_study
 
-MODELS = ("auto", "pixelwise", "ghosts", "perspective", "curved", "known")
+MODELS = ("auto", "pixelwise", "ghosts", "perspective", "curved", "polarized", "known")
 """Those of `polaropt.separate`, and the true scene told."""
 MOST_BENT_DEG = 8.0
 """From the middle to the end of the frame's longer side."""
@@ -103,6 +103,22 @@ def _water(size: int, random: np.random.Generator) -> SceneParameters:
     return SceneParameters(60.0, float(random.uniform(0, 180)), 0.0, 1.33, single_surface=True)
 
 
+def _polarized(screen: float, sky: float) -> Callable[[int, np.random.Generator], SceneParameters]:
+    """The scenes with ghosts at 60 degrees, their layers' light polarized so much, at any angle."""
+
+    def scene(size: int, random: np.random.Generator) -> SceneParameters:
+        plain = _ghosts(60)(size, random)
+        behind, mirrored = (float(angle) for angle in random.uniform(0, 180, 2))
+        return plain.replace(
+            transmission_polarization=(screen, behind if screen else 0.0),
+            reflection_polarization=(sky, mirrored if sky else 0.0),
+        )
+
+    return scene
+
+
+SCREEN, SKY = 0.6, 0.3
+"""Degrees of polarization of a screen behind the glass and of the sky that it mirrors."""
 WATER = SceneParameters(None, None, None, 1.33, single_surface=True)
 FAMILIES = (
     Family("in place, 60 deg", "pixelwise", _in_place(60)),
@@ -119,6 +135,9 @@ FAMILIES = (
         for angle in (40, 60, 80)
         for how, headroom in (("beyond white but seen", True), ("clipped", False))
     ),
+    Family("screen behind", "polarized", _polarized(SCREEN, 0)),
+    Family("sky reflected", "polarized", _polarized(0, SKY)),
+    Family("screen and sky", "polarized", _polarized(SCREEN, SKY)),
 )
 
 

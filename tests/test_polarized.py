@@ -1,0 +1,175 @@
+"""Layers whose light arrives polarized: the plane of the cloud, panes that show it, the blind fit and its claims."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from blends import blend
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from polaropt.capture import Capture
+from polaropt.metrics import psnr_db
+from polaropt.model_selection import find_scene
+from polaropt.noise import noise_level
+from polaropt.plate_frame import StokesImages, stokes_images
+from polaropt.polarized_check import looks_polarized
+from polaropt.polarized_light import Place, candidates, point_showing, scene_at, shown_by
+from polaropt.polarized_likelihood import PolarizedLikelihood
+from polaropt.polarized_mixing import Mixture
+from polaropt.scene import SceneParameters
+from polaropt.separation import separate
+from polaropt.simulation import simulate
+
+BLIND = SceneParameters(None, None, None)
+SCREEN = {"transmission_polarization": (0.6, 140.0)}
+SKY = {"reflection_polarization": (0.3, 70.0)}
+
+degrees = st.floats(0.05, 0.9)
+angles = st.floats(0, 180)
+
+
+def stokes_of(capture: Capture) -> StokesImages:
+    return stokes_images(capture, max(1e-4, noise_level(capture)))
+
+
+def point_of(scene: SceneParameters) -> np.ndarray:
+    """The point of a complete scene."""
+    numbers = list(scene.values())
+    for degree, angle in (scene.transmission_polarization, scene.reflection_polarization):
+        double = 2 * math.radians(angle - numbers[1])
+        numbers += [degree * math.cos(double), degree * math.sin(double)]
+    return np.array(numbers)
+
+
+def lively_layers(seed: int, size: int = 128) -> list[np.ndarray]:
+    """Two grey layers of noise whose strength changes from square to square, in each for itself."""
+    random = np.random.default_rng(seed)
+    layers = []
+    for _ in range(2):
+        strength = np.kron(0.002 * np.exp(1.5 * random.standard_normal((8, 8))), np.ones((size // 8, size // 8)))
+        layers.append(np.clip(0.4 + strength * random.standard_normal((size, size)), 0.0, 1.0))
+    return layers
+
+
+def apart(found: np.ndarray, true: np.ndarray) -> float:
+    """Largest distance of two pairs of Stokes vectors, whichever is first."""
+    return min(float(np.abs(found - true).max()), float(np.abs(found[::-1] - true).max()))
+
+
+@pytest.mark.parametrize("polarization", [{}, SCREEN, SKY, SCREEN | SKY], ids=["none", "screen", "sky", "both"])
+def test_the_cloud_of_stokes_vectors_lies_in_a_plane(polarization: dict[str, object]) -> None:
+    capture = blend(ghost_shift=0.0, **polarization).capture
+    assert Mixture(stokes_of(capture)).misfit == pytest.approx(1, abs=0.15)
+
+
+@given(angles, degrees, angles, st.floats(0.05, 0.5), st.integers(0, 100))
+@settings(max_examples=12, deadline=None)
+def test_edges_tell_both_stokes_vectors_in_the_plane(
+    azimuth: float, screen: float, behind: float, sky: float, seed: int
+) -> None:
+    scene = SceneParameters(70.0, azimuth, 0.0, transmission_polarization=(screen, behind))
+    scene = scene.replace(reflection_polarization=(sky, 30.0))
+    capture = simulate(*lively_layers(seed), scene, noise=1e-4)
+    true = shown_by(point_of(scene), scene)
+    if np.linalg.norm(true[0] - true[1]) > 0.2:
+        assert apart(Mixture(stokes_of(capture)).vectors(), true) < 0.03
+
+
+@given(st.floats(15, 85), angles, degrees, angles, degrees, angles)
+def test_a_point_is_told_by_what_it_shows(
+    incidence: float, azimuth: float, screen: float, behind: float, sky: float, mirrored: float
+) -> None:
+    scene = SceneParameters(incidence, azimuth, 0.0, transmission_polarization=(screen, behind))
+    point = point_of(scene.replace(reflection_polarization=(sky, mirrored)))
+    place = Place(incidence, azimuth, 0.0)
+    if abs(incidence - 56.3) > 2:
+        np.testing.assert_allclose(point_showing(place, shown_by(point, scene), scene), point, atol=1e-9)
+
+
+@given(st.floats(15, 85), angles, degrees, angles, st.booleans())
+def test_a_single_polarized_layer_leaves_the_true_pane_among_the_candidates(
+    incidence: float, azimuth: float, degree: float, angle: float, screen: bool
+) -> None:
+    light = {"transmission_polarization" if screen else "reflection_polarization": (degree, angle)}
+    true = point_of(SceneParameters(incidence, azimuth, 0.0).replace(**light))
+    # Near Brewster's angle the reflection shows the same on both sides of it, whatever its light.
+    if abs(incidence - 56.3) > 7:
+        found = candidates(shown_by(true, BLIND), BLIND)
+        off = [np.abs((candidate.point - true + [0, 90, *5 * [0]]) % [360, 180, *5 * [9]]) for candidate in found]
+        distances = [
+            max(min(part[0], 360 - part[0]) / 100, abs(part[1] - 90) / 100, *_signed(part[3:])) for part in off
+        ]
+        assert min(distances) < 0.02
+
+
+def _signed(values: np.ndarray) -> list[float]:
+    return [float(min(value, 9 - value)) for value in values]
+
+
+def test_a_scene_is_its_point() -> None:
+    scene = SceneParameters(50.0, 20.0, -3.0, transmission_polarization=(0.6, 140.0))
+    back = scene_at(point_of(scene), BLIND)
+    assert back.values() == pytest.approx(scene.values())
+    assert back.transmission_polarization == pytest.approx((0.6, 140.0))
+
+
+@pytest.mark.parametrize("change", [(0, 4.0), (1, 4.0), (2, 2.0), (3, 0.1), (4, 0.1)], ids=str)
+def test_the_true_pane_is_the_likeliest(change: tuple[int, float]) -> None:
+    made = blend(size=128, **SCREEN)
+    likelihood = PolarizedLikelihood(stokes_of(made.capture), made.scene)
+    true = point_of(made.scene)
+
+    def evidence(point: np.ndarray) -> float:
+        likelihood.prepare(likelihood.pane(point))
+        return likelihood.evidence(likelihood.pane(point))
+
+    for sign in (-1, 1):
+        other = true.copy()
+        other[change[0]] += sign * change[1]
+        assert evidence(other) > evidence(true)
+
+
+def test_behind_the_true_pane_no_coarse_light_is_left_over() -> None:
+    made = blend(size=128, **SCREEN, **SKY)
+    likelihood = PolarizedLikelihood(stokes_of(made.capture), made.scene)
+    misfit, n = likelihood.leftover(point_of(made.scene))
+    assert n > 1000
+    assert misfit == pytest.approx(1, abs=0.15)
+
+
+@pytest.mark.parametrize("polarization", [SCREEN, SKY, SCREEN | SKY], ids=["screen", "sky", "both"])
+@pytest.mark.parametrize("ghost_shift", [0.0, 6.3])
+def test_separation_beats_the_trivial_ones_before_polarized_light(
+    polarization: dict[str, object], ghost_shift: float
+) -> None:
+    made = blend(size=160, ghost_shift=ghost_shift, **polarization)
+    result = separate(made.capture)
+    s0, s1, s2 = made.capture.stokes
+    trivial = max(psnr_db(image, made.layers[0], 16) for image in (s0, s0 - np.hypot(s1, s2)))
+    assert psnr_db(result.layers[0], made.layers[0], 16) > trivial + 6
+
+
+@pytest.mark.parametrize("incidence_deg", [15.0, 40.0, 60.0, 80.0])
+@pytest.mark.parametrize("ghost_shift", [0.0, 6.3])
+def test_no_polarized_light_is_claimed_where_there_is_none(incidence_deg: float, ghost_shift: float) -> None:
+    made = blend(incidence_deg, size=128, ghost_shift=ghost_shift)
+    found = find_scene(made.capture, BLIND, noise_level(made.capture))
+    assert not found.scene.polarized
+
+
+@pytest.mark.parametrize("across", [0.0, 90.0])
+def test_edges_see_light_polarized_along_or_across_the_plane_of_incidence(across: float) -> None:
+    made = blend(size=160, ghost_shift=0.0, transmission_polarization=(0.6, 25.0 + across))
+    assert looks_polarized(stokes_of(made.capture), made.scene)
+    assert not looks_polarized(stokes_of(blend(size=160, ghost_shift=0.0).capture), made.scene)
+
+
+def test_what_is_told_of_the_pane_stays() -> None:
+    made = blend(size=128, **SCREEN)
+    asked = SceneParameters(60.0, 25.0, None)
+    found = find_scene(made.capture, asked, noise_level(made.capture), "polarized")
+    assert found.scene.values()[:2] == (60.0, 25.0)
+    assert found.scene.transmission_polarization == pytest.approx((0.6, 140.0), abs=3)
