@@ -7,6 +7,7 @@ that is turned from one whose angles count the other way: both are a difference 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, Origin
 from polaropt.cross_spectra import CrossSpectra, cross_spectra
 from polaropt.ghost_shift import ShiftLikelihood
+from polaropt.jackknife import jackknife_error
 from polaropt.noise import noise_level
 from polaropt.parabola import vertex
 from polaropt.plate_frame import plate_frame, stokes_images
@@ -36,6 +38,9 @@ _RIVAL = 0.6
 _GAIN, _GAIN_LOWER = 8e-3, 20e-3
 """Log likelihood per frequency that ghosts must gain: edges that look like ghosts gain up to 6e-3, at a lower incidence
 than the one found up to 15e-3."""
+_STEADY_PX = 0.3
+"""A pane's ghosts have one shift all over the frame, whatever part is left out: its error is mostly below 0.1. Edges of
+a few things in the picture gain as much, but their shift, or its sense, hangs on those: its error is above 0.45."""
 _EXCHANGED_DEG, _EXCHANGED = 56.0, 1.6
 _OBLIQUE_DEG = 60.0
 LOWER_DEG = (-5.0, -2.5, 0.0)
@@ -63,6 +68,8 @@ class GhostDirection:
         What they gain in the best of the directions well apart from it.
     least : float
         What they must gain to be believed.
+    shift_error_px : float
+        Standard error of their shift, by leaving parts of the frame out; infinite where they gain too little to ask.
     """
 
     direction_deg: float
@@ -71,11 +78,12 @@ class GhostDirection:
     gain: float
     rival: float
     least: float
+    shift_error_px: float
 
     @property
     def certain(self) -> bool:
         """Whether the ghosts tell a direction at all."""
-        told = self.gain > self.least and self.rival < _RIVAL * self.gain
+        told = self.gain > self.least and self.rival < _RIVAL * self.gain and self.shift_error_px < _STEADY_PX
         return told and LEAST_DEG <= self.incidence_deg <= MOST_DEG
 
     @property
@@ -171,11 +179,12 @@ def _likeliest(spectra: CrossSpectra, incidences: Curve, least: float) -> GhostD
     best = int(np.argmax(gains))
     apart = np.abs((_DIRECTIONS_DEG - _DIRECTIONS_DEG[best] + 90) % 180 - 90) > _APART_DEG
     row, column = places[best]
-    direction, incidence = float(_DIRECTIONS_DEG[best]), float(incidences[row])
+    direction, incidence, error = float(_DIRECTIONS_DEG[best]), float(incidences[row]), math.inf
     if gains[best] > least:
         direction = _refined(spectra, incidence, float(_SHIFTS[column]), direction)
+        error = _shift_error(spectra.with_ghosts_along(direction), incidence)
     azimuth, rival = spectra.azimuth_deg % 180, float(gains[apart].max())
-    return GhostDirection(direction % 180, azimuth, incidence, float(gains[best]), rival, least)
+    return GhostDirection(direction % 180, azimuth, incidence, float(gains[best]), rival, least, error)
 
 
 def _refined(spectra: CrossSpectra, incidence_deg: float, ghost_shift: float, direction_deg: float) -> float:
@@ -185,3 +194,13 @@ def _refined(spectra: CrossSpectra, incidence_deg: float, ghost_shift: float, di
     misfit = np.array([ShiftLikelihood(part, _OPEN).misfit(incidence_deg, shifts).min() for part in turned])
     best = min(max(int(np.argmin(misfit)), 1), misfit.size - 2)
     return direction_deg + float(_FINE_DEG[best] + 2.5 * vertex(*misfit[best - 1 : best + 2]))
+
+
+def _shift_error(spectra: CrossSpectra, incidence_deg: float) -> float:
+    """Standard error of the likeliest shift in pixels by the jackknife: each part is free to prefer any other shift."""
+    shifts = []
+    for part in spectra.left_out():
+        misfit = ShiftLikelihood(part, _OPEN).misfit(incidence_deg, _SHIFTS, rounds=_ROUNDS)
+        best = min(max(int(np.argmin(misfit)), 1), misfit.size - 2)
+        shifts.append(_SHIFTS[best] + vertex(*misfit[best - 1 : best + 2]))
+    return jackknife_error(np.array(shifts))

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
 
 from polaropt import Capture, SceneParameters, StoppingRule, Warning, find_start_angle, separate
 from polaropt.angle_check import AngleMistake, angle_mistake
-from polaropt.angle_frame import start_sentence, start_unknown
+from polaropt.angle_frame import ghost_direction, start_sentence, start_unknown
 from polaropt.capture_files import write_capture
 from polaropt.cli import main
 from polaropt.metrics import psnr_db
 from polaropt.model_selection import find_scene
+from studies.protocol import shipped_pairs
+from studies.stability_capture import take
+from studies.stability_scenes import cases
 from tests.blends import blend
 from tests.test_varying import seen_wide
 
@@ -98,6 +102,29 @@ def test_azimuths_that_are_their_own_mirror_image_are_no_mistake(incidence: floa
 def test_without_ghosts_nothing_is_said(incidence: float) -> None:
     capture = blend(incidence, 128, ghost_shift=0.0).capture
     assert mistake(counted(capture, 33)) is None
+
+
+@pytest.mark.parametrize(
+    "name", ["field of view (deg): 0", "bend of the pane (deg): 1", "incidence and noise: 40 deg, noise 0.005"]
+)
+def test_one_thing_of_parallel_edges_is_no_ghost(name: str) -> None:
+    tower = shipped_pairs(128, 64)[1]
+    capture = take(next(case for case in cases() if case.name == name), tower).capture
+    found = find_scene(capture, OPEN, NOISE)
+    assert angle_mistake(capture, NOISE, found.scene, found.estimate, found.unexplained) is None
+    incidence, azimuth, _ = found.scene.values()
+    assert not ghost_direction(capture, NOISE, incidence, azimuth).shift_error_px < 0.4
+
+
+def test_ghosts_of_a_pane_have_the_same_shift_in_every_part_of_the_frame() -> None:
+    example = blend(60, SIZE, ghost_shift=7.0)
+    assert ghost_direction(example.capture, NOISE, 60.0, 25.0).shift_error_px < 0.2
+
+
+def test_a_single_tile_tells_no_direction() -> None:
+    found = ghost_direction(blend(60, 64, ghost_shift=7.0).capture, NOISE, 60.0, 25.0)
+    assert math.isinf(found.shift_error_px)
+    assert not found.certain
 
 
 @pytest.mark.parametrize("azimuth", [3.0, 75.0, 200.0])
