@@ -1,15 +1,13 @@
 """Which rung of the ladder is taken on each family of scenes, and what it costs against the best fixed one.
 
-Run ``python -m studies.model_ladder --photos DIR``; without ``--photos`` it uses photographs inside scikit-image.
+Run ``polaropt study model_ladder -o OUT``; without ``--photos`` it uses photographs inside scikit-image.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -17,24 +15,26 @@ from polaropt.capture import Capture
 from polaropt.scene import SceneParameters, ghost_step
 from polaropt.separation import Separation, separate
 from polaropt.simulation import ANGLES_DEG, digitized, exact_photographs, stack_layers
+from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.paper_protocol import trivial_psnr
 from studies.protocol import (
     BITS,
     EVALUATION_BORDER,
+    N_PAIRS,
     NOISE,
     REFRACTIVE_INDEX,
     THICKNESS_PX,
     Pair,
-    protocol_pairs,
-    shipped_pairs,
 )
-from studies.record import write_study
+from studies.record import write_tables
+from studies.work import row_of, run_jobs
 
 MODELS = ("auto", "pixelwise", "ghosts", "perspective", "curved", "polarized", "known")
 """Those of `polaropt.separate`, and the true scene told."""
 MOST_BENT_DEG = 8.0
 """From the middle to the end of the frame's longer side."""
 CLIPPED = 0.05
+QUICK_SIZE, SIZE = 128, 256
 Layers = tuple[np.ndarray, np.ndarray]
 Mask = np.ndarray
 _HALF_VIEW = math.tan(math.radians(22.5))
@@ -175,12 +175,25 @@ def family_capture(family: Family, pair: Pair) -> tuple[Capture, Layers, Mask]:
     return capture, (pair.cropped(layers[0]), pair.cropped(layers[1])), unclipped
 
 
-def run(family: Family, pair: Pair, model: str) -> Row:
+@dataclass(frozen=True)
+class Job:
+    """One scene on one rung."""
+
+    photos: str | None
+    family: str
+    model: str
+    pair: int
+    size: int
+
+
+def run(job: Job) -> list[Row]:
     """Separate one scene on one rung."""
+    (family,) = [family for family in FAMILIES if family.name == job.family]
+    pair, model = pairs_of(job.photos, job.size, job.size // 2)[job.pair], job.model
     capture, layers, unclipped = family_capture(family, pair)
     told = family.true_scene(pair) if model == "known" else family.told
     result = separate(capture, told, model="auto" if model == "known" else model)
-    return Row(
+    row = Row(
         family.name,
         pair.number,
         model,
@@ -191,6 +204,7 @@ def run(family: Family, pair: Pair, model: str) -> Row:
         sum(result.seconds.values()),
         tuple(warning.name for warning in result.diagnostics.warnings),
     )
+    return [row]
 
 
 def quality(result: Separation, layers: Layers, unclipped: Mask) -> tuple[float, float]:
@@ -217,24 +231,43 @@ def table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
+def summary(rows: Sequence[Row]) -> str:
+    """How often the lowest adequate rung is taken, and what the choice costs against the best fixed one, at most."""
+    auto = [row for row in rows if row.model == "auto"]
+    lines = [f"Lowest adequate rung taken: {sum(row.adequate for row in auto)} of {len(auto)} scenes."]
+    for family in dict.fromkeys(row.family for row in auto):
+
+        def mean(model: str, family: str = family) -> float:
+            part = [row.transmission for row in rows if (row.family, row.model) == (family, model)]
+            return float(np.mean(part)) if part else -math.inf
+
+        best = max((model for model in MODELS[1:-1]), key=mean)
+        if mean(best) > -math.inf:
+            lines.append(f"{family}: auto {mean('auto') - mean(best):+.2f} dB (T) against the best fixed rung, {best}.")
+    return "\n\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table and write it with all rows."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--photos", type=Path, help="folder of photographs (default: those inside scikit-image)")
-    parser.add_argument("--pairs", type=int, default=12, help="pairs at most")
+    parser = study_parser(__doc__)
     parser.add_argument("--family", default="", help="only families whose name contains this")
-    parser.add_argument("--models", default=",".join(MODELS), help="names, comma separated")
-    parser.add_argument("-o", "--out", type=Path, help="folder for table and rows (JSON, CSV)")
-    options = parser.parse_args()
-    families = [family for family in FAMILIES if options.family in family.name]
-    pairs = (shipped_pairs() if options.photos is None else protocol_pairs(options.photos))[: options.pairs]
-    models = options.models.split(",")
-    rows = [run(family, pair, model) for family in families for model in models for pair in pairs]
-    print(table(rows))
-    if options.out:
-        photos = None if options.photos is None else str(options.photos)
-        asked = {"photos": photos, "models": models, "pairs": len(pairs)}
-        write_study(options.out, "model_ladder", asked, rows, table(rows))
+    parser.add_argument("--models", help=f"names, comma separated, of: {', '.join(MODELS)} (quick: auto)")
+    options = parser.parse_args(arguments)
+    quick = effort_of(options) == "quick"
+    size = QUICK_SIZE if quick else SIZE
+    models = (options.models or ("auto" if quick else ",".join(MODELS))).split(",")
+    jobs = [
+        Job(options.photos, family.name, model, pair, size)
+        for family in FAMILIES
+        if options.family in family.name
+        for model in models
+        for pair in range(n_pairs_of(options, 1 if quick else N_PAIRS, size, size // 2))
+    ]
+    made = run_jobs(run, jobs, options.out / "model_ladder.json", {}, hands_of(options))
+    rows = [row_of(Row, row) for row in made]
+    text = f"{table(rows)}\n\n{summary(rows)}"
+    print(text)
+    write_tables(options.out, "model_ladder", made, text)
 
 
 if __name__ == "__main__":

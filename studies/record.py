@@ -11,7 +11,6 @@ import platform
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -82,20 +81,6 @@ def write_tables(out: Path, name: str, rows: Sequence[dict[str, Any]], table: st
     """Write a study's rows as CSV and its table as Markdown; the rows' JSON is there already."""
     write_csv(out / f"{name}.csv", rows)
     (out / f"{name}.md").write_text(table + "\n", encoding="utf-8")
-
-
-def write_study(out: Path, name: str, settings: dict[str, Any], rows: Sequence[Any], table: str) -> None:
-    """Write a study's rows (dataclasses) as JSON and CSV, and its table as Markdown, into a folder."""
-    out.mkdir(parents=True, exist_ok=True)
-    plain = [_without_nan(asdict(row)) for row in rows]
-    write_document(out / f"{name}.json", metadata(settings), plain)
-    write_csv(out / f"{name}.csv", plain)
-    (out / f"{name}.md").write_text(table + "\n", encoding="utf-8")
-
-
-def _without_nan(row: dict[str, Any]) -> dict[str, Any]:
-    """JSON knows no NaN: what was not measured is null."""
-    return {name: None if value != value else value for name, value in row.items()}
 
 
 def _digest() -> str:
