@@ -7,7 +7,7 @@ came from. So the running means are taken once for all shifts.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +66,15 @@ class BlockImages:
             self.sizes,
             self.azimuth_deg + 90,
         )
+
+    def noisier(self) -> tuple[BlockImages, ...]:
+        """The same of captures with as much noise again, drawn once and mirrored two ways."""
+        h, w = (side + self.length - 1 for side in self.means.shape[-2:])
+        drawn = np.random.default_rng(0).standard_normal((2, self.means.shape[1] * h * w), dtype=np.float32)
+        root = np.linalg.cholesky(self.covariance) / self.spacing
+        noise = _running_mean((root.astype(np.float32) @ drawn).reshape(2, -1, h, w), self.length)
+        parts = (noise, noise[..., ::-1], noise[..., ::-1, :])
+        return tuple(replace(self, means=self.means + part, covariance=2 * self.covariance) for part in parts)
 
     def step(self, ghost_shift: float) -> Step:
         """A ghost shift in pixels to the right and down."""

@@ -151,7 +151,7 @@ class SceneSearch:
 
     def incidence_error(self, trial: Trial) -> float:
         """Standard error in degrees of the incidence of least edge overlap."""
-        return incidence_error(self._best_scales(trial, self._seen.fine).left_out, trial.incidence_deg)
+        return incidence_error(lambda blocks: self._best_scales(trial, blocks), self._seen.fine, trial.incidence_deg)
 
     def shift_errors(self, found: SceneParameters) -> tuple[float | None, float | None]:
         """Standard errors in pixels of the ghost shifts of both layers; None where there are none to see."""

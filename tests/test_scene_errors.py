@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from polaropt import SceneParameters, separate
+from polaropt.block_images import block_images
+from polaropt.capture import Capture
 from polaropt.grazing import refined_incidence
 from polaropt.pane_text import error_of, pane_sentence
 from polaropt.plate_frame import plate_frame, stokes_images
@@ -33,6 +35,22 @@ def test_the_truth_lies_within_the_errors(incidence_deg: float) -> None:
     # Fainter ghosts leave another shift open.
     assert errors.ghost_shift < (1 if incidence_deg > 50 else 10)
     assert errors.focal_px is errors.bend_deg_per_px is None
+
+
+@pytest.mark.parametrize(("incidence_deg", "noise"), [(10.0, 0.005), (15.0, 0.02), (20.0, 0.02)])
+def test_noise_that_moves_a_small_incidence_is_in_its_error(incidence_deg: float, noise: float) -> None:
+    found = estimate_scene(blend(incidence_deg, 160, ghost_shift=0.0, noise=noise).capture, BLIND, noise=noise)
+    assert abs(found.scene.incidence_deg - incidence_deg) < 2.5 * found.errors.incidence_deg
+
+
+def test_more_noise_is_as_large_as_the_capture_has() -> None:
+    flat = Capture(
+        np.full((4, 96, 96), 0.4, dtype=np.float32) + 0.01 * np.random.default_rng(1).normal(size=(4, 96, 96))
+    )
+    blocks = block_images(plate_frame(stokes_images(flat, 0.01), 20.0), 160)
+    for noisier in blocks.noisier():
+        assert noisier.means.var(axis=(1, 2, 3)) == pytest.approx(2 * blocks.means.var(axis=(1, 2, 3)), rel=0.15)
+        np.testing.assert_array_equal(noisier.covariance, 2 * blocks.covariance)
 
 
 def test_what_is_given_has_no_error() -> None:
