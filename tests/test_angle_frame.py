@@ -41,8 +41,9 @@ def mistake(capture: Capture) -> AngleMistake | None:
     return angle_mistake(capture, NOISE, found.scene, found.estimate, found.unexplained)
 
 
-@pytest.mark.parametrize("turned", [-70.0, -33.0, 52.0, 90.0])
-@pytest.mark.parametrize(("incidence", "azimuth"), [(45, 110), (60, 25)])
+@pytest.mark.parametrize(
+    ("incidence", "azimuth", "turned"), [(45, 110, -70.0), (60, 25, -33.0), (45, 110, 52.0), (60, 25, 90.0)]
+)
 def test_ghosts_tell_where_the_angles_start(incidence: float, azimuth: float, turned: float) -> None:
     example = blend(incidence, SIZE, azimuth_deg=azimuth, ghost_shift=7.0)
     found = find_start_angle(counted(example.capture, turned))
@@ -83,7 +84,7 @@ def test_an_unknown_start_leaves_no_wide_lens_to_find() -> None:
     assert {"perspective", "curved"}.isdisjoint(tried.rung for tried in found.tried)
 
 
-@pytest.mark.parametrize(("incidence", "azimuth"), [(45, 110), (60, 25), (70, 150)])
+@pytest.mark.parametrize(("incidence", "azimuth"), [(45, 110), (70, 150)])
 def test_angles_that_count_the_other_way_or_from_elsewhere(incidence: float, azimuth: float) -> None:
     capture = blend(incidence, SIZE, azimuth_deg=azimuth, ghost_shift=7.0).capture
     assert mistake(capture) is None
@@ -92,7 +93,7 @@ def test_angles_that_count_the_other_way_or_from_elsewhere(incidence: float, azi
     assert mistake(find_start_angle(counted(capture, 52))) is None
 
 
-@pytest.mark.parametrize("incidence", [15, 30, 45, 60, 75, 85])
+@pytest.mark.parametrize("incidence", [15, 45, 75, 85])
 @pytest.mark.parametrize("shift", [0.0, -4.0])
 @pytest.mark.parametrize("sense", [1, -1])
 def test_azimuths_that_are_their_own_mirror_image_are_no_mistake(incidence: float, shift: float, sense: int) -> None:
@@ -100,7 +101,7 @@ def test_azimuths_that_are_their_own_mirror_image_are_no_mistake(incidence: floa
     assert mistake(counted(capture, sense=sense)) is None
 
 
-@pytest.mark.parametrize("incidence", [15, 30, 45, 60, 75])
+@pytest.mark.parametrize("incidence", [15, 45, 75])
 def test_without_ghosts_nothing_is_said(incidence: float) -> None:
     capture = blend(incidence, 128, ghost_shift=0.0).capture
     assert mistake(counted(capture, 33)) is None
@@ -129,7 +130,7 @@ def test_a_single_tile_tells_no_direction() -> None:
     assert not found.certain
 
 
-@pytest.mark.parametrize("azimuth", [3.0, 75.0, 200.0])
+@pytest.mark.parametrize("azimuth", [3.0, 200.0])
 def test_before_a_wide_lens_the_azimuth_turns_the_right_way_only(azimuth: float) -> None:
     capture, _, _ = seen_wide(128, focal_px=150.0, azimuth_deg=azimuth)
     assert mistake(capture) is None

@@ -52,7 +52,8 @@ def test_a_pipe_sees_no_progress_bar(photographs: list[str], tmp_path: Path, cap
 
 def test_a_terminal_sees_a_progress_bar(photographs: list[str], tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "polaropt", "separate", *photographs, "-o", str(tmp_path), *QUICK]
+    given = ["--incidence", "65", "--azimuth", "30", "--shift", "4", *QUICK]
+    command = [sys.executable, "-m", "polaropt", "separate", *photographs, "-o", str(tmp_path), *given]
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
     with subprocess.Popen(command, cwd=ROOT, stdout=theirs, stderr=theirs, env=environment) as running:
         os.close(theirs)

@@ -41,10 +41,11 @@ def tiny(photographs: Path, output: Path, *more: str) -> list[str]:
 
 
 @pytest.mark.parametrize("form", ["conditioned", "paper"])
-def test_it_writes_weights_log_state_and_record(
+def test_it_writes_weights_log_state_and_record_and_goes_on_where_it_stopped(
     photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
-    assert main(tiny(photographs, tmp_path, "--form", form, "--without", "perceptual", "--json")) == 0
+    command = tiny(photographs, tmp_path, "--form", form, "--without", "perceptual", "--json")
+    assert main(command) == 0
     told = json.loads(capsys.readouterr().out)
     record = json.loads((tmp_path / "record.json").read_text())
     assert told == {"output": str(tmp_path), **record}
@@ -52,16 +53,23 @@ def test_it_writes_weights_log_state_and_record(
     assert record["options"]["weights"]["perceptual"] == 0
     assert record["steps"] == 2
     assert load_network(tmp_path / "weights.safetensors", record["sha256"]).architecture.form == form
-    with (tmp_path / "log.csv").open(newline="") as file:
-        assert [float(row["step"]) for row in csv.DictReader(file)] == [2]
-
-
-def test_it_goes_on_where_it_stopped(photographs: Path, tmp_path: Path) -> None:
-    assert main(tiny(photographs, tmp_path)) == 0
-    command = tiny(photographs, tmp_path, "--resume")
+    assert steps_logged(tmp_path) == [2]
     command[command.index("2")] = "3"
-    assert main(command) == 0
+    assert main([*command, "--resume"]) == 0
     assert json.loads((tmp_path / "record.json").read_text())["steps"] == 3
+    assert steps_logged(tmp_path) == [2, 3]
+
+
+def steps_logged(folder: Path) -> list[float]:
+    with (folder / "log.csv").open(newline="") as file:
+        return [float(row["step"]) for row in csv.DictReader(file)]
+
+
+def test_the_perceptual_loss_compares_features_of_the_shipped_encoder(photographs: Path, tmp_path: Path) -> None:
+    command = tiny(photographs, tmp_path, "--form", "paper")
+    command[command.index("2")] = "1"
+    assert main(command) == 0
+    assert "shipped conditioned form" in json.loads((tmp_path / "record.json").read_text())["perceptual_features"]
 
 
 @pytest.mark.parametrize(

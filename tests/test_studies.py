@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,11 +11,10 @@ from skimage.io import imsave
 
 from polaropt.errors import InputError
 from polaropt.scene import SceneParameters
+from studies import paper_protocol
 from studies.paper_protocol import scene_errors
 from studies.protocol import protocol_capture, protocol_pairs, protocol_scene, shipped_pairs, truth
 from studies.real_captures import edge_correlation
-
-ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
@@ -75,10 +71,9 @@ def test_edges_correlate_with_themselves():
     assert abs(edge_correlation(image, other)) < 0.2
 
 
-def test_the_table_is_one_command(tmp_path):
-    command = [sys.executable, "-m", "studies.paper_protocol", "--pairs", "1", "--incidences", "65", "--kind", "paper"]
-    done = subprocess.run([*command, "-o", str(tmp_path)], capture_output=True, text=True, cwd=ROOT, check=True)
-    assert "| paper | 65 |" in done.stdout
+def test_the_table_is_one_command(tmp_path, capsys):
+    paper_protocol.main(["--pairs", "1", "--incidences", "65", "--kind", "paper", "-o", str(tmp_path)])
+    assert "| paper | 65 |" in capsys.readouterr().out
     document = json.loads((tmp_path / "paper_protocol.json").read_text())
     (row,) = document["results"]
     assert {"settings", "machine", "libraries", "commit", "sources", "seeds"} <= document["metadata"].keys()
