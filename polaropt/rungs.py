@@ -35,6 +35,7 @@ _MOSTLY = 0.8
 _FAR = 30.0
 # Score that polarized light must gain, and where nothing but edges and spectra speaks of it.
 _LEAST_GAIN, _LEAST_GAIN_OF_EDGES = 0.004, 0.03
+_OBLIQUE_DEG = 30.0
 
 
 @dataclass(frozen=True)
@@ -265,7 +266,10 @@ def _may_be_polarized(evidence: Evidence) -> bool:
     if evidence.wanted == "polarized":
         return True
     if evidence.explained:
-        return looks_polarized(evidence.stokes, evidence.estimate.scene)
+        # Frontal glass polarizes so little that a slight polarization of either layer would do as well, and the
+        # transmission does not need to know.
+        oblique = evidence.estimate.scene.values()[0] > _OBLIQUE_DEG
+        return oblique and looks_polarized(evidence.stokes, evidence.estimate.scene)
     return Mixture(evidence.stokes).misfit - 1 < (evidence.misfit - 1) / 2
 
 

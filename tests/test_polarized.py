@@ -22,6 +22,7 @@ from polaropt.polarized_mixing import Mixture
 from polaropt.scene import SceneParameters
 from polaropt.separation import separate
 from polaropt.simulation import simulate
+from studies.protocol import protocol_capture, shipped_pairs
 
 BLIND = SceneParameters(None, None, None)
 SCREEN = {"transmission_polarization": (0.6, 140.0)}
@@ -173,3 +174,12 @@ def test_what_is_told_of_the_pane_stays() -> None:
     found = find_scene(made.capture, asked, noise_level(made.capture), "polarized")
     assert found.scene.values()[:2] == (60.0, 25.0)
     assert found.scene.transmission_polarization == pytest.approx((0.6, 140.0), abs=3)
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.01])
+def test_frontal_glass_needs_no_polarized_light(noise: float) -> None:
+    # A slight polarization of what is behind oblique glass shows nearly the same.
+    capture = protocol_capture(shipped_pairs(128, 64)[2], 10.0, noise=noise)
+    found = find_scene(capture, BLIND, noise_level(capture)).scene
+    assert not found.polarized
+    assert found.values()[0] < 20
