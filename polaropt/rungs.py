@@ -265,6 +265,9 @@ def _may_be_polarized(evidence: Evidence) -> bool:
         return False
     if evidence.wanted == "polarized":
         return True
+    if evidence.asked.azimuth_deg is not None:
+        # Polarized light explains what a wrong azimuth leaves, and makes it worse.
+        return False
     if evidence.explained:
         # Frontal glass polarizes so little that a slight polarization of either layer would do as well, and the
         # transmission does not need to know.

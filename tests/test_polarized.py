@@ -22,7 +22,7 @@ from polaropt.polarized_mixing import Mixture
 from polaropt.scene import SceneParameters
 from polaropt.separation import separate
 from polaropt.simulation import simulate
-from studies.protocol import protocol_capture, shipped_pairs
+from studies.protocol import protocol_capture, protocol_scene, shipped_pairs
 
 BLIND = SceneParameters(None, None, None)
 SCREEN = {"transmission_polarization": (0.6, 140.0)}
@@ -183,3 +183,11 @@ def test_frontal_glass_needs_no_polarized_light(noise: float) -> None:
     found = find_scene(capture, BLIND, noise_level(capture)).scene
     assert not found.polarized
     assert found.values()[0] < 20
+
+
+def test_a_wrong_azimuth_is_not_explained_by_polarized_light() -> None:
+    capture = protocol_capture(shipped_pairs(128, 64)[1], 60.0)
+    told = protocol_scene(shipped_pairs(128, 64)[1], 60.0).values()[1] + 10
+    found = find_scene(capture, SceneParameters(None, told, None), noise_level(capture))
+    assert not found.scene.polarized
+    assert found.unexplained > 4
