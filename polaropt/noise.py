@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
+from polaropt.pair_gain import BLOCK, divide_out_gain, orthogonal_pairs, pair_gain_of, plausible, trusted_blocks
 from polaropt.stokes import analyzer_matrix
 
 _MAD_TO_SIGMA = 1.4826
@@ -19,8 +19,10 @@ _LEAST = 1e-6
 _ENOUGH = 1000
 _FEWEST = 100
 _SAMPLE = 65536
-_COARSEST_STEP = 1 / 60
+_COARSEST_STEP, _FEWEST_LEVELS = 1 / 14, 8
 _PILE = 5e-4
+# In steps of the grey levels: below, the noise is rounding, which does not look normal.
+ROUNDED = 0.5
 _MOST_VALUES, _BAND = 2**18, 16
 """Values of a photograph that are enough, and rows of a band that is taken from a larger one."""
 
@@ -79,7 +81,7 @@ def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:
 def quantization_step(intensities: NDArray[np.float32]) -> float:
     """Distance of the grey levels (white = 1), 0 for values that lie on no grid."""
     levels = np.unique(intensities[0].ravel()[:: max(1, intensities[0].size // _SAMPLE)])
-    if levels.size < 16:
+    if levels.size < _FEWEST_LEVELS:
         return 0.0
     gaps = np.diff(levels.astype(np.float64))
     step = float(np.median(gaps[gaps <= 1.5 * np.quantile(gaps, 0.1)]))
@@ -93,12 +95,38 @@ def redundancy(capture: Capture) -> Redundancy:
     rows = _sampled_rows(capture.intensities[0].size, capture.shape[-2])
     intensities, valid = capture.intensities[..., rows, :], capture.valid[..., rows, :]
     trusted = _trusted(intensities, valid)
-    if orthogonal_pairs(capture.angles_deg) is not None:
-        gain = pair_gain_of(intensities, capture.angles_deg, valid)
-        if gain is not None and plausible(gain):
-            intensities = divide_out_gain(intensities, capture.angles_deg, gain)
+    intensities = _without_gain(intensities, capture.angles_deg, valid)
     residual = redundancy_residual(intensities, capture.angles_deg)
     return Redundancy(residual[:, trusted], intensities[:, trusted].mean(axis=0))
+
+
+def noise_of_blocks(capture: Capture, noise: float) -> float:
+    """Noise of a pixel, were it white, that leaves means of blocks as uncertain as they are.
+
+    Where grey levels are coarser than the noise, the rounding errors of neighbours are alike, and their mean hardly
+    falls with their number. Elsewhere this is the noise itself.
+
+    Parameters
+    ----------
+    capture : Capture
+    noise : float
+        `noise_level` of the capture.
+    """
+    if len(capture.angles_deg) == 3 or noise >= ROUNDED * quantization_step(capture.intensities):
+        return noise
+    intensities = _without_gain(capture.intensities, capture.angles_deg, capture.valid)
+    residual = redundancy_residual(trusted_blocks(intensities, capture.valid), capture.angles_deg)
+    return max(noise, BLOCK * float(residual.std())) if residual.size else noise
+
+
+def _without_gain(
+    intensities: NDArray[np.float32], angles_deg: Sequence[float], valid: NDArray[np.bool_]
+) -> NDArray[np.float32]:
+    """Photographs after a plausible pair gain is divided out."""
+    if orthogonal_pairs(angles_deg) is None:
+        return intensities
+    gain = pair_gain_of(intensities, angles_deg, valid)
+    return intensities if gain is None or not plausible(gain) else divide_out_gain(intensities, angles_deg, gain)
 
 
 def _sampled_rows(size: int, height: int) -> slice | NDArray[np.intp]:

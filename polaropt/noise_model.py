@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.noise import Redundancy, noise_level, quantization_step, redundancy, robust_spread
+from polaropt.noise import ROUNDED, Redundancy, noise_level, quantization_step, redundancy, robust_spread
 
 Floats = NDArray[np.float64]
 
 _BINS, _FEWEST, _FEWEST_BINS = 24, 200, 4
 _TURNS = 4
 _ENOUGH = 2**16
-# In steps of the grey levels: below, the noise is rounding, which does not look normal.
-_ROUNDED = 0.5
 # Of the variance of a robust spread, in units of variance^2 / n (median absolute deviation of normal values).
 _MAD_VARIANCE = 4 * 1.36
 # Growth that is believed: in its standard errors, and as variance of the brightest tenth against the darkest.
@@ -100,7 +98,7 @@ def noise_model(capture: Capture, level: float, seen: Redundancy | None = None) 
     if len(capture.angles_deg) == 3:
         return constant
     step = quantization_step(capture.intensities)
-    if level < _ROUNDED * step:
+    if level < ROUNDED * step:
         return constant
     seen = _sample(seen or redundancy(capture))
     intensity, variance, count = _binned(seen, step / 2)

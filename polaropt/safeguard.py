@@ -10,7 +10,7 @@ from polaropt.alignment import align
 from polaropt.capture import MOST_NEGATIVE, Capture
 from polaropt.errors import InputError
 from polaropt.mistakes import Mistakes
-from polaropt.noise import noise_level
+from polaropt.noise import noise_level, noise_of_blocks
 from polaropt.plate import in_place_reflectance
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import estimate_scene
@@ -35,9 +35,13 @@ def mended(capture: Capture, mistakes: Mistakes) -> Capture:
 
 
 def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> tuple[Capture, float]:
-    """The photographs that the scene is estimated from, see `mended`, and the noise of one of them."""
+    """The photographs that the scene is estimated from, see `mended`, and the noise of one of them.
+
+    What the scene is told by are means over blocks: the noise is theirs, where coarse grey levels make it another.
+    """
     source = mended(capture, mistakes)
-    return (capture, noise) if source is capture else (source, noise_level(source))
+    noise = noise if source is capture else noise_level(source)
+    return source, noise_of_blocks(source, noise)
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ def test_noise_does_not_take_long():
     assert time.perf_counter() - start < 0.3
 
 
-@pytest.mark.parametrize("bits", [8, 10, 12])
+@pytest.mark.parametrize("bits", [4, 5, 6, 8, 10, 12])
 def test_grey_levels_are_found(bits):
     capture = photographed((128, 128), bits=bits)
     assert quantization_step(capture.intensities) == pytest.approx(1 / (2**bits - 1), rel=0.02)
