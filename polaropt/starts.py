@@ -46,7 +46,7 @@ def initializers() -> tuple[Initializer, ...]:
     return (
         Initializer("closed-form", "A Wiener filter per frequency, with all ghosts (the default)."),
         Initializer("cold", "The plain intensity."),
-        Initializer("learned", "Networks that improve the closed form; the solve stops at the noise level.", there),
+        Initializer("learned", "Networks that improve the closed form; the solve ends at the noise level.", there),
         Initializer("per-pixel", "Each pixel's own photographs, double images in place."),
     )
 
@@ -66,7 +66,7 @@ def check_start(name: str) -> None:
 
 
 def ends_at_the_noise(name: str) -> bool:
-    """Whether a solve from this start ends as soon as the photographs are explained to their noise.
+    """Whether a solve from this start goes only as far as explains the photographs to their noise.
 
     The learned start knows what the objective does not; going on would trade that for what the objective prefers.
     """
