@@ -17,6 +17,7 @@ STUDIES = (
     Study("paper_protocol", "How good is a separation on the paper's six incidences, blind and with the scene known?"),
     Study("model_ladder", "Which scene model is taken on each family of scenes, and what does the choice cost?"),
     Study("stability", "How far may scenes leave the plain case, where do methods fail, and is it announced?"),
+    Study("learned_init", "Where does a solve from the learned start win over other starts, and where does it not?"),
     Study("ablation", "What is each part of the separation worth?"),
     Study("peers", "How good is a separation against others' methods, and against the figures the paper prints?"),
     Study("coverage", "Do the stated standard errors of the layers hold?"),

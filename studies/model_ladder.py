@@ -13,7 +13,7 @@ import numpy as np
 
 from polaropt.capture import Capture
 from polaropt.scene import SceneParameters, ghost_step
-from polaropt.separation import Separation, separate
+from polaropt.separation import separate
 from polaropt.simulation import ANGLES_DEG, digitized, exact_photographs, stack_layers
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.paper_protocol import trivial_psnr
@@ -198,7 +198,7 @@ def run(job: Job) -> list[Row]:
         pair.number,
         model,
         max(trivial_psnr(capture, np.moveaxis(layers[0], 0, -1))),
-        *quality(result, layers, unclipped),
+        *quality(result.layers, layers, unclipped),
         result.scene.rung,
         result.scene.rung == family.rung,
         sum(result.seconds.values()),
@@ -207,10 +207,10 @@ def run(job: Job) -> list[Row]:
     return [row]
 
 
-def quality(result: Separation, layers: Layers, unclipped: Mask) -> tuple[float, float]:
-    """PSNR of both layers over the pixels that no photograph clips."""
+def quality(found: np.ndarray, layers: Layers, unclipped: Mask) -> tuple[float, float]:
+    """PSNR of both layers (2, channel, h, w) over the pixels that no photograph clips."""
     inner = (..., *(slice(EVALUATION_BORDER, -EVALUATION_BORDER),) * 2)
-    error = np.square(result.layers - np.stack(layers))[inner][..., unclipped[inner]].mean(axis=(1, 2))
+    error = np.square(found - np.stack(layers))[inner][..., unclipped[inner]].mean(axis=(1, 2))
     return float(-10 * np.log10(error[0])), float(-10 * np.log10(error[1]))
 
 
