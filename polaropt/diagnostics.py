@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.angle_check import AngleMistake, angle_mistake
+from polaropt.axis_choice import NOTABLE_STAKE
 from polaropt.capture import Capture
 from polaropt.mistakes import Mistakes, find_mistakes
 from polaropt.noise_model import NoiseModel
@@ -80,7 +81,12 @@ class Warning(Enum):
     )
     INCIDENCE_DOUBTFUL = (
         "The photographs speak against the incidence that was given: with it the reflection would be taken off by a "
-        "third too much or too little. Check it, or leave it to be found."
+        "third too much or too little. Check it, or leave it to be found. Where it would do "
+        "harm the intensity is returned as transmission, unless a model is asked for by its name."
+    )
+    AXIS_DOUBTFUL = (
+        "A pane whose plane of incidence lies across, its layers exchanged, explains the photographs about as well: "
+        "take them with less noise, or tell the azimuth (how the plane of incidence lies in the picture)."
     )
     MODEL_DOES_NOT_EXPLAIN = (
         "The pane with these parameters does not explain the photographs down to their noise: "
@@ -174,6 +180,7 @@ def diagnose(
         **_of_angles(mistake),
         Warning.POLARIZED_SOURCE: looks_polarized or _found_polarized(scene, estimate),
         Warning.INCIDENCE_DOUBTFUL: doubtful_incidence,
+        Warning.AXIS_DOUBTFUL: polarized and estimate is not None and estimate.axis_stake >= NOTABLE_STAKE,
         Warning.MODEL_DOES_NOT_EXPLAIN: polarized and max(misfit_ratio, unexplained) > _BAD_FIT,
         Warning.SOLVER_FAILED: not finite,
     }

@@ -153,6 +153,12 @@ def in_place_reflectance(incidence_deg: float, refractive_index: float, single_s
     return 2 * r_p / (1 + r_p), 2 * r_s / (1 + r_s)
 
 
+def in_place_correction(incidence_deg: float, refractive_index: float, single_surface: bool) -> float:
+    """What is taken off the intensity for each unit of polarized light (s1 in the pane's frame), bounces in place."""
+    par, perp = in_place_reflectance(incidence_deg, refractive_index, single_surface)
+    return (perp + par) / (perp - par)
+
+
 def _plate_weights(rho: NDArray[np.float64], tau: NDArray[np.float64], n_ghosts: int) -> NDArray[np.float64]:
     """The two series up to ghost `n_ghosts`, shape (2, n_ghosts + 1, 3)."""
     order = np.arange(n_ghosts + 1).reshape(-1, *(1 for _ in rho.shape))

@@ -10,13 +10,16 @@ from polaropt.alignment import align
 from polaropt.capture import MOST_NEGATIVE, Capture
 from polaropt.errors import InputError
 from polaropt.mistakes import Mistakes
+from polaropt.model_selection import FoundScene, Tried
 from polaropt.noise import noise_level, noise_of_blocks
-from polaropt.plate import in_place_reflectance
+from polaropt.plate import in_place_correction
 from polaropt.scene import SceneParameters
-from polaropt.scene_estimation import estimate_scene
+from polaropt.scene_estimation import SceneEstimate, estimate_scene
 
 _MUCH_CORRECTION = 1 / 3
-_LEAST_DEG = 0.5
+_LEAST_DEG, _MOST_DEG = 0.5, 89.0
+_SURE = 2.0
+_PLAIN = ("pixelwise", "ghosts")
 
 
 def mended(capture: Capture, mistakes: Mistakes) -> Capture:
@@ -46,10 +49,14 @@ def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> tuple[Ca
 
 @dataclass(frozen=True)
 class Asked:
-    """What is to be found of a scene, and whether the photographs speak against the incidence that was given."""
+    """What is to be found of a scene, and whether the photographs speak against the incidence that was given.
+
+    It is harmful where the layers would be further from the truth than the plain intensity is.
+    """
 
     scene: SceneParameters
     doubtful: bool = False
+    harmful: bool = False
 
 
 def with_incidence_checked(source: Capture, asked: SceneParameters, noise: float) -> Asked:
@@ -67,14 +74,43 @@ def with_incidence_checked(source: Capture, asked: SceneParameters, noise: float
     if abs(correction(asked) / correction(found.scene) - 1) <= _MUCH_CORRECTION:
         return Asked(asked)
     azimuth = found.scene.azimuth_deg if asked.azimuth_deg is None else asked.azimuth_deg
-    return Asked(asked.replace(azimuth_deg=azimuth), doubtful=True)
+    return Asked(asked.replace(azimuth_deg=azimuth), doubtful=True, harmful=_overcorrected(asked, found))
+
+
+def _overcorrected(asked: SceneParameters, found: SceneEstimate) -> bool:
+    """Whether more than twice what is right would be taken off the intensity, by any incidence that may be right.
+
+    The plain intensity is the whole correction off; more than twice that correction is further off on the other side.
+    """
+    incidence, error = found.scene.incidence_deg or 0.0, _SURE * (found.errors.incidence_deg or 0.0)
+    near = np.clip(np.linspace(incidence - error, incidence + error, 5), _LEAST_DEG, _MOST_DEG)
+    return correction(asked) > 2 * max(correction(found.scene.replace(incidence_deg=float(angle))) for angle in near)
+
+
+def left_alone(found: FoundScene, asked: Asked) -> FoundScene:
+    """The scene that was found, or none where the plain intensity is the better guess of the transmission.
+
+    That is where a pane across, its layers exchanged, explains the photographs about as well, and where an incidence
+    that was given would do harm. Who insists asks for a rung by its name.
+    """
+    estimate = found.estimate
+    if estimate is None or not found.scene.signal:
+        return found
+    if asked.harmful:
+        reason = "With the incidence that was given the transmission would be worse than the plain intensity."
+    elif estimate.better_left and found.scene.rung in _PLAIN:
+        reason = "A pane whose plane of incidence lies across explains the photographs about as well."
+    else:
+        return found
+    scene = found.scene.replace(signal=False)
+    tried = (*(replace(rung, taken=False) for rung in found.tried), Tried("none", None, None, 0.0, True, reason))
+    return FoundScene(scene, replace(estimate, scene=scene), tried)
 
 
 def correction(scene: SceneParameters) -> float:
     """What is taken off the intensity for each unit of polarized light, all bounces in place."""
     incidence = max(_LEAST_DEG, scene.incidence_deg or 0.0)
-    par, perp = in_place_reflectance(incidence, scene.refractive_index, scene.single_surface)
-    return (perp + par) / (perp - par)
+    return in_place_correction(incidence, scene.refractive_index, scene.single_surface)
 
 
 def linear(capture: Capture, gamma: float) -> Capture:

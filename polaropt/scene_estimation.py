@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from polaropt.axis_choice import HIGH_STAKE, Pane, choose_axis
 from polaropt.azimuth import principal_axis
 from polaropt.capture import Capture
 from polaropt.grazing import STRONG_GHOSTS_DEG, refined_incidence
@@ -45,7 +46,10 @@ class SceneEstimate:
         Whether there is polarization at all; without, incidence, azimuth and shift mean nothing.
     axis_margin : float
         How much better this azimuth explains the capture than the one across it (log likelihood per frequency and
-        weighted edge overlap); infinite where the azimuth was given, doubtful below about 0.02.
+        weighted edge overlap); infinite where the azimuth was given.
+    axis_stake : float
+        Expected error of the transmission over that of the plain intensity, mean squares, for the chance that the pane
+        lies across: 0 where that is settled, from a half on the intensity is the safer guess; see `AxisChoice`.
     incidence_margin : float
         Depth of the overlap's minimum below its typical value, 0..1.
     incidence_grid_deg, overlap : ndarray
@@ -59,11 +63,17 @@ class SceneEstimate:
     errors: SceneErrors
     polarized: bool
     axis_margin: float
+    axis_stake: float
     incidence_margin: float
     incidence_grid_deg: Curve
     overlap: Curve
     shift_grid: Curve
     shift_misfit: Curve
+
+    @property
+    def better_left(self) -> bool:
+        """Whether the plain intensity is the better guess of the transmission, as the pane may lie across."""
+        return self.axis_stake >= HIGH_STAKE
 
 
 def estimate_scene(
@@ -97,7 +107,8 @@ def estimate_scene(
     axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])
     frame = plate_frame(stokes, axis.azimuth_deg if scene.azimuth_deg is None else scene.azimuth_deg)
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
-    frame, search, trial, margin = _choose_axis(frame, scene, thickness)
+    taken = _choose_axis(frame, scene, thickness)
+    frame, search, trial = taken.frame, taken.search, taken.trial
     found = _completed(scene, frame.azimuth_deg, trial)
     errors = SceneErrors()
     if axis.snr > _POLARIZED_SNR:
@@ -113,19 +124,29 @@ def estimate_scene(
         polarization_snr=axis.snr,
         errors=errors,
         polarized=axis.snr > _POLARIZED_SNR,
-        axis_margin=margin,
+        axis_margin=taken.margin,
+        axis_stake=taken.stake,
         incidence_margin=float(1 - overlap.min() / max(float(np.median(overlap)), 1e-9)),
         incidence_grid_deg=INCIDENCE_GRID_DEG,
         overlap=overlap,
         shift_grid=shift_grid,
-        shift_misfit=shift_misfit,
+        shift_misfit=shift_misfit - shift_misfit.min(),
     )
 
 
-def _choose_axis(
-    frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None
-) -> tuple[PlateFrame, SceneSearch, Trial, float]:
-    """The frame at the given azimuth, or at that one of two which explains the capture better; the best trial there."""
+@dataclass(frozen=True)
+class _Taken:
+    """The frame at the azimuth taken, its search and best trial; margin and stake as in `SceneEstimate`."""
+
+    frame: PlateFrame
+    search: SceneSearch
+    trial: Trial
+    margin: float
+    stake: float = 0.0
+
+
+def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None) -> _Taken:
+    """At the given azimuth, or at that one of two which explains the capture better, or is safer where both do."""
     seen = evidence(frame)
     frames, seens = [frame, frame.across()], [seen, seen.across()]
     if scene.azimuth_deg is not None:
@@ -133,13 +154,17 @@ def _choose_axis(
     searches = [SceneSearch(part, scene, thickness) for part in seens]
     trials = [search.first() for search in searches]
     margin = _margin(trials)
-    if abs(margin) < _CLOSE:
-        trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
-        margin = _margin(trials)
+    if abs(margin) >= _CLOSE:
         best = 0 if margin >= 0 else 1
-        return frames[best], searches[best], trials[best], abs(margin)
-    best = 0 if margin >= 0 else 1
-    return frames[best], searches[best], searches[best].improved(trials[best]), abs(margin)
+        return _Taken(frames[best], searches[best], searches[best].improved(trials[best]), abs(margin))
+    trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
+    panes = [
+        Pane(part, trial, float(search.shift_curve(trial)[1].min()))
+        for part, search, trial in zip(seens, searches, trials, strict=True)
+    ]
+    choice = choose_axis((panes[0], panes[1]), scene)
+    best = choice.best
+    return _Taken(frames[best], searches[best], trials[best], _margin(trials) * (1 - 2 * best), choice.stake)
 
 
 def _margin(trials: list[Trial]) -> float:

@@ -136,10 +136,9 @@ class SceneSearch:
         return np.array([overlap.joint(float(incidence)) for incidence in INCIDENCE_GRID_DEG])
 
     def shift_curve(self, trial: Trial) -> tuple[Curve, Curve]:
-        """Ghost shifts and their misfit less its minimum, at the trial's incidence."""
+        """Ghost shifts and their misfit, at the trial's incidence."""
         grid = self._shift_grid(trial.incidence_deg, 0.5)
-        misfit = self._likelihood.misfit(trial.incidence_deg, grid)
-        return grid, misfit - misfit.min()
+        return grid, self._likelihood.misfit(trial.incidence_deg, grid)
 
     def with_own_shifts(self, frame: PlateFrame, found: SceneParameters) -> SceneParameters:
         """A scene that was found, with a shift for each layer where both were open and that explains clearly more."""

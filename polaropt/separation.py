@@ -20,7 +20,7 @@ from polaropt.model_selection import FoundScene, Tried, find_scene, model_names
 from polaropt.noise_model import NoiseModel, measured_noise
 from polaropt.objective import Term, Weights
 from polaropt.problem import component_images
-from polaropt.safeguard import scene_source, with_incidence_checked
+from polaropt.safeguard import left_alone, scene_source, with_incidence_checked
 from polaropt.scene import SceneParameters
 from polaropt.scene_errors import SceneErrors
 from polaropt.scene_estimation import SceneEstimate
@@ -194,6 +194,8 @@ def separate(
         found = find_scene(
             source, checked.scene, of_source, model, thickness_px=thickness_px, thickness_kind=thickness_kind
         )
+        if model == "auto":
+            found = left_alone(found, checked)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:
             return _unseparated(seen, found, estimate, stages)
@@ -254,9 +256,18 @@ def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) 
 
 
 def _unseparated(seen: _Seen, found: FoundScene, estimate: SceneEstimate, stages: Stages) -> Separation:
-    """The intensity as transmission: all that an unpolarized capture tells."""
+    """The intensity as transmission: all that an unpolarized capture tells, and the better guess in doubt."""
     capture, noise = seen.capture, seen.noise
     intensity = capture.stokes[0]
+    diagnostics = diagnose(
+        capture,
+        noise,
+        misfit_ratio=1.0,
+        reflection_unknown=float(not estimate.polarized),
+        estimate=estimate,
+        mistakes=seen.mistakes,
+        doubtful_incidence=seen.doubtful_incidence,
+    )
     stages.end()
     return Separation(
         layers=np.stack([intensity, np.zeros_like(intensity)]),
@@ -265,14 +276,8 @@ def _unseparated(seen: _Seen, found: FoundScene, estimate: SceneEstimate, stages
         tried=found.tried,
         terms={},
         solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),
-        diagnostics=diagnose(
-            capture,
-            noise,
-            misfit_ratio=1.0,
-            reflection_unknown=float(not estimate.polarized),
-            estimate=estimate,
-            mistakes=seen.mistakes,
-        ),
+        # Whatever the reason to warn of, no reflection is shown.
+        diagnostics=replace(diagnostics, reflection_unknown=1.0),
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_halves, capture),
