@@ -1,0 +1,137 @@
+"""What each term of the learned networks' loss is worth: the source paper's Table 3 and Fig. 7, on its six incidences.
+
+Run ``polaropt study ablation_losses --records FOLDER -o OUT``, where FOLDER holds the folders of trainings; without
+``--records`` it says how to make them and looks at the shipped weights alone. Networks stand for themselves: no solve.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from polaropt.capture import Capture
+from polaropt.conditioning import conditioned_observation, plain_observation
+from polaropt.errors import InputError
+from polaropt.metrics import psnr_db, similarity_map
+from polaropt.model_selection import find_scene
+from polaropt.noise import noise_level
+from polaropt.objective import Weights
+from polaropt.problem import Problem
+from polaropt.scene import SceneParameters
+from studies.ablation_losses_figures import draw
+from studies.ablation_losses_tables import Row, page
+from studies.ablation_records import Training, shipped_trainings, trainings_in
+from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from studies.protocol import EVALUATION_BORDER, INCIDENCES_DEG, N_PAIRS, Pair, protocol_capture, truth
+from studies.record import write_tables
+from studies.work import row_of, run_jobs
+
+if TYPE_CHECKING:
+    from priors.learned import LearnedInitializer
+    from priors.observation import Observation
+
+SHOWN_DEG = 60.0
+QUICK_INCIDENCES_DEG, QUICK_SIZE, SIZE = (10, 60), 128, 256
+Images = np.ndarray
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene, shown to several networks."""
+
+    photos: str | None
+    pair: int
+    incidence_deg: float
+    size: int
+    trainings: tuple[Training, ...]
+    vgg19: str | None
+
+
+def run(job: Job) -> list[Row]:
+    """Show one scene to every network; what the conditioned form needs of the scene is found blind, once."""
+    pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
+    capture = protocol_capture(pair, job.incidence_deg)
+    layers = np.stack([np.moveaxis(layer, -1, 0) for layer in truth(pair)])
+    with threadpool_limits(1, "blas"):
+        seen = {form: observed(capture, form) for form in {training.form for training in job.trainings}}
+        return [_row(job, training, seen[training.form], layers) for training in job.trainings]
+
+
+def observed(capture: Capture, form: str) -> Observation:
+    """What a network of a form is shown of a capture."""
+    noise = noise_level(capture)
+    if form == "paper":
+        return plain_observation(capture, noise)
+    scene = find_scene(capture, SceneParameters(None, None, None), noise).scene
+    problem = Problem(capture, scene, noise, Weights())
+    return conditioned_observation(problem, np.ascontiguousarray(problem.canvas.crop(problem.known.layers)))
+
+
+def _row(job: Job, training: Training, seen: Observation, layers: Images) -> Row:
+    network = _network(training, job.vgg19)
+    began = time.perf_counter()
+    found = network.layers(seen, layers.shape[1])
+    seconds = time.perf_counter() - began
+    inner = (..., slice(EVALUATION_BORDER, -EVALUATION_BORDER), slice(EVALUATION_BORDER, -EVALUATION_BORDER))
+    noise = [psnr_db(found[i], layers[i], EVALUATION_BORDER) for i in (0, 1)]
+    likeness = [float(similarity_map(found[i], layers[i])[inner].mean()) for i in (0, 1)]
+    return Row(training.name, training.variant, job.pair, job.incidence_deg, *noise, *likeness, seconds)
+
+
+@lru_cache(maxsize=16)
+def _network(training: Training, vgg19: str | None) -> LearnedInitializer:
+    from priors.checkpoint import load_network
+    from priors.encoder import WrongWeights
+    from priors.learned import LearnedInitializer
+
+    try:
+        network = load_network(training.weights, training.digest, None if vgg19 is None else Path(vgg19))
+    except WrongWeights as error:
+        raise InputError(str(error)) from None
+    return LearnedInitializer(network)
+
+
+def layers_of(training: Training, pair: Pair, incidence_deg: float, vgg19: str | None) -> Images:
+    """Layers (2, 3, h, w) that a network makes of one scene of the protocol."""
+    capture = protocol_capture(pair, incidence_deg)
+    return _network(training, vgg19).layers(observed(capture, training.form), 3)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables and write them with all rows and figures."""
+    parser = study_parser(__doc__)
+    parser.add_argument("--records", type=Path, metavar="DIR", help="folder of folders that polaropt train has written")
+    parser.add_argument("--vgg19", metavar="FILE", help="VGG-19's weights, for networks with that encoder")
+    options = parser.parse_args(arguments)
+    quick = effort_of(options) == "quick"
+    size = QUICK_SIZE if quick else SIZE
+    try:
+        trainings = (*(trainings_in(options.records) if options.records else ()), *shipped_trainings())
+    except InputError as error:
+        parser.error(str(error))
+    n_pairs = n_pairs_of(options, 1 if quick else N_PAIRS, size, size // 2)
+    incidences = QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG
+    jobs = [
+        Job(options.photos, pair, float(theta), size, trainings, options.vgg19)
+        for pair in range(n_pairs)
+        for theta in incidences
+    ]
+    made = run_jobs(run, jobs, options.out / "ablation_losses.json", {}, hands_of(options))
+    rows = [row_of(Row, row) for row in made]
+    text = page(rows, trainings)
+    print(text)
+    write_tables(options.out, "ablation_losses", made, text)
+    pair = pairs_of(options.photos, size, size // 2)[0]
+    crops = {training.name: layers_of(training, pair, SHOWN_DEG, options.vgg19) for training in trainings}
+    draw(rows, trainings, (pair, crops), options.out)
+
+
+if __name__ == "__main__":
+    main()
