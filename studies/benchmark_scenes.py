@@ -64,14 +64,14 @@ class Example:
 
 def example(photographs: Photographs, incidence_deg: float, size: Size) -> Example:
     """One scene of the protocol, the pane known."""
-    pair = _pair(photographs, size)
+    pair = sized_pair(photographs, size)
     capture = protocol_capture(pair, incidence_deg)
     layers = np.ascontiguousarray(np.moveaxis(np.stack(truth(pair)), -1, 1))
     return Example(capture, protocol_scene(pair, incidence_deg), layers)
 
 
 @lru_cache(maxsize=1)
-def _pair(photographs: Photographs, size: Size) -> Pair:
+def sized_pair(photographs: Photographs, size: Size) -> Pair:
     """A pair in a frame that need not be square: the middle of the larger square."""
     side = max(size.height, size.width)
     pairs = (

@@ -23,5 +23,6 @@ STUDIES = (
     Study("peers", "How good is a separation against others' methods, and against the figures the paper prints?"),
     Study("coverage", "Do the stated standard errors of the layers hold?"),
     Study("parameter_errors", "Do the stated standard errors of the scene's parameters hold?"),
+    Study("speed_accuracy", "What do other solvers, starts, models and tolerances cost and gain against the defaults?"),
     Study("benchmark", "How fast is the solver against others, at the same objective value?"),
 )

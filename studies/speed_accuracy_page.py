@@ -1,0 +1,115 @@
+"""The charts of seconds against accuracy to point at: one page that needs nothing beside it (Bokeh).
+
+Bokeh's script is 1.3 MB of the page; Plotly's would be 4.6 MB, and its smaller ones do not come with its package.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from studies.speed_accuracy_figures import STYLES, kind_of
+from studies.speed_accuracy_rows import LAYERS, Mark, Row, front, marks
+
+_SHAPES = {"*": "star", "s": "square", "^": "triangle", "D": "diamond", "o": "circle", "X": "hex", ".": "dot"}
+_SIZES = {"default": 20, "several": 9}
+_SHOWN_DB = 30.0
+_TIPS = (
+    ("way", "@way"),
+    ("processor seconds", "@seconds{0.000} (@low{0.000} to @high{0.000})"),
+    ("seconds by the clock", "@elapsed{0.000}"),
+    ("transmission", "@transmission{0.00} dB"),
+    ("reflection", "@reflection{0.00} dB"),
+    ("evaluations", "@evaluations{0.0}"),
+    ("memory", "@memory"),
+    ("told of the truth", "@told"),
+)
+
+
+def write_page(rows: Sequence[Row], out: Path) -> Path:
+    """Write ``speed_accuracy.html``: a tab for each size and part, a plot for each layer.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+    out : Path
+        Folder.
+    """
+    from bokeh.embed import file_html
+    from bokeh.models import TabPanel, Tabs
+    from bokeh.resources import INLINE
+
+    parts = dict.fromkeys((row.part, row.size) for row in rows)
+    tabs = []
+    for part, size in parts:
+        found = marks([row for row in rows if (row.part, row.size) == (part, size)])
+        tabs.append(TabPanel(child=_pair(found), title=f"{size}, {part}"))
+    target = out / "speed_accuracy.html"
+    page = file_html(Tabs(tabs=tabs, sizing_mode="stretch_width"), INLINE, "polaropt: seconds against accuracy")
+    target.write_text(page, encoding="utf-8")
+    return target
+
+
+def _pair(found: Sequence[Mark]) -> Any:
+    from bokeh.layouts import row
+
+    return row([_plot(found, layer) for layer in LAYERS], sizing_mode="stretch_width")
+
+
+def _plot(found: Sequence[Mark], layer: str) -> Any:
+    from bokeh.models import HoverTool, Range1d
+    from bokeh.plotting import figure
+
+    plot = figure(
+        x_axis_type="log", height=560, sizing_mode="stretch_width", tools="pan,wheel_zoom,box_zoom,reset,save",
+        x_axis_label="processor seconds, all threads together", y_axis_label=f"PSNR of the {layer} (dB)",
+    )  # fmt: skip
+    steps = front(found, layer)
+    plot.step(
+        [mark.seconds for mark in steps], [mark.level(layer) for mark in steps], mode="after", color="black",
+        legend_label="Pareto front (of what is told nothing)",
+    )  # fmt: skip
+    seen = [mark for mark in found if not math.isnan(mark.level(layer))]
+    points = []
+    for kind, style in reversed(STYLES.items()):
+        part = [mark for mark in seen if kind_of(mark) == kind]
+        if part:
+            points.append(
+                plot.scatter(
+                    "seconds",
+                    layer,
+                    source=_source(part),
+                    marker=_SHAPES[style.marker],
+                    size=_SIZES.get(kind, 11),
+                    line_color="black" if kind != "several" else style.color,
+                    fill_color="fill",
+                    legend_label=_legend(kind),
+                )
+            )
+    plot.add_tools(HoverTool(renderers=points, tooltips=list(_TIPS)))
+    plot.legend.click_policy = "hide"
+    plot.legend.ncols = 3
+    plot.add_layout(plot.legend[0], "below")
+    levels = [mark.level(layer) for mark in seen]
+    plot.y_range = Range1d(max(min(levels), max(levels) - _SHOWN_DB) - 1, max(levels) + 1)
+    return plot
+
+
+def _legend(kind: str) -> str:
+    return {"default": "the defaults", "several": "several settings changed", "method": "another method"}.get(
+        kind, f"another {kind}"
+    )
+
+
+def _source(found: Sequence[Mark]) -> Any:
+    from bokeh.models import ColumnDataSource
+
+    numbers = ("seconds", "low", "high", "elapsed", "transmission", "reflection", "evaluations")
+    columns: dict[str, list[Any]] = {name: [getattr(mark, name) for mark in found] for name in numbers}
+    columns["way"] = [mark.way.label for mark in found]
+    columns["memory"] = ["" if math.isnan(mark.peak_mb) else f"{mark.peak_mb:.0f} MB" for mark in found]
+    columns["told"] = ["nothing" if mark.way.blind else "something" for mark in found]
+    columns["fill"] = [STYLES[kind_of(mark)].color if mark.way.blind else "white" for mark in found]
+    return ColumnDataSource(columns)
