@@ -1,4 +1,4 @@
-"""The least change of a start that explains the photographs: Morozov's discrepancy principle along a line."""
+"""How far a solve may leave a start that knows more than the objective does."""
 
 from __future__ import annotations
 
@@ -8,22 +8,86 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.capture import Capture
+from polaropt.clipped import worth_filling
 from polaropt.objective import Term
 
 if TYPE_CHECKING:
-    from polaropt.problem import Coordinates
+    from polaropt.problem import Coordinates, Problem
 
 Images = NDArray[np.float32]
 
+# Found with ``python -m studies.learned_init``: the mean of two estimates that err differently is better than either.
+_HALFWAY = 0.5
+_LITTLE = 0.05
+_REACH_PX = 8
 
-def least_change(
-    objective: Coordinates, start: Images, end: Images, enough: float
-) -> tuple[Images, dict[str, Term], float]:
-    """Canvas layers between two others, as near to the first as the misfit allows.
 
-    In whitened coordinates the first steps of a solve go nearly all the way to the minimum. Where the start is better
-    than that minimum all beyond the point at which the photographs are explained is lost; and where start and minimum
-    err independently, that point is better than both.
+class KeptStart:
+    """A start that a solve leaves only so far.
+
+    Parameters
+    ----------
+    layers : ndarray, shape (2, channel, H, W)
+        On the canvas.
+    problem : Problem
+
+    Attributes
+    ----------
+    enough : float
+        Raw misfit at which the photographs are explained to their noise.
+    """
+
+    def __init__(self, layers: Images, problem: Problem) -> None:
+        self._layers, self.enough = layers, problem.misfit_of_noise
+        self._least_share = share_told(float(problem.known.sampled.unknown_detail()[1]))
+        near = near_clipped(problem.capture)
+        self._near = None if near is None else problem.canvas.pad_zeros(near)
+
+    @property
+    def may_be_the_end(self) -> bool:
+        """Whether nothing is to be solved where the start explains the photographs."""
+        return self._least_share == 0 and self._near is None
+
+    def left(self, objective: Coordinates, end: Images) -> tuple[Images, dict[str, Term]]:
+        """Canvas layers on the way to the end of a solve, and the terms there."""
+        start = self._layers if self._near is None else self._layers + self._near * (end - self._layers)
+        return left_start(objective, start, end, enough=self.enough, least_share=self._least_share)
+
+
+def share_told(unknown: float) -> float:
+    """Least share of the way to the minimum that is gone, where so much of the reflection's detail is unknown.
+
+    What the photographs tell of the layers, start and minimum estimate each in its own way, and their mean is better
+    than either. What the photographs leave open the minimum takes from its prior alone, and the start knows better.
+    """
+    share = _HALFWAY * (1 - unknown)
+    return share if share > _LITTLE else 0.0
+
+
+def near_clipped(capture: Capture) -> Images | None:
+    """Share of the way that each pixel (h, w) goes for sure: all of it where photographs are clipped.
+
+    The objective leaves clipped photographs out; a closed form, and what improves it, cannot. None where hardly any
+    are.
+    """
+    from scipy.ndimage import gaussian_filter, maximum_filter
+
+    if not worth_filling(capture):
+        return None
+    clipped = ~capture.valid.reshape(-1, *capture.shape[-2:]).all(axis=0)
+    around = maximum_filter(clipped.astype(np.float32), 2 * _REACH_PX + 1)
+    return np.asarray(gaussian_filter(around, _REACH_PX / 2), dtype=np.float32)
+
+
+def left_start(
+    objective: Coordinates, start: Images, end: Images, *, enough: float, least_share: float
+) -> tuple[Images, dict[str, Term]]:
+    """Canvas layers on the way from a start to the end of a solve.
+
+    They lie as near to the start as the photographs allow (Morozov's discrepancy principle along a line), but not
+    nearer than `least_share`. The first whitened steps of a solve go nearly all the way to the minimum, so that ending
+    it early would not do.
 
     Parameters
     ----------
@@ -31,24 +95,29 @@ def least_change(
     start, end : ndarray, shape (2, channel, H, W)
     enough : float
         Raw misfit to reach.
+    least_share : float
+        Of the way, 0..1.
 
     Returns
     -------
     layers : ndarray, shape (2, channel, H, W)
         The objective's own, which its next call overwrites.
     terms : dict of str to Term
-    share : float
-        Of the way from start to end, 0..1.
 
     References
     ----------
     V. A. Morozov, On the solution of functional equations by the method of regularization, Soviet Mathematics Doklady
     7, 1966.
     """
-    ends = (start, end.copy())
-    first, middle, last = (_at(objective, *ends, share)[1]["misfit"].value for share in (0.0, 0.5, 1.0))
-    share = first_crossing(first, middle, last, enough)
-    return (*_at(objective, *ends, share), share)
+    end = end.copy()
+
+    def misfit(share: float) -> float:
+        return _at(objective, start, end, share)[1]["misfit"].value
+
+    first, share = misfit(0.0), least_share
+    if first > enough:
+        share = max(share, first_crossing(first, misfit(0.5), misfit(1.0), enough))
+    return _at(objective, start, end, share)
 
 
 def _at(objective: Coordinates, start: Images, end: Images, share: float) -> tuple[Images, dict[str, Term]]:

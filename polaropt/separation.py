@@ -138,8 +138,8 @@ def separate(
         Name of a minimizer, see `solvers.registry.solver_names`.
     init : str
         Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it;
-        the solve then goes only as far as explains the photographs to their noise), "per-pixel" or "cold" (the plain
-        intensity); see `initializers`.
+        the solve then keeps of it what the photographs leave open), "per-pixel" or "cold" (the plain intensity); see
+        `initializers`.
     refractive_index : float
         Index of the pane, where no scene is given.
     single_surface : bool

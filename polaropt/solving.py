@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polaropt.canvas import Canvas
 from polaropt.capture import Capture
-from polaropt.discrepancy import least_change
+from polaropt.discrepancy import KeptStart
 from polaropt.errors import InputError
 from polaropt.forward import PSE
 from polaropt.noise_model import NoiseModel
@@ -20,7 +20,7 @@ from polaropt.objective import Term, Weights
 from polaropt.problem import Coordinates, Problem, engine_for
 from polaropt.scene import SceneParameters
 from polaropt.stages import Stages
-from polaropt.starts import ends_at_the_noise
+from polaropt.starts import is_kept
 from polaropt.tiles import Tile, tiles
 from polaropt.uncertainty import Piece
 from polaropt.varying import VaryingPSE
@@ -164,12 +164,12 @@ def _solve_tile(
     stages.begin("Setting up", _CLOSED_FORM + reach * done)
     objective = problem.compiled(start) if how.device is None else problem.readable(start, how.device)
     z = objective.coordinates(start)
-    kept = start if ends_at_the_noise(how.init) else None
+    kept = KeptStart(start, problem) if is_kept(how.init) else None
     # A solve of a large image needs the memory.
     del start
     stages.begin("Solving", _CLOSED_FORM + reach * (done + (_SOLVING - _CLOSED_FORM) * share))
     evaluations = 0
-    enough = -math.inf if kept is None else problem.misfit_of_noise
+    enough = kept.enough if kept is not None and kept.may_be_the_end else -math.inf
 
     def evaluate(z: Any) -> tuple[float, Any]:
         nonlocal evaluations
@@ -184,7 +184,7 @@ def _solve_tile(
     except TooLarge as error:
         raise InputError(str(error)) from None
     stages.begin("Taking stock", _CLOSED_FORM + reach * (done + share))
-    layers, terms, result = _ended(objective, result, kept, enough)
+    layers, terms, result = _ended(objective, result, kept)
     return Solution(
         layers=np.ascontiguousarray(problem.canvas.crop(layers)),
         terms=terms,
@@ -200,15 +200,14 @@ def _solve_tile(
 
 
 def _ended(
-    objective: Coordinates, result: SolverResult, kept: Images | None, enough: float
+    objective: Coordinates, result: SolverResult, kept: KeptStart | None
 ) -> tuple[Images, dict[str, Term], SolverResult]:
-    """Canvas layers at the solver's end, or as near to a start that is to be kept as the photographs allow."""
+    """Canvas layers where the solver ended, or on the way there from a start that is to be kept."""
     layers, terms = objective.solution(result.x)
-    if kept is None or result.n_evaluations == 1 or terms["misfit"].value > enough:
+    if kept is None or result.n_evaluations == 1:
         return layers, terms, result
-    layers, terms, _ = least_change(objective, kept, layers, enough)
-    value = sum(term.weight * term.value for term in terms.values())
-    return layers, terms, replace(result, value=value, status=Status.EXPLAINED)
+    layers, terms = kept.left(objective, layers)
+    return layers, terms, replace(result, value=sum(term.weight * term.value for term in terms.values()))
 
 
 def _shared(stopping: StoppingRule, share: float) -> StoppingRule:

@@ -46,7 +46,9 @@ def initializers() -> tuple[Initializer, ...]:
     return (
         Initializer("closed-form", "A Wiener filter per frequency, with all ghosts (the default)."),
         Initializer("cold", "The plain intensity."),
-        Initializer("learned", "Networks that improve the closed form; the solve ends at the noise level.", there),
+        Initializer(
+            "learned", "Networks that improve the closed form; the solve keeps what the photographs leave open.", there
+        ),
         Initializer("per-pixel", "Each pixel's own photographs, double images in place."),
     )
 
@@ -65,8 +67,8 @@ def check_start(name: str) -> None:
         raise InputError(f"the start {name!r} needs torch and safetensors: pip install 'polaropt[torch]'")
 
 
-def ends_at_the_noise(name: str) -> bool:
-    """Whether a solve from this start goes only as far as explains the photographs to their noise.
+def is_kept(name: str) -> bool:
+    """Whether a solve leaves this start only as far as the photographs say, see `polaropt.discrepancy`.
 
     The learned start knows what the objective does not; going on would trade that for what the objective prefers.
     """
