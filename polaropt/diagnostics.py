@@ -25,7 +25,7 @@ _FRONTAL_DEG, _GRAZING_DEG = 12.0, 84.0
 _MUCH_CLIPPED = 0.01
 _MUCH_NOISE = 0.42
 """There the transmission gains less than 7 dB on the plain intensity."""
-_BAD_FIT = 4.0
+_BAD_FIT, _MUCH_LEFT = 3.0, 4.0
 _SAMPLE = 128
 
 
@@ -181,7 +181,7 @@ def diagnose(
         Warning.POLARIZED_SOURCE: looks_polarized or _found_polarized(scene, estimate),
         Warning.INCIDENCE_DOUBTFUL: doubtful_incidence,
         Warning.AXIS_DOUBTFUL: polarized and estimate is not None and estimate.axis_stake >= NOTABLE_STAKE,
-        Warning.MODEL_DOES_NOT_EXPLAIN: polarized and max(misfit_ratio, unexplained) > _BAD_FIT,
+        Warning.MODEL_DOES_NOT_EXPLAIN: polarized and (misfit_ratio > _BAD_FIT or unexplained > _MUCH_LEFT),
         Warning.SOLVER_FAILED: not finite,
     }
     return Diagnostics(

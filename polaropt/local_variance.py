@@ -16,6 +16,7 @@ from polaropt.color_basis import Basis
 from priors.base import CHROMA_WEIGHT
 
 Power = NDArray[np.float32]
+Images = NDArray[np.float32]
 
 SCALES = np.geomspace(0.01, 30.0, 9)
 """Scales of the spectra that a table holds."""
@@ -24,6 +25,7 @@ _SPREAD_OF_POWER = 4.0
 _TURNS = 12
 # Detail is what a Gaussian of this width takes out of a layer.
 _DETAIL_PX = 2.0
+_LEAST = 1e-20
 
 
 @dataclass(frozen=True)
@@ -67,14 +69,20 @@ class Knowledge:
         color_weights[0] = 1.0
         return np.asarray(per_color @ color_weights, dtype=np.float64)
 
-    def unknown_detail(self) -> NDArray[np.float64]:
-        """Share of each layer's detail, what is finer than about 5 px, that remains open, (2,).
+    def unknown_detail(self, reflection: Images) -> float:
+        """Share of the reflection's detail, what is finer than about 5 px, that remains open, 0..1.
 
-        The root of the rest is how the detail of a layer found correlates with the true one.
+        What remains open, beside what was found: a spectrum fitted to photographs that hardly tell the reflection may
+        hold much that it has not. The root of the rest is how the detail found correlates with the true one.
+
+        Parameters
+        ----------
+        reflection : ndarray of float32, shape (channel, h, w)
+            What the filter found.
         """
         finer = 1 - np.exp(-self.squared_frequency * np.float32(_DETAIL_PX**2 / 2))
-        before, after = ((power @ (self.share * finer**2)).sum(axis=1) for power in (self.prior, self.uncertainty()))
-        return np.asarray(after / before, dtype=np.float64)
+        left = float((self.uncertainty()[1] @ (self.share * finer**2)).sum())
+        return left / max(left + _detail(reflection), _LEAST)
 
     def variance(self) -> NDArray[np.float64]:
         """That the photographs leave to a pixel of each layer, mean over colours, (2,)."""
@@ -96,6 +104,14 @@ class Knowledge:
         told = 1 - self.uncertainty() / self.prior
         unfitted = (1 - told**2) ** _TURNS
         return replace(self, prior=self.prior * (1 + np.float32(_SPREAD_OF_POWER - 1) * unfitted))
+
+
+def _detail(layer: Images) -> float:
+    """Mean square of the detail of a layer (channel, h, w), summed over colours."""
+    from scipy.ndimage import gaussian_filter
+
+    fine = layer - gaussian_filter(layer, (0, _DETAIL_PX, _DETAIL_PX), truncate=3)
+    return float(np.square(fine, out=fine).mean(axis=(-1, -2), dtype=np.float64).sum())
 
 
 def variance_table(known: Knowledge, precisions: NDArray[np.float64]) -> Power:

@@ -229,10 +229,12 @@ class SceneSearch:
         near = self._near(trial.incidence_deg)
         without, with_ghosts = self._likelihood.misfit(near, [0.0, shift], rounds=_CLOSELY).min(axis=0)
         gain = (without - with_ghosts) / self._least_gain(trial.incidence_deg)
+        # The further off, the more shifts there are to choose a chance likeness from.
+        likelier = (without - with_ghosts) * float(self._seen.spectra.multiplicity.sum()) > math.log(max(1, abs(shift)))
         # Ghosts taken out that are elsewhere cost the incidence more than ghosts left in.
         safe = Trial(trial.incidence_deg, shift if gain > _SURE else 0.0, trial.score)
         incidence = self._with_overlap_minimum(safe, _TOLERANCE_DEG).incidence_deg
-        return Trial(incidence, shift if gain > 1 else 0.0, trial.score)
+        return Trial(incidence, shift if gain > 1 and likelier else 0.0, trial.score)
 
     def _near(self, incidence_deg: float) -> Curve:
         """Incidences at which shifts are compared: what is gained by the one is lost by the other."""

@@ -160,6 +160,7 @@ def _solve_tile(
     reach = _TAKING_STOCK - _CLOSED_FORM
     stages.begin("Closed form", _CLOSED_FORM + reach * done)
     problem = Problem(capture, scene, noise, how.weights, how.robust, place.center, growth=how.growth)
+    unknown = problem.known.sampled.unknown_detail(problem.canvas.crop(problem.known.layers[1]))
     start = problem.take_start(how.init)
     stages.begin("Setting up", _CLOSED_FORM + reach * done)
     objective = problem.compiled(start) if how.device is None else problem.readable(start, how.device)
@@ -190,7 +191,7 @@ def _solve_tile(
         terms=terms,
         solver=replace(result, x=np.zeros(0, dtype=np.float32)),
         misfit_ratio=problem.misfit_ratio(terms["misfit"].value),
-        reflection_unknown=float(problem.known.sampled.unknown_detail()[1]),
+        reflection_unknown=unknown,
         transmission_variance=float(problem.known.sampled.variance()[0]),
         pse=problem.pse,
         canvas=problem.canvas,

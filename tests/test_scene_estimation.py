@@ -11,6 +11,7 @@ from skimage import data
 from polaropt.capture import Capture
 from polaropt.scene import SceneParameters, ghost_step
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
+from studies.protocol import protocol_capture, shipped_pairs
 from tests.blends import Blend, blend
 
 SIZE = 160
@@ -46,6 +47,13 @@ def test_all_is_found_blind(capture: Blend) -> None:
 def test_both_sides_of_brewster_and_both_senses(incidence_deg: float, ghost_shift: float) -> None:
     true = blend(incidence_deg, SIZE, ghost_shift=ghost_shift, azimuth_deg=75)
     assert_same_scene(estimate_scene(true.capture), true.scene, incidence=2, shift=0.6)
+
+
+def test_ghosts_far_off_that_explain_hardly_more_are_none() -> None:
+    pair = shipped_pairs(128, 64)[0]
+    found = estimate_scene(protocol_capture(pair, 20.0)).scene
+    assert found.incidence_deg == pytest.approx(20, abs=1)
+    assert abs(found.values()[2]) < 3
 
 
 def test_near_normal_incidence_still_tells_the_axis() -> None:

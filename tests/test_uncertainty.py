@@ -128,6 +128,24 @@ def test_errors_fall_with_precision_and_grow_with_texture(told, cross_share, pow
         assert (np.diff(errors, axis=axis) >= -1e-6).all()
 
 
+def test_detail_that_was_not_found_is_unknown():
+    white = np.random.default_rng(0).standard_normal((1, 64, 64)).astype(np.float32)
+    squared = 2 - 2 * np.cos(2 * np.pi * np.fft.fftfreq(64)).astype(np.float32)
+    flat = np.ones(white.size, dtype=np.float32)
+    known = Knowledge(
+        told=np.stack([3 * flat, 3 * flat]),
+        cross=0 * flat,
+        prior=np.ones((2, 1, white.size), dtype=np.float32),
+        share=flat / white.size,
+        squared_frequency=np.add.outer(squared, squared).ravel(),
+        basis=np.eye(1),
+    )
+    # Three parts told to one before: three quarters of the power are found where the spectrum is right.
+    assert known.unknown_detail(np.sqrt(np.float32(0.75)) * white) == pytest.approx(0.25, rel=0.1)
+    assert known.unknown_detail(0.1 * white) > 0.9
+    assert known.unknown_detail(0 * white) == 1
+
+
 def test_what_is_known_never_exceeds_what_a_layer_may_have():
     known = knowledge(1e-3, 0.0, 0.01)
     np.testing.assert_allclose(known.uncertainty(), known.prior, rtol=1e-3)
