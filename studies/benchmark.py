@@ -1,19 +1,16 @@
 """The benchmark: time to a gap, kernels against the memory, blind against known, memory and imports, in one run.
 
-Run ``python -m studies.benchmark -o OUT`` (``--quick`` for a look, ``--full`` for figures to publish). Ratios are of
+Run ``polaropt study benchmark -o OUT`` (``--quick`` for a look, ``--full`` for the largest size, too). Ratios are of
 runs in the same process, interleaved; a run that was broken off goes on with what is left. OUT gets
-``benchmark.json``, ``benchmark.md`` and the work-precision charts.
+``benchmark.json``, ``benchmark.csv``, ``benchmark.md`` and the work-precision charts.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from polaropt.errors import InputError
 from studies import (
@@ -28,6 +25,9 @@ from studies.benchmark_record import Measurement, Place, Record
 from studies.benchmark_scenes import Photographs, Size, example
 from studies.benchmark_tables import tables
 from studies.benchmark_targets import target_table
+from studies.command import Effort, effort_of, hands_of, study_parser
+from studies.record import write_tables
+from studies.work import run_jobs, tell
 
 TABLES = (
     benchmark_imports.TABLE,
@@ -37,172 +37,133 @@ TABLES = (
     benchmark_pipeline.RUNNING_ON,
     benchmark_solvers.TABLE,
 )
-
-Tell = Callable[[str], None]
+_SMALL, _MIDDLE, _LARGE = Size(256, 256), Size(512, 512), Size(1024, 1224)
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What is run, how often and at which sizes."""
+class Pace:
+    """How often and how long things run.
 
-    photographs: Photographs
-    tables: tuple[str, ...]
+    Attributes
+    ----------
+    rounds : Rounds
+        Of the race.
+    kernels : Effort
+    repeats : int
+        Of whole separations.
+    imports : int
+    """
+
     rounds: benchmark_solvers.Rounds
-    sizes: tuple[Size, ...]
-    kernel_sizes: tuple[Size, ...]
     kernels: benchmark_kernels.Effort
-    running_on: Size
-    blind: Size
-    memory: Size
     repeats: int
     imports: int
 
 
 @dataclass(frozen=True)
-class Task:
-    """What yields the measurements of one place."""
+class Plan:
+    """What is run at which sizes."""
 
-    place: Place
-    run: Callable[[Place, Tell], list[Measurement]]
-
-
-def default_settings(photographs: Photographs) -> Settings:
-    """An hour or two on two cores; most of it looks for the lowest value and waits for the slow ones."""
-    small, middle, large = Size(256, 256), Size(512, 512), Size(1024, 1224)
-    return Settings(
-        photographs,
-        TABLES,
-        benchmark_solvers.Rounds(5, 120.0, 20.0, 1),
-        sizes=(small, middle, large),
-        kernel_sizes=(middle, large),
-        kernels=benchmark_kernels.Effort(15, 256),
-        running_on=small,
-        blind=middle,
-        memory=large,
-        repeats=5,
-        imports=11,
-    )
+    pace: Pace
+    sizes: tuple[Size, ...]
+    kernel_sizes: tuple[Size, ...]
+    running_on: Size = _SMALL
+    blind: Size = _MIDDLE
+    memory: Size = _LARGE
 
 
-def full_settings(photographs: Photographs) -> Settings:
-    """Hours: slow solvers run three times, and longer."""
-    rounds = benchmark_solvers.Rounds(7, 400.0, 20.0, 3)
-    return replace(default_settings(photographs), rounds=rounds, repeats=9, imports=21)
+PLANS: dict[Effort, Plan] = {
+    # Small images, which the figures asked for do not mean.
+    "quick": Plan(
+        Pace(benchmark_solvers.Rounds(2, 0.5, 0.5, 1, reference_evaluations=60), benchmark_kernels.Effort(5, 32), 1, 3),
+        sizes=(Size(64, 64), Size(96, 128)),
+        kernel_sizes=(Size(96, 128),),
+        running_on=Size(64, 64),
+        blind=Size(96, 128),
+        memory=Size(96, 128),
+    ),
+    "default": Plan(
+        Pace(benchmark_solvers.Rounds(5, 30.0, 10.0, 1), benchmark_kernels.Effort(15, 256), 5, 11),
+        sizes=(_SMALL, _MIDDLE),
+        kernel_sizes=(_MIDDLE,),
+    ),
+    "full": Plan(
+        Pace(benchmark_solvers.Rounds(5, 60.0, 10.0, 1), benchmark_kernels.Effort(15, 256), 7, 15),
+        sizes=(_SMALL, _MIDDLE, _LARGE),
+        kernel_sizes=(_MIDDLE, _LARGE),
+    ),
+}
 
 
-def quick_settings(photographs: Photographs) -> Settings:
-    """Less than a minute: small images, which the figures asked for do not mean."""
-    small, large = Size(64, 64), Size(96, 128)
-    return Settings(
-        photographs,
-        TABLES,
-        benchmark_solvers.Rounds(2, 0.5, 0.5, 1, reference_evaluations=60),
-        sizes=(small, large),
-        kernel_sizes=(large,),
-        kernels=benchmark_kernels.Effort(5, 32),
-        running_on=small,
-        blind=large,
-        memory=large,
-        repeats=1,
-        imports=3,
-    )
+@dataclass(frozen=True)
+class Job:
+    """The measurements of one place.
+
+    Attributes
+    ----------
+    table, case : str
+    size : Size or None
+        None where no image is involved.
+    photographs : Photographs
+    pace : Pace
+    """
+
+    table: str
+    case: str
+    size: Size | None
+    photographs: Photographs
+    pace: Pace
 
 
-def tasks(settings: Settings) -> list[Task]:
-    """All that is to be done, the short ones first."""
-    found = [*_whole_tasks(settings), *_kernel_tasks(settings), *_race_tasks(settings)]
-    return [task for task in found if task.place.table in settings.tables]
-
-
-def _whole_tasks(settings: Settings) -> list[Task]:
-    photographs = settings.photographs
-
-    def imports(place: Place, tell: Tell) -> list[Measurement]:
-        return benchmark_imports.measure(place, settings.imports, tell)
-
-    def memory(place: Place, tell: Tell) -> list[Measurement]:
-        scene = example(photographs, benchmark_memory.INCIDENCE_DEG, settings.memory)
-        return benchmark_memory.measure(place, scene, min(settings.repeats, 3), tell)
-
-    def blind(place: Place, tell: Tell) -> list[Measurement]:
-        scene = example(photographs, benchmark_pipeline.BLIND_INCIDENCE_DEG, settings.blind)
-        return benchmark_pipeline.measure_blind(place, scene, settings.repeats, tell)
-
-    found = [
-        Task(Place(benchmark_imports.TABLE, "", ""), imports),
-        Task(Place(benchmark_memory.TABLE, "", str(settings.memory)), memory),
-        Task(Place(benchmark_pipeline.BLIND, "", str(settings.blind)), blind),
+def jobs_of(plan: Plan, photographs: Photographs, wanted: Sequence[str] = TABLES) -> list[Job]:
+    """All that is to be done for the tables that are wanted, the short ones first."""
+    places: list[tuple[str, str, Size | None]] = [
+        (benchmark_imports.TABLE, "", None),
+        (benchmark_memory.TABLE, "", plan.memory),
+        (benchmark_pipeline.BLIND, "", plan.blind),
     ]
-    for incidence in benchmark_pipeline.INCIDENCES_DEG:
-        place = Place(benchmark_pipeline.RUNNING_ON, f"{incidence:g} degrees", str(settings.running_on))
-        found.append(Task(place, _running_on(settings, incidence)))
-    return found
-
-
-def _running_on(settings: Settings, incidence_deg: float) -> Callable[[Place, Tell], list[Measurement]]:
-    def run(place: Place, tell: Tell) -> list[Measurement]:
-        scene = example(settings.photographs, incidence_deg, settings.running_on)
-        return benchmark_pipeline.measure_running_on(place, scene, settings.rounds.reference_evaluations, tell)
-
-    return run
-
-
-def _kernel_tasks(settings: Settings) -> list[Task]:
-    def kernels(size: Size) -> Callable[[Place, Tell], list[Measurement]]:
-        def run(place: Place, tell: Tell) -> list[Measurement]:
-            scene = example(settings.photographs, benchmark_kernels.INCIDENCE_DEG, size)
-            return benchmark_kernels.measure(place, scene, settings.kernels, tell)
-
-        return run
-
-    return [Task(Place(benchmark_kernels.TABLE, "", str(size)), kernels(size)) for size in settings.kernel_sizes]
-
-
-def _race_tasks(settings: Settings) -> list[Task]:
-    def race(size: Size) -> Callable[[Place, Tell], list[Measurement]]:
-        def run(place: Place, tell: Tell) -> list[Measurement]:
-            return benchmark_solvers.measure(place, settings.photographs, size, settings.rounds, tell)
-
-        return run
-
-    return [
-        Task(Place(benchmark_solvers.TABLE, case, str(size)), race(size))
-        for size in settings.sizes
-        for case in benchmark_solvers.INCIDENCES_DEG
+    places += [
+        (benchmark_pipeline.RUNNING_ON, f"{incidence:g} degrees", plan.running_on)
+        for incidence in benchmark_pipeline.INCIDENCES_DEG
     ]
+    places += [(benchmark_kernels.TABLE, "", size) for size in plan.kernel_sizes]
+    places += [
+        (benchmark_solvers.TABLE, case, size) for size in plan.sizes for case in benchmark_solvers.INCIDENCES_DEG
+    ]
+    return [Job(*place, photographs, plan.pace) for place in places if place[0] in wanted]
 
 
-def run_all(settings: Settings, out: Path, console: Console) -> Record:
-    """Do what is left to do, writing after each task."""
-    out.mkdir(parents=True, exist_ok=True)
-    record = Record(out / "benchmark.json", asdict(settings))
-    todo = tasks(settings)
-    columns = (TextColumn("{task.fields[what]}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        bar = progress.add_task("", total=len(todo), what="")
-        for task in todo:
-            place = task.place
-            name = ", ".join(filter(None, (place.table, place.case, place.size)))
+def run(job: Job) -> list[Measurement]:
+    """Measure what one job asks for."""
+    pace, size = job.pace, job.size
+    place = Place(job.table, job.case, "" if size is None else str(size))
 
-            def tell(what: str, name: str = name) -> None:
-                progress.update(bar, what=f"{name}: {what}")
+    def say(what: str) -> None:
+        tell(f"{', '.join(filter(None, (place.table, place.case, place.size)))}: {what}")
 
-            if not record.has(place):
-                record.add(task.run(place, tell))
-            progress.advance(bar)
-    return record
+    if size is None:
+        return benchmark_imports.measure(place, pace.imports, say)
+    if job.table == benchmark_solvers.TABLE:
+        return benchmark_solvers.measure(place, job.photographs, size, pace.rounds, say)
+    if job.table == benchmark_pipeline.RUNNING_ON:
+        scene = example(job.photographs, float(job.case.split()[0]), size)
+        return benchmark_pipeline.measure_running_on(place, scene, pace.rounds.reference_evaluations, say)
+    if job.table == benchmark_kernels.TABLE:
+        scene = example(job.photographs, benchmark_kernels.INCIDENCE_DEG, size)
+        return benchmark_kernels.measure(place, scene, pace.kernels, say)
+    if job.table == benchmark_memory.TABLE:
+        scene = example(job.photographs, benchmark_memory.INCIDENCE_DEG, size)
+        return benchmark_memory.measure(place, scene, min(pace.repeats, 3), say)
+    scene = example(job.photographs, benchmark_pipeline.BLIND_INCIDENCE_DEG, size)
+    return benchmark_pipeline.measure_blind(place, scene, pace.repeats, say)
 
 
-def write_report(record: Record, out: Path, console: Console) -> None:
-    """Print the tables and write them with the charts."""
+def report(record: Record, console: Console) -> str:
+    """Print the tables; all of them as Markdown, with the machine above."""
     found = [target_table(record), *tables(record)]
     for table in found:
         table.show(console)
-    text = "# Benchmark\n\n" + _where(record) + "\n\n" + "\n".join(table.markdown() for table in found)
-    (out / "benchmark.md").write_text(text, encoding="utf-8")
-    charts = draw(record, "hard", out / "work_precision") + draw(record, "easy", out / "work_precision_easy")
-    for file in (out / "benchmark.json", out / "benchmark.md", *charts):
-        console.print(f"wrote {file}", soft_wrap=True)
+    return _where(record) + "\n\n" + "\n".join(table.markdown() for table in found)
 
 
 def _where(record: Record) -> str:
@@ -222,39 +183,34 @@ def _size(text: str) -> Size:
     return Size(int(height or width), int(width))
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    effort = parser.add_mutually_exclusive_group()
-    effort.add_argument("--quick", action="store_true", help="less than a minute, on small images")
-    effort.add_argument("--full", action="store_true", help="hours: slow solvers run longer, and more than once")
-    parser.add_argument("--photos", help="folder of photographs (default: those inside scikit-image)")
-    parser.add_argument("--pair", type=int, default=0, help="number of the pair of photographs")
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the benchmark, print the tables and write them with all rows and charts."""
+    parser = study_parser(__doc__)
+    parser.add_argument("--pair", type=int, default=0, help="number of the pair of photographs; one is taken")
     parser.add_argument("--tables", help=f"comma separated, of: {', '.join(TABLES)}")
     parser.add_argument("--sizes", help="of the time to the gap, such as 256,512,1224x1024 (width x height)")
     parser.add_argument("--cap", type=float, help="seconds after which a solve is broken off")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="folder for tables, rows (JSON) and charts")
-    return parser
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the benchmark."""
-    parser = _parser()
     options = parser.parse_args(arguments)
-    make = quick_settings if options.quick else full_settings if options.full else default_settings
-    settings = make(Photographs(options.photos, options.pair))
-    if options.tables:
-        settings = replace(settings, tables=tuple(name.strip() for name in options.tables.split(",")))
-        if unknown := set(settings.tables) - set(TABLES):
-            parser.error(f"unknown tables {', '.join(sorted(unknown))}; there are: {', '.join(TABLES)}")
+    plan = PLANS[effort_of(options)]
+    wanted = [name.strip() for name in options.tables.split(",")] if options.tables else TABLES
+    if unknown := set(wanted) - set(TABLES):
+        parser.error(f"unknown tables {', '.join(sorted(unknown))}; there are: {', '.join(TABLES)}")
     if options.sizes:
-        settings = replace(settings, sizes=tuple(_size(text) for text in options.sizes.split(",")))
+        plan = replace(plan, sizes=tuple(_size(text) for text in options.sizes.split(",")))
     if options.cap:
-        settings = replace(settings, rounds=replace(settings.rounds, cap_seconds=options.cap))
-    console = Console()
+        rounds = replace(plan.pace.rounds, cap_seconds=options.cap)
+        plan = replace(plan, pace=replace(plan.pace, rounds=rounds))
+    path = options.out / "benchmark.json"
     try:
-        write_report(run_all(settings, options.out, console), options.out, console)
+        made = run_jobs(
+            run, jobs_of(plan, Photographs(options.photos, options.pair), wanted), path, {}, hands_of(options)
+        )
     except InputError as error:
         parser.error(str(error))
+    record = Record.read(path, made)
+    write_tables(options.out, "benchmark", made, report(record, Console()))
+    for case in benchmark_solvers.INCIDENCES_DEG:
+        draw(record, case, options.out / ("work_precision" if case == "hard" else f"work_precision_{case}"))
 
 
 if __name__ == "__main__":

@@ -1,16 +1,17 @@
-"""What the benchmark writes down: measurements, the machine they were taken on, and the file that holds both."""
+"""What the benchmark writes down: measurements, and the machine they were taken on."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from studies.record import earlier_rows, metadata, write_document
+from studies.work import row_of
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class Measurement:
         ">=": the true value is larger, since the run was cut off.
     note : str
         Why there is no sample, or what else must be known.
+    median, low, high : float
+        Of the repeats; NaN without any.
     """
 
     table: str
@@ -38,16 +41,14 @@ class Measurement:
     samples: tuple[float, ...] = ()
     bound: str = ""
     note: str = ""
-
-    @property
-    def median(self) -> float:
-        """Median of the repeats, NaN without any."""
-        return float(np.median(self.samples)) if self.samples else math.nan
+    median: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
 
     @property
     def spread(self) -> tuple[float, float]:
         """The least and the largest of the repeats."""
-        return (min(self.samples), max(self.samples)) if self.samples else (math.nan, math.nan)
+        return self.low, self.high
 
 
 @dataclass(frozen=True)
@@ -63,46 +64,23 @@ class Place:
     ) -> Measurement:
         """A measurement taken here."""
         values = tuple(float(sample) for sample in samples)
-        return Measurement(self.table, self.case, self.size, subject, quantity, unit, values, bound, note)
+        told = (float(np.median(values)), min(values), max(values)) if values else ()
+        return Measurement(self.table, self.case, self.size, subject, quantity, unit, values, bound, note, *told)
 
 
+@dataclass(frozen=True)
 class Record:
-    """All measurements so far, in ``benchmark.json``.
+    """All measurements of a run, and what they were taken with."""
 
-    Parameters
-    ----------
-    path : Path
-    settings : dict
-        What was asked for; measurements taken with others, or with other sources, are not taken over.
-    """
+    metadata: dict[str, Any]
+    measurements: tuple[Measurement, ...]
 
-    def __init__(self, path: Path, settings: dict[str, Any]) -> None:
-        self._path = path
-        self.metadata = metadata(settings)
-        self.measurements = [_measurement(row) for row in earlier_rows(path, self.metadata)]
-
-    def has(self, place: Place) -> bool:
-        """Whether a task was done before."""
-        return any((m.table, m.case, m.size) == (place.table, place.case, place.size) for m in self.measurements)
-
-    def add(self, measurements: Sequence[Measurement]) -> None:
-        """Take in what a task has measured, and write the file."""
-        self.measurements.extend(measurements)
-        write_document(self._path, self.metadata, [_row(m) for m in self.measurements])
+    @classmethod
+    def read(cls, path: Path, rows: Sequence[dict[str, Any]]) -> Record:
+        """The record of these rows, whose document lies at `path`."""
+        document = json.loads(path.read_text(encoding="utf-8"))
+        return cls(document["metadata"], tuple(row_of(Measurement, row) for row in rows))
 
     def find(self, **wanted: str) -> list[Measurement]:
         """Measurements whose fields have these values."""
         return [m for m in self.measurements if all(getattr(m, name) == value for name, value in wanted.items())]
-
-
-def _row(measurement: Measurement) -> dict[str, Any]:
-    row = asdict(measurement)
-    if measurement.samples:
-        low, high = measurement.spread
-        row |= {"median": measurement.median, "low": low, "high": high}
-    return row
-
-
-def _measurement(row: dict[str, Any]) -> Measurement:
-    fields = {name: row[name] for name in Measurement.__dataclass_fields__}
-    return Measurement(**{**fields, "samples": tuple(fields["samples"])})

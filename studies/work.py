@@ -134,13 +134,27 @@ def _client(hands: Hands) -> Iterator[Any]:
         yield client
 
 
+# What is shown beside the bar of the jobs that this process works on.
+_tellers: list[Callable[[str], None]] = []
+
+
+def tell(what: str) -> None:
+    """Say beside the progress bar what a long job is at; nothing is said in other processes."""
+    for teller in _tellers:
+        teller(what)
+
+
 @contextmanager
 def _progress(total: int, done: int) -> Iterator[Callable[[], None]]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     console = Console(stderr=True)
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as progress:
         task = progress.add_task("jobs", total=total, completed=done)
-        yield lambda: progress.advance(task)
+        _tellers.append(lambda what: progress.update(task, description=what))
+        try:
+            yield lambda: progress.advance(task)
+        finally:
+            _tellers.pop()
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:

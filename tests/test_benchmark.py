@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import time
@@ -10,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
@@ -22,7 +20,7 @@ from solvers.trace import StopSolving
 from studies import benchmark, benchmark_kernels, benchmark_pipeline, benchmark_solvers
 from studies.benchmark_contestants import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD, Threads, contestants, race
 from studies.benchmark_race import Clock, Finish, Judge, Limits, Recorder, Verdict, find_finish
-from studies.benchmark_record import Place, Record
+from studies.benchmark_record import Place
 from studies.benchmark_scenes import Photographs, Size, example
 from studies.benchmark_tables import figure, ratio, with_spread
 from studies.benchmark_targets import Target
@@ -132,17 +130,11 @@ def test_the_bound_counts_layers_gradient_and_data():
     assert benchmark_kernels.traffic_bytes(problem) == expected
 
 
-def test_a_record_is_taken_over_by_the_same_settings_only(tmp_path):
+def test_a_measurement_tells_its_median_and_spread():
     place = Place("table", "case", "size")
-    record = Record(tmp_path / "benchmark.json", {"a": 1})
-    record.add([place.measured("who", "what", "s", [3.0, 1.0, 2.0], note="why"), place.measured("x", "y", "", [])])
-    again = Record(tmp_path / "benchmark.json", {"a": 1})
-    assert again.has(place)
-    assert again.measurements == record.measurements
-    assert not Record(tmp_path / "benchmark.json", {"a": 2}).has(place)
-    document = json.loads((tmp_path / "benchmark.json").read_text())
-    assert document["results"][0]["median"] == 2
-    assert {"machine", "libraries", "threads", "commit", "seeds", "settings"} <= document["metadata"].keys()
+    measured = place.measured("who", "what", "s", [3.0, 1.0, 2.0])
+    assert (measured.median, *measured.spread) == (2, 1, 3)
+    assert math.isnan(place.measured("who", "what", "s", []).median)
 
 
 def test_ratios_are_taken_within_rounds():
@@ -191,8 +183,9 @@ def few_contestants():
 
 def test_the_benchmark_is_one_command(tmp_path, monkeypatch, capsys):
     rounds = benchmark_solvers.Rounds(1, 0.2, 0.2, 1, reference_evaluations=20)
-    small = replace(benchmark.quick_settings(Photographs()), rounds=rounds, imports=1, blind=SIZE, memory=SIZE)
-    monkeypatch.setattr(benchmark, "quick_settings", lambda photographs: replace(small, photographs=photographs))
+    quick = benchmark.PLANS["quick"]
+    pace = replace(quick.pace, rounds=rounds, imports=1)
+    monkeypatch.setitem(benchmark.PLANS, "quick", replace(quick, pace=pace, blind=SIZE, memory=SIZE))
     monkeypatch.setattr(benchmark_solvers, "contestants", few_contestants)
     monkeypatch.setattr(benchmark_pipeline, "INCIDENCES_DEG", (10.0, 85.0))
     benchmark.main(["--quick", "--sizes", "48", "-o", str(tmp_path)])
@@ -206,15 +199,7 @@ def test_the_benchmark_is_one_command(tmp_path, monkeypatch, capsys):
         assert (tmp_path / name).stat().st_size > 10_000
 
 
-def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):
-    calls = []
-
-    def measure(place, repeats, tell):
-        calls.append(place)
-        return [place.measured("who", "wall", "s", [1.0])]
-
-    monkeypatch.setattr(benchmark.benchmark_imports, "measure", measure)
-    settings = replace(benchmark.quick_settings(Photographs()), tables=("imports",))
-    for _ in range(2):
-        benchmark.run_all(settings, tmp_path, Console(file=io.StringIO()))
-    assert len(calls) == 1
+def test_tables_that_are_not_wanted_are_not_measured():
+    jobs = benchmark.jobs_of(benchmark.PLANS["quick"], Photographs(), ["imports"])
+    assert [(job.table, job.size) for job in jobs] == [("imports", None)]
+    assert {job.table for job in benchmark.jobs_of(benchmark.PLANS["full"], Photographs())} == set(benchmark.TABLES)
