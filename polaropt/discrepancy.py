@@ -31,6 +31,8 @@ class KeptStart:
     layers : ndarray, shape (2, channel, H, W)
         On the canvas.
     problem : Problem
+    unknown : float
+        Share of the reflection's detail that the photographs leave open.
 
     Attributes
     ----------
@@ -38,9 +40,9 @@ class KeptStart:
         Raw misfit at which the photographs are explained to their noise.
     """
 
-    def __init__(self, layers: Images, problem: Problem) -> None:
+    def __init__(self, layers: Images, problem: Problem, unknown: float) -> None:
         self._layers, self.enough = layers, problem.misfit_of_noise
-        self._least_share = share_told(float(problem.known.sampled.unknown_detail()[1]))
+        self._least_share = share_told(unknown)
         near = near_clipped(problem.capture)
         self._near = None if near is None else problem.canvas.pad_zeros(near)
 

@@ -165,7 +165,7 @@ def _solve_tile(
     stages.begin("Setting up", _CLOSED_FORM + reach * done)
     objective = problem.compiled(start) if how.device is None else problem.readable(start, how.device)
     z = objective.coordinates(start)
-    kept = KeptStart(start, problem) if is_kept(how.init) else None
+    kept = KeptStart(start, problem, unknown) if is_kept(how.init) else None
     # A solve of a large image needs the memory.
     del start
     stages.begin("Solving", _CLOSED_FORM + reach * (done + (_SOLVING - _CLOSED_FORM) * share))
