@@ -50,7 +50,7 @@ def metadata(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_document(path: Path, metadata: dict[str, Any], rows: Sequence[dict[str, Any]]) -> None:
-    """Write rows as JSON; what stood there is replaced at once, so that breaking off leaves a whole file."""
+    """Write rows as JSON (its form: ``record.schema.json``), at once, so that breaking off leaves a whole file."""
     text = json.dumps({"metadata": metadata, "results": list(rows)}, indent=1, allow_nan=False) + "\n"
     partial = path.with_suffix(".partial")
     partial.write_text(text, encoding="utf-8")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from documents import document_of
 
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
@@ -190,7 +190,7 @@ def test_the_benchmark_is_one_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(benchmark_pipeline, "INCIDENCES_DEG", (10.0, 85.0))
     benchmark.main(["--quick", "--sizes", "48", "-o", str(tmp_path)])
     assert "Against the figures asked for" in capsys.readouterr().out
-    document = json.loads((tmp_path / "benchmark.json").read_text())
+    document = document_of(tmp_path / "benchmark.json")
     assert {row["table"] for row in document["results"]} == set(benchmark.TABLES)
     report = (tmp_path / "benchmark.md").read_text()
     for title in ("Time to gap 1e-3: hard", "Objective and gradient", "Running on", "Peak memory", "Imports"):

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import dom_of
+from documents import document_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -141,6 +142,7 @@ def test_the_study_is_one_command(tmp_path, monkeypatch, capsys):
     assert "| **default** |" in capsys.readouterr().out
     for name in ("one_at_a_time_48x48", "profiles", "memory"):
         assert (tmp_path / f"speed_{name}.png").stat().st_size > 10_000
+    assert len(document_of(tmp_path / "speed_accuracy.json")["results"]) == 5
     page = tmp_path / "speed_accuracy.html"
     assert page.stat().st_size < 2_000_000
     assert "http" not in page.read_text(encoding="utf-8").split("<script")[0]

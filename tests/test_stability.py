@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from documents import document_of
 
 from polaropt.simulation import exact_photographs
 from studies import stability
@@ -135,6 +135,6 @@ def test_the_study_is_one_command_and_draws_what_it_has(tmp_path, capsys):
     assert (tmp_path / "stability.csv").exists()
     for name in ("transmission", "reflection", "warnings"):
         assert (tmp_path / f"stability_{name}.png").stat().st_size > 5000
-    document = json.loads((tmp_path / "stability.json").read_text())
+    document = document_of(tmp_path / "stability.json")
     assert {row["method"] for row in document["results"]} == {AUTO, NOTHING, MINIMUM}
     assert AUTO in methods()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from documents import document_of
 from skimage.io import imsave
 
 from polaropt.errors import InputError
@@ -74,7 +74,7 @@ def test_edges_correlate_with_themselves():
 def test_the_table_is_one_command(tmp_path, capsys):
     paper_protocol.main(["--pairs", "1", "--incidences", "65", "--kind", "paper", "-o", str(tmp_path)])
     assert "| paper | 65 |" in capsys.readouterr().out
-    document = json.loads((tmp_path / "paper_protocol.json").read_text())
+    document = document_of(tmp_path / "paper_protocol.json")
     (row,) = document["results"]
     assert {"settings", "machine", "libraries", "commit", "sources", "seeds"} <= document["metadata"].keys()
     assert (tmp_path / "paper_protocol.csv").read_text().splitlines()[0] == ",".join(row)
