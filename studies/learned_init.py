@@ -13,7 +13,7 @@ from functools import lru_cache
 
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.learned_init_figures import draw
-from studies.learned_init_runs import Row, rows_of, start_names
+from studies.learned_init_runs import LEARNED, Row, rows_of, start_names
 from studies.learned_init_scenes import scenes
 from studies.learned_init_scores import page
 from studies.record import write_tables
@@ -50,12 +50,21 @@ def run(job: Job) -> list[Row]:
 
 @lru_cache(maxsize=1)
 def _warm_up(photos: str | None, size: int) -> None:
-    """Load weights and compiled kernels, once in a process and off the clock."""
+    """Load weights and compiled kernels, once in a process and off the clock; the networks keep to one core.
+
+    Where cores are shared torch's threads wait actively, and their CPU seconds would tell of that alone.
+    """
+    if LEARNED in start_names():
+        import torch
+
+        torch.set_num_threads(1)
     rows_of(scenes()[0], pairs_of(photos, size, size // 2)[0], most_evaluations=4)
 
 
 def weights_digest() -> str:
     """First digits of the digest of the shipped weights: rows of other weights are no rows of this run."""
+    if LEARNED not in start_names():
+        return "none"
     from priors.learned import WEIGHTS
 
     record = json.loads((WEIGHTS / "conditioned.json").read_text(encoding="utf-8"))

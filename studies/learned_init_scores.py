@@ -103,7 +103,7 @@ def page(rows: Sequence[Row], weights: str) -> str:
         "# What a start is worth",
         "",
         f"{len(of_start(rows, CLOSED_FORM))} scenes, each found blind once for all starts; weights {weights}. Seconds "
-        "are CPU seconds of all cores, from the photographs on: scene, closed form, networks, solve.",
+        "are CPU seconds of all cores, from the photographs on: scene, closed form, networks (on one core), solve.",
         "",
     ]
     if LEARNED in starts:
