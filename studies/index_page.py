@@ -16,6 +16,7 @@ th, td { border-bottom: 1px solid #8886; padding: 0.25rem 0.6rem; text-align: ri
 th:first-child, td:first-child { text-align: left; }
 figure { margin: 1.5rem 0; }
 img { max-width: 100%; background: white; }
+iframe { width: 100%; height: 42rem; border: 1px solid #8886; background: white; }
 """
 
 
@@ -64,7 +65,15 @@ def _section(study: Study, out: Path) -> str:
     return (
         f'<section id="{study.name}"><h2>{html.escape(study.question)}</h2>'
         f"<p><code>polaropt study {study.name} -o OUT</code>. Data: {data}</p>"
-        f'<div class="wide">{"".join(tables)}</div>{figures}</section>'
+        f'<div class="wide">{"".join(tables)}</div>{_pages(study, folder)}{figures}</section>'
+    )
+
+
+def _pages(study: Study, folder: Path) -> str:
+    """The study's own pages within this one, loaded when they come into sight."""
+    return "".join(
+        f'<iframe src="{study.name}/{file.name}" title="{html.escape(_caption(file))}" loading="lazy"></iframe>'
+        for file in sorted(folder.glob("*.html"))
     )
 
 

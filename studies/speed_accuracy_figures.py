@@ -27,9 +27,20 @@ STYLES = {
     "method": Style("#8c564b", (0, (1, 1)), "X"),
     "several": Style("#999999", "-", "."),
 }
-_LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (3, 2)), (0, (6, 2)), (0, (4, 1, 1, 1, 1, 1)), (0, (1, 1)))
-_COLORS = ("black", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c564b", "#e69f00", "#56b4e9", "#332288")
-_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "d")
+_LINES = (
+    "-",
+    "--",
+    "-.",
+    ":",
+    (0, (5, 1, 1, 1)),
+    (0, (3, 2)),
+    (0, (6, 2)),
+    (0, (4, 1, 1, 1, 1, 1)),
+    (0, (1, 1)),
+    (0, (2, 4)),
+)
+_COLORS = ("black", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c564b", "#e69f00", "#56b4e9", "#332288", "#999999")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "d", "h")
 # How much of the top the lower row shows, in dB.
 _TOP_DB = {"one at a time": 2.0, "crossed": 1.0}
 _FARTHEST = 30.0
@@ -189,8 +200,8 @@ def _profiles(rows: Sequence[Row]) -> Any:
         for i, way in enumerate(ways):
             share = share_within(of_scenes[way], within)
             axes.step(
-                within, 100 * share, where="post", color=_COLORS[i % 9], linestyle=_LINES[i % 9],
-                linewidth=2.4 if way == DEFAULT else 1.4, marker=_MARKERS[i % 9], markevery=(i * 9, 80), markersize=5,
+                within, 100 * share, where="post", color=_COLORS[i % 10], linestyle=_LINES[i % 10],
+                linewidth=2.4 if way == DEFAULT else 1.4, marker=_MARKERS[i % 10], markevery=(i * 8, 80), markersize=5,
                 label=way.label,
             )  # fmt: skip
         axes.set_xlim(within[0] / 1.02, within[-1])

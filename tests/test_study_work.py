@@ -76,11 +76,12 @@ def test_the_index_shows_tables_figures_and_data(tmp_path):
     folder = tmp_path / "stability"
     folder.mkdir()
     (folder / "stability.md").write_text("| a | b |\n|---|---|\n| 1 | <2 |\n")
-    for name in ("map.svg", "map.png", "stability.json"):
+    for name in ("map.svg", "map.png", "stability.json", "look.html"):
         (folder / name).write_text("{}")
     page = write_index(tmp_path).read_text()
     assert "<td>&lt;2</td>" in page
     assert 'src="stability/map.svg"' in page
+    assert '<iframe src="stability/look.html"' in page
     assert "map.png" not in page
     assert 'href="stability/stability.json"' in page
     assert "paper_protocol" not in page
