@@ -1,4 +1,4 @@
-"""Search for a minimum within bounds from values alone, with NLopt.
+"""Search for a minimum within bounds from values alone.
 
 References
 ----------
@@ -16,6 +16,19 @@ from numpy.typing import NDArray
 Values = NDArray[np.float64]
 
 _TOLERANCE = 0.02
+_SHARES = (1.0, 0.5, 0.25, 0.1)
+"""Of a Newton step that are tried."""
+_FLATTEST = 1e-4
+"""Least curvature in units of the greatest: where there is hardly any, a step would go anywhere."""
+
+
+@dataclass(frozen=True)
+class NewtonStep:
+    """Where a step leads, the value there, and the curvature (n, n) it was made with, in units of the box's steps."""
+
+    point: Values
+    value: float
+    curvature: Values
 
 
 @dataclass(frozen=True)
@@ -43,3 +56,49 @@ class Box:
         optimizer.set_xtol_abs(tolerance)
         start = np.clip(self.start, self.low, self.high) / self.step
         return np.asarray(optimizer.optimize(start) * self.step)
+
+    def newton(self, score: Callable[[Values], float], curvature: Values | None = None) -> NewtonStep:
+        """One Newton step, shortened until it is worth it.
+
+        It goes along narrow valleys, in which the search by values alone stands still.
+
+        Parameters
+        ----------
+        score : callable
+        curvature : ndarray, shape (n, n), optional
+            That of a step before, which does for the next one. Default: it is measured.
+        """
+        here = score(self.start)
+        if not self.start.size:
+            return NewtonStep(self.start, here, np.empty((0, 0)))
+        after, before = self._beside(score)
+        if curvature is None:
+            curvature = self._curvature(score, here, after, before)
+        size, axes = np.linalg.eigh(curvature)
+        size = np.maximum(np.abs(size), max(_FLATTEST * float(np.abs(size).max()), 1e-30))
+        step = -self.step * (axes / size @ (axes.T @ (after - before) / 2))
+        for share in _SHARES:
+            there = np.clip(self.start + share * step, self.low, self.high)
+            value = score(there)
+            if value < here:
+                return NewtonStep(there, value, curvature)
+        return NewtonStep(self.start, here, curvature)
+
+    def curvature(self, score: Callable[[Values], float]) -> Values:
+        """Second derivatives (n, n) at the start."""
+        measured = self._curvature(score, score(self.start), *self._beside(score))
+        return np.asarray(measured / np.outer(self.step, self.step))
+
+    def _beside(self, score: Callable[[Values], float]) -> tuple[Values, Values]:
+        """Values one step after and before the start along each coordinate."""
+        after, before = (np.array([score(self.start + sign * move) for move in np.diag(self.step)]) for sign in (1, -1))
+        return after, before
+
+    def _curvature(self, score: Callable[[Values], float], here: float, after: Values, before: Values) -> Values:
+        """Second differences at the start, per step."""
+        moves = np.diag(self.step)
+        curvature = np.diag(after + before - 2 * here)
+        for i, j in zip(*np.tril_indices(self.start.size, -1), strict=True):
+            both = score(self.start + moves[i] + moves[j])
+            curvature[i, j] = curvature[j, i] = both - after[i] - after[j] + here
+        return curvature

@@ -184,11 +184,11 @@ def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
 def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:
     if evidence.wanted != "auto":
         return steps[-1]
+    noise = noise_misfit(evidence.blocks.n)
     told = [step for step in steps[1:] if step.attempt.known and step.attempt.told_by_edges]
-    if evidence.explained and told:
+    if told and told[0].attempt.misfit <= noise:
         return told[0]
     able = [step for step in steps[1:] if step.attempt.known and _share(evidence, step) >= _LEAST_EXPLAINED]
-    noise = noise_misfit(evidence.blocks.n)
     lowest = [step for step in (steps[0], *able) if step.attempt.misfit <= noise]
     return lowest[0] if lowest else min((steps[0], *able), key=lambda step: step.score(evidence.blocks.n))
 

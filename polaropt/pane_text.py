@@ -11,6 +11,10 @@ _NUMBERS = (
     ("ghost_shift", "ghost shift", "px"),
     ("transmission_ghost_shift", "of the transmission", "px"),
 )
+_LIGHT = (
+    ("transmission_polarization", "light behind it polarized"),
+    ("reflection_polarization", "mirrored light polarized"),
+)
 
 
 def pane_sentence(report: dict[str, Any]) -> str:
@@ -41,7 +45,16 @@ def pane_sentence(report: dict[str, Any]) -> str:
 
         turn = 100 * largest_turn(scene["bend_deg_per_px"])
         parts.append(f"bent by {turn:.1f} deg in 100 px ({_source('bend_deg_per_px', estimated)})")
+    parts += [_light(report, name, word) for name, word in _LIGHT if scene[name][0]]
     return f"Pane: {', '.join(parts)}, refractive index {scene['refractive_index']:g}."
+
+
+def _light(report: dict[str, Any], name: str, word: str) -> str:
+    """Degree and angle at which a layer's light arrives polarized."""
+    (degree, angle), errors = report["scene"][name], report["errors"][name]
+    of_degree, of_angle = errors or (None, None)
+    source = "given" if errors is None else "estimated"
+    return f"{word} {degree:.2f} {error_of(of_degree)}at {angle:.0f} {error_of(of_angle)}deg ({source})"
 
 
 def error_of(error: float | None) -> str:

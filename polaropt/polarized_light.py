@@ -23,7 +23,7 @@ Values = NDArray[np.float64]
 INCIDENCE, AZIMUTH, SHIFT = 0, 1, 2
 OF_TRANSMISSION, OF_REFLECTION = slice(3, 5), slice(5, 7)
 LOWEST_DEG, HIGHEST_DEG = 3.0, 87.0
-HIGHEST_DEGREE = 0.97
+HIGHEST_DEGREE = 1.0
 _BEYOND = 2.0
 """Degrees of polarization up to this are taken for full polarization and errors of measurement."""
 _MOST_OFF, _NEAR_DEG = 0.1, 20.0
@@ -69,7 +69,7 @@ def scene_at(point: Point, asked: SceneParameters) -> SceneParameters:
     sense = 1 if round((float(point[AZIMUTH]) - azimuth) / 180) % 2 == 0 else -1
 
     def polarization(part: slice) -> tuple[float, float]:
-        degree = math.hypot(*point[part])
+        degree = min(math.hypot(*point[part]), HIGHEST_DEGREE)
         return degree, (azimuth + math.degrees(math.atan2(*point[part][::-1])) / 2) % 180 if degree else 0.0
 
     return asked.replace(

@@ -30,6 +30,7 @@ Values = NDArray[np.float64]
 _SIDE, _HALF = 384, 2
 _LEFT_OUT = 6
 _BANDS, _ORIENTATIONS = 5, 3
+_SECTOR_BANDS, _SECTOR_DIRECTIONS = 5, 9
 _POWER_LAW = 2.4
 _LOWEST_CYCLES, _HIGHEST = 1.5, 2.8
 _ROUNDS = 8
@@ -99,6 +100,10 @@ class PolarizedLikelihood:
         bright = {name: getattr(self._seen, name)[..., :1, :].copy() for name in ("re", "im", "power")}
         self._bright = dataclasses.replace(self._all, seen=self._seen._replace(**bright))
         self._levels = np.ones((2, images.shape[1], len(shapes)))
+        self.n: float = self._some.weight * images.shape[1]
+        """How many numbers the evidence is the mean of."""
+        places = np.arctan2(self._rows, self._columns), np.hypot(self._rows, self._columns)
+        self._sectors = [_Part(self._seen, shapes, sample[which]) for which in _sectors(*(p[sample] for p in places))]
 
     def pane(self, point: Point) -> Pane:
         """The pane at a point."""
@@ -130,6 +135,14 @@ class PolarizedLikelihood:
     def glance(self, pane: Pane) -> float:
         """The same roughly: from few frequencies, with the spectra that were fitted."""
         return self._few.misfit(self._vectors(pane, self._few.which), self._levels)[0]
+
+    def sectors(self, point: Point) -> Values:
+        """What the frequencies of each direction and band add to the spectral part of a point's evidence, (sector,)."""
+        pane = self.pane(point)
+        self.prepare(pane)
+        levels = self._some.fitted(self._vectors(pane, self._some.which), self._levels)
+        sums = [part.misfit(self._vectors(pane, part.which), levels)[0] * part.weight for part in self._sectors]
+        return np.array(sums) / self._some.weight
 
     def evidence(self, pane: Pane) -> float:
         """The same with the weighted log overlap of the layers' edges; less is better."""
@@ -195,6 +208,11 @@ class _Part:
             parts = [np.ascontiguousarray(part[..., self.which]) for part in (whole if name == "seen" else (whole,))]
             object.__setattr__(self, name, Seen(*parts) if name == "seen" else parts[0])
 
+    @property
+    def weight(self) -> float:
+        """How much these frequencies count together."""
+        return float(self.seen.weight.sum())
+
     def fitted(self, vectors: Images, levels: Values) -> Values:
         """Levels one step closer to those of greatest likelihood."""
         slope = np.empty((2, *levels.shape[:2], self.seen.weight.size), np.float32)
@@ -206,7 +224,7 @@ class _Part:
         """Minus log likelihood per frequency and colour, and the estimate of the first channel (n, layer, re/im)."""
         layers = np.empty((self.seen.weight.size, 2, 2), np.float32)
         value = explain(self.seen, vectors, self._powers(levels), _NOTHING, layers)
-        return float(value) / float(self.seen.weight.sum() * levels.shape[1]), layers
+        return float(value) / (self.weight * levels.shape[1]), layers
 
     def _powers(self, levels: Values) -> Images:
         return np.asarray(levels.astype(np.float32) @ self.shapes)
@@ -217,6 +235,14 @@ def _middle(images: Images) -> Images:
     height, width = images.shape[-2:]
     top, left = (max(0, (side - _SIDE) // 2) for side in (height, width))
     return images[..., top : top + _SIDE, left : left + _SIDE]
+
+
+def _sectors(direction: Values, radius: Values) -> list[NDArray[np.intp]]:
+    """Indices of the frequencies of each of some directions and bands, about as many in each band."""
+    bands = np.digitize(radius, np.quantile(radius, np.linspace(0, 1, _SECTOR_BANDS + 1)[1:-1]))
+    turns = np.floor(direction % np.pi / np.pi * _SECTOR_DIRECTIONS).astype(int) % _SECTOR_DIRECTIONS
+    sector = bands * _SECTOR_DIRECTIONS + turns
+    return [np.flatnonzero(sector == k) for k in np.unique(sector)]
 
 
 def _seen(spectra: NDArray[np.complex64], rows: Values, columns: Values, shape: tuple[int, int]) -> tuple[Seen, Images]:

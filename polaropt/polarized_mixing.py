@@ -26,7 +26,7 @@ Values = NDArray[np.float64]
 _BLOCKS, _WINDOW = 64, 3
 _DIRECTIONS = 36
 _WHOLE, _LEAST_SEEN = 0.999, 0.05
-_HIGHEST_DEGREE = 0.99
+_HIGHEST_DEGREE = 1.0
 _FREEDOM = 4.0
 """Of Student's likelihood: windows that the model does not fit must not decide."""
 _LEAST_APART = 1e-4

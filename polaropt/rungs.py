@@ -33,6 +33,10 @@ _LEAST_BENT = 0.4
 _MOSTLY = 0.8
 # Focal length over the longer side from which on incidence and azimuth hardly vary.
 _FAR = 30.0
+# Share of what the plain pane leaves that may lie off the plane of two Stokes vectors.
+_MOST_OFF_PLANE = 0.2
+# Misfit up to which a wrong pane may leave so little because polarized light mimics it.
+_LITTLE = 2.0
 # Score that polarized light must gain, and where nothing but edges and spectra speaks of it.
 _LEAST_GAIN, _LEAST_GAIN_OF_EDGES = 0.004, 0.03
 _OBLIQUE_DEG = 30.0
@@ -273,21 +277,24 @@ def _may_be_polarized(evidence: Evidence) -> bool:
         # transmission does not need to know.
         oblique = evidence.estimate.scene.values()[0] > _OBLIQUE_DEG
         return oblique and looks_polarized(evidence.stokes, evidence.estimate.scene)
-    return Mixture(evidence.stokes).misfit - 1 < (evidence.misfit - 1) / 2
+    # A pane that varies over the frame leaves about half of it off the plane of two Stokes vectors.
+    return Mixture(evidence.stokes).misfit - 1 < _MOST_OFF_PLANE * (evidence.misfit - 1)
 
 
 def _polarized(evidence: Evidence) -> Attempt:
     plain = evidence.estimate.scene
     fit = fit_polarized(evidence.stokes, evidence.asked, plain)
     if fit is None:
-        return Attempt(plain, evidence.misfit, 1, False, "No polarization of the layers' light explains the capture.")
-    known = evidence.wanted == "polarized" or fit.gain > (_LEAST_GAIN_OF_EDGES if evidence.explained else _LEAST_GAIN)
+        return Attempt(plain, evidence.misfit, 1, False, "No polarization of the layers' light explains it.")
+    explains = not evidence.explained and fit.misfit <= noise_misfit(evidence.blocks.n)
+    enough = 0.0 if explains else _LEAST_GAIN if evidence.misfit > _LITTLE else _LEAST_GAIN_OF_EDGES
+    known = evidence.wanted == "polarized" or fit.gain > enough
     remark = "" if known else "Polarized light makes the capture hardly any likelier."
-    return Attempt(fit.scene, fit.misfit, 5, known, remark, told_by_edges=True)
+    return Attempt(fit.scene, fit.misfit, 5, known, remark, fit.errors, told_by_edges=fit.gain > _LEAST_GAIN_OF_EDGES)
 
 
 RUNGS = (
-    Rung("perspective", _may_vary, _perspective),
     Rung("polarized", _may_be_polarized, _polarized),
+    Rung("perspective", _may_vary, _perspective),
     Rung("curved", _may_vary, _curved),
 )

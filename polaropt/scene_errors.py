@@ -45,6 +45,8 @@ class SceneErrors:
     ----------
     incidence_deg, azimuth_deg, ghost_shift, transmission_ghost_shift, focal_px : float or None
     bend_deg_per_px : (float, float, float) or None
+    transmission_polarization, reflection_polarization : (float, float) or None
+        Of degree and angle (degrees).
     """
 
     incidence_deg: float | None = None
@@ -53,6 +55,8 @@ class SceneErrors:
     transmission_ghost_shift: float | None = None
     focal_px: float | None = None
     bend_deg_per_px: tuple[float, float, float] | None = None
+    transmission_polarization: tuple[float, float] | None = None
+    reflection_polarization: tuple[float, float] | None = None
 
 
 def incidence_error(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,19 +11,25 @@ from blends import blend
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from polaropt.bounded_search import Box
 from polaropt.capture import Capture
 from polaropt.metrics import psnr_db
 from polaropt.model_selection import find_scene
 from polaropt.noise import noise_level
+from polaropt.pane_text import pane_sentence
 from polaropt.plate_frame import StokesImages, stokes_images
 from polaropt.polarized_check import looks_polarized
 from polaropt.polarized_light import Place, candidates, point_showing, scene_at, shown_by
 from polaropt.polarized_likelihood import PolarizedLikelihood
 from polaropt.polarized_mixing import Mixture
+from polaropt.report import plain
 from polaropt.scene import SceneParameters
+from polaropt.scene_errors import SceneErrors
 from polaropt.separation import separate
 from polaropt.simulation import simulate
 from studies.protocol import protocol_capture, protocol_scene, shipped_pairs
+from studies.stability_capture import take
+from studies.stability_scenes import cases
 
 BLIND = SceneParameters(None, None, None)
 SCREEN = {"transmission_polarization": (0.6, 140.0)}
@@ -97,7 +104,7 @@ def test_a_single_polarized_layer_leaves_the_true_pane_among_the_candidates(
     light = {"transmission_polarization" if screen else "reflection_polarization": (degree, angle)}
     true = point_of(SceneParameters(incidence, azimuth, 0.0).replace(**light))
     # Near Brewster's angle the reflection shows the same on both sides of it, whatever its light.
-    if abs(incidence - 56.3) > 7:
+    if abs(incidence - 56.3) > 11:
         found = candidates(shown_by(true, BLIND), BLIND)
         off = [np.abs((candidate.point - true + [0, 90, *5 * [0]]) % [360, 180, *5 * [9]]) for candidate in found]
         distances = [
@@ -191,3 +198,69 @@ def test_a_wrong_azimuth_is_not_explained_by_polarized_light() -> None:
     found = find_scene(capture, SceneParameters(None, told, None), noise_level(capture))
     assert not found.scene.polarized
     assert found.unexplained > 4
+
+
+@pytest.mark.parametrize("polarization", [SCREEN, SKY, SCREEN | SKY], ids=["screen", "sky", "both"])
+def test_the_true_numbers_lie_within_a_few_standard_errors(polarization: dict[str, object]) -> None:
+    made = blend(size=160, ghost_shift=6.3, **polarization)
+    found = find_scene(made.capture, BLIND, noise_level(made.capture), "polarized")
+    incidence, azimuth, shift = found.scene.values()
+    assert abs(incidence - 60.0) < 3 * (found.errors.incidence_deg or 0)
+    assert abs(azimuth - 25.0) < 3 * (found.errors.azimuth_deg or 0)
+    assert abs(shift - 6.3) < 3 * (found.errors.ghost_shift or 0)
+    if found.errors.transmission_polarization is not None and "transmission_polarization" in polarization:
+        degree, angle = found.scene.transmission_polarization
+        assert abs(degree - 0.6) < 3 * found.errors.transmission_polarization[0]
+        assert abs(angle - 140.0) < 3 * found.errors.transmission_polarization[1]
+
+
+def test_newton_steps_go_along_a_narrow_valley() -> None:
+    def valley(x: np.ndarray) -> float:
+        return float(1e3 * (x[0] - 0.9 * x[1]) ** 2 + (x[1] - 3) ** 2)
+
+    far = np.full(2, 10.0)
+    box = Box(np.zeros(2), np.full(2, 0.1), -far, far)
+    step = box.newton(valley)
+    np.testing.assert_allclose(step.point, [2.7, 3.0], rtol=1e-6)
+    assert step.value == pytest.approx(0, abs=1e-6)
+    again = dataclasses.replace(box, start=np.array([5.0, -5.0])).newton(valley, step.curvature)
+    np.testing.assert_allclose(again.point, [2.7, 3.0], rtol=1e-6)
+    nothing = np.empty(0)
+    assert Box(nothing, nothing, nothing, nothing).newton(lambda x: 1.0).value == 1.0
+
+
+def test_the_sentence_tells_the_polarization_of_both_layers() -> None:
+    scene = {**plain(SceneParameters(**SCREEN)), "rung": "polarized"}
+    errors = {**plain(SceneErrors()), "transmission_polarization": [0.02, 1.5]}
+    sentence = pane_sentence({"scene": scene, "estimated": [], "errors": errors})
+    assert "light behind it polarized 0.60 +- 0.02 at 140 +- 1.5 deg (estimated)" in sentence
+    assert "mirrored" not in sentence
+
+
+def test_fully_polarized_light_behind_the_glass_is_found_as_such() -> None:
+    made = blend(size=128, ghost_shift=6.3, transmission_polarization=(1.0, 140.0))
+    scene = find_scene(made.capture, BLIND, noise_level(made.capture)).scene
+    assert scene.transmission_polarization == pytest.approx((1.0, 140.0), abs=2)
+
+
+def test_a_wide_lens_is_not_looked_at_for_polarized_light() -> None:
+    # What it leaves lies off the plane of any two Stokes vectors.
+    made = blend(size=128, azimuth_deg=25.0, focal_px=160.0)
+    found = find_scene(made.capture, BLIND, noise_level(made.capture))
+    assert [tried.rung for tried in found.tried][1:] == ["perspective"]
+
+
+def test_a_sky_does_not_look_like_two_polarized_layers() -> None:
+    """Accidents of the spectra make another pane before two polarized layers likelier, but in few directions."""
+    case = next(case for case in cases() if case.name == "sky mirrored, degree: 0.3")
+    capture = take(case, shipped_pairs(128, 64)[1]).capture
+    scene = find_scene(capture, BLIND, noise_level(capture)).scene
+    assert 0.0 in (scene.transmission_polarization[0], scene.reflection_polarization[0])
+    assert scene.values()[0] == pytest.approx(60, abs=6)
+
+
+def test_parts_of_the_spectra_add_up_to_their_likelihood() -> None:
+    made = blend(size=96, ghost_shift=6.3, **SCREEN)
+    likelihood = PolarizedLikelihood(stokes_of(made.capture), BLIND)
+    point = point_of(made.scene)
+    assert likelihood.sectors(point).sum() == pytest.approx(likelihood.spectral(likelihood.pane(point)), rel=1e-5)
