@@ -68,8 +68,8 @@ def _shipped(training: Training) -> bool:
 
 def _how_to_train() -> list[str]:
     return [
-        "No records were given (`--records RECORDS`): these commands make them, about 20 minutes each on two cores "
-        "with fewer steps; one that was interrupted goes on with `--resume`.",
+        "No records were given (`--records RECORDS`). These commands make them; take as many steps as there is time "
+        "for, the same for all. A training that was interrupted goes on with `--resume`.",
         "",
         *(f"    {command}" for command in commands()),
     ]

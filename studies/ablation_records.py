@@ -128,7 +128,7 @@ _VARIANTS = {
 }
 
 
-def commands(folder: str = "RECORDS", steps: int = 4000) -> list[str]:
+def commands(folder: str = "RECORDS", steps: int = 1000) -> list[str]:
     """How to make the records of all variants, a line each."""
     begin = f"polaropt train --form paper --steps {steps}"
     return [f"{begin} {extra}{' ' if extra else ''}-o {folder}/{name}" for name, extra in _VARIANTS.items()]
