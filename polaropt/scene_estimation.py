@@ -107,7 +107,7 @@ def estimate_scene(
     axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])
     frame = plate_frame(stokes, axis.azimuth_deg if scene.azimuth_deg is None else scene.azimuth_deg)
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
-    taken = _choose_axis(frame, scene, thickness)
+    taken = _choose_axis(frame, scene, thickness, noise)
     frame, search, trial = taken.frame, taken.search, taken.trial
     found = _completed(scene, frame.azimuth_deg, trial)
     errors = SceneErrors()
@@ -145,7 +145,7 @@ class _Taken:
     stake: float = 0.0
 
 
-def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None) -> _Taken:
+def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None, noise: float) -> _Taken:
     """At the given azimuth, or at that one of two which explains the capture better, or is safer where both do."""
     seen = evidence(frame)
     frames, seens = [frame, frame.across()], [seen, seen.across()]
@@ -162,7 +162,7 @@ def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness
         Pane(part, trial, float(search.shift_curve(trial)[1].min()))
         for part, search, trial in zip(seens, searches, trials, strict=True)
     ]
-    choice = choose_axis((panes[0], panes[1]), scene)
+    choice = choose_axis((panes[0], panes[1]), scene, noise)
     best = choice.best
     return _Taken(frames[best], searches[best], trials[best], _margin(trials) * (1 - 2 * best), choice.stake)
 

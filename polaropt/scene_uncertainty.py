@@ -1,6 +1,7 @@
 """What the scene's own standard errors do to the layers: each estimated number is moved both ways.
 
-Per number and pixel the layers move together by half the difference of the two closed forms; their squares add up.
+Per number and pixel the layers move together by half the difference of the two closed forms; their squares add up. The
+incidence is moved by two errors, as two are to cover the truth: towards frontal glass what follows from it soars.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ Images = NDArray[np.float32]
 
 # Beyond these the layers change no more in proportion, and the engine's ranges end.
 _LARGEST_DEG, _LARGEST_PX = 20.0, 8.0
+_COVERING = 2.0
 
 
 @dataclass(frozen=True)
@@ -91,18 +93,18 @@ def scene_variance(
 def _moved(scene: SceneParameters, errors: SceneErrors) -> Iterator[Doubt]:
     """A doubt for each number that was estimated."""
     incidence, focal = scene.values()[0], scene.focal_px or 0.0
-    # Name, largest error that counts, largest step.
+    # Name, largest error that counts, errors to move by, largest step.
     limits = (
-        ("incidence_deg", _LARGEST_DEG, min(incidence, 90 - incidence) / 2),
-        ("azimuth_deg", _LARGEST_DEG if scene.varies else 0.0, _LARGEST_DEG),
-        ("ghost_shift", _LARGEST_PX, _LARGEST_PX),
-        ("transmission_ghost_shift", _LARGEST_PX, _LARGEST_PX),
-        ("focal_px", focal, focal / 2),
+        ("incidence_deg", _LARGEST_DEG, _COVERING, min(incidence, 90 - incidence) / 2),
+        ("azimuth_deg", _LARGEST_DEG if scene.varies else 0.0, 1.0, _LARGEST_DEG),
+        ("ghost_shift", _LARGEST_PX, 1.0, _LARGEST_PX),
+        ("transmission_ghost_shift", _LARGEST_PX, 1.0, _LARGEST_PX),
+        ("focal_px", focal, 1.0, focal / 2),
     )
-    for name, largest, farthest in limits:
+    for name, largest, n_errors, farthest in limits:
         value, error = getattr(scene, name), min(getattr(errors, name) or 0.0, largest)
         if value is not None and min(error, farthest) > 0:
-            step = min(error, farthest)
+            step = min(n_errors * error, farthest)
             below, above = (scene.replace(**{name: value + sign * step}) for sign in (-1, 1))
             yield Doubt(below, above, step / error)
     for i, error in enumerate(errors.bend_deg_per_px or ()):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,7 @@ from polaropt.scene_search import SceneSearch, Trial, evidence
 from tests.blends import blend
 
 BLIND = SceneParameters(None, None, None)
+NOISE = 0.005
 
 
 def panes_of(capture: Capture, azimuth_deg: float, trials: tuple[Trial, Trial]) -> tuple[Pane, Pane]:
@@ -37,16 +40,22 @@ def panes() -> tuple[Pane, Pane]:
 
 
 def test_the_true_pane_is_the_likelier_whichever_comes_first(panes: tuple[Pane, Pane]) -> None:
-    assert log_odds(panes, BLIND) > 5
-    assert log_odds(panes[::-1], BLIND) == pytest.approx(-log_odds(panes, BLIND))
-    assert choose_axis(panes, BLIND).best == 0
-    assert choose_axis(panes[::-1], BLIND).best == 1
-    assert choose_axis(panes, BLIND).stake < NOTABLE_STAKE
+    assert log_odds(panes, BLIND, NOISE) > 5
+    assert log_odds(panes[::-1], BLIND, NOISE) == pytest.approx(-log_odds(panes, BLIND, NOISE))
+    assert choose_axis(panes, BLIND, NOISE).best == 0
+    assert choose_axis(panes[::-1], BLIND, NOISE).best == 1
+    assert choose_axis(panes, BLIND, NOISE).stake < NOTABLE_STAKE
+
+
+def test_scores_that_differ_by_more_than_the_noise_bends_them_settle_it(panes: tuple[Pane, Pane]) -> None:
+    better = replace(panes[1], trial=replace(panes[1].trial, score=panes[0].trial.score - 3 * NOISE))
+    assert choose_axis((panes[0], better), BLIND, NOISE) == AxisChoice(1, 0.0)
+    assert choose_axis((panes[0], better), BLIND, 2 * NOISE).stake > 0
 
 
 def test_a_pane_as_good_as_itself_is_as_likely_and_not_worth_the_risk(panes: tuple[Pane, Pane]) -> None:
-    same = choose_axis((panes[0], panes[0]), BLIND)
-    assert log_odds((panes[0], panes[0]), BLIND) == 0
+    same = choose_axis((panes[0], panes[0]), BLIND, NOISE)
+    assert log_odds((panes[0], panes[0]), BLIND, NOISE) == 0
     # Half the chance of being twice as far off as the intensity.
     assert same == AxisChoice(0, pytest.approx(2.0))
 
