@@ -75,7 +75,7 @@ class Plan:
 PLANS: dict[Effort, Plan] = {
     # Small images, which the figures asked for do not mean.
     "quick": Plan(
-        Pace(benchmark_solvers.Rounds(2, 0.5, 0.5, 1, reference_evaluations=60), benchmark_kernels.Effort(5, 32), 1, 3),
+        Pace(benchmark_solvers.Rounds(1, 0.3, 0.3, 1, reference_evaluations=40), benchmark_kernels.Effort(3, 32), 1, 1),
         sizes=(Size(64, 64), Size(96, 128)),
         kernel_sizes=(Size(96, 128),),
         running_on=Size(64, 64),
