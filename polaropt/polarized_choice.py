@@ -46,7 +46,7 @@ def choose(search: Search, likelihood: PolarizedLikelihood, candidates: Sequence
     accident of the spectra of these layers: then all of it comes from few of their directions and bands.
     """
     fine = [search.finely(candidate) for candidate in candidates]
-    single = min((found for found in fine if _single(found.candidate)), key=_score)
+    single = search.beyond_brewster(min((found for found in fine if _single(found.candidate)), key=_score))
     rivals = [found for found in fine if not _single(found.candidate)]
     both = min((*rivals, search.with_both_polarized(single)), key=_score)
     return search.finished(both if _surely_better(likelihood, both, single) else single)

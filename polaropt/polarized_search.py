@@ -40,7 +40,7 @@ _SHIFTS = np.arange(-_MOST_SHIFT, _MOST_SHIFT + 1)
 _TURNS_DEG = (-9.0, -4.5, 4.5, 9.0)
 _LEAST_GHOST_GAIN, _BLUR_PX = 0.01, 4.0
 """Score that ghosts must gain, more for those so close that they mimic a blur."""
-_TWINS_DEG = 8.0
+_TWINS_DEG, _LEAST_OFF_DEG = 14.0, 4.0
 _HOPELESS, _HOPELESS_START = 0.03, 0.01
 """Score by which a candidate in place may be worse than the best one for its ghosts to be looked at, and with them."""
 _STEPS = np.array([2.0, 1.0, 0.5, 0.02, 0.02, 0.03, 0.03])
@@ -112,10 +112,29 @@ class Search:
     def finely(self, candidate: Candidate) -> Found:
         """The candidate where spectra are likeliest; spectra and edges make its score."""
         if candidate.point[SHIFT]:
-            twins = _twins(candidate, self._asked)
-            candidate = min((self._refined(twin) for twin in twins), key=lambda found: found.score).candidate
+            candidate = self._refined(candidate).candidate
         # In place the windows' likelihood has told all that edges tell, and no more than four numbers are told.
         return Found(candidate, self._fitted(candidate.point, edges=True))
+
+    def beyond_brewster(self, found: Found) -> Found:
+        """The better of what was found and its like on the other side of Brewster's angle.
+
+        In place the reflection shows the same there: only ghosts tell the two apart.
+        """
+        candidate, asked = found.candidate, self._asked
+        off = float(candidate.point[INCIDENCE]) - brewster_angle_deg(asked.refractive_index)
+        if (
+            asked.incidence_deg is not None
+            or candidate.reflection
+            or not candidate.point[SHIFT]
+            or abs(off) > _TWINS_DEG
+        ):
+            return found
+        across = brewster_angle_deg(asked.refractive_index) - math.copysign(max(abs(off), _LEAST_OFF_DEG), off)
+        point = point_showing(Place(across, *candidate.point[1:3]), shown_by(candidate.point, asked), asked)
+        point[OF_REFLECTION] = 0
+        twin = self.finely(self._improved(dataclasses.replace(candidate, point=bounded(point))).candidate)
+        return min(found, twin, key=lambda one: one.score)
 
     def with_both_polarized(self, found: Found) -> Found:
         """The same with polarized light in both layers, which ghosts tell; what was found where there are none."""
@@ -235,27 +254,6 @@ def _least_gain(point: Point) -> float:
     """What the ghosts of a point must gain."""
     shift = abs(float(point[SHIFT]))
     return _LEAST_GHOST_GAIN * (1 + (_BLUR_PX / shift) ** 4) if shift >= _LEAST_SHIFT else math.inf
-
-
-def _twins(candidate: Candidate, asked: SceneParameters) -> list[Candidate]:
-    """The candidate on both sides of Brewster's angle, where the reflection shows the same: ghosts tell them apart."""
-    incidence = float(candidate.point[INCIDENCE])
-    brewster = brewster_angle_deg(asked.refractive_index)
-    if (
-        asked.incidence_deg is not None
-        or candidate.reflection
-        or not candidate.point[SHIFT]
-        or abs(incidence - brewster) > _TWINS_DEG
-    ):
-        return [candidate]
-    shown = shown_by(candidate.point, asked)
-    points = []
-    for side in (-1, 1):
-        away = max(abs(incidence - brewster), _TWINS_DEG / 2)
-        point = point_showing(Place(brewster + side * away, *candidate.point[1:3]), shown, asked)
-        point[OF_REFLECTION] = 0
-        points.append(bounded(point))
-    return [dataclasses.replace(candidate, point=point) for point in points]
 
 
 def _free(candidate: Candidate, asked: SceneParameters) -> NDArray[np.intp]:
