@@ -109,6 +109,21 @@ class RunOptions:
         ),
     ] = "auto"
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of everything.", rich_help_panel=_TRAINING)] = 0
+    leaves: Annotated[
+        int, typer.Option(metavar="N", help="Generated images, without --data.", rich_help_panel=_TRAINING)
+    ] = 192
+    workers: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            help="Processes that make samples while the network trains; the samples stay the same.",
+            rich_help_panel=_TRAINING,
+        ),
+    ] = 0
+    fresh: Annotated[float, typer.Option(metavar="N", help="New samples per batch.", rich_help_panel=_TRAINING)] = 0.8
+    window: Annotated[
+        int, typer.Option(metavar="N", help="Newest samples that batches are drawn from.", rich_help_panel=_TRAINING)
+    ] = 256
     device: Annotated[str, typer.Option(metavar="NAME", help="cpu or cuda.", rich_help_panel=_TRAINING)] = "cpu"
     half: Annotated[
         bool,
@@ -137,17 +152,17 @@ class RunOptions:
         """What the options describe."""
         from priors.training_options import TrainingOptions
 
-        chosen: dict[str, Any] = {"steps": self.steps, "test_every": 100, "test_samples": 8}
+        chosen: dict[str, Any] = {"steps": self.steps, "test_every": 250, "test_samples": 16}
         if self.quick:
             chosen |= {"steps": _QUICK_STEPS, "test_every": _QUICK_STEPS // 2, "test_samples": 4, "averaging": 0.9}
-        for name, value in (("steps", chosen["steps"]), ("batch", self.batch)):
-            if value < 1:
-                raise InputError(f"--{name} is {value}; give 1 or more")
+        self._check(chosen["steps"])
         rate = self.rate if self.rate is not None else (1.5e-3 if form == "conditioned" else 1e-4)
         if not 0 < rate < 1:
             raise InputError(f"--rate is {rate:g}; give a number between 0 and 1")
         return TrainingOptions(
-            **{"averaging": 0.99, "window": 96, "fresh": 0.8, **chosen},
+            **{"averaging": 0.995, **chosen},
+            window=self.window,
+            fresh=self.fresh,
             batch_size=self.batch,
             learning_rate=rate,
             weights=_weights(form, self.without or []),
@@ -155,6 +170,14 @@ class RunOptions:
             device=self.device,
             half_precision=True if self.half else None,
         )
+
+    def _check(self, steps: int) -> None:
+        counts = {"batch": (self.batch, 1), "leaves": (self.leaves, 1), "window": (self.window, 1)}
+        for name, (count, least) in {"steps": (steps, 1), **counts, "workers": (self.workers, 0)}.items():
+            if count < least:
+                raise InputError(f"--{name} is {count}; give {least} or more")
+        if not 0 < self.fresh <= self.batch:
+            raise InputError(f"--fresh is {self.fresh:g}; give a number above 0, at most the batch ({self.batch})")
 
 
 def train_command(network: NetworkOptions, run: RunOptions) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from polaropt.forward import PSE
 from polaropt.objective import Weights
 from polaropt.plate import ghosts_that_matter
 from polaropt.problem import Problem
+from polaropt.sample_stream import in_processes
 from polaropt.scene import SceneParameters, ghost_step
 from polaropt.simulation import ANGLES_DEG, digitized
 from polaropt.stokes import analyzer_matrix, change_basis
@@ -75,15 +77,30 @@ class TrainingData:
     seed : int
         With a sample's number it decides everything.
     variety : Variety
+    workers : int
+        Processes that make samples ahead; 0 makes each as it is taken. The samples are the same.
     """
 
     def __init__(
-        self, pictures: Pictures, form: Form, size: int = 128, seed: int = 0, variety: Variety | None = None
+        self,
+        pictures: Pictures,
+        form: Form,
+        size: int = 128,
+        seed: int = 0,
+        *,
+        variety: Variety | None = None,
+        workers: int = 0,
     ) -> None:
         if size < 32:
             raise InputError(f"training frames of {size} px; give 32 or more")
         self._pictures, self._form, self._size, self._seed = pictures, form, size, seed
-        self._variety = variety or Variety()
+        self._variety, self._workers = variety or Variety(), workers
+
+    def samples(self, numbers: range) -> Iterator[Sample]:
+        """Samples in the order of their numbers."""
+        if self._workers:
+            return in_processes(self.sample, numbers, self._workers)
+        return map(self.sample, numbers)
 
     def sample(self, number: int) -> Sample:
         """Sample `number`, always the same."""
@@ -178,8 +195,19 @@ def _conditioned_sample(
         conditioned_observation(problem, layers),
         in_color(torch.from_numpy(truth))[None],
         in_color(torch.from_numpy(np.ascontiguousarray(np.stack(views, axis=1))))[None],
-        lambda both: true.entries(both)[:2],
+        PlateEngine(true),
     )
+
+
+@dataclass(frozen=True)
+class PlateEngine:
+    """An engine whose views are those along and across the plane of incidence."""
+
+    pse: PSE
+
+    def __call__(self, both: Any) -> Any:
+        """Views (2, 3, h, w) of layers (2, 3, h, w)."""
+        return self.pse.entries(both)[:2]
 
 
 def _engine(scene: SceneParameters, angles_deg: tuple[float, ...]) -> PSE:

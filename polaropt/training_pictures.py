@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from concurrent.futures import ProcessPoolExecutor
+from functools import lru_cache, partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,7 @@ FROM_SKIMAGE = (
     "astronaut", "coffee", "chelsea", "rocket", "hubble_deep_field", "camera", "coins", "brick", "grass", "gravel",
 )  # fmt: skip
 FROM_SKLEARN = ("china.jpg", "flower.jpg")
-_N_LEAVES, _LEAVES_PX = 64, 448
+N_LEAVES, _LEAVES_PX = 64, 448
 _SCALES = (0.45, 1.0)
 
 
@@ -31,6 +33,8 @@ class Pictures:
     folder : Path, optional
         Take photographs from here. Default: half generated leaves, half photographs inside scikit-image and
         scikit-learn, which may all be redistributed.
+    leaves : int
+        Generated images, where no folder is given.
 
     Attributes
     ----------
@@ -38,62 +42,77 @@ class Pictures:
         What they are, for the record.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
+    def __init__(self, folder: Path | None = None, leaves: int = N_LEAVES) -> None:
         if folder is None:
-            self.source = f"{_N_LEAVES} generated dead-leaves images; {', '.join(FROM_SKIMAGE + FROM_SKLEARN)}"
+            self.source = f"{leaves} generated dead-leaves images; {', '.join(FROM_SKIMAGE + FROM_SKLEARN)}"
             self._photographs: list[Callable[[], Image]] = [
-                *map(_of_skimage, FROM_SKIMAGE),
-                *map(_of_sklearn, FROM_SKLEARN),
+                *(partial(_of_skimage, name) for name in FROM_SKIMAGE),
+                *(partial(_of_sklearn, name) for name in FROM_SKLEARN),
             ]
         else:
             files = photographs_in(folder)
             self.source = f"{len(files)} photographs of the folder {folder.name}"
-            self._photographs = [_file(path) for path in files]
-        self._leaves = _N_LEAVES if folder is None else 0
-        self._kept = lru_cache(maxsize=256)(self._read)
+            self._photographs = [partial(_file, path) for path in files]
+        self._leaves = leaves if folder is None else 0
+        self._drawn: dict[int, NDArray[np.uint8]] = {}
+
+    def draw(self, workers: int) -> None:
+        """Draw all generated images now, in processes of their own, so that none has to be drawn by each of them."""
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            self._drawn = dict(enumerate(pool.map(_leaves, range(self._leaves), chunksize=4)))
 
     def frame(self, size: int, random: np.random.Generator) -> Image:
         """A square part (size, size, 3) of a picture, reduced, turned and mirrored at random."""
-        picture = np.asarray(self._kept(*self._draw(random)), dtype=np.float32) / np.float32(255)
+        picture = np.asarray(self._picture(*self._draw(random)), dtype=np.float32) / np.float32(255)
         scale = random.uniform(*_SCALES)
         wanted = min(int(np.ceil(size / scale)), *(2 * side for side in picture.shape[:2]))
         part = cut(picture, (wanted, wanted), (random.random(), random.random()))
-        part = np.rot90(part, int(random.integers(4)))
+        part = np.rot90(part, int(random.integers(4)))[..., random.permutation(3)]
         return _resized(part[:, ::-1] if random.random() < 0.5 else part, size)
 
     def _draw(self, random: np.random.Generator) -> tuple[bool, int]:
         leaves = bool(random.random() < 0.5) and self._leaves > 0
         return leaves, int(random.integers(self._leaves if leaves else len(self._photographs)))
 
-    def _read(self, leaves: bool, number: int) -> NDArray[np.uint8]:
-        image = dead_leaves(_LEAVES_PX, number) if leaves else self._photographs[number]()
-        return np.round(255 * image).astype(np.uint8)
+    def _picture(self, leaves: bool, number: int) -> NDArray[np.uint8]:
+        if not leaves:
+            return _read(self._photographs[number])
+        if number not in self._drawn:
+            self._drawn[number] = _leaves(number)
+        return self._drawn[number]
 
 
-def _of_skimage(name: str) -> Callable[[], Image]:
-    def read() -> Image:
-        from skimage import data
-
-        return in_color(np.asarray(getattr(data, name)(), dtype=np.float32) / np.float32(255))
-
-    return read
+@lru_cache(maxsize=256)
+def _read(photograph: Callable[[], Image]) -> NDArray[np.uint8]:
+    return _in_bytes(photograph())
 
 
-def _of_sklearn(name: str) -> Callable[[], Image]:
-    def read() -> Image:
-        try:
-            from sklearn.datasets import load_sample_image
-        except ImportError:
-            raise InputError(
-                "the training pictures need scikit-learn: pip install 'polaropt[studies]', or name a folder"
-            ) from None
-        return np.asarray(load_sample_image(name), dtype=np.float32) / np.float32(255)
-
-    return read
+def _leaves(number: int) -> NDArray[np.uint8]:
+    return _in_bytes(dead_leaves(_LEAVES_PX, number))
 
 
-def _file(path: Path) -> Callable[[], Image]:
-    return lambda: in_color(read_photograph(path))
+def _in_bytes(image: Image) -> NDArray[np.uint8]:
+    return np.round(255 * image).astype(np.uint8)
+
+
+def _of_skimage(name: str) -> Image:
+    from skimage import data
+
+    return in_color(np.asarray(getattr(data, name)(), dtype=np.float32) / np.float32(255))
+
+
+def _of_sklearn(name: str) -> Image:
+    try:
+        from sklearn.datasets import load_sample_image
+    except ImportError:
+        raise InputError(
+            "the training pictures need scikit-learn: pip install 'polaropt[studies]', or name a folder"
+        ) from None
+    return np.asarray(load_sample_image(name), dtype=np.float32) / np.float32(255)
+
+
+def _file(path: Path) -> Image:
+    return in_color(read_photograph(path))
 
 
 def _resized(image: Image, size: int) -> Image:

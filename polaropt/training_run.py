@@ -39,8 +39,10 @@ def trained(network: NetworkOptions, run: RunOptions, progress: Progress | None 
 
     _check_device(run.device)
     architecture, options = network.architecture(), run.training(network.form)
-    pictures = Pictures(run.data)
-    source = TrainingData(pictures, network.form, run.side, run.seed)
+    pictures = Pictures(run.data, run.leaves)
+    if run.workers:
+        pictures.draw(run.workers)
+    source = TrainingData(pictures, network.form, run.side, run.seed, workers=run.workers)
     features, compared = _features(network, run, options.weights.perceptual > 0)
     torch.manual_seed(run.seed)
     try:

@@ -93,6 +93,25 @@ class ResidualBlock(nn.Module):
         return features
 
 
+class Level(nn.Module):
+    """Residual blocks one after the other.
+
+    Parameters
+    ----------
+    channels, n_blocks : int
+    """
+
+    def __init__(self, channels: int, n_blocks: int) -> None:
+        super().__init__()
+        self._blocks = nn.ModuleList(ResidualBlock(channels) for _ in range(n_blocks))
+
+    def forward(self, x: Tensor, modulation: tuple[Tensor, Tensor] | None = None) -> Tensor:
+        """Features of the same shape; the first block is modulated."""
+        for number, block in enumerate(self._blocks):
+            x = block(x, None if number else modulation)
+        return x
+
+
 class Hourglass(nn.Module):
     """Encoder and decoder with skips: each level halves the image, and the way back adds what was there before.
 
@@ -100,22 +119,24 @@ class Hourglass(nn.Module):
     ----------
     n_inputs, n_outputs : int
         Planes.
-    widths : sequence of int
-        Channels of each level; the first works at the planes' own size.
+    levels : sequence of (int, int)
+        Channels and residual blocks each way of each level; the first works at the planes' own size.
     n_numbers : int
         Numbers of the scene that modulate the blocks; 0 for none.
     """
 
-    def __init__(self, n_inputs: int, n_outputs: int, widths: Sequence[int], n_numbers: int = 0) -> None:
+    def __init__(self, n_inputs: int, n_outputs: int, levels: Sequence[tuple[int, int]], n_numbers: int = 0) -> None:
         super().__init__()
+        widths = [width for width, _ in levels]
         steps = list(itertools.pairwise(widths))
-        self.multiple = 2 ** (len(widths) - 1)
-        self._entry = nn.Conv2d(n_inputs, widths[0], 3, padding=1)
-        self._down_blocks = nn.ModuleList(ResidualBlock(n) for n in widths)
-        self._up_blocks = nn.ModuleList(ResidualBlock(n) for n in widths)
+        self.multiple = 2 ** (len(levels) - 1)
+        # Many planes come in and go out: what mixes them sees no neighbours, the blocks do.
+        self._entry = nn.Conv2d(n_inputs, widths[0], 1)
+        self._down_blocks = nn.ModuleList(Level(width, n) for width, n in levels)
+        self._up_blocks = nn.ModuleList(Level(width, n) for width, n in levels)
         self._downs = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
         self._ups = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in steps)
-        self._exit = nn.Conv2d(widths[0], n_outputs, 3, padding=1)
+        self._exit = nn.Conv2d(widths[0], n_outputs, 1)
         self._modulation = Modulation(n_numbers, [*widths, *widths])
         start_at_nothing(self._exit)
 

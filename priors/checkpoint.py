@@ -16,6 +16,7 @@ from priors.fusionnet import Architecture, SeparationNetwork
 
 _FORMAT = "polaropt separation network 1"
 _FIXED = "polarnet.encoder."
+_SIZES = ("polar_widths", "fusion_widths", "fusion_blocks")
 
 
 def save_network(path: Path, network: SeparationNetwork) -> str:
@@ -75,7 +76,7 @@ def _parsed(path: Path, content: bytes) -> tuple[dict[str, Tensor], Architecture
         if header["format"] != _FORMAT:
             raise ValueError
         described = json.loads(header["architecture"])
-        sizes = {name: tuple(described[name]) for name in ("polar_widths", "fusion_widths")}
+        sizes = {name: tuple(described[name]) for name in _SIZES}
         return load(content), Architecture(**{**described, **sizes})
     except Exception:
         raise WrongWeights(f"{path}: holds no network; give weights that polaropt train has written") from None

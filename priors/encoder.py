@@ -22,6 +22,8 @@ _VGG = (
     ((19, 256, 512), (21, 512, 512), (23, 512, 512), (25, 512, 512)),
     ((28, 512, 512), (30, 512, 512), (32, 512, 512), (34, 512, 512)),
 )
+# Side of the squares of pixels that the compact encoder takes as one.
+_PATCH = 4
 _IMAGENET_MEAN = (0.485, 0.456, 0.406)
 _IMAGENET_SPREAD = (0.229, 0.224, 0.225)
 VGG19_DIGEST = "dcbb9e9d"
@@ -33,7 +35,7 @@ class WrongWeights(ValueError):
 
 
 class CompactEncoder(nn.Module):
-    """A small encoder at 1/2, 1/4, ... of the image's size.
+    """A small encoder at 1/4, 1/8, ... of the image's size.
 
     Parameters
     ----------
@@ -43,18 +45,18 @@ class CompactEncoder(nn.Module):
 
     name = "compact"
 
-    def __init__(self, widths: Sequence[int] = (12, 24, 32)) -> None:
+    def __init__(self, widths: Sequence[int] = (16, 24, 32)) -> None:
         super().__init__()
         self.channels = tuple(widths)
-        self.strides = tuple(2 ** (level + 1) for level in range(len(widths)))
-        self._entry = nn.Conv2d(12, widths[0], 3, padding=1)
+        self.strides = tuple(_PATCH * 2**level for level in range(len(widths)))
+        self._entry = nn.Conv2d(3 * _PATCH**2, widths[0], 3, padding=1)
         self._blocks = nn.ModuleList(ResidualBlock(n) for n in widths)
         steps = itertools.pairwise(widths)
         self._downs = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """Features of images (batch, 3, h, w), finest first; sides must be multiples of the last stride."""
-        x = self._entry(pixel_unshuffle(images, 2))
+        x = self._entry(pixel_unshuffle(images, _PATCH))
         features = []
         for level, block in enumerate(self._blocks):
             if level:

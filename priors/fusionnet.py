@@ -31,14 +31,17 @@ class Architecture:
         the plane of incidence, and the layers in closed form with their standard errors.
     polarnet : {"compact", "vgg19", "plain"}
         PolarNet's encoder; "plain" puts the ablation's multi-layer network in PolarNet's place.
-    polar_widths, fusion_widths : tuple of int
-        Channels of the levels of the compact encoder and of FusionNet.
+    polar_widths : tuple of int
+        Channels of the levels of the compact encoder, at 1/4, 1/8, ... of the photographs' size.
+    fusion_widths, fusion_blocks : tuple of int
+        Channels and residual blocks each way of FusionNet's levels, at 1/2, 1/4, ... of it.
     """
 
     form: Form = "conditioned"
     polarnet: Literal["compact", "vgg19", "plain"] = "compact"
-    polar_widths: tuple[int, ...] = (12, 24, 32)
+    polar_widths: tuple[int, ...] = (16, 24, 32)
     fusion_widths: tuple[int, ...] = (32, 48, 64, 96)
+    fusion_blocks: tuple[int, ...] = (1, 2, 2, 1)
 
     @property
     def n_views(self) -> int:
@@ -66,7 +69,8 @@ class FusionNet(nn.Module):
         n_planes = COLORS * (4 * n_seen + n_seen + 2 * n_views + (N_BANDS - 2) * self._n_sources) + 1
         n_numbers = n_scene_numbers(n_views, conditioned)
         self._n_gates = n_gates(self._n_sources)
-        self._hourglass = Hourglass(n_planes, self._n_gates + 8 * COLORS, architecture.fusion_widths, n_numbers)
+        levels = list(zip(architecture.fusion_widths, architecture.fusion_blocks, strict=True))
+        self._hourglass = Hourglass(n_planes, self._n_gates + 8 * COLORS, levels, n_numbers)
         self._context = None if conditioned else nn.Linear(n_views**2, n_numbers)
         self._multiple = max(2 * self._hourglass.multiple, 2 ** (N_BANDS - 1))
 

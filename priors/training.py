@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from priors.training_options import Batch, Sample, SampleSource, TrainingOptions
 
 STATE, LOG = "state.pt", "log.csv"
 _FIRST_TEST = 1 << 40
+_LOOK_EVERY = 20
 Progress = Callable[[str, float], None]
 
 
@@ -57,6 +58,8 @@ class Training:
         self._critics = Critics(features, judge)
         self._judge_optimizer = None if judge is None else torch.optim.Adam(judge.parameters(), 1e-4)
         self._kept: dict[int, Sample] = {}
+        self._coming: Iterator[tuple[int, Sample]] = iter(())
+        self._tests: list[Sample] = []
 
     @property
     def averaged(self) -> SeparationNetwork:
@@ -79,16 +82,20 @@ class Training:
         """
         began, log = time.perf_counter(), _read_log(folder / LOG, self.step)
         before = log[-1]["seconds"] if log else 0.0
-        sums: dict[str, float] = {}
+        sums: dict[str, Tensor] = {}
         while self.step < self.options.steps:
             for name, value in self._train_step().items():
-                sums[name] = sums.get(name, 0.0) + value
+                sums[name] = sums[name] + value if name in sums else value
             self.step += 1
-            if self.step % self.options.test_every == 0 or self.step == self.options.steps:
+            logs = self.step % self.options.test_every == 0 or self.step == self.options.steps
+            # A look at every step would have a GPU wait for it.
+            if (logs or self.step % _LOOK_EVERY == 0) and not bool(torch.isfinite(sums["loss"])):
+                raise NotFinite(f"the loss became infinite or NaN before step {self.step}; lower the learning rate")
+            if logs:
                 taken = self.step - (int(log[-1]["step"]) if log else 0)
                 seconds = before + time.perf_counter() - began
                 row = {"step": float(self.step), "seconds": seconds, "rate": self.options.rate(self.step)}
-                log.append({**row, **{name: total / taken for name, total in sums.items()}, **self.tested()})
+                log.append({**row, **{name: float(total) / taken for name, total in sums.items()}, **self.tested()})
                 sums = {}
                 self.save(folder / STATE)
                 _write_log(folder / LOG, log)
@@ -96,7 +103,7 @@ class Training:
                 progress(f"Training, step {self.step} of {self.options.steps}", self.step / self.options.steps)
         return log
 
-    def _train_step(self) -> dict[str, float]:
+    def _train_step(self) -> dict[str, Tensor]:
         batch = self.batch(self.step)
         for group in self._optimizer.param_groups:
             group["lr"] = self.options.rate(self.step)
@@ -105,17 +112,15 @@ class Training:
             found = self.network(batch.observation)
         terms = loss_terms(found, batch, self.options.weights, self._critics)
         loss = sum(terms.values(), torch.zeros((), device=self.options.device))
-        if not bool(torch.isfinite(loss)):
-            raise NotFinite(f"the loss became infinite or NaN at step {self.step}; lower the learning rate")
         self._optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self._optimizer.step()
         self._averaged.update_parameters(self.network)
-        values = {name: float(term.detach()) for name, term in terms.items()}
-        return {"loss": float(loss.detach()), **values, **self._train_judge(batch, found.layers.detach())}
+        values = {name: term.detach() for name, term in terms.items()}
+        return {"loss": loss.detach(), **values, **self._train_judge(batch, found.layers.detach())}
 
-    def _train_judge(self, batch: Batch, found: Tensor) -> dict[str, float]:
+    def _train_judge(self, batch: Batch, found: Tensor) -> dict[str, Tensor]:
         judge = self._critics.discriminator
         if judge is None or self._judge_optimizer is None:
             return {}
@@ -123,26 +128,32 @@ class Training:
         self._judge_optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self._judge_optimizer.step()
-        return {"discriminator": float(loss.detach())}
+        return {"discriminator": loss.detach()}
 
     def batch(self, step: int) -> Batch:
-        """The batch of a step, always the same: drawn from a window that moves over the samples' numbers."""
+        """The batch of a step, always the same: drawn from the newest samples."""
         options = self.options
-        first = int(step * options.fresh)
-        numbers = np.random.default_rng([options.seed, 7, step]).integers(options.window, size=options.batch_size)
-        self._kept = {number: sample for number, sample in self._kept.items() if number >= first}
-        for number in first + numbers:
-            if int(number) not in self._kept:
-                self._kept[int(number)] = self._source.sample(int(number))
-        return _batch([self._kept[int(number)] for number in first + numbers], options.device)
+        newest = options.newest(step)
+        first = max(0, newest - options.window)
+        if not self._kept:
+            numbers = range(first, options.newest(options.steps))
+            self._coming = zip(numbers, self._source.samples(numbers), strict=False)
+        while newest - 1 not in self._kept:
+            number, sample = next(self._coming)
+            self._kept[number] = _placed(sample, options.device)
+            self._kept.pop(number - options.window, None)
+        drawn = np.random.default_rng([options.seed, 7, step]).integers(first, newest, size=options.batch_size)
+        return _batch([self._kept[int(number)] for number in drawn])
 
     @torch.no_grad()
     def tested(self) -> dict[str, float]:
         """Mean PSNR of both layers on samples that are never trained on, and of the layers in closed form."""
         rows = []
-        for number in range(_FIRST_TEST, _FIRST_TEST + self.options.test_samples):
-            sample = self._source.sample(number)
-            seen, truth = placed(sample.observation, self.options.device), sample.layers.to(self.options.device)
+        if not self._tests:
+            numbers = range(_FIRST_TEST, _FIRST_TEST + self.options.test_samples)
+            self._tests = [_placed(sample, self.options.device) for sample in self._source.samples(numbers)]
+        for sample in self._tests:
+            seen, truth = sample.observation, sample.layers
             row = psnr(self.averaged(seen).layers, truth)
             rows.append([*row, *(psnr(seen.layers, truth) if seen.layers is not None else ())])
         names = ("transmission_db", "reflection_db", "closed_form_transmission_db", "closed_form_reflection_db")
@@ -200,11 +211,16 @@ def psnr(found: Tensor, truth: Tensor) -> tuple[float, float]:
     return transmission, reflection
 
 
-def _batch(samples: Sequence[Sample], device: str) -> Batch:
+def _placed(sample: Sample, device: str) -> Sample:
+    seen = placed(sample.observation, device)
+    return Sample(seen, sample.layers.to(device), sample.parts.to(device), sample.engine)
+
+
+def _batch(samples: Sequence[Sample]) -> Batch:
     return Batch(
-        placed(collated([sample.observation for sample in samples]), device),
-        torch.cat([sample.layers for sample in samples]).to(device),
-        torch.cat([sample.parts for sample in samples]).to(device),
+        collated([sample.observation for sample in samples]),
+        torch.cat([sample.layers for sample in samples]),
+        torch.cat([sample.parts for sample in samples]),
         tuple(sample.engine for sample in samples),
     )
 

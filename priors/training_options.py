@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -38,8 +39,8 @@ class Batch:
 class SampleSource(Protocol):
     """Samples by number, always the same."""
 
-    def sample(self, number: int) -> Sample:
-        """Sample `number`."""
+    def samples(self, numbers: range) -> Iterator[Sample]:
+        """Samples in the order of their numbers."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,10 @@ class TrainingOptions:
     def mixed(self) -> bool:
         """Whether products are computed in half precision."""
         return self.device.startswith("cuda") if self.half_precision is None else self.half_precision
+
+    def newest(self, step: int) -> int:
+        """How many samples have been made when a step begins."""
+        return self.batch_size + int(step * self.fresh)
 
     def rate(self, step: int) -> float:
         """Learning rate of a step."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import torch
 
 from priors.fusionnet import Architecture, Form, SeparationNetwork
 from priors.observation import Observation
 from priors.training_options import Sample
 
-SMALL = {"polar_widths": (4, 6), "fusion_widths": (6, 8)}
+SMALL = {"polar_widths": (4, 6), "fusion_widths": (6, 8), "fusion_blocks": (1, 1)}
 
 
 def small_network(form: Form = "conditioned", seed: int = 0) -> SeparationNetwork:
@@ -36,6 +38,9 @@ class Mixtures:
     """Samples whose views are a fixed mixture of random layers, without a pane."""
 
     mixing = torch.tensor([[0.45, 0.05], [0.3, 0.2]])
+
+    def samples(self, numbers: range) -> Iterator[Sample]:
+        return map(self.sample, numbers)
 
     def sample(self, number: int) -> Sample:
         random = torch.Generator().manual_seed(number % 1000)

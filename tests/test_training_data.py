@@ -62,6 +62,15 @@ def test_the_engine_makes_the_views_of_the_true_layers(pictures: Pictures) -> No
         assert float(off.std()) < 2 * float(sample.observation.view_errors.mean()) + 0.01
 
 
+def test_processes_make_the_same_samples_in_the_same_order(pictures: Pictures) -> None:
+    numbers = range(3, 6)
+    here = source(pictures, "conditioned").samples(numbers)
+    there = TrainingData(pictures, "conditioned", size=48, seed=3, variety=PLAIN, workers=1).samples(numbers)
+    for mine, theirs in zip(here, there, strict=True):
+        assert torch.equal(mine.observation.views, theirs.observation.views)
+        assert torch.equal(mine.engine(mine.layers[0]), theirs.engine(mine.layers[0]))
+
+
 def test_gradients_come_through_the_engine(pictures: Pictures) -> None:
     sample = source(pictures, "paper").sample(0)
     layers = sample.layers[0].clone().requires_grad_()
