@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.clipped import worth_filling
 from polaropt.objective import Term
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ Images = NDArray[np.float32]
 # Found with ``python -m studies.learned_init``: the mean of two estimates that err differently is better than either.
 _HALFWAY = 0.5
 _LITTLE = 0.05
-_REACH_PX = 8
+_REACH_PX = 24
 
 
 class KeptStart:
@@ -70,16 +69,16 @@ def share_told(unknown: float) -> float:
 def near_clipped(capture: Capture) -> Images | None:
     """Share of the way that each pixel (h, w) goes for sure: all of it where photographs are clipped.
 
-    The objective leaves clipped photographs out; a closed form, and what improves it, cannot. None where hardly any
-    are.
+    The objective leaves clipped photographs out; a closed form, and what improves it, cannot, and errs around them.
+    None where there are none.
     """
     from scipy.ndimage import gaussian_filter, maximum_filter
 
-    if not worth_filling(capture):
+    if capture.valid.all():
         return None
     clipped = ~capture.valid.reshape(-1, *capture.shape[-2:]).all(axis=0)
     around = maximum_filter(clipped.astype(np.float32), 2 * _REACH_PX + 1)
-    return np.asarray(gaussian_filter(around, _REACH_PX / 2), dtype=np.float32)
+    return np.asarray(gaussian_filter(around, _REACH_PX / 4), dtype=np.float32)
 
 
 def left_start(

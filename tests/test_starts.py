@@ -105,7 +105,7 @@ def test_where_the_photographs_tell_the_layers_the_end_is_halfway_to_the_minimum
 
 
 def test_near_clipped_pixels_the_minimum_is_taken(untrained: Path) -> None:
-    blended = blend(75.0, size=64, exposure=2.2)
+    blended = blend(75.0, size=96, exposure=2.2)
     layers = [separate(blended.capture, blended.scene, init=init).layers for init in ("learned", "closed-form")]
     near = near_clipped(blended.capture)
     assert near is not None
