@@ -180,7 +180,7 @@ def diagnose(
         **_of_angles(mistake),
         Warning.POLARIZED_SOURCE: looks_polarized or _found_polarized(scene, estimate),
         Warning.INCIDENCE_DOUBTFUL: doubtful_incidence,
-        Warning.AXIS_DOUBTFUL: polarized and estimate is not None and estimate.axis_stake >= NOTABLE_STAKE,
+        Warning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),
         Warning.MODEL_DOES_NOT_EXPLAIN: polarized and (misfit_ratio > _BAD_FIT or unexplained > _MUCH_LEFT),
         Warning.SOLVER_FAILED: not finite,
     }
@@ -217,6 +217,12 @@ def noise_share(capture: Capture, transmission: Floats, variance: float) -> floa
 def _found_polarized(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
     """Whether polarized light was found, not given."""
     return estimate is not None and scene is not None and scene.polarized
+
+
+def _may_lie_across(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
+    """Whether one of two flat panes was taken in doubt; a rung above has more that tells them apart."""
+    plain = scene is not None and not scene.varies and not scene.polarized
+    return plain and estimate is not None and estimate.axis_stake >= NOTABLE_STAKE
 
 
 def _of_geometry_and_noise(

@@ -10,6 +10,7 @@ import pytest
 from polaropt import SceneParameters, Warning, separate
 from polaropt.axis_choice import HIGH_STAKE, NOTABLE_STAKE, AxisChoice, Pane, choose_axis, log_odds
 from polaropt.capture import Capture
+from polaropt.diagnostics import diagnose
 from polaropt.metrics import psnr_db
 from polaropt.model_selection import find_scene
 from polaropt.noise import noise_level
@@ -88,6 +89,17 @@ def test_in_doubt_the_intensity_is_returned_and_said_so() -> None:
     assert [step.rung for step in result.tried if step.taken] == ["none"]
     # Who insists gets what was asked for.
     assert separate(example.capture, model="pixelwise").scene.rung == "pixelwise"
+
+
+def test_a_wide_lens_tells_the_two_apart() -> None:
+    capture = blend(60, 64).capture
+    doubtful = replace(estimate_scene(capture), axis_stake=NOTABLE_STAKE)
+    for focal_px, warned in ((None, True), (80.0, False)):
+        told = diagnose(
+            capture, 0.005, misfit_ratio=1.0, reflection_unknown=0.0, estimate=doubtful,
+            scene=doubtful.scene.replace(focal_px=focal_px),
+        )  # fmt: skip
+        assert (Warning.AXIS_DOUBTFUL in told.warnings) == warned
 
 
 @pytest.mark.parametrize(("told", "left"), [(80.0, True), (74.0, False), (40.0, False)])
