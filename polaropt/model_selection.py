@@ -77,7 +77,7 @@ class FoundScene:
 
 def model_names() -> tuple[str, ...]:
     """Names that `find_scene` knows."""
-    return ("auto", *_LOWER, *(rung.name for rung in RUNGS))
+    return tuple(dict.fromkeys(("auto", *_LOWER, *(rung.name for rung in RUNGS))))
 
 
 def find_scene(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 from polaropt.angle_frame import start_unknown
 from polaropt.capture import Capture
@@ -33,8 +34,8 @@ _LEAST_BENT = 0.4
 _MOSTLY = 0.8
 # Focal length over the longer side from which on incidence and azimuth hardly vary.
 _FAR = 30.0
-# Share of what the plain pane leaves that may lie off the plane of two Stokes vectors.
-_MOST_OFF_PLANE = 0.2
+# Share of it that may lie off the plane of two Stokes vectors where polarized light may explain all, or most.
+_ALL_BUT, _MOST_BUT = (-math.inf, 0.2), (0.2, 0.7)
 # Misfit up to which a wrong pane may leave so little because polarized light mimics it.
 _LITTLE = 2.0
 # Score that polarized light must gain, and where nothing but edges and spectra speaks of it.
@@ -263,22 +264,20 @@ def _curved(evidence: Evidence) -> Attempt:
     return Attempt(scene, fit.misfit, 5 + lens_found, known, remark, errors)
 
 
-def _may_be_polarized(evidence: Evidence) -> bool:
-    """Whether constant polarization of the layers' light explains most of what is left, or edges speak of it."""
-    if evidence.asked.polarized or evidence.asked.focal_px is not None:
-        return False
+def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -> bool:
+    """Whether constant polarization of the layers' light may explain what is left, or edges speak of it."""
+    asked, first = evidence.asked, off == _ALL_BUT
     if evidence.wanted == "polarized":
-        return True
-    if evidence.asked.azimuth_deg is not None:
-        # Polarized light explains what a wrong azimuth leaves, and makes it worse.
+        return first and not asked.polarized and asked.focal_px is None
+    # Polarized light explains what a wrong azimuth leaves, and makes it worse.
+    if asked.polarized or asked.focal_px is not None or asked.azimuth_deg is not None:
         return False
     if evidence.explained:
         # Frontal glass polarizes so little that a slight polarization of either layer would do as well, and the
         # transmission does not need to know.
         oblique = evidence.estimate.scene.values()[0] > _OBLIQUE_DEG
-        return oblique and looks_polarized(evidence.stokes, evidence.estimate.scene)
-    # A pane that varies over the frame leaves about half of it off the plane of two Stokes vectors.
-    return Mixture(evidence.stokes).misfit - 1 < _MOST_OFF_PLANE * (evidence.misfit - 1)
+        return oblique and first and looks_polarized(evidence.stokes, evidence.estimate.scene)
+    return off[0] <= (Mixture(evidence.stokes).misfit - 1) / (evidence.misfit - 1) < off[1]
 
 
 def _polarized(evidence: Evidence) -> Attempt:
@@ -286,10 +285,10 @@ def _polarized(evidence: Evidence) -> Attempt:
     fit = fit_polarized(evidence.stokes, evidence.asked, plain)
     if fit is None:
         return Attempt(plain, evidence.misfit, 1, False, "No polarization of the layers' light explains it.")
-    explains = not evidence.explained and fit.misfit <= noise_misfit(evidence.blocks.n)
-    enough = 0.0 if explains else _LEAST_GAIN if evidence.misfit > _LITTLE else _LEAST_GAIN_OF_EDGES
+    enough = _LEAST_GAIN if evidence.misfit > _LITTLE else _LEAST_GAIN_OF_EDGES
+    enough = 0.0 if fit.misfit <= noise_misfit(evidence.blocks.n) < evidence.misfit else enough
     known = evidence.wanted == "polarized" or fit.gain > enough
-    remark = "" if known else "Polarized light makes the capture hardly any likelier."
+    remark = "" if known else "Polarized light makes it hardly any likelier."
     return Attempt(fit.scene, fit.misfit, 5, known, remark, fit.errors, told_by_edges=fit.gain > _LEAST_GAIN_OF_EDGES)
 
 
@@ -297,4 +296,5 @@ RUNGS = (
     Rung("polarized", _may_be_polarized, _polarized),
     Rung("perspective", _may_vary, _perspective),
     Rung("curved", _may_vary, _curved),
+    Rung("polarized", partial(_may_be_polarized, off=_MOST_BUT), _polarized),
 )

@@ -1,8 +1,8 @@
 """How often the true numbers of a scene lie within two of the standard errors that are stated with them.
 
 Run ``polaropt study parameter_errors -o OUT``; without ``--photos`` it uses photographs inside scikit-image.
-Scenes of four kinds: bounces in place, ghosts, a wide lens, a bent pane before it; incidence, azimuth, thickness, view
-and bend are random, seeded by pair and round.
+Scenes of six kinds: bounces in place, ghosts, a wide lens, a bent pane before it, and ghosts before a polarized screen
+or sky; incidence, azimuth, thickness, view, bend and polarization are random, seeded by pair and round.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from studies.protocol import BITS, N_PAIRS, NOISE, REFRACTIVE_INDEX, Pair
 from studies.record import write_tables
 from studies.work import row_of, run_jobs
 
-KINDS = ("pixelwise", "ghosts", "perspective", "curved")
+KINDS = ("pixelwise", "ghosts", "perspective", "curved", "screen", "sky")
+POLARIZED = {"screen": "transmission_polarization", "sky": "reflection_polarization"}
+DEGREES = (0.2, 0.9)
 INCIDENCES_DEG = (20.0, 80.0)
 WIDE_INCIDENCES_DEG = (30.0, 70.0)
 """A wide lens sees more than 15 degrees beside the middle."""
@@ -69,7 +71,10 @@ def random_scene(kind: str, size: int, random: np.random.Generator) -> ScenePara
     wide = kind in ("perspective", "curved")
     incidence = float(random.uniform(*(WIDE_INCIDENCES_DEG if wide else INCIDENCES_DEG)))
     scene = SceneParameters(incidence, float(random.uniform(0, 360)), 0.0, REFRACTIVE_INDEX)
-    if kind == "ghosts":
+    if kind in POLARIZED:
+        light = float(random.uniform(*DEGREES)), float(random.uniform(0, 180))
+        scene = scene.replace(**{POLARIZED[kind]: light})
+    if kind == "ghosts" or kind in POLARIZED:
         formula = "paper" if random.random() < 0.5 else "plate"
         thickness = float(random.uniform(*THICKNESSES_PX))
         return scene.replace(ghost_shift=ghost_step(incidence, REFRACTIVE_INDEX, thickness, formula))
@@ -88,9 +93,14 @@ def scene_rows(kind: str, pair: Pair, turn: int) -> Iterator[Row]:
     scene = random_scene(kind, size, np.random.default_rng([pair.number, turn, KINDS.index(kind)]))
     larger = simulate(pair.transmission, pair.reflection, scene, noise=NOISE, bits=BITS, seed=pair.number)
     capture = Capture(pair.cropped(larger.intensities), larger.angles_deg, pair.cropped(larger.valid))
-    found = find_scene(capture, SceneParameters(None, None, None), noise_level(capture), kind)
+    found = find_scene(capture, SceneParameters(None, None, None), noise_level(capture), _rung(kind))
     for parameter, true, value, error in compared(scene, found):
         yield Row(kind, pair.number, turn, scene.values()[0], parameter, true, value, error)
+
+
+def _rung(kind: str) -> str:
+    """The rung that is asked for."""
+    return "polarized" if kind in POLARIZED else kind
 
 
 def compared(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, float, float, float]]:
@@ -110,9 +120,20 @@ def compared(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, f
     if errors.bend_deg_per_px is not None:
         bends = zip(scene.bend_deg_per_px, told.bend_deg_per_px, errors.bend_deg_per_px, strict=True)
         numbers += [("bend_deg_per_px", true, value, error) for true, value, error in bends]
+    numbers += _of_light(scene, found)
     for name, true, value, error in numbers:
         if error is not None:
             yield name, true, value, error
+
+
+def _of_light(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, float, float, float]]:
+    """The same of degree and angle of each layer's light; no angle is true of unpolarized light."""
+    for name in POLARIZED.values():
+        (degree, angle), told, errors = (getattr(part, name) for part in (scene, found.scene, found.errors))
+        if errors is not None:
+            yield f"{name}, degree", degree, told[0], errors[0]
+            if degree:
+                yield f"{name}, angle", angle, angle + (told[1] - angle + 90) % 180 - 90, errors[1]
 
 
 def table(rows: Sequence[Row]) -> str:
