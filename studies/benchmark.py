@@ -75,12 +75,14 @@ class Plan:
 PLANS: dict[Effort, Plan] = {
     # Small images, which the figures asked for do not mean.
     "quick": Plan(
-        Pace(benchmark_solvers.Rounds(1, 0.3, 0.3, 1, reference_evaluations=40), benchmark_kernels.Effort(3, 32), 1, 1),
-        sizes=(Size(64, 64), Size(96, 128)),
+        Pace(
+            benchmark_solvers.Rounds(1, 0.15, 0.15, 1, reference_evaluations=25), benchmark_kernels.Effort(3, 32), 1, 1
+        ),
+        sizes=(Size(48, 48), Size(48, 64)),
         kernel_sizes=(Size(96, 128),),
-        running_on=Size(64, 64),
-        blind=Size(96, 128),
-        memory=Size(96, 128),
+        running_on=Size(48, 48),
+        blind=Size(64, 96),
+        memory=Size(64, 96),
     ),
     "default": Plan(
         Pace(benchmark_solvers.Rounds(5, 30.0, 10.0, 1), benchmark_kernels.Effort(15, 256), 5, 11),
