@@ -13,6 +13,7 @@ from torch.nn.functional import avg_pool2d, pixel_shuffle, pixel_unshuffle
 from priors.blocks import Hourglass, detail, from_opponent, opponent, padded
 from priors.encoder import CompactEncoder, Vgg19Encoder, vgg19_weights
 from priors.gates import GROUPS, N_BANDS, activity, bands, gated, n_gates, strengths
+from priors.main_axis import N_AXIS_NUMBERS, N_SOURCES, along_main_axis
 from priors.observation import COLORS, Observation, n_scene_numbers
 from priors.polarnet import PlainCNN, PolarNet
 
@@ -52,8 +53,9 @@ class Architecture:
 class FusionNet(nn.Module):
     """Gates for the bands of what is seen, and what no gate can give, from an hourglass that sees everything.
 
-    The sources of the bands are the views, or with a closed form its two layers and the sum of the views; before any
-    training the layers are those of the closed form, or the mean of the views.
+    The sources of the bands are what the views show along their main direction of polarization, across it, and between
+    (see `priors.main_axis`), or with a closed form its two layers and the sum of the views; before any training the
+    layers are those of the closed form, or the intensity.
 
     Parameters
     ----------
@@ -63,15 +65,13 @@ class FusionNet(nn.Module):
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
         conditioned = architecture.form == "conditioned"
-        n_views, self._n_sources = architecture.n_views, 3 if conditioned else architecture.n_views
-        n_seen = n_views + (2 if conditioned else 0)
+        n_views, n_seen = architecture.n_views, 4 if conditioned else N_SOURCES
         # Local contrast in four phases, values, PolarNet's pairs, what happens where, what is trusted.
-        n_planes = COLORS * (4 * n_seen + n_seen + 2 * n_views + (N_BANDS - 2) * self._n_sources) + 1
-        n_numbers = n_scene_numbers(n_views, conditioned)
-        self._n_gates = n_gates(self._n_sources)
+        n_planes = COLORS * (4 * n_seen + n_seen + 2 * n_views + (N_BANDS - 2) * N_SOURCES) + 1
+        n_numbers = n_scene_numbers(n_views, conditioned) + (0 if conditioned else N_AXIS_NUMBERS)
+        self._n_gates = n_gates(N_SOURCES)
         levels = list(zip(architecture.fusion_widths, architecture.fusion_blocks, strict=True))
         self._hourglass = Hourglass(n_planes, self._n_gates + 8 * COLORS, levels, n_numbers)
-        self._context = None if conditioned else nn.Linear(n_views**2, n_numbers)
         self._multiple = max(2 * self._hourglass.multiple, 2 ** (N_BANDS - 1))
 
     def forward(self, seen: Observation, parts: Tensor) -> Tensor:
@@ -79,49 +79,41 @@ class FusionNet(nn.Module):
         height, width = seen.views.shape[-2:]
         # What is known to less than the noise must not be rounded to half precision.
         with torch.autocast(seen.views.device.type, enabled=False):
-            known, errors = self._known(seen)
+            known, errors, numbers = _known(seen)
             known = padded(known, self._multiple)
-            pyramid = bands(known[:, : COLORS * self._n_sources])
-            events = activity(pyramid, errors[:, : COLORS * self._n_sources])
+            pyramid = bands(known[:, : COLORS * N_SOURCES])
+            events = activity(pyramid, errors[:, : COLORS * N_SOURCES])
             others = [
                 padded(images.flatten(1, -3), self._multiple) for images in (opponent(parts.float()), seen.trusted)
             ]
             halves = [avg_pool2d(planes, 2) for planes in (known, *others)]
             contrast = pixel_unshuffle(detail(known, errors), 2)
-            numbers = seen.scene if seen.layers is not None else seen.scene + self._of_views(seen.views)
         x = self._hourglass(torch.cat([contrast, events, *halves], 1), numbers)
         with torch.autocast(seen.views.device.type, enabled=False):
             gates, free = x.float().split([self._n_gates, 8 * COLORS], dim=1)
-            change = gated(pyramid, gates, self._factors(seen, pyramid))
+            change = gated(pyramid, gates, _factors(seen, pyramid))
             change = change + torch.unflatten(pixel_shuffle(free, 2), 1, (2, COLORS)) * _scale(seen)
-            start = seen.views.mean(1, keepdim=True) if seen.layers is None else seen.layers
+            start = seen.views.mean(1, keepdim=True) * 2 if seen.layers is None else seen.layers
             return start + from_opponent(change[..., :height, :width])
 
-    def _known(self, seen: Observation) -> tuple[Tensor, Tensor]:
-        """Sources first, then the rest of what is seen, (batch, plane, h, w) in the opponent basis; their errors."""
-        noise = seen.view_errors
-        if seen.layers is None or seen.errors is None:
-            return opponent(seen.views).flatten(1, 2), noise.repeat_interleave(COLORS, dim=1)
-        total, contrast = seen.views.sum(1), seen.views[:, 0] - seen.views[:, 1]
-        images = torch.cat([seen.layers, total[:, None], contrast[:, None]], dim=1)
-        both = noise.square().sum(1, keepdim=True).sqrt().expand(-1, 2 * COLORS)
-        return opponent(images).flatten(1, 2), torch.cat([seen.errors.flatten(1), both], dim=1)
 
-    def _factors(self, seen: Observation, pyramid: list[Tensor]) -> Tensor:
-        """Factors on the gates; the views' mean is no closed form and has everything to change."""
-        if seen.errors is None:
-            return seen.views.new_ones(1, N_BANDS, 2, GROUPS, self._n_sources, 1, 1)
-        return strengths(pyramid, seen.errors, self._n_sources)
+def _known(seen: Observation) -> tuple[Tensor, Tensor, Tensor]:
+    """Sources first, then the rest of what is seen, (batch, plane, h, w) in the opponent basis; errors; numbers."""
+    if seen.layers is None or seen.errors is None:
+        shown = along_main_axis(seen.views, seen.view_errors)
+        errors = shown.errors.repeat_interleave(COLORS, dim=1)
+        return opponent(shown.images).flatten(1, 2), errors, torch.cat([seen.scene, shown.numbers], dim=1)
+    total, contrast = seen.views.sum(1), seen.views[:, 0] - seen.views[:, 1]
+    images = torch.cat([seen.layers, total[:, None], contrast[:, None]], dim=1)
+    both = seen.view_errors.square().sum(1, keepdim=True).sqrt().expand(-1, 2 * COLORS)
+    return opponent(images).flatten(1, 2), torch.cat([seen.errors.flatten(1), both], dim=1), seen.scene
 
-    def _of_views(self, views: Tensor) -> Tensor:
-        """What the whole picture tells of the pane: how the views' brightness varies together."""
-        assert self._context is not None
-        luminance = views.mean(2).flatten(2)
-        centered = luminance - luminance.mean(dim=(1, 2), keepdim=True)
-        covariance = centered @ centered.mT / centered.shape[-1]
-        total = covariance.diagonal(dim1=1, dim2=2).sum(1)[:, None, None].clamp(min=1e-8)
-        numbers: Tensor = self._context((covariance / total).flatten(1))
-        return numbers
+
+def _factors(seen: Observation, pyramid: list[Tensor]) -> Tensor:
+    """Factors on the gates; the intensity is no closed form and has everything to change."""
+    if seen.errors is None:
+        return seen.views.new_ones(1, N_BANDS, 2, GROUPS, N_SOURCES, 1, 1)
+    return strengths(pyramid, seen.errors, N_SOURCES)
 
 
 def _scale(seen: Observation) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import get_args
 
@@ -15,6 +16,7 @@ from priors.blocks import from_opponent, opponent, padded
 from priors.checkpoint import load_network, save_network
 from priors.encoder import CompactEncoder, Vgg19Encoder, WrongWeights, vgg19_weights
 from priors.fusionnet import Architecture, Form, SeparationNetwork
+from priors.main_axis import along_main_axis
 from priors.observation import collated, in_color, of_arrays
 from priors.polarnet import PolarNet
 
@@ -150,3 +152,15 @@ def test_vgg19_is_read_from_a_file_only_if_all_is_as_it_should_be(tmp_path: Path
     torch.save(state, path)
     with pytest.raises(WrongWeights, match=r"features\.34\.weight"):
         vgg19_weights(path, digest=None)
+
+
+def test_photographs_turned_with_the_camera_show_the_same_along_their_main_axis() -> None:
+    views = observation("paper", seed=3).views
+    total, s1, s2 = views.sum(1) / 2, views[:, 0] - views[:, 2], views[:, 1] - views[:, 3]
+    turn = math.radians(2 * 25)
+    t1, t2 = math.cos(turn) * s1 - math.sin(turn) * s2, math.sin(turn) * s1 + math.cos(turn) * s2
+    turned = torch.stack([total + t1, total + t2, total - t1, total - t2], dim=1) / 2
+    noise = torch.full((1, 4), 0.005)
+    shown, again = along_main_axis(views, noise), along_main_axis(turned, noise)
+    assert torch.allclose(shown.images, again.images, atol=1e-5)
+    assert torch.allclose(shown.numbers[:, :-2], again.numbers[:, :-2], atol=1e-3)

@@ -26,7 +26,7 @@ from polaropt.separation import separate
 from polaropt.starts import check_start, start_names
 from priors import learned
 from priors.checkpoint import save_network
-from priors.fusionnet import SeparationNetwork
+from priors.fusionnet import Form, SeparationNetwork
 from solvers.base import Status
 
 
@@ -184,12 +184,13 @@ def test_a_missing_file_of_weights_is_told(untrained: Path) -> None:
         separate(blend(size=64).capture, SceneParameters(60.0, 25.0, 5.3), init="learned")
 
 
-def test_the_shipped_weights_are_those_of_their_record_and_small() -> None:
+@pytest.mark.parametrize("form", ["conditioned", "paper"])
+def test_the_shipped_weights_are_those_of_their_record_and_small(form: Form) -> None:
     learned.shipped_initializer.cache_clear()
-    network = learned.shipped_initializer().network
-    assert network.architecture.form == "conditioned"
-    assert (learned.WEIGHTS / "conditioned.safetensors").stat().st_size <= 8 * 2**20
-    assert (learned.WEIGHTS / "conditioned.md").is_file()
+    network = learned.shipped_initializer(form).network
+    assert network.architecture.form == form
+    assert (learned.WEIGHTS / f"{form}.safetensors").stat().st_size <= 8 * 2**20
+    assert (learned.WEIGHTS / f"{form}.md").is_file()
 
 
 def test_other_weights_than_the_record_tells_of_are_refused(untrained: Path) -> None:
