@@ -28,6 +28,7 @@ def metadata(settings: dict[str, Any]) -> dict[str, Any]:
     from solvers.blocks import thread_count
 
     told = {
+        "command": _command(sys.argv),
         "settings": settings,
         "machine": {"cpu": _cpu_model(), "cores": os.cpu_count(), "memory_gib": round(_memory_bytes() / 2**30, 1)},
         "gpu": _gpu(),
@@ -81,6 +82,14 @@ def write_tables(out: Path, name: str, rows: Sequence[dict[str, Any]], table: st
     """Write a study's rows as CSV and its table as Markdown; the rows' JSON is there already."""
     write_csv(out / f"{name}.csv", rows)
     (out / f"{name}.md").write_text(table + "\n", encoding="utf-8")
+
+
+def _command(arguments: Sequence[str]) -> str:
+    """As a person types it; of folders the name alone is told."""
+    words = [f"polaropt study {Path(arguments[0]).stem}"]
+    for before, word in zip(["", *arguments[1:]], arguments[1:], strict=False):
+        words.append("OUT" if before in ("-o", "--out") else Path(word).name if "/" in word else word)
+    return " ".join(words)
 
 
 def _digest() -> str:

@@ -232,7 +232,7 @@ def test_the_lowest_rung_is_the_intensity_and_says_so():
 
 def test_a_rung_that_does_not_exist_is_an_error():
     capture, _, _ = seen_wide(32)
-    with pytest.raises(InputError, match="none, pixelwise, ghosts, perspective"):
+    with pytest.raises(InputError, match="there are: auto, none, pixelwise, ghosts"):
         separate(capture, model="spherical")
 
 
