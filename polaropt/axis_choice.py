@@ -22,8 +22,8 @@ from polaropt.scene_search import Evidence, Trial
 # error is below a nat, and per noise level of the search's own score: fitted by logistic regression, then kept on the
 # safe side, on 311 scenes of photographs that no figure is taken of where two panes come close.
 _AS_FOUND, _AT_BEST, _OF_SCORE = 0.5, 1.5, 2.0
-SETTLED = 2.0
-"""Noise levels by which scores differ where the search is not mistaken: so it was in all of these scenes."""
+# Noise levels by which scores differ where the search is not mistaken: so it was in all of these scenes.
+_SETTLED = 2.0
 _LEAST_DEG, _MOST_DEG = 0.5, 89.5
 HIGH_STAKE, NOTABLE_STAKE = 0.5, 0.25
 """Stakes from which on the intensity is the safer guess, and from which on a gain of less than 6 dB is expected."""
@@ -80,11 +80,13 @@ def choose_axis(panes: tuple[Pane, Pane], scene: SceneParameters, noise: float) 
         Standard deviation of the noise of one photograph.
     """
     score = (panes[1].trial.score - panes[0].trial.score) / noise
-    if abs(score) > SETTLED:
+    if abs(score) > _SETTLED:
         return AxisChoice(0 if score > 0 else 1, 0.0)
     odds = log_odds(panes, scene, noise)
     chance = 1 / (1 + math.exp(-min(max(odds, -700.0), 700.0)))
-    first, second = (in_place_correction(*_pane(_incidence(pane), scene)) for pane in panes)
+    first, second = (
+        in_place_correction(_incidence(pane), scene.refractive_index, scene.single_surface) for pane in panes
+    )
     stakes = ((1 - chance) * (1 + first / second) ** 2, chance * (1 + second / first) ** 2)
     best = 0 if stakes[0] <= stakes[1] else 1
     return AxisChoice(best, stakes[best])
@@ -107,10 +109,6 @@ def log_odds(panes: tuple[Pane, Pane], scene: SceneParameters, noise: float) -> 
 
 def _incidence(pane: Pane) -> float:
     return min(max(pane.trial.incidence_deg, _LEAST_DEG), _MOST_DEG)
-
-
-def _pane(incidence_deg: float, scene: SceneParameters) -> tuple[float, float, bool]:
-    return incidence_deg, scene.refractive_index, scene.single_surface
 
 
 def _likelier(panes: tuple[Pane, Pane], scene: SceneParameters) -> tuple[float, float]:
