@@ -1,7 +1,7 @@
 """What each part of the separation is worth: the whole, and without each part, on the paper's six incidences.
 
 Run ``polaropt study ablation -o OUT``. Differences are to the whole on the same scenes; their intervals come from
-resampling the pairs of photographs.
+resampling the pairs of photographs. The learned start is no part of the whole: there it is put in.
 """
 
 from __future__ import annotations
@@ -15,13 +15,16 @@ import numpy as np
 from scipy.stats import bootstrap
 from threadpoolctl import threadpool_limits
 
+from polaropt.capture import Capture
+from polaropt.errors import InputError
 from polaropt.metrics import psnr_db, similarity_map
 from polaropt.noise import noise_level
 from polaropt.scene import SceneParameters
 from studies.ablation_figures import draw_crops, draw_differences
 from studies.ablation_variants import ALL, VARIANTS, Variant
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
-from studies.protocol import EVALUATION_BORDER, INCIDENCES_DEG, N_PAIRS, protocol_capture, protocol_scene, truth
+from studies.learned_init import weights_digest
+from studies.protocol import EVALUATION_BORDER, INCIDENCES_DEG, N_PAIRS, Pair, protocol_capture, protocol_scene, truth
 from studies.record import write_tables
 from studies.work import row_of, run_jobs
 
@@ -46,25 +49,27 @@ class Job:
 
 @dataclass(frozen=True)
 class Row:
-    """One solve: PSNR in dB and SSIM of both layers, 16 px at the border left out; seconds without the estimate."""
+    """One solve: PSNR in dB and SSIM of both layers, 16 px at the border left out; seconds without the estimate.
+
+    `not_run` says why it was not; empty if it was.
+    """
 
     variant: str
     pair: int
     incidence_deg: float
-    transmission: float
-    reflection: float
-    transmission_ssim: float
-    reflection_ssim: float
-    evaluations: int
-    seconds: float
+    transmission: float = math.nan
+    reflection: float = math.nan
+    transmission_ssim: float = math.nan
+    reflection_ssim: float = math.nan
+    evaluations: int = 0
+    seconds: float = math.nan
+    not_run: str = ""
 
 
 def run(job: Job) -> list[Row]:
     """Solve one scene with every variant; those that ask the same of the estimate share it."""
     pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
     capture = protocol_capture(pair, job.incidence_deg)
-    true = protocol_scene(pair, job.incidence_deg)
-    layers = np.stack([np.moveaxis(layer, -1, 0) for layer in truth(pair)])
     noise = noise_level(capture)
     found: dict[SceneParameters, SceneParameters] = {}
     rows = []
@@ -72,12 +77,19 @@ def run(job: Job) -> list[Row]:
         for variant in VARIANTS:
             if variant.asked not in found:
                 found[variant.asked] = variant.found(capture, noise)
-            began = time.perf_counter()
-            solved = variant.solved(capture, found[variant.asked], true)
-            seconds = time.perf_counter() - began
-            quality = _quality(solved.layers, layers)
-            rows.append(Row(variant.name, job.pair, job.incidence_deg, *quality, solved.solver.n_evaluations, seconds))
+            rows.append(_row(job, pair, variant, capture, found[variant.asked]))
     return rows
+
+
+def _row(job: Job, pair: Pair, variant: Variant, capture: Capture, found: SceneParameters) -> Row:
+    began = time.perf_counter()
+    try:
+        solved = variant.solved(capture, found, protocol_scene(pair, job.incidence_deg))
+    except InputError as reason:
+        return Row(variant.name, job.pair, job.incidence_deg, not_run=str(reason))
+    seconds = time.perf_counter() - began
+    quality = _quality(solved.layers, np.stack([np.moveaxis(layer, -1, 0) for layer in truth(pair)]))
+    return Row(variant.name, job.pair, job.incidence_deg, *quality, solved.solver.n_evaluations, seconds)
 
 
 def _quality(layers: np.ndarray, true: np.ndarray) -> tuple[float, float, float, float]:
@@ -87,7 +99,7 @@ def _quality(layers: np.ndarray, true: np.ndarray) -> tuple[float, float, float,
     return noise[0], noise[1], likeness[0], likeness[1]
 
 
-def difference(rows: Sequence[Row], variant: str, layer: str) -> tuple[float, float, float]:
+def difference(rows: Sequence[Row], variant: Variant, layer: str) -> tuple[float, float, float]:
     """Mean PSNR with the part less that without it, in dB, and its 95 % interval over pairs."""
 
     def per_pair(name: str) -> np.ndarray:
@@ -95,7 +107,8 @@ def difference(rows: Sequence[Row], variant: str, layer: str) -> tuple[float, fl
         pairs = sorted({row.pair for row in part})
         return np.array([np.mean([getattr(row, layer) for row in part if row.pair == pair]) for pair in pairs])
 
-    gain = per_pair(ALL) - per_pair(variant)
+    gain = per_pair(ALL) - per_pair(variant.name)
+    gain = -gain if variant.added else gain
     mean = float(gain.mean())
     if len(gain) < _FEWEST_PAIRS:
         return mean, math.nan, math.nan
@@ -107,31 +120,33 @@ def difference(rows: Sequence[Row], variant: str, layer: str) -> tuple[float, fl
 
 def table(rows: Sequence[Row]) -> str:
     """Means over all scenes, and the worth of every part, as a Markdown table."""
-    head = "| left out | in its place | T | R | T SSIM | R SSIM | T gained by it | R gained by it | evaluations | s | |"
+    head = "| part | instead | T | R | T SSIM | R SSIM | T gained by it | R gained by it | evaluations | s | |"
     lines = [head, "|" + "---|" * 11]
     return "\n".join([*lines, *(_line(rows, variant) for variant in VARIANTS)])
 
 
 def _line(rows: Sequence[Row], variant: Variant) -> str:
     part = [row for row in rows if row.variant == variant.name]
+    if reasons := [row.not_run for row in part if row.not_run]:
+        return f"| {variant.change} | {variant.said} |" + " |" * 8 + f" not run: {reasons[0]} |"
     means = [np.mean([getattr(row, name) for row in part]) for name in LAYERS]
     likeness = [np.mean([getattr(row, f"{name}_ssim") for row in part]) for name in LAYERS]
-    gains = [difference(rows, variant.name, layer) for layer in LAYERS]
+    gains = [difference(rows, variant, layer) for layer in LAYERS]
     told = [f"{mean:+.2f}" + ("" if math.isnan(low) else f" ({low:+.2f} to {high:+.2f})") for mean, low, high in gains]
-    said = "" if variant.name == ALL else _verdict(gains)
+    said = "" if variant.name == ALL else _verdict(gains, added=variant.added)
     return (
-        f"| {variant.name} | {variant.said} | " + " | ".join(f"{mean:.2f}" for mean in means) + " | "
+        f"| {variant.change} | {variant.said} | " + " | ".join(f"{mean:.2f}" for mean in means) + " | "
         + " | ".join(f"{mean:.3f}" for mean in likeness) + " | " + " | ".join(told if said else ["", ""])
         + f" | {np.median([row.evaluations for row in part]):.0f} | {np.median([row.seconds for row in part]):.2f}"
         f" | {said} |"
     )  # fmt: skip
 
 
-def _verdict(gains: Sequence[tuple[float, float, float]]) -> str:
+def _verdict(gains: Sequence[tuple[float, float, float]], *, added: bool) -> str:
     if math.isnan(gains[0][1]):
         return "too few pairs"
     if any(mean > _WORTH_DB and low > 0 for mean, low, _ in gains):
-        return "earns its place"
+        return "would earn a place" if added else "earns its place"
     if any(mean < -_WORTH_DB and high < 0 for mean, _, high in gains):
         return "better without"
     return "does not show here"
@@ -140,14 +155,16 @@ def _verdict(gains: Sequence[tuple[float, float, float]]) -> str:
 def incidence_table(rows: Sequence[Row]) -> str:
     """PSNR of both layers per incidence, as a Markdown table."""
     incidences = sorted({row.incidence_deg for row in rows})
-    lines = ["| left out | " + " | ".join(f"{incidence:g} deg" for incidence in incidences) + " |"]
+    lines = ["| part | " + " | ".join(f"{incidence:g} deg" for incidence in incidences) + " |"]
     lines.append("|" + "---|" * (len(incidences) + 1))
     for variant in VARIANTS:
         cells = []
         for incidence in incidences:
             part = [row for row in rows if (row.variant, row.incidence_deg) == (variant.name, incidence)]
-            cells.append(" / ".join(f"{np.mean([getattr(row, name) for row in part]):.2f}" for name in LAYERS))
-        lines.append(f"| {variant.name} | " + " | ".join(cells) + " |")
+            means = [np.mean([getattr(row, name) for row in part]) for name in LAYERS]
+            ran = not any(row.not_run for row in part)
+            cells.append(" / ".join(f"{mean:.2f}" for mean in means) if ran else "not run")
+        lines.append(f"| {variant.change} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
@@ -160,13 +177,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     n_pairs = n_pairs_of(options, 2 if quick else N_PAIRS, size, size // 2)
     incidences = QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG
     jobs = [Job(options.photos, pair, float(theta), size) for pair in range(n_pairs) for theta in incidences]
-    made = run_jobs(run, jobs, options.out / "ablation.json", {}, hands_of(options))
+    made = run_jobs(run, jobs, options.out / "ablation.json", {"weights": weights_digest()}, hands_of(options))
     rows = [row_of(Row, row) for row in made]
     text = f"{table(rows)}\n\n{incidence_table(rows)}"
     print(text)
     write_tables(options.out, "ablation", made, text)
-    draw_differences({v.name: [difference(rows, v.name, layer) for layer in LAYERS] for v in VARIANTS[1:]}, options.out)
-    draw_crops(pairs_of(options.photos, size, size // 2)[0], options.out)
+    absent = {row.variant for row in rows if row.not_run}
+    drawn = [variant for variant in VARIANTS[1:] if variant.name not in absent]
+    draw_differences({v.name: [difference(rows, v, layer) for layer in LAYERS] for v in drawn}, options.out)
+    draw_crops(pairs_of(options.photos, size, size // 2)[0], [VARIANTS[0], *drawn], options.out)
 
 
 if __name__ == "__main__":

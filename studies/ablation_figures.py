@@ -9,7 +9,7 @@ import numpy as np
 
 from polaropt.noise import noise_level
 from polaropt.simulation import planes_last
-from studies.ablation_variants import VARIANTS
+from studies.ablation_variants import Variant
 from studies.protocol import Pair, protocol_capture, protocol_scene, truth
 
 _CROP, _INCIDENCE_DEG = 96, 60.0
@@ -49,18 +49,25 @@ def draw_differences(gains: Mapping[str, Sequence[tuple[float, float, float]]], 
     return target
 
 
-def draw_crops(pair: Pair, out: Path) -> Path:
-    """Crops of both layers of one scene: the truth, the whole, and without each part."""
+def draw_crops(pair: Pair, variants: Sequence[Variant], out: Path) -> Path:
+    """Crops of both layers of one scene: the truth, the whole, and without each part.
+
+    Parameters
+    ----------
+    pair : Pair
+    variants : sequence of Variant
+        The whole first.
+    out : Path
+    """
     from matplotlib.figure import Figure
 
     capture, true = protocol_capture(pair, _INCIDENCE_DEG), protocol_scene(pair, _INCIDENCE_DEG)
-    found = VARIANTS[0].found(capture, noise_level(capture))
-    shown = {"truth": truth(pair), "the whole": None}
-    shown.update({f"without {variant.name}": None for variant in VARIANTS[1:]})
-    for variant, label in zip(VARIANTS, list(shown)[1:], strict=True):
+    found = variants[0].found(capture, noise_level(capture))
+    shown = {"truth": truth(pair)}
+    for variant in variants:
         layers = variant.solved(capture, found, true).layers
-        shown[label] = (planes_last(layers[0]), planes_last(layers[1]))
-    columns = 7
+        shown[variant.change] = (planes_last(layers[0]), planes_last(layers[1]))
+    columns = 8
     rows = -(-len(shown) // columns)
     figure = Figure(figsize=(2 * columns, 4.3 * rows), layout="constrained")
     grid = figure.subplots(2 * rows, columns, squeeze=False)
@@ -70,7 +77,7 @@ def draw_crops(pair: Pair, out: Path) -> Path:
         row, column = divmod(number, columns)
         for i in (0, 1):
             grid[2 * row + i, column].imshow(_crop(layers[i]), interpolation="nearest")
-        grid[2 * row, column].set_title(label.replace("without ", "without\n"), fontsize=8)
+        grid[2 * row, column].set_title(label.replace("without ", "without\n").replace("with ", "with\n"), fontsize=8)
     figure.suptitle(f"Crops at {_INCIDENCE_DEG:g} deg: transmission above, reflection below", fontsize=10)
     target = out / "crops.png"
     figure.savefig(target, dpi=130)

@@ -1,4 +1,4 @@
-"""The separation with one part left out: what is changed of the capture, the scene, the objective or the solver."""
+"""The separation with one part left out or put in: what is changed of capture, scene, objective, start or solver."""
 
 from __future__ import annotations
 
@@ -16,14 +16,18 @@ from polaropt.noise import noise_level
 from polaropt.objective import Misfit, Weights, build_objective
 from polaropt.problem import Coordinates, Problem
 from polaropt.scene import SceneParameters
+from polaropt.solving import How, solve
+from polaropt.stages import Stages
+from polaropt.starts import check_start, is_kept
 from solvers.base import SolverResult, StoppingRule
 from solvers.registry import get_solver
 
 Images = NDArray[np.float32]
 
+ALL = "nothing"
 # Where the noise is not measured, this is taken for it: twice what the protocol has.
 FIXED_NOISE = 0.01
-_MOST_EVALUATIONS = 500
+_STOPPING = StoppingRule(max_evaluations=500)
 
 
 @dataclass(frozen=True)
@@ -36,14 +40,14 @@ class Solved:
 
 @dataclass(frozen=True)
 class Variant:
-    """One part left out.
+    """One part left out, or one put in that is not there by default.
 
     Attributes
     ----------
     name : str
-        What is left out.
+        What is left out, or put in.
     said : str
-        What stands in its place.
+        What stands in its place, or what it stands for.
     weights : Weights
     scene : callable
         From the scene that was found and the true one to the one that is solved with.
@@ -56,6 +60,8 @@ class Variant:
         From capture, scene, noise and weights to the problem.
     coordinates : callable
         From problem, weights and start to the objective.
+    added : bool
+        Whether the part is put in.
     """
 
     name: str
@@ -69,22 +75,38 @@ class Variant:
     coordinates: Callable[[Problem, Weights, Images], Coordinates] = lambda problem, weights, start: problem.compiled(
         start
     )
+    added: bool = False
+
+    @property
+    def change(self) -> str:
+        """In a few words, what was done."""
+        if self.name == ALL:
+            return "the whole"
+        return f"{'with' if self.added else 'without'} {self.name}"
 
     def found(self, capture: Capture, noise: float) -> SceneParameters:
         """The scene as it is estimated."""
         return find_scene(capture, self.asked, noise).scene
 
     def solved(self, capture: Capture, found: SceneParameters, true: SceneParameters) -> Solved:
-        """Layers of a capture whose scene was found."""
+        """Layers of a capture whose scene was found; InputError where the start lacks a package."""
+        check_start(self.init)
         noise = noise_level(capture) if self.noise is None else self.noise
+        if is_kept(self.init):
+            return self._kept(capture, self.scene(found, true), noise)
         problem = self.prepared(capture, self.scene(found, true), noise, self.weights)
         start = problem.take_start(self.init)
         objective = self.coordinates(problem, self.weights, start)
         z = objective.coordinates(start)
-        stopping = StoppingRule(max_evaluations=_MOST_EVALUATIONS)
-        result = get_solver("lbfgs").minimize(objective.value_and_grad, z, stopping)
+        result = get_solver("lbfgs").minimize(objective.value_and_grad, z, _STOPPING)
         layers, _ = objective.solution(result.x)
         return Solved(np.ascontiguousarray(problem.canvas.crop(layers)), replace(result, x=z[:0]))
+
+    def _kept(self, capture: Capture, scene: SceneParameters, noise: float) -> Solved:
+        """From a start that a solve leaves only as far as the photographs say, as `separate` goes there."""
+        how = How(get_solver("lbfgs"), self.init, self.weights, _STOPPING, robust=False, device=None)
+        solution = solve(capture, scene, noise, how, Stages())
+        return Solved(solution.layers, solution.solver)
 
 
 class _Unpolarized(Problem):
@@ -127,9 +149,8 @@ def _in_place(found: SceneParameters, true: SceneParameters) -> SceneParameters:
     return found.replace(ghost_shift=0.0, transmission_ghost_shift=None)
 
 
-ALL = "nothing"
 VARIANTS = (
-    Variant(ALL, "the whole"),
+    Variant(ALL, ""),
     Variant("misfit", "start and regularizers alone", Weights(misfit=0)),
     Variant("polarization", "the intensity alone", prepared=_Unpolarized),
     Variant("multi-bounce", "a single bounce", asked=SceneParameters(None, None, None, n_bounces=1)),
@@ -139,6 +160,7 @@ VARIANTS = (
     Variant("nonnegativity", "", Weights(nonnegativity=0)),
     Variant("natural-image prior", "", Weights(natural_image=0)),
     Variant("closed-form start", "from the plain intensity", init="cold"),
+    Variant("learned start", "in the place of the closed form", init="learned", added=True),
     Variant("blind estimation", "the scene known", scene=lambda found, true: true),
     Variant("weights from the noise", f"those of a noise of {FIXED_NOISE:g}", noise=FIXED_NOISE),
     Variant("preconditioner", "L-BFGS on the pixels", coordinates=_Pixels),

@@ -10,7 +10,7 @@ import pytest
 from polaropt import separate
 from polaropt.metrics import psnr_db
 from polaropt.noise import noise_level
-from studies.ablation import Row, difference, table
+from studies.ablation import Job, Row, difference, incidence_table, run, table
 from studies.ablation_variants import ALL, VARIANTS
 from tests.blends import blend
 
@@ -25,8 +25,13 @@ def whole(example):
     return solved(example, ALL)
 
 
-def solved(example, name):
+def named(name):
     (variant,) = [variant for variant in VARIANTS if variant.name == name]
+    return variant
+
+
+def solved(example, name):
+    variant = named(name)
     found = variant.found(example.capture, noise_level(example.capture))
     return variant.solved(example.capture, found, example.scene)
 
@@ -60,15 +65,36 @@ def rows(gains):
 
 def test_a_gain_has_an_interval_over_pairs():
     gains = [1.0, 2.0, 3.0, 2.0, 1.0, 3.0]
-    mean, low, high = difference(list(rows(gains)), "misfit", "transmission")
+    mean, low, high = difference(list(rows(gains)), named("misfit"), "transmission")
     assert mean == pytest.approx(2)
     assert 1 < low < 2 < high < 3
     assert "| earns its place |" in table(list(rows(gains)))
 
 
+def test_what_is_put_in_gains_where_it_is_better_with_it():
+    better = list(rows([-1.0, -2.0, -3.0, -2.0, -1.0, -3.0]))
+    assert difference(better, named("learned start"), "transmission")[0] == pytest.approx(2)
+    assert "| would earn a place |" in table(better)
+
+
+def test_the_learned_start_is_what_separate_does(example):
+    pytest.importorskip("torch")
+    layers = separate(example.capture, init="learned").layers
+    assert np.abs(solved(example, "learned start").layers.reshape(layers.shape) - layers).max() < 2e-3
+
+
+def test_without_torch_the_learned_start_is_not_run(monkeypatch):
+    monkeypatch.setattr("polaropt.starts.find_spec", lambda package: None)
+    monkeypatch.setattr("studies.ablation.VARIANTS", (named(ALL), named("learned start")))
+    made = run(Job(None, 0, 60.0, 48))
+    assert [bool(row.not_run) for row in made] == [False, True]
+    assert "| not run: the start 'learned' needs torch" in table(made)
+    assert "| with learned start | not run |" in incidence_table(made)
+
+
 def test_few_pairs_have_none():
     found = list(rows([1.0, 2.0]))
-    assert math.isnan(difference(found, "misfit", "transmission")[1])
+    assert math.isnan(difference(found, named("misfit"), "transmission")[1])
     assert "too few pairs" in table(found)
 
 
