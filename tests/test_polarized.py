@@ -261,6 +261,20 @@ def test_ghosts_beside_the_likelier_accident_are_found(name: str) -> None:
     assert scene.values()[0] == pytest.approx(60, abs=6)
 
 
+@pytest.mark.parametrize(("number", "azimuth_deg", "angle_deg"), [(2, 30.0, 50.0), (3, 100.0, 160.0)])
+def test_a_sky_is_not_taken_for_a_weak_screen_that_is_hardly_likelier(
+    number: int, azimuth_deg: float, angle_deg: float
+) -> None:
+    # A screen polarized to a few per cent, at an incidence 3 to 6 degrees off, makes these spectra a little likelier.
+    pair = shipped_pairs(128, 64)[number]
+    scene = SceneParameters(60.0, azimuth_deg, 8.165, reflection_polarization=(0.3, angle_deg))
+    larger = simulate(pair.transmission, pair.reflection, scene, noise=0.005, bits=12, seed=number)
+    capture = Capture(pair.cropped(larger.intensities), larger.angles_deg)
+    found = find_scene(capture, BLIND, noise_level(capture)).scene
+    assert found.transmission_polarization[0] == 0 < found.reflection_polarization[0]
+    assert found.values()[0] == pytest.approx(60, abs=1)
+
+
 def test_parts_of_the_spectra_add_up_to_their_likelihood() -> None:
     made = blend(size=96, ghost_shift=6.3, **SCREEN)
     likelihood = PolarizedLikelihood(stokes_of(made.capture), BLIND)
