@@ -153,9 +153,14 @@ def _mixtures(
     scene: SceneParameters, n_ghosts: int, height: int, width: int, center: tuple[float, float]
 ) -> NDArray[np.float32]:
     x, y = pixel_grid(height, width, center)
-    # All ghosts of all rows in double precision are much memory.
-    parts = [_rows_of_mixtures(scene, n_ghosts, x, y[row : row + _ROWS]) for row in range(0, height, _ROWS)]
-    return np.concatenate(parts, axis=3)
+    top = _rows_of_mixtures(scene, n_ghosts, x, y[:_ROWS])
+    mixtures = np.empty((*top.shape[:3], height, width), dtype=np.float32)
+    mixtures[..., :_ROWS, :] = top
+    # All ghosts of all rows are much memory, in double precision or twice.
+    for row in range(_ROWS, height, _ROWS):
+        rows = slice(row, row + _ROWS)
+        mixtures[..., rows, :] = _rows_of_mixtures(scene, n_ghosts, x, y[rows])
+    return mixtures
 
 
 def _rows_of_mixtures(scene: SceneParameters, n_ghosts: int, x: Planes, y: Planes) -> NDArray[np.float32]:
