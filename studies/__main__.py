@@ -1,4 +1,8 @@
-"""``python -m studies NAME [options] -o OUT``: one study, or ``all`` of them, and an index page of what there is."""
+"""``python -m studies NAME [options] -o OUT``: one study, or ``all`` of them, and an index page of what there is.
+
+All of them work on one process per core, but for a quick look and for those that are about seconds; started again after
+a break, they go on with what is left.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from studies.catalogue import STUDIES
+from studies.catalogue import STUDIES, Study
 from studies.index_page import write_index
 
 ALL = "all"
@@ -26,19 +30,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("name", choices=[*names, ALL], nargs="?")
     parser.add_argument("-h", "--help", action="store_true")
     parser.add_argument("-o", "--out", type=Path, help="folder; each study has one of its own in it")
+    parser.add_argument("--workers", help="processes (0: one per core); of all studies those about seconds have one")
     options, rest = parser.parse_known_args(arguments)
     if options.name is None:
         print(overview())
         return 0
+    chosen = [study for study in STUDIES if options.name in (ALL, study.name)]
     if options.help:
-        rest = ["--help"]
-    elif options.out is None:
+        return max(_run(study.name, ["--help"], None) for study in chosen)
+    if options.out is None:
         parser.error("the following arguments are required: -o/--out")
-    chosen = names if options.name == ALL else [options.name]
-    codes = [_run(name, rest, options.out) for name in chosen]
-    if not options.help:
-        print(f"wrote {write_index(options.out)}")
-    return max(codes)
+    return _run_each(chosen, rest, options.workers, options.out)
+
+
+def _run_each(chosen: Sequence[Study], rest: Sequence[str], workers: str | None, out: Path) -> int:
+    """Run studies one after the other; the index page shows those that are over, whatever comes after them."""
+    failed = {}
+    for number, study in enumerate(chosen, 1):
+        print(f"== {study.name}" + (f" ({number} of {len(chosen)})" if len(chosen) > 1 else ""), flush=True)
+        processes = workers_in_all(study, rest, workers) if len(chosen) > 1 else workers
+        if code := _run(study.name, rest if processes is None else [*rest, "--workers", processes], out):
+            failed[study.name] = code
+        page = write_index(out)
+    print(f"wrote {page}" + (f"; failed: {', '.join(failed)}" if failed else ""))
+    # A study that a signal has ended has a negative code.
+    return max(map(abs, failed.values()), default=0)
+
+
+def workers_in_all(study: Study, rest: Sequence[str], asked: str | None) -> str | None:
+    """Processes of a study among all of them, as its option takes them; None: as it has it by itself, which is one."""
+    if study.timed or "--quick" in rest:
+        return None
+    return "0" if asked is None else asked
 
 
 def overview() -> str:
@@ -51,7 +74,6 @@ def overview() -> str:
 
 def _run(name: str, rest: Sequence[str], out: Path | None) -> int:
     where = [] if out is None else ["-o", str(out / name)]
-    print(f"== {name}", flush=True)
     return subprocess.run([sys.executable, "-m", f"studies.{name}", *rest, *where], check=False).returncode
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import html
+import re
 from pathlib import Path
 
 from studies.catalogue import STUDIES, Study
+from studies.record import origin
 
 _STYLE = """
 :root { color-scheme: light dark; }
@@ -18,6 +20,14 @@ figure { margin: 1.5rem 0; }
 img { max-width: 100%; background: white; }
 iframe { width: 100%; height: 42rem; border: 1px solid #8886; background: white; }
 """
+_WORDS = (
+    "<p><b>T</b> and <b>R</b> are the transmission (what is behind the glass) and the reflection (what it mirrors). "
+    "Accuracy is PSNR in dB, 16 px at the border left out: 20 dB is an error of 10 % of white, 40 dB of 1 %. "
+    "<b>SSIM</b> is structural similarity, 1 is perfect. <b>Blind</b>: nothing is told of the pane; <b>known</b>: it "
+    "is given. <b>s0</b> is the plain intensity, which is what doing nothing shows. <b>theta</b>, the incidence, is "
+    "the angle in degrees between the view and the glass's normal. <b>s</b>: seconds. A <b>rung</b> is a model of the "
+    "scene, from few to more parameters; <b>auto</b> lets the photographs choose.</p>"
+)
 
 
 def write_index(out: Path) -> Path:
@@ -38,7 +48,7 @@ def write_index(out: Path) -> Path:
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>polaropt: studies</title>'
         f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
-        f"<h1>polaropt: studies</h1><nav><ul>{links}</ul></nav>{sections}</body></html>\n"
+        f"<h1>polaropt: studies</h1>{_WORDS}<nav><ul>{links}</ul></nav>{sections}</body></html>\n"
     )
     target = out / "index.html"
     target.write_text(page, encoding="utf-8")
@@ -50,7 +60,13 @@ def _section(study: Study, out: Path) -> str:
 
     folder = out / study.name
     markdown = MarkdownIt("commonmark").enable("table")
-    tables = [markdown.render(file.read_text(encoding="utf-8")) for file in sorted(folder.glob("*.md"))]
+    # A table's own headings stand below the study's.
+    tables = [
+        markdown.render(re.sub(r"^#", "###", file.read_text(encoding="utf-8"), flags=re.MULTILINE))
+        for file in sorted(folder.glob("*.md"))
+    ]
+    document = folder / f"{study.name}.json"
+    command = markdown.renderInline(origin(document)) if document.is_file() else "It has not come to its end."
     pictures = [file for file in sorted(folder.iterdir()) if _shown(file)]
     figures = "".join(
         f'<figure><img src="{study.name}/{file.name}" alt="{html.escape(_caption(file))}">'
@@ -64,7 +80,7 @@ def _section(study: Study, out: Path) -> str:
     )
     return (
         f'<section id="{study.name}"><h2>{html.escape(study.question)}</h2>'
-        f"<p><code>polaropt study {study.name} -o OUT</code>. Data: {data}</p>"
+        f"<p>{command} Data: {data}</p>"
         f'<div class="wide">{"".join(tables)}</div>{_pages(study, folder)}{figures}</section>'
     )
 

@@ -23,8 +23,11 @@ _ROOT = Path(__file__).parents[1]
 _SAME = ("settings", "sources", "machine")
 
 
-def metadata(settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings, machine, system, versions, threads and commit, as JSON gives them back."""
+def metadata(settings: dict[str, Any], processes: str = "1") -> dict[str, Any]:
+    """Settings, machine, system, versions, threads and commit, as JSON gives them back.
+
+    Of several processes each has one thread.
+    """
     from solvers.blocks import thread_count
 
     told = {
@@ -36,8 +39,9 @@ def metadata(settings: dict[str, Any]) -> dict[str, Any]:
         "python": platform.python_version(),
         "libraries": {name: _version(name) for name in _LIBRARIES},
         "threads": {
-            "polaropt": thread_count(),
-            "torch": _torch_threads(),
+            "processes": processes,
+            "polaropt": thread_count() if processes == "1" else 1,
+            "torch": _torch_threads() if processes == "1" else 1,
             "blas": "1 in polaropt's solves, as `separate` has it; else as the library has it",
             **{name: os.environ.get(name, "") for name in _THREAD_VARIABLES},
         },
@@ -67,6 +71,13 @@ def earlier_rows(path: Path, metadata: dict[str, Any]) -> list[dict[str, Any]]:
         return []
     rows: list[dict[str, Any]] = document["results"]
     return rows
+
+
+def origin(path: Path) -> str:
+    """The command that made a document, and on what it ran, as Markdown."""
+    metadata = json.loads(path.read_text(encoding="utf-8"))["metadata"]
+    machine = metadata["machine"]
+    return f"`{metadata['command']}`, on {machine['cores']} cores ({machine['cpu'].split(' (')[0]})."
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:

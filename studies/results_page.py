@@ -7,7 +7,6 @@ studies/results. Without it the page alone is made anew. What the page says of a
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import shutil
 import sys
@@ -15,6 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from studies.catalogue import STUDIES
+from studies.record import origin
 
 RESULTS = Path(__file__).parent / "results"
 PAGE = Path(__file__).parent / "README.md"
@@ -61,14 +61,7 @@ def _filled(study: str, name: str, results: Path) -> str:
         return f"{begin}![{file.stem.replace('_', ' ')}]({results.name}/{study}/{name})\n{end}"
     # The study's own headings stand below the page's.
     table = re.sub(r"^#", "###", file.read_text(encoding="utf-8").strip(), flags=re.MULTILINE)
-    return f"{begin}{_told(results / study / f'{study}.json')}\n\n{table}\n\n{end}"
-
-
-def _told(document: Path) -> str:
-    """The command of a run, and on what it ran."""
-    metadata = json.loads(document.read_text(encoding="utf-8"))["metadata"]
-    machine = metadata["machine"]
-    return f"`{metadata['command']}`, on {machine['cores']} cores ({machine['cpu'].split(' (')[0]})."
+    return f"{begin}{origin(results / study / f'{study}.json')}\n\n{table}\n\n{end}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

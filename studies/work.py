@@ -64,7 +64,7 @@ def run_jobs(
     """
     keys = {job_key(job): job for job in jobs}
     path.parent.mkdir(parents=True, exist_ok=True)
-    told = metadata(settings)
+    told = metadata(settings, _processes(hands))
     made: dict[str, list[dict[str, Any]]] = {}
     for row in earlier_rows(path, told):
         made.setdefault(row["job"], []).append(row)
@@ -79,6 +79,10 @@ def run_jobs(
                 written = time.monotonic()
     write_document(path, told, _in_order(made, keys))
     return [row for key in keys for row in made[key]]
+
+
+def _processes(hands: Hands) -> str:
+    return str(hands.workers) if hands.scheduler is None else "those of a Dask scheduler"
 
 
 def _in_order(made: dict[str, list[dict[str, Any]]], keys: Iterable[str]) -> list[dict[str, Any]]:

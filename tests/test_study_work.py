@@ -75,11 +75,14 @@ def test_a_job_is_known_by_its_values():
 def test_the_index_shows_tables_figures_and_data(tmp_path):
     folder = tmp_path / "stability"
     folder.mkdir()
-    (folder / "stability.md").write_text("| a | b |\n|---|---|\n| 1 | <2 |\n")
-    for name in ("map.svg", "map.png", "stability.json", "look.html"):
+    (folder / "stability.md").write_text("# Stability\n\n| a | b |\n|---|---|\n| 1 | <2 |\n")
+    run_jobs(squared, JOBS, folder / "stability.json", {})
+    for name in ("map.svg", "map.png", "look.html"):
         (folder / name).write_text("{}")
     page = write_index(tmp_path).read_text()
     assert "<td>&lt;2</td>" in page
+    assert "<h3>Stability</h3>" in page
+    assert "<code>polaropt study " in page
     assert 'src="stability/map.svg"' in page
     assert '<iframe src="stability/look.html"' in page
     assert "map.png" not in page

@@ -1,0 +1,59 @@
+"""All studies by one command: who works on what, and what is told of those that fail."""
+
+from __future__ import annotations
+
+import subprocess
+from types import SimpleNamespace
+
+import pytest
+
+from studies.__main__ import main
+from studies.catalogue import STUDIES
+
+
+@pytest.fixture
+def started(monkeypatch, tmp_path):
+    """Commands that were started, by the study's name; none runs, those named in `codes` fail."""
+    commands, codes = {}, {}
+
+    def run(command, check):
+        name = command[2].removeprefix("studies.")
+        commands[name] = command[3:]
+        (tmp_path / name).mkdir()
+        return SimpleNamespace(returncode=codes.get(name, 0))
+
+    monkeypatch.setattr(subprocess, "run", run)
+    return SimpleNamespace(commands=commands, codes=codes)
+
+
+def test_all_share_the_cores_but_those_about_seconds(started, tmp_path):
+    assert main(["all", "--full", "-o", str(tmp_path)]) == 0
+    assert list(started.commands) == [study.name for study in STUDIES]
+    alone = {study.name for study in STUDIES if study.timed}
+    assert alone == {"benchmark", "speed_accuracy"}
+    assert {name for name, command in started.commands.items() if "--workers" not in command} == alone
+    assert "--full" in started.commands["benchmark"]
+
+
+def test_a_number_of_processes_holds_for_all_but_them(started, tmp_path):
+    main(["all", "--workers", "3", "-o", str(tmp_path)])
+    assert started.commands["stability"][:2] == ["--workers", "3"]
+    assert "--workers" not in started.commands["benchmark"]
+
+
+def test_a_look_needs_no_processes_of_its_own(started, tmp_path):
+    main(["all", "--quick", "-o", str(tmp_path)])
+    assert not any("--workers" in command for command in started.commands.values())
+
+
+def test_one_study_has_the_processes_that_are_asked_for(started, tmp_path):
+    main(["benchmark", "--workers", "2", "-o", str(tmp_path)])
+    assert started.commands == {"benchmark": ["--workers", "2", "-o", str(tmp_path / "benchmark")]}
+
+
+def test_what_fails_does_not_end_the_others_and_is_told(started, tmp_path, capsys):
+    started.codes.update(stability=-9)
+    assert main(["all", "-o", str(tmp_path)]) == 9
+    assert len(started.commands) == len(STUDIES)
+    assert "failed: stability" in capsys.readouterr().out
+    assert (tmp_path / "index.html").is_file()
