@@ -62,14 +62,29 @@ class Pace:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is run at which sizes."""
+    """What is run at which sizes.
+
+    Attributes
+    ----------
+    pace : Pace
+    sizes : tuple of Size
+        Of the race in all cases.
+    kernel_sizes : tuple of Size
+    largest : Size or None
+        Of a race in the hard case alone, which goes on for at most `largest_cap_seconds`: the slow ones are then after
+        a few evaluations far enough behind.
+    running_on, blind, memory : Size
+    largest_cap_seconds : float
+    """
 
     pace: Pace
     sizes: tuple[Size, ...]
     kernel_sizes: tuple[Size, ...]
+    largest: Size | None = None
     running_on: Size = _SMALL
     blind: Size = _MIDDLE
     memory: Size = _LARGE
+    largest_cap_seconds: float = 20.0
 
 
 PLANS: dict[Effort, Plan] = {
@@ -78,7 +93,7 @@ PLANS: dict[Effort, Plan] = {
         Pace(
             benchmark_solvers.Rounds(1, 0.15, 0.15, 1, reference_evaluations=25), benchmark_kernels.Effort(3, 32), 1, 1
         ),
-        sizes=(Size(48, 48), Size(48, 64)),
+        sizes=(Size(48, 48),),
         kernel_sizes=(Size(96, 128),),
         running_on=Size(48, 48),
         blind=Size(64, 96),
@@ -91,8 +106,9 @@ PLANS: dict[Effort, Plan] = {
     ),
     "full": Plan(
         Pace(benchmark_solvers.Rounds(5, 60.0, 10.0, 1), benchmark_kernels.Effort(15, 256), 7, 15),
-        sizes=(_SMALL, _MIDDLE, _LARGE),
+        sizes=(_SMALL, _MIDDLE),
         kernel_sizes=(_MIDDLE, _LARGE),
+        largest=_LARGE,
     ),
 }
 
@@ -132,7 +148,11 @@ def jobs_of(plan: Plan, photographs: Photographs, wanted: Sequence[str] = TABLES
     places += [
         (benchmark_solvers.TABLE, case, size) for size in plan.sizes for case in benchmark_solvers.INCIDENCES_DEG
     ]
-    return [Job(*place, photographs, plan.pace) for place in places if place[0] in wanted]
+    jobs = [Job(*place, photographs, plan.pace) for place in places if place[0] in wanted]
+    if plan.largest is not None and benchmark_solvers.TABLE in wanted:
+        pace = replace(plan.pace, rounds=replace(plan.pace.rounds, cap_seconds=plan.largest_cap_seconds))
+        jobs.append(Job(benchmark_solvers.TABLE, "hard", plan.largest, photographs, pace))
+    return jobs
 
 
 def run(job: Job) -> list[Measurement]:
@@ -198,10 +218,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if unknown := set(wanted) - set(TABLES):
         parser.error(f"unknown tables {', '.join(sorted(unknown))}; there are: {', '.join(TABLES)}")
     if options.sizes:
-        plan = replace(plan, sizes=tuple(_size(text) for text in options.sizes.split(",")))
+        plan = replace(plan, sizes=tuple(_size(text) for text in options.sizes.split(",")), largest=None)
     if options.cap:
         rounds = replace(plan.pace.rounds, cap_seconds=options.cap)
-        plan = replace(plan, pace=replace(plan.pace, rounds=rounds))
+        plan = replace(plan, pace=replace(plan.pace, rounds=rounds), largest_cap_seconds=options.cap)
     path = options.out / "benchmark.json"
     try:
         made = run_jobs(

@@ -24,7 +24,7 @@ def study_parser(docstring: str | None) -> argparse.ArgumentParser:
     """
     parser = argparse.ArgumentParser(description=(docstring or "").splitlines()[0])
     effort = parser.add_mutually_exclusive_group()
-    effort.add_argument("--quick", action="store_true", help="less than a minute: few and small scenes")
+    effort.add_argument("--quick", action="store_true", help="less than 40 s on 2 cores: few and small scenes")
     effort.add_argument("--full", action="store_true", help="all scenes and sizes")
     parser.add_argument("--photos", help="folder of photographs (default: those inside scikit-image)")
     parser.add_argument("--pairs", type=int, help="pairs of photographs at most")

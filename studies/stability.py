@@ -19,7 +19,7 @@ from studies.stability_scores import AUTO, judge, tables
 from studies.work import row_of, run_jobs
 
 SIZE, MARGIN = 128, 64
-N_PAIRS = {"quick": 1, "default": 3, "full": 12}
+N_PAIRS = {"quick": 1, "default": 3, "full": 4}
 
 
 @dataclass(frozen=True)
