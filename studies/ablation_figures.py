@@ -14,10 +14,11 @@ from studies.protocol import Pair, protocol_capture, protocol_scene, truth
 
 _CROP, _INCIDENCE_DEG = 96, 60.0
 _LAYERS = ("transmission", "reflection")
+_TICKS_DB = (-10, -3, -1, -0.5, 0, 0.5, 1, 3, 10, 20)
 _COLORS, _HATCHES = ("#0072b2", "#e69f00"), ("", "///")
 
 
-def draw_differences(gains: Mapping[str, Sequence[tuple[float, float, float]]], out: Path) -> Path:
+def draw_differences(gains: Mapping[str, Sequence[tuple[float, float, float]]], out: Path) -> list[Path]:
     """Bars of the dB that every part gains on both layers, with their intervals.
 
     Parameters
@@ -41,12 +42,16 @@ def draw_differences(gains: Mapping[str, Sequence[tuple[float, float, float]]], 
         )  # fmt: skip
     axes.set_yticks(places, names)
     axes.set_xscale("symlog", linthresh=1)
+    low, high = axes.get_xlim()
+    axes.set_xticks(_TICKS_DB, [f"{tick:g}" for tick in _TICKS_DB])
+    axes.set_xlim(min(low, -0.5), 1.3 * high)
     axes.axvline(0, color="black", linewidth=0.8)
     axes.set_xlabel("PSNR with the part less that without it (dB; linear within 1 dB, logarithmic beyond)")
     axes.legend(loc="lower right")
-    target = out / "gained.svg"
-    figure.savefig(target)
-    return target
+    files = [out / f"gained{ending}" for ending in (".png", ".svg")]
+    for file in files:
+        figure.savefig(file, dpi=110)
+    return files
 
 
 def draw_crops(pair: Pair, variants: Sequence[Variant], out: Path) -> Path:

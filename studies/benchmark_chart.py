@@ -67,6 +67,7 @@ def draw(record: Record, case: str, path: Path) -> list[Path]:
 
 def _figure(record: Record, case: str, sizes: list[str]) -> Any:
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     figure = Figure(figsize=(1.4 + 3.6 * len(sizes), 9.2) if len(sizes) > 1 else (7.0, 9.2))
     axes = figure.subplots(len(_ROWS), len(sizes), sharex="col", sharey="row", squeeze=False)
@@ -83,9 +84,15 @@ def _figure(record: Record, case: str, sizes: list[str]) -> Any:
     figure.suptitle(f"Work and precision: {case} scene ({degrees:g} degrees), colour", y=0.995)
     names = _ordered(handles)
     columns = 3 if len(sizes) > 2 else 2
-    lines = math.ceil(len(names) / columns)
+    lines = math.ceil((len(names) + 1) / columns)
+    shown = [*(handles[name] for name in names), Line2D([], [], color="grey", linewidth=0.8)]
     figure.legend(
-        [handles[name] for name in names], names, loc="lower center", ncols=columns, frameon=False, handlelength=4
+        shown,
+        [*names, f"gap of {GAP:g}; PSNR at the lowest value"],
+        loc="lower center",
+        ncols=columns,
+        frameon=False,
+        handlelength=4,
     )
     figure.tight_layout(rect=(0, 0.022 * lines + 0.015, 1, 1))
     return figure

@@ -90,9 +90,10 @@ class Plan:
 
 PLANS: dict[Effort, Plan] = {
     "quick": Plan(
-        (Step(Size(48, 48), FEW[:1], 1), Step(Size(96, 192), FEW[1:2], 1, memory=False)),
+        # The memory of such small images tells nothing.
+        (Step(Size(48, 48), FEW[:1], 1, memory=False), Step(Size(64, 128), FEW[1:2], 1, memory=False)),
         Step(Size(48, 48), FEW[:1], 1, memory=False),
-        tolerances=2,
+        tolerances=1,
     ),
     "default": Plan(
         (Step(Size(256, 256), FEW, 3), Step(Size(512, 512), FEW[:2], 3)),
@@ -104,7 +105,7 @@ PLANS: dict[Effort, Plan] = {
             Step(Size(512, 512), FEW, 3),
             Step(Size(1024, 1224), FEW[:2], 2),
         ),
-        Step(Size(256, 256), FEW, 1, memory=False),
+        Step(Size(256, 256), FEW[:2], 1, memory=False),
     ),
 }
 

@@ -46,6 +46,10 @@ _TOP_DB = {"one at a time": 2.0, "crossed": 1.0}
 _FARTHEST = 30.0
 # From this ratio on an axis has numbers at powers of ten alone.
 _WIDE = 60.0
+_NUMBERS = (1.0, 1.5, 2.0, 3.0, 5.0)
+# Below this ratio it has more of them.
+_NARROW = 4.0
+_MORE_NUMBERS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
 def kind_of(mark: Mark) -> str:
@@ -81,7 +85,9 @@ def draw(rows: Sequence[Row], out: Path) -> list[Path]:
             for part, size in parts
         }
         one = [row for row in rows if row.part == "one at a time"]
-        figures |= {"speed_profiles": _profiles(one), "speed_memory": _memory(one)}
+        figures["speed_profiles"] = _profiles(one)
+        if not all(math.isnan(row.peak_mb) for row in one):
+            figures["speed_memory"] = _memory(one)
         for name, figure in figures.items():
             files.append(out / f"{name}.png")
             figure.savefig(files[-1], dpi=120)
@@ -106,6 +112,8 @@ def _chart(rows: Sequence[Row], part: str, size: str) -> Any:
     )
     figure.legend(*_legend(found, numbers), loc="outside right center", frameon=False, fontsize=8.5)
     figure.draw_without_rendering()
+    # It is laid out; labels need no second time.
+    figure.set_layout_engine("none")
     for axes, layer, _ in panels:
         points = [(mark.seconds, mark.level(layer), str(number)) for mark, number in numbers.items()]
         stars = [(mark.seconds, mark.level(layer)) for mark in found if mark.way == DEFAULT]
@@ -115,20 +123,29 @@ def _chart(rows: Sequence[Row], part: str, size: str) -> Any:
 
 def _scatter(axes: Any, found: Sequence[Mark], layer: str) -> None:
     seen = [mark for mark in found if not math.isnan(mark.level(layer))]
-    for mark in sorted(seen, key=lambda mark: kind_of(mark) != "several"):
+    _crowd(axes, [(mark.seconds, mark.level(layer)) for mark in seen if kind_of(mark) == "several"])
+    for mark in (mark for mark in seen if kind_of(mark) != "several"):
         style, kind = STYLES[kind_of(mark)], kind_of(mark)
         if mark.high > mark.low:
             axes.plot([mark.low, mark.high], [mark.level(layer)] * 2, color=style.color, linewidth=0.8, alpha=0.6)
         axes.plot(
             mark.seconds, mark.level(layer), style.marker, color=style.color, linestyle="none",
-            markersize={"default": 15, "several": 4}.get(kind, 6.5), markeredgecolor="black" if kind != "several" else
-            style.color, markeredgewidth=0.5, markerfacecolor=style.color if mark.way.blind else "white",
-            zorder={"default": 6, "several": 2}.get(kind, 4),
+            markersize=15 if kind == "default" else 6.5, markeredgecolor="black", markeredgewidth=0.5,
+            markerfacecolor=style.color if mark.way.blind else "white", zorder=6 if kind == "default" else 4,
         )  # fmt: skip
     steps = front(found, layer)
     axes.step(
         [mark.seconds for mark in steps], [mark.level(layer) for mark in steps], where="post", color="black",
         linewidth=1.1, zorder=1,
+    )  # fmt: skip
+
+
+def _crowd(axes: Any, points: Sequence[tuple[float, float]]) -> None:
+    """Hundreds of points at once."""
+    style = STYLES["several"]
+    axes.plot(
+        [x for x, _ in points], [y for _, y in points], style.marker, color=style.color, linestyle="none", markersize=4,
+        zorder=2,
     )  # fmt: skip
 
 
@@ -155,7 +172,8 @@ def _logarithmic(axes: Any) -> None:
 
     axes.set_xscale("log")
     low, high = axes.get_xlim()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0,) if high > _WIDE * low else (1.0, 1.5, 2.0, 3.0, 5.0)))
+    numbers = (1.0,) if high > _WIDE * low else _NUMBERS if high > _NARROW * low else _MORE_NUMBERS
+    axes.xaxis.set_major_locator(LogLocator(subs=numbers))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
 
@@ -225,7 +243,7 @@ def _profiles(rows: Sequence[Row]) -> Any:
 def _memory(rows: Sequence[Row]) -> Any:
     from matplotlib.figure import Figure
 
-    sizes = list(dict.fromkeys(row.size for row in rows))
+    sizes = list(dict.fromkeys(row.size for row in rows if not math.isnan(row.peak_mb)))
     by_size = {size: {m.way: m for m in marks([row for row in rows if row.size == size])} for size in sizes}
     ways = [way for way in dict.fromkeys(row.way for row in rows) if any(way in found for found in by_size.values())]
     figure = Figure(figsize=(9, 1.6 + 0.27 * len(ways)), layout="constrained")
@@ -239,5 +257,5 @@ def _memory(rows: Sequence[Row]) -> Any:
     axes.invert_yaxis()
     _logarithmic(axes)
     axes.set_xlabel("most memory above the photographs (MB)")
-    axes.legend(loc="upper right", bbox_to_anchor=(1, 1.08), ncols=len(sizes))
+    figure.legend(loc="outside upper right", ncols=len(sizes), title="size of the photographs")
     return figure

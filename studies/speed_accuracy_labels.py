@@ -12,6 +12,7 @@ import numpy as np
 _REACHES = (9.0, 15.0, 22.0, 30.0, 40.0)
 _DIRECTIONS = 16
 _HEIGHT, _WIDTH = 9.0, 5.0
+_GAP = 1.5
 # Half their sizes.
 _POINT, _STAR = 3.5, 7.0
 
@@ -69,7 +70,7 @@ def _around(place: tuple[float, ...], half: float) -> Box:
 
 def _box(place: tuple[float, ...], offset: tuple[float, float], text: str) -> Box:
     x, y = place[0] + offset[0], place[1] + offset[1]
-    half = (_WIDTH * len(text) / 2, _HEIGHT / 2)
+    half = (_WIDTH * len(text) / 2 + _GAP, _HEIGHT / 2)
     return (x - half[0], y - half[1], x + half[0], y + half[1])
 
 

@@ -16,6 +16,10 @@ from studies.speed_accuracy_rows import LAYERS, Mark, Row, front, marks
 _SHAPES = {"*": "star", "s": "square", "^": "triangle", "D": "diamond", "o": "circle", "X": "hex", ".": "dot"}
 _SIZES = {"default": 20, "several": 9}
 _SHOWN_DB = 30.0
+_HOW_TO_READ = (
+    "Means over scenes. Point at a mark to read what it is; a click in the legend hides its kind. White marks are told "
+    "something of the truth, and are not on the front."
+)
 _TIPS = (
     ("way", "@way"),
     ("processor seconds", "@seconds{0.000} (@low{0.000} to @high{0.000})"),
@@ -38,7 +42,7 @@ def write_page(rows: Sequence[Row], out: Path) -> Path:
         Folder.
     """
     from bokeh.embed import file_html
-    from bokeh.models import TabPanel, Tabs
+    from bokeh.models import Div, TabPanel, Tabs
     from bokeh.resources import INLINE
 
     parts = dict.fromkeys((row.part, row.size) for row in rows)
@@ -47,7 +51,8 @@ def write_page(rows: Sequence[Row], out: Path) -> Path:
         found = marks([row for row in rows if (row.part, row.size) == (part, size)])
         tabs.append(TabPanel(child=_pair(found), title=f"{size}, {part}"))
     target = out / "speed_accuracy.html"
-    page = file_html(Tabs(tabs=tabs, sizing_mode="stretch_width"), INLINE, "polaropt: seconds against accuracy")
+    whole = [Div(text=_HOW_TO_READ, sizing_mode="stretch_width"), Tabs(tabs=tabs, sizing_mode="stretch_width")]
+    page = file_html(whole, INLINE, "polaropt: seconds against accuracy")
     target.write_text(page, encoding="utf-8")
     return target
 

@@ -21,7 +21,7 @@ TOLD = "the scene told"
 """In the place of a rung: the true scene is given. No photographer has it."""
 # It takes at most 100 000 unknowns, and a minute for them.
 _SMALL_ONLY = ("casadi",)
-_TOLERANCES = (10.0, 1.0, 0.1)
+_TOLERANCES = (1.0, 10.0, 0.1)
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ DEFAULT = Way(FULL, _SEPARATE["solver"], _SEPARATE["init"], _SEPARATE["model"], 
 
 
 def tolerances() -> tuple[float, ...]:
-    """A coarser, the default and a finer relative change."""
+    """The default relative change, a coarser and a finer one."""
     return tuple(float(f"{factor * DEFAULT.relative_change:.3g}") for factor in _TOLERANCES)
 
 

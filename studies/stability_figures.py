@@ -26,6 +26,12 @@ _STYLES = {
     MINIMUM: Style("#e69f00", (0, (5, 1, 1, 1)), "x"),
     COMPONENTS: Style("#cc79a7", (0, (3, 2)), "d"),
 }
+_SAID = {
+    AUTO: "model auto (chosen by the photographs)",
+    NOTHING: "plain intensity (nothing done)",
+    MINIMUM: "minimum over angles",
+    COMPONENTS: "independent components (FastICA)",
+}
 _OTHERS = (Style("#56b4e9", (0, (6, 2)), "P"), Style("#8c564b", (0, (4, 1, 1, 1, 1, 1)), "*"))
 _COLUMNS = 4
 
@@ -126,8 +132,9 @@ def _curves(judged: Sequence[Judged], layer: str) -> Any:
     for axis in axes[len(families) :]:
         axis.set_visible(False)
     figure.supylabel(f"PSNR of the {layer} (dB), mean over pairs")
+    said = [_SAID.get(name, f"model {name}") for name in handles]
     figure.legend(
-        handles.values(), handles, loc="outside lower center", ncols=len(names), frameon=False, handlelength=4
+        handles.values(), said, loc="outside lower center", ncols=min(5, len(names)), frameon=False, handlelength=4
     )
     if layer == "transmission":
         figure.suptitle("large crosses: auto is worse than the plain intensity by more than 0.1 dB on a pair")
