@@ -8,10 +8,10 @@ from enum import Enum
 import numpy as np
 
 from polaropt.angle_frame import LEAST_DEG, LOWER_DEG, MOST_DEG, ghost_direction, start_unknown
+from polaropt.attempts import SCATTERS, noise_misfit
 from polaropt.capture import Capture
 from polaropt.perspective_fit import fit_perspective
 from polaropt.plate_frame import StokesImages, stokes_images
-from polaropt.rungs import SCATTERS, noise_misfit
 from polaropt.scene import SceneParameters
 from polaropt.scene_estimation import SceneEstimate
 

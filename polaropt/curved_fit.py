@@ -101,7 +101,9 @@ def fit_curved(
     rough = _rough(coarse, _starts(stokes, plain, blocks.half_px, prior.mean[VIEW]), free, prior)
     left, plain_left = coarse.misfit(*named(rough[0], coarse)), coarse.least_constant_misfit()
     if plain_left - left < enough * (plain_left - 1) or not overlap.usable:
-        return _result(blocks, PaneFit(rough[0], np.full((N_NUMBERS, N_NUMBERS), math.inf)))
+        # A view beyond that of parallel rays has no focal length.
+        seen = rough[0] if rough[0][VIEW] > FROM_AFAR else _from_afar(rough[0])
+        return _result(blocks, PaneFit(seen, np.full((N_NUMBERS, N_NUMBERS), math.inf)))
     found = _likeliest(blocks, rough, free, prior)
     edges = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS))
     if len(found) > 1:

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from polaropt.angle_frame import start_unknown
+from polaropt.attempts import Attempt, Evidence, noise_misfit
 from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.plate_frame import stokes_images
 from polaropt.polarized_blocks import PolarizedBlocks
-from polaropt.rungs import RUNGS, Attempt, Evidence, noise_misfit, with_ghosts
+from polaropt.rungs import RUNGS, with_ghosts
 from polaropt.scene import SceneParameters
 from polaropt.scene_errors import SceneErrors
 from polaropt.scene_estimation import SceneEstimate, estimate_scene
@@ -183,7 +184,8 @@ def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
 
 def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:
     if evidence.wanted != "auto":
-        return steps[-1]
+        known = [step for step in steps[1:] if step.attempt.known]
+        return min(known or steps[-1:], key=lambda step: step.score(evidence.blocks.n))
     noise = noise_misfit(evidence.blocks.n)
     told = [step for step in steps[1:] if step.attempt.known and step.attempt.told_by_edges]
     if told and told[0].attempt.misfit <= noise:

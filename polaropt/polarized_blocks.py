@@ -47,11 +47,12 @@ class PolarizedBlocks:
     def __init__(self, stokes: StokesImages, most: int = _BLOCKS) -> None:
         height, width = stokes.images.shape[-2:]
         size = max(1, math.ceil(max(height, width) / most))
+        self._source, self._size = stokes, size
         means = block_mean(stokes.images[1:], size)
         self.noise = math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
         # A clipped pixel is no polarized light.
         whole = block_mean(stokes.valid.astype(np.float32), size).min(axis=0).ravel() > _WHOLE
-        seen = whole if whole.mean() > _LEAST_SEEN else np.ones_like(whole)
+        self._seen = seen = whole if whole.mean() > _LEAST_SEEN else np.ones_like(whole)
         self._s1, self._s2 = (means.astype(np.float64) / self.noise).reshape(2, means.shape[1], -1)[..., seen]
         rows, columns = means.shape[-2:]
         x, y = pixel_grid(rows, columns, ((width - size) / 2 / size, (height - size) / 2 / size))
@@ -66,6 +67,17 @@ class PolarizedBlocks:
         other._s1, other._s2 = self._s1 * root, self._s2 * root
         other._trust = self._trust * float(weights.mean())
         return other
+
+    @cached_property
+    def stokes(self) -> Values:
+        """All Stokes components of the blocks as they were measured, in units of `noise`, (3, channel, m)."""
+        means = block_mean(self._source.images, self._size)
+        return np.asarray(means.reshape(*means.shape[:2], -1)[..., self._seen].astype(np.float64) / self.noise)
+
+    @property
+    def covariance(self) -> Values:
+        """Of the noise of `stokes`, (3, 3)."""
+        return np.asarray(self._source.covariance / (self._size * self.noise) ** 2)
 
     @property
     def brightness(self) -> Values:

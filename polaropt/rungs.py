@@ -6,23 +6,19 @@ A rung is one line of `RUNGS`: when it can help, and the attempt. What it change
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 from polaropt.angle_frame import start_unknown
-from polaropt.capture import Capture
+from polaropt.attempts import SCATTERS, Attempt, Evidence, Rung, noise_misfit
 from polaropt.curved_fit import fit_curved
-from polaropt.focal_length import focal_hint_px
 from polaropt.perspective_fit import PerspectiveFit, fit_perspective
-from polaropt.plate_frame import StokesImages
-from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.polarized_check import looks_polarized
 from polaropt.polarized_fit import fit_polarized
 from polaropt.polarized_mixing import Mixture
+from polaropt.polarized_perspective import fit_polarized_perspective
 from polaropt.scene import SceneParameters
 from polaropt.scene_errors import SceneErrors
-from polaropt.scene_estimation import SceneEstimate
 from polaropt.tolerant_fit import fit_tolerant
 from polaropt.varying_shift import likeliest_shift
 
@@ -32,6 +28,8 @@ _WORST_ERROR_DEG = 3.0
 _LEAST_BENT = 0.4
 # Share of what the plain pane leaves that a pane must explain where only blocks that agree count.
 _MOSTLY = 0.8
+# The same of a pane before a lens where the light of its layers may be polarized as well: it has most numbers.
+_NEARLY_ALL = 0.9
 # Focal length over the longer side from which on incidence and azimuth hardly vary.
 _FAR = 30.0
 # Share of it that may lie off the plane of two Stokes vectors where polarized light may explain all, or most.
@@ -41,114 +39,6 @@ _LITTLE = 2.0
 # Score that polarized light must gain, and where nothing but edges and spectra speaks of it.
 _LEAST_GAIN, _LEAST_GAIN_OF_EDGES = 0.004, 0.03
 _OBLIQUE_DEG = 30.0
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What an attempt has to go by.
-
-    Attributes
-    ----------
-    capture : Capture
-    noise : float
-    stokes : StokesImages
-    blocks : PolarizedBlocks
-    asked : SceneParameters
-        Fields that are None are to be found.
-    estimate : SceneEstimate
-        The plain pane that explains the capture best.
-    misfit : float
-        Polarized light that it leaves: mean square over `blocks`, in units of the noise.
-    wanted : str
-        Name of the rung that was asked for, or "auto".
-    """
-
-    capture: Capture
-    noise: float
-    stokes: StokesImages
-    blocks: PolarizedBlocks
-    asked: SceneParameters
-    estimate: SceneEstimate
-    misfit: float
-    wanted: str
-
-    @property
-    def focal_px(self) -> float | None:
-        """Focal length, where it was asked for or the camera told it."""
-        return self.asked.focal_px or focal_hint_px(self.capture)
-
-    @property
-    def scatter(self) -> float:
-        """Standard deviation of a misfit that is nothing but noise."""
-        return math.sqrt(2 / self.blocks.n)
-
-    @property
-    def explained(self) -> bool:
-        """Whether the plain pane leaves nothing but noise."""
-        return self.misfit <= noise_misfit(self.blocks.n)
-
-    def shown(self, misfit: float) -> bool:
-        """Whether a rung that leaves this much polarized light explains more than chance would."""
-        return self.misfit - misfit > SCATTERS * self.scatter
-
-
-# Mean square, in units of the noise, up to which polarized light counts as explained, beside its own scatter.
-_TOLERANCE = 0.1
-SCATTERS = 3.0
-
-
-def noise_misfit(n: int) -> float:
-    """Largest misfit of n blocks that counts as noise."""
-    return 1 + _TOLERANCE + SCATTERS * math.sqrt(2 / n)
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """What a rung makes of the evidence.
-
-    Attributes
-    ----------
-    scene : SceneParameters
-        Complete.
-    misfit : float
-        Polarized light that it leaves, as `Evidence.misfit`.
-    n_parameters : int
-        Numbers fitted to the blocks.
-    known : bool
-        Whether the capture tells these numbers well enough to rely on them.
-    remark : str
-        A sentence for `Tried.reason`: why they are not known, or what else is to be said. May be empty.
-    errors : SceneErrors
-        Standard errors of those numbers.
-    agreed_misfit : float or None
-        What the misfit would be if the blocks that disagree, as their own scene is polarized, did not count; rungs are
-        compared by this one where there is one.
-    told_by_edges : bool
-        Whether edges and spectra tell these numbers, even where the plain pane leaves no polarized light.
-    """
-
-    scene: SceneParameters
-    misfit: float
-    n_parameters: int
-    known: bool
-    remark: str = ""
-    errors: SceneErrors = SceneErrors()  # noqa: RUF009 (frozen)
-    agreed_misfit: float | None = None
-    told_by_edges: bool = False
-
-    @property
-    def compared(self) -> float:
-        """The misfit that rungs are compared by."""
-        return self.misfit if self.agreed_misfit is None else self.agreed_misfit
-
-
-@dataclass(frozen=True)
-class Rung:
-    """A name, when the rung can help, and the attempt."""
-
-    name: str
-    may_help: Callable[[Evidence], bool]
-    attempt: Callable[[Evidence], Attempt]
 
 
 def _may_vary(evidence: Evidence) -> bool:
@@ -171,7 +61,14 @@ def _plain(evidence: Evidence) -> SceneParameters:
 def with_ghosts(evidence: Evidence, attempt: Attempt) -> Attempt:
     """An attempt whose pane varies over the frame, with the ghost shift that the capture shows if that is open."""
     scene = attempt.scene
-    if not scene.varies or evidence.asked.ghost_shift is not None or scene.single_surface or scene.n_bounces == 0:
+    # The likelihood of ghosts where incidence varies knows unpolarized light alone.
+    if (
+        not scene.varies
+        or scene.polarized
+        or evidence.asked.ghost_shift is not None
+        or scene.single_surface
+        or scene.n_bounces == 0
+    ):
         return attempt
     found = likeliest_shift(evidence.stokes, scene)
     if not found.shows:
@@ -292,9 +189,24 @@ def _polarized(evidence: Evidence) -> Attempt:
     return Attempt(fit.scene, fit.misfit, 5, known, remark, fit.errors, told_by_edges=fit.gain > _LEAST_GAIN_OF_EDGES)
 
 
+def _may_be_polarized_and_vary(evidence: Evidence) -> bool:
+    """Whether light may be polarized and incidence vary: both are for us to find, and something is left to explain."""
+    return _may_vary(evidence) and not evidence.asked.polarized and not evidence.explained
+
+
+def _polarized_perspective(evidence: Evidence) -> Attempt:
+    fit = fit_polarized_perspective(evidence.stokes, _plain(evidence), evidence.asked.focal_px)
+    told = (fit.errors.incidence_deg or 0.0) <= _WORST_ERROR_DEG
+    explained = (evidence.misfit - fit.misfit) / (evidence.misfit - 1)
+    known = told and explained >= _NEARLY_ALL and evidence.shown(fit.misfit)
+    remark = "Incidence and azimuth change over the picture." if known else "Nor does it before a lens."
+    return Attempt(fit.scene, fit.misfit, fit.n_parameters, known, remark, fit.errors)
+
+
 RUNGS = (
     Rung("polarized", _may_be_polarized, _polarized),
     Rung("perspective", _may_vary, _perspective),
     Rung("curved", _may_vary, _curved),
+    Rung("polarized", _may_be_polarized_and_vary, _polarized_perspective),
     Rung("polarized", partial(_may_be_polarized, off=_MOST_BUT), _polarized),
 )

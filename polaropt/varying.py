@@ -169,7 +169,7 @@ def _rows_of_mixtures(scene: SceneParameters, n_ghosts: int, x: Planes, y: Plane
     weights = ghost_line(scene, n_ghosts, entries).weights
     incoming = (scene.transmission_polarization, scene.reflection_polarization)
     mixtures = [
-        _stokes(np.moveaxis(weight, 1, 0), stokes_vector(*light), cos, sin)
+        shown_stokes(np.moveaxis(weight, 1, 0), stokes_vector(*light), cos, sin)
         for weight, light in zip(weights, incoming, strict=True)
     ]
     return np.stack(mixtures, axis=1).astype(np.float32)
@@ -187,7 +187,7 @@ def in_place_weights(cosine: Planes, refractive_index: float, single_surface: bo
     return transmitted, reflected * np.array([1.0, 1.0, -1.0])[:, None, None]
 
 
-def _stokes(weights: Planes, light: NDArray[np.float64], cos: Planes, sin: Planes) -> Planes:
+def shown_stokes(weights: Planes, light: NDArray[np.float64], cos: Planes, sin: Planes) -> Planes:
     """Stokes images (3, n, h, w) of light that passed the pane: into its frame, weighted (3, n, h, w), and back."""
     along, across = cos * light[1] + sin * light[2], cos * light[2] - sin * light[1]
     par, perp = weights[0] * (light[0] + along) / 2, weights[1] * (light[0] - along) / 2

@@ -157,3 +157,11 @@ def test_the_edges_overlap_least_at_the_true_incidence():
     trials = np.arange(45.0, 66.0, 2.0)
     values = [overlap.log(Pane(plane_normal(float(trial), 200.0), bend, 1 / 115)).mean() for trial in trials]
     assert abs(trials[int(np.argmin(values))] - 55) <= 2
+
+
+@pytest.mark.parametrize("azimuth_deg", [100.0, 229.0])
+def test_a_pane_seen_from_far_has_no_focal_length(azimuth_deg):
+    # Polarized light makes its view come out a little beyond that of parallel rays.
+    example = blend(55, 64, azimuth_deg=azimuth_deg, ghost_shift=0.0, transmission_polarization=(0.3, 20.0))
+    fit = fit_curved(stokes_images(example.capture, 0.005), example.scene, enough=math.inf)
+    assert fit.focal_px is None

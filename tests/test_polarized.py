@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from polaropt.bounded_search import Box
 from polaropt.capture import Capture
-from polaropt.diagnostics import Warning
 from polaropt.metrics import psnr_db
 from polaropt.model_selection import find_scene
 from polaropt.noise import noise_level
@@ -280,11 +279,3 @@ def test_parts_of_the_spectra_add_up_to_their_likelihood() -> None:
     likelihood = PolarizedLikelihood(stokes_of(made.capture), BLIND)
     point = point_of(made.scene)
     assert likelihood.sectors(point).sum() == pytest.approx(likelihood.spectral(likelihood.pane(point)), rel=1e-5)
-
-
-def test_a_screen_before_a_wide_lens_is_announced() -> None:
-    # No rung knows both. The nearest is still worth trying where the others leave most.
-    made = blend(size=128, incidence_deg=55.0, ghost_shift=0.0, focal_px=160.0, transmission_polarization=(0.3, 110.0))
-    result = separate(made.capture)
-    assert Warning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
-    assert result.tried[-1].rung == "polarized"
