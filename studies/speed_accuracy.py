@@ -91,7 +91,7 @@ class Plan:
 PLANS: dict[Effort, Plan] = {
     "quick": Plan(
         # The memory of such small images tells nothing.
-        (Step(Size(48, 48), FEW[:1], 1, memory=False), Step(Size(64, 128), FEW[1:2], 1, memory=False)),
+        (Step(Size(48, 48), FEW[:1], 1, memory=False), Step(Size(64, 96), FEW[2:], 1, memory=False)),
         Step(Size(48, 48), FEW[:1], 1, memory=False),
         tolerances=1,
     ),
