@@ -16,6 +16,7 @@ from studies.catalogue import STUDIES, Study
 from studies.index_page import write_index
 
 ALL = "all"
+_INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,7 +41,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return max(_run(study.name, ["--help"], None) for study in chosen)
     if options.out is None:
         parser.error("the following arguments are required: -o/--out")
-    return _run_each(chosen, rest, options.workers, options.out)
+    try:
+        return _run_each(chosen, rest, options.workers, options.out)
+    except KeyboardInterrupt:
+        # The study has said what there is to say.
+        return _INTERRUPTED
 
 
 def _run_each(chosen: Sequence[Study], rest: Sequence[str], workers: str | None, out: Path) -> int:
@@ -74,7 +79,13 @@ def overview() -> str:
 
 def _run(name: str, rest: Sequence[str], out: Path | None) -> int:
     where = [] if out is None else ["-o", str(out / name)]
-    return subprocess.run([sys.executable, "-m", f"studies.{name}", *rest, *where], check=False).returncode
+    process = subprocess.Popen([sys.executable, "-m", f"studies.{name}", *rest, *where])
+    try:
+        return process.wait()
+    except KeyboardInterrupt:
+        # It has been interrupted, too, and writes what it has.
+        process.wait()
+        raise
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import hashlib
 import json
 import logging
 import math
+import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -61,6 +62,11 @@ def run_jobs(
         JSON file; rows of an earlier run with the same settings, sources and machine are kept.
     settings : dict
     hands : Hands
+
+    Raises
+    ------
+    SystemExit
+        It was interrupted from the keyboard; what was made is written.
     """
     keys = {job_key(job): job for job in jobs}
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -70,13 +76,18 @@ def run_jobs(
         made.setdefault(row["job"], []).append(row)
     left = [(key, job) for key, job in keys.items() if key not in made]
     written = time.monotonic()
-    with _progress(len(keys), len(keys) - len(left)) as advance:
-        for key, rows in _finished(run, left, hands):
-            made[key] = [{"job": key, **_plain(asdict(row))} for row in rows]
-            advance()
-            if time.monotonic() - written > _WRITE_SECONDS:
-                write_document(path, told, _in_order(made, keys))
-                written = time.monotonic()
+    try:
+        with _progress(len(keys), len(keys) - len(left)) as advance:
+            for key, rows in _finished(run, left, hands):
+                made[key] = [{"job": key, **_plain(asdict(row))} for row in rows]
+                advance()
+                if time.monotonic() - written > _WRITE_SECONDS:
+                    write_document(path, told, _in_order(made, keys))
+                    written = time.monotonic()
+    except KeyboardInterrupt:
+        if made:
+            write_document(path, told, _in_order(made, keys))
+        raise SystemExit(f"stopped after {len(made)} jobs; the same command goes on with what is left") from None
     write_document(path, told, _in_order(made, keys))
     return [row for key in keys for row in made[key]]
 
@@ -135,7 +146,13 @@ def _client(hands: Hands) -> Iterator[Any]:
         ) as cluster,
         Client(cluster) as client,
     ):
+        client.run(_leave_interruptions)
         yield client
+
+
+def _leave_interruptions() -> None:
+    """Do not mind an interruption from the keyboard: who started this process does, and ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 # What is shown beside the bar of the jobs that this process works on.

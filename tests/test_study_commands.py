@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from types import SimpleNamespace
 
 import pytest
@@ -12,17 +11,16 @@ from studies.catalogue import STUDIES
 
 
 @pytest.fixture
-def started(monkeypatch, tmp_path):
+def started(monkeypatch):
     """Commands that were started, by the study's name; none runs, those named in `codes` fail."""
     commands, codes = {}, {}
 
-    def run(command, check):
-        name = command[2].removeprefix("studies.")
-        commands[name] = command[3:]
-        (tmp_path / name).mkdir()
-        return SimpleNamespace(returncode=codes.get(name, 0))
+    def run(name, rest, out):
+        commands[name] = list(rest)
+        (out / name).mkdir()
+        return codes.get(name, 0)
 
-    monkeypatch.setattr(subprocess, "run", run)
+    monkeypatch.setattr("studies.__main__._run", run)
     return SimpleNamespace(commands=commands, codes=codes)
 
 
@@ -37,7 +35,7 @@ def test_all_share_the_cores_but_those_about_seconds(started, tmp_path):
 
 def test_a_number_of_processes_holds_for_all_but_them(started, tmp_path):
     main(["all", "--workers", "3", "-o", str(tmp_path)])
-    assert started.commands["stability"][:2] == ["--workers", "3"]
+    assert started.commands["stability"] == ["--workers", "3"]
     assert "--workers" not in started.commands["benchmark"]
 
 
@@ -48,7 +46,7 @@ def test_a_look_needs_no_processes_of_its_own(started, tmp_path):
 
 def test_one_study_has_the_processes_that_are_asked_for(started, tmp_path):
     main(["benchmark", "--workers", "2", "-o", str(tmp_path)])
-    assert started.commands == {"benchmark": ["--workers", "2", "-o", str(tmp_path / "benchmark")]}
+    assert started.commands == {"benchmark": ["--workers", "2"]}
 
 
 def test_what_fails_does_not_end_the_others_and_is_told(started, tmp_path, capsys):

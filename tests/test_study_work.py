@@ -55,6 +55,19 @@ def test_what_is_done_is_not_done_again(tmp_path):
     assert len(json.loads(path.read_text())["results"]) == 3
 
 
+def test_what_was_made_before_an_interruption_is_kept(tmp_path):
+    def interrupted(job):
+        if job == JOBS[2]:
+            raise KeyboardInterrupt
+        return squared(job)
+
+    path = tmp_path / "squares.json"
+    with pytest.raises(SystemExit, match="stopped after 2 jobs; the same command goes on"):
+        run_jobs(interrupted, JOBS, path, {})
+    assert [row["square"] for row in run_jobs(squared, JOBS, path, {})] == [9, 1, 4]
+    assert [row["square"] for row in run_jobs(broken, JOBS[:2], path, {})] == [9, 1]
+
+
 def test_rows_of_other_settings_do_not_count(tmp_path):
     path = tmp_path / "squares.json"
     run_jobs(squared, JOBS, path, {"size": 1})
