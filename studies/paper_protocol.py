@@ -15,6 +15,7 @@ from polaropt.capture import Capture
 from polaropt.metrics import psnr_db
 from polaropt.separation import Separation, separate
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from studies.paper_protocol_figure import draw
 from studies.protocol import (
     EVALUATION_BORDER,
     INCIDENCES_DEG,
@@ -171,6 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows = [row_of(Row, row) for row in made]
     print(table(rows))
     write_tables(options.out, "paper_protocol", made, table(rows))
+    draw(rows, options.out)
 
 
 if __name__ == "__main__":

@@ -77,5 +77,6 @@ def test_the_table_is_one_command(tmp_path, capsys):
     document = document_of(tmp_path / "paper_protocol.json")
     (row,) = document["results"]
     assert {"settings", "machine", "libraries", "commit", "sources", "seeds"} <= document["metadata"].keys()
+    assert (tmp_path / "paper_protocol.png").stat().st_size > 10_000
     assert (tmp_path / "paper_protocol.csv").read_text().splitlines()[0] == ",".join(row)
     assert row["blind_transmission"] > row["nothing"] + 10
