@@ -12,6 +12,7 @@ import numpy as np
 
 from polaropt.separation import Separation, separate
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from studies.coverage_figure import draw
 from studies.protocol import INCIDENCES_DEG, N_PAIRS, Image, protocol_capture, protocol_scene, truth
 from studies.record import write_tables
 from studies.work import row_of, run_jobs
@@ -141,9 +142,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for pair in range(n_pairs)
     ]
     made = run_jobs(run, jobs, options.out / "coverage.json", {}, hands_of(options))
-    text = table([row_of(Row, row) for row in made])
+    rows = [row_of(Row, row) for row in made]
+    text = table(rows)
     print(text)
     write_tables(options.out, "coverage", made, text)
+    draw(rows, options.out)
 
 
 if __name__ == "__main__":

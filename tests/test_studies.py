@@ -11,7 +11,8 @@ from skimage.io import imsave
 
 from polaropt.errors import InputError
 from polaropt.scene import SceneParameters
-from studies import paper_protocol
+from studies import coverage, paper_protocol
+from studies.coverage_figure import draw
 from studies.paper_protocol import scene_errors
 from studies.protocol import protocol_capture, protocol_pairs, protocol_scene, shipped_pairs, truth
 from studies.real_captures import edge_correlation
@@ -80,3 +81,12 @@ def test_the_table_is_one_command(tmp_path, capsys):
     assert (tmp_path / "paper_protocol.png").stat().st_size > 10_000
     assert (tmp_path / "paper_protocol.csv").read_text().splitlines()[0] == ",".join(row)
     assert row["blind_transmission"] > row["nothing"] + 10
+
+
+def test_coverage_is_drawn_for_whatever_incidences_there_are(tmp_path):
+    rows = [
+        coverage.Row(0, incidence, 0.005, "blind", layer, 0.95, 0.9, 0.9, 1.0, 0.5, 0.8)
+        for incidence in (10.0, 60.0)
+        for layer in coverage.LAYERS
+    ]
+    assert all(file.stat().st_size > 10_000 for file in draw(rows, tmp_path))
