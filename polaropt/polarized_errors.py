@@ -19,7 +19,7 @@ _LEAST_IN_PLACE = np.array([5.0, 4.0, 0.0, 0.02, 2.0, 0.1, 20.0])
 """Measured on 48 scenes of photographs that no figure is taken of, screens and skies. In place several panes show the
 same, and which of them is the true one is told by what is likely of screens and skies alone."""
 _LEAST_CURVATURE, _FLATTEST, _UNPOLARIZED = 1e-6, 3e-3, 1e-6
-_MOST_DEGREE, _MOST_DEG = 1.0, 90.0
+_MOST_DEGREE, _MOST_DEG, _MOST_PX = 1.0, 90.0, 24.0
 
 
 def polarized_errors(
@@ -45,6 +45,7 @@ def polarized_errors(
     spread = _WIDER * np.sqrt(np.maximum(np.diag(slopes @ covariance @ slopes.T), 0))
     point = point_at(x)
     errors = np.hypot(spread, _LEAST if point[SHIFT] else _LEAST_IN_PLACE)
+    errors[:3] = np.minimum(errors[:3], [_MOST_DEG, _MOST_DEG, _MOST_PX])
     incidence, azimuth, shift = (float(errors[i]) if i in free else None for i in (INCIDENCE, AZIMUTH, SHIFT))
     return SceneErrors(
         incidence,

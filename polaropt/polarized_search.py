@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from polaropt.bounded_search import Box
 from polaropt.fresnel import brewster_angle_deg
+from polaropt.jackknife import jackknife_error, left_out
 from polaropt.polarized_errors import polarized_errors
 from polaropt.polarized_light import (
     HIGHEST_DEG,
@@ -50,6 +51,8 @@ _ROUGH = 40
 """Evaluations."""
 _FINE_STEPS = np.array([1.0, 0.4, 0.1, 0.004, 0.004, 0.008, 0.008])
 _NEWTON_STEPS, _REST = 3, 2e-5
+_SURE = 2.0
+"""Standard errors by which ghosts on one side must explain more than on the other."""
 _OF_WINDOWS = 5.0
 """Weight of the windows' likelihood per gradient against doubt."""
 
@@ -96,7 +99,17 @@ class Search:
             return self._point(candidate, coordinates, free, x)
 
         curvature = self._likelihood.n * box.curvature(lambda x: score(point_at(x)))
-        return polarized_errors(point_at, coordinates[free], curvature, told)
+        errors = polarized_errors(point_at, coordinates[free], curvature, told)
+        return errors if errors.ghost_shift is None else self._with_sense(candidate, errors, errors.ghost_shift)
+
+    def _with_sense(self, candidate: Candidate, errors: SceneErrors, shift_error: float) -> SceneErrors:
+        """The errors where the ghosts may lie on the other side: two of the shift's then reach there."""
+        likelihood, shift = self._likelihood, float(candidate.point[SHIFT])
+        other = self.finely(dataclasses.replace(candidate, point=_moved(candidate.point, -shift)))
+        gap = other.score - self._fitted(candidate.point, edges=True)
+        gaps = likelihood.sectors(other.candidate.point) - likelihood.sectors(candidate.point)
+        told = gap > _SURE * jackknife_error(left_out(gaps))
+        return errors if told else dataclasses.replace(errors, ghost_shift=max(shift_error, abs(shift)))
 
     def rough(self, panes: Sequence[Candidate]) -> list[Found]:
         """The candidates in place, and those with ghosts that explain more than any of them; by spectra alone."""

@@ -101,6 +101,7 @@ class SceneSearch:
         self._likelihood = ShiftLikelihood(seen.spectra, scene)
         self._in_place = EdgeOverlap(seen.coarse, scene, 0.0)
         self._overlaps_in_place: dict[float, float] = {}
+        self._shift_curves: dict[Trial, tuple[Curve, Curve]] = {}
 
     def first(self) -> Trial:
         """The best of a few trial incidences, each with its likeliest ghost shift."""
@@ -137,8 +138,10 @@ class SceneSearch:
 
     def shift_curve(self, trial: Trial) -> tuple[Curve, Curve]:
         """Ghost shifts and their misfit, at the trial's incidence."""
-        grid = self._shift_grid(trial.incidence_deg, 0.5)
-        return grid, self._likelihood.misfit(trial.incidence_deg, grid)
+        if trial not in self._shift_curves:
+            grid = self._shift_grid(trial.incidence_deg, 0.5)
+            self._shift_curves[trial] = grid, self._likelihood.misfit(trial.incidence_deg, grid)
+        return self._shift_curves[trial]
 
     def with_own_shifts(self, frame: PlateFrame, found: SceneParameters) -> SceneParameters:
         """A scene that was found, with a shift for each layer where both were open and that explains clearly more."""

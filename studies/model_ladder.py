@@ -104,11 +104,13 @@ def _water(size: int, random: np.random.Generator) -> SceneParameters:
     return SceneParameters(60.0, float(random.uniform(0, 180)), 0.0, 1.33, single_surface=True)
 
 
-def _polarized(screen: float, sky: float) -> Callable[[int, np.random.Generator], SceneParameters]:
-    """The scenes with ghosts at 60 degrees, their layers' light polarized so much, at any angle."""
+def _polarized(
+    screen: float, sky: float, pane: Callable[[int, np.random.Generator], SceneParameters] | None = None
+) -> Callable[[int, np.random.Generator], SceneParameters]:
+    """Scenes of a pane (default: with ghosts at 60 degrees), their layers' light polarized so much, at any angle."""
 
     def scene(size: int, random: np.random.Generator) -> SceneParameters:
-        plain = _ghosts(60)(size, random)
+        plain = (pane or _ghosts(60))(size, random)
         behind, mirrored = (float(angle) for angle in random.uniform(0, 180, 2))
         return plain.replace(
             transmission_polarization=(screen, behind if screen else 0.0),
@@ -139,6 +141,9 @@ FAMILIES = (
     Family("screen behind", "polarized", _polarized(SCREEN, 0)),
     Family("sky reflected", "polarized", _polarized(0, SKY)),
     Family("screen and sky", "polarized", _polarized(SCREEN, SKY)),
+    Family("wide lens, screen behind", "polarized", _polarized(SCREEN, 0, _wide)),
+    Family("wide lens, sky reflected", "polarized", _polarized(0, SKY, _wide)),
+    Family("wide lens with ghosts, screen and sky", "polarized", _polarized(SCREEN, SKY, _wide_with_ghosts)),
 )
 
 

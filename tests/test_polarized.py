@@ -214,6 +214,16 @@ def test_the_true_numbers_lie_within_a_few_standard_errors(polarization: dict[st
         assert abs(angle - 140.0) < 3 * found.errors.transmission_polarization[1]
 
 
+def test_an_untold_side_of_the_ghosts_widens_their_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = blend(size=96, ghost_shift=6.3, **SCREEN).capture
+    told = find_scene(capture, BLIND, noise_level(capture), "polarized")
+    monkeypatch.setattr("polaropt.polarized_search._SURE", math.inf)
+    doubted = find_scene(capture, BLIND, noise_level(capture), "polarized")
+    assert told.errors.ghost_shift is not None
+    assert told.errors.ghost_shift < 1
+    assert doubted.errors.ghost_shift == pytest.approx(abs(doubted.scene.values()[2]))
+
+
 def test_newton_steps_go_along_a_narrow_valley() -> None:
     def valley(x: np.ndarray) -> float:
         return float(1e3 * (x[0] - 0.9 * x[1]) ** 2 + (x[1] - 3) ** 2)
