@@ -87,8 +87,9 @@ def fit_polarized_perspective(
     coarse, blocks = (_OffPlane(part, plain) for part in (PolarizedBlocks(stokes, _COARSE), PolarizedBlocks(stokes)))
     pane = (INCIDENCE, AZIMUTH) if focal_px is not None else (INCIDENCE, AZIMUTH, VIEW)
     view = USUAL_VIEW if focal_px is None else blocks.half_px / focal_px
-    starts = [_Search(coarse, pane + layer).best(_grid(layer, view)) for layer in (_BEHIND, _MIRRORED)]
-    starts.append(_Search(coarse, pane + _BEHIND + _MIRRORED).best(starts))
+    single = [_Search(coarse, pane + layer).ends(_grid(layer, view)) for layer in (_BEHIND, _MIRRORED)]
+    both = _Search(coarse, pane + _BEHIND + _MIRRORED).ends([*single[0], *single[1]])
+    starts = [points[0] for points in (*single, both)]
     searches = [_Search(blocks, pane + layers) for layers in (_BEHIND, _MIRRORED, _BEHIND + _MIRRORED)]
     found = [search.finely(start) for search, start in zip(searches, starts, strict=True)]
     best = _simplest(found)
@@ -163,14 +164,14 @@ class _Search:
     off: _OffPlane
     free: Numbers
 
-    def best(self, starts: Sequence[Values]) -> Values:
-        """The point of the best minimum near the best starts of some azimuths; a few blocks do not decide."""
+    def ends(self, starts: Sequence[Values]) -> list[Values]:
+        """Minima near the best starts of some azimuths, best first; a few blocks do not decide."""
         costs = [float(np.mean(np.square(self.off(start)))) for start in starts]
         likely: dict[float, Values] = {}
         for i in np.argsort(costs):
-            likely.setdefault(float(starts[i][AZIMUTH]), starts[i])
+            likely.setdefault(round(float(starts[i][AZIMUTH]), 1), starts[i])
         ends = [self._minimum(start, "soft_l1", _ROUGHLY) for start in list(likely.values())[:_N_STARTS]]
-        return self._moved(starts[0], min(ends, key=lambda end: float(end.cost)).x)
+        return [self._moved(starts[0], end.x) for end in sorted(ends, key=lambda end: float(end.cost))]
 
     def finely(self, start: Values) -> _Minimum:
         """The minimum of the sum of squares near a start."""

@@ -29,7 +29,7 @@ _LEAST_BENT = 0.4
 # Share of what the plain pane leaves that a pane must explain where only blocks that agree count.
 _MOSTLY = 0.8
 # The same of a pane before a lens where the light of its layers may be polarized as well: it has most numbers.
-_NEARLY_ALL = 0.9
+_NEARLY_ALL = 0.97
 # Focal length over the longer side from which on incidence and azimuth hardly vary.
 _FAR = 30.0
 # Share of it that may lie off the plane of two Stokes vectors where polarized light may explain all, or most.
