@@ -45,6 +45,8 @@ _ROUGHLY, _CLOSELY = 25, 40
 """Evaluations of all derivatives."""
 _OUTLYING, _INSIDE = 3.0, 1e-9
 _MUCH, _SCATTERS = 0.5, 3.0
+_FAINT = 0.05
+"""Share of a layer's mean light."""
 _WIDER = 1.25
 """Measured on 56 scenes of photographs that no figure is taken of: ghosts beside their place move the numbers, too."""
 
@@ -63,12 +65,15 @@ class PolarizedPerspectiveFit:
         the model holds.
     n_parameters : int
         Numbers fitted.
+    negative : float
+        Share of the blocks where a layer would have clearly less than no light.
     """
 
     scene: SceneParameters
     errors: SceneErrors
     misfit: float
     n_parameters: int
+    negative: float
 
 
 def fit_polarized_perspective(
@@ -94,7 +99,11 @@ def fit_polarized_perspective(
     found = [search.finely(start) for search, start in zip(searches, starts, strict=True)]
     best = _simplest(found)
     return PolarizedPerspectiveFit(
-        _scene_at(best.point, plain, blocks.half_px), best.errors(blocks), best.misfit, len(best.free)
+        _scene_at(best.point, plain, blocks.half_px),
+        best.errors(blocks),
+        best.misfit,
+        len(best.free),
+        blocks.negative(best.point),
     )
 
 
@@ -107,16 +116,30 @@ class _OffPlane:
 
     def __call__(self, point: Values) -> Values:
         """In units of the noise, (channel, m)."""
+        across = np.cross(*self._shown(point), axis=0)
+        spread = np.sqrt(np.einsum("im,ij,jm->m", across, self._blocks.covariance, across))
+        return np.asarray(np.einsum("im,icm->cm", across / spread, self._blocks.stokes))
+
+    def negative(self, point: Values) -> float:
+        """Share of the blocks where a layer has clearly less than no light."""
+        shown = np.stack(self._shown(point), axis=-1).transpose(1, 0, 2)
+        whitening = np.linalg.inv(np.linalg.cholesky(self._blocks.covariance))
+        inverse = np.linalg.pinv(whitening @ shown)
+        light = np.einsum("mli,icm->lcm", inverse @ whitening, self._blocks.stokes).sum(axis=1)
+        noise = np.sqrt(self._blocks.stokes.shape[1] * np.square(inverse).sum(axis=2)).T
+        least = np.maximum(_SCATTERS * noise, _FAINT * np.abs(light).mean(axis=1, keepdims=True))
+        return float((light < -least).any(axis=0).mean())
+
+    def _shown(self, point: Values) -> tuple[Values, Values]:
+        """Stokes vectors (3, m) that a unit of each layer's light shows in each block."""
         normal, view = plane_normal(*np.degrees(point[:2])), point[VIEW]
         cosine, cos, sin = viewing_angles(normal, view, *self._blocks.places)
         weights = in_place_weights(np.maximum(cosine, _GRAZING)[None], *self._pane)
+        lights = (np.array([1.0, *point[list(light)]]) for light in (_BEHIND, _MIRRORED))
         behind, mirrored = (
-            shown_stokes(weight[:, 0], np.array([1.0, *point[list(light)]]), cos, sin)
-            for weight, light in zip(weights, (_BEHIND, _MIRRORED), strict=True)
+            shown_stokes(weight[:, 0], light, cos, sin) for weight, light in zip(weights, lights, strict=True)
         )
-        across = np.cross(behind, mirrored, axis=0)
-        spread = np.sqrt(np.einsum("im,ij,jm->m", across, self._blocks.covariance, across))
-        return np.asarray(np.einsum("im,icm->cm", across / spread, self._blocks.stokes))
+        return behind, mirrored
 
 
 @dataclass(frozen=True)

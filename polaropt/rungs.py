@@ -30,6 +30,8 @@ _LEAST_BENT = 0.4
 _MOSTLY = 0.8
 # The same of a pane before a lens where the light of its layers may be polarized as well: it has most numbers.
 _NEARLY_ALL = 0.97
+# Share of the frame where layers may come out with less than no light.
+_MOST_NEGATIVE = 0.02
 # Focal length over the longer side from which on incidence and azimuth hardly vary.
 _FAR = 30.0
 # Share of it that may lie off the plane of two Stokes vectors where polarized light may explain all, or most.
@@ -198,8 +200,10 @@ def _polarized_perspective(evidence: Evidence) -> Attempt:
     fit = fit_polarized_perspective(evidence.stokes, _plain(evidence), evidence.asked.focal_px)
     told = (fit.errors.incidence_deg or 0.0) <= _WORST_ERROR_DEG
     explained = (evidence.misfit - fit.misfit) / (evidence.misfit - 1)
-    known = told and explained >= _NEARLY_ALL and evidence.shown(fit.misfit)
+    known = told and explained >= _NEARLY_ALL and evidence.shown(fit.misfit) and fit.negative <= _MOST_NEGATIVE
     remark = "Incidence and azimuth change over the picture." if known else "Nor does it before a lens."
+    if fit.negative > _MOST_NEGATIVE:
+        remark = f"A layer would have less than no light in {100 * fit.negative:.0f} % of the picture."
     return Attempt(fit.scene, fit.misfit, fit.n_parameters, known, remark, fit.errors)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from blends import Blend, blend
 
+from polaropt.capture import Capture
 from polaropt.diagnostics import Warning
 from polaropt.metrics import psnr_db
 from polaropt.noise import noise_level
@@ -13,6 +16,7 @@ from polaropt.plate_frame import StokesImages, stokes_images
 from polaropt.polarized_perspective import PolarizedPerspectiveFit, fit_polarized_perspective
 from polaropt.scene import SceneParameters
 from polaropt.separation import separate
+from polaropt.varying import VaryingPSE
 
 SCREEN = {"transmission_polarization": (0.6, 140.0)}
 SKY = {"reflection_polarization": (0.3, 70.0)}
@@ -79,6 +83,19 @@ def test_water_before_a_wide_lens_mirrors_the_sky() -> None:
     fit = fit_polarized_perspective(stokes_of(made), made.scene)
     assert fit.scene.incidence_deg == pytest.approx(55, abs=0.5)
     assert fit.scene.reflection_polarization == pytest.approx((0.3, 70.0), abs=1)
+
+
+def test_a_fit_tells_where_a_layer_would_have_less_than_no_light() -> None:
+    made = wide(**SKY)
+    seen = stokes_of(made)
+    assert fit_polarized_perspective(seen, PLAIN).negative == 0
+    angles_deg = made.capture.angles_deg
+    behind = VaryingPSE(made.scene, angles_deg).forward(np.stack([made.layers[0], 0 * made.layers[1]]))
+    less = stokes_images(Capture(behind, angles_deg), 0.002).images
+    images = seen.images.copy()
+    images[..., :40, :64] -= 1.3 * less[..., :40, :64]
+    fit = fit_polarized_perspective(dataclasses.replace(seen, images=images), PLAIN)
+    assert fit.negative == pytest.approx(40 * 64 / 128**2, abs=0.05)
 
 
 def test_the_rung_can_be_asked_for_and_ghosts_beside_their_place_do_little_harm() -> None:
