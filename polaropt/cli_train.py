@@ -56,6 +56,14 @@ class NetworkOptions:
             rich_help_panel=_NETWORK,
         ),
     ] = None
+    begin_with: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Train the weights of this file further, which an earlier training wrote.",
+            rich_help_panel=_NETWORK,
+        ),
+    ] = None
     json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
 
     def architecture(self) -> Architecture:
@@ -75,7 +83,7 @@ class RunOptions:
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Photographs to train on. Default: generated images and those inside scikit-image and scikit-learn.",
+            help="More photographs to train on, beside those inside scikit-image and scikit-learn.",
             rich_help_panel=_TRAINING,
         ),
     ] = None
@@ -109,9 +117,11 @@ class RunOptions:
         ),
     ] = "auto"
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of everything.", rich_help_panel=_TRAINING)] = 0
-    leaves: Annotated[
-        int, typer.Option(metavar="N", help="Generated images, without --data.", rich_help_panel=_TRAINING)
-    ] = 192
+    leaves: Annotated[int, typer.Option(metavar="N", help="Generated images.", rich_help_panel=_TRAINING)] = 192
+    leaves_share: Annotated[
+        float,
+        typer.Option(metavar="SHARE", help="How often a generated image is taken.", rich_help_panel=_TRAINING),
+    ] = 0.5
     workers: Annotated[
         int,
         typer.Option(
@@ -176,6 +186,8 @@ class RunOptions:
         for name, (count, least) in {"steps": (steps, 1), **counts, "workers": (self.workers, 0)}.items():
             if count < least:
                 raise InputError(f"--{name} is {count}; give {least} or more")
+        if not 0 <= self.leaves_share <= 1:
+            raise InputError(f"--leaves-share is {self.leaves_share:g}; give a number from 0 to 1")
         if not 0 < self.fresh <= self.batch:
             raise InputError(f"--fresh is {self.fresh:g}; give a number above 0, at most the batch ({self.batch})")
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture
 from polaropt.forward import PSE
+from polaropt.plate import ghost_weights
 from polaropt.plate_frame import least_squares_entries
 from polaropt.problem import Problem
 from polaropt.scene import SceneParameters
@@ -20,11 +21,12 @@ from polaropt.varying import VaryingPSE
 if TYPE_CHECKING:
     from priors.observation import Observation
 
+_CANDIDATES_DEG = (8.0, 88.0)
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 
 
-def plain_observation(capture: Capture, noise: float) -> Observation:
+def plain_observation(capture: Capture, noise: float, refractive_index: float = 1.5) -> Observation:
     """The photographs alone, as they would be at 0, 45, 90 and 135 degrees: for the paper's form.
 
     Parameters
@@ -33,13 +35,27 @@ def plain_observation(capture: Capture, noise: float) -> Observation:
         Any three or more angles.
     noise : float
         Standard deviation of one photograph's noise (white = 1).
+    refractive_index : float
+        Of the pane.
     """
-    from priors.observation import of_arrays
+    from priors.observation import N_CANDIDATES, of_arrays
 
     to_views = analyzer_matrix(ANGLES_DEG)
     stokes = least_squares_entries(capture, analyzer_matrix(capture.angles_deg))
     views = np.tensordot(to_views.astype(np.float32), stokes, axes=1)
-    return of_arrays(views=views, view_errors=view_errors(to_views, capture, noise), trusted=_trusted(capture))
+    return of_arrays(
+        views=views,
+        view_errors=view_errors(to_views, capture, noise),
+        trusted=_trusted(capture),
+        shares=_transmitted_shares(refractive_index, N_CANDIDATES),
+    )
+
+
+def _transmitted_shares(refractive_index: float, n: int) -> Matrix:
+    """Of the light along and across the plane of incidence, what panes transmit, (n, 2): from steep to grazing."""
+    incidences_deg = np.linspace(*_CANDIDATES_DEG, n)
+    panes = [SceneParameters(float(angle), 0.0, 0.0, refractive_index) for angle in incidences_deg]
+    return np.stack([ghost_weights(pane)[0].sum(axis=0)[:2] for pane in panes])
 
 
 def conditioned_observation(problem: Problem, layers: Images) -> Observation:

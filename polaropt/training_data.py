@@ -59,7 +59,7 @@ class Variety:
     noise: tuple[float, float] = (0.0015, 0.02)
     thickness_px: tuple[float, float] = (1.0, 13.0)
     exposure: tuple[float, float] = (0.35, 1.0)
-    overexposed: float = 0.08
+    overexposed: float = 0.12
     grey: float = 0.08
     other_angles: float = 0.1
     other_index: float = 0.15
@@ -224,7 +224,7 @@ def _plain_sample(capture: Capture, noise: float, scene: SceneParameters, truth:
     to_views = analyzer_matrix(ANGLES_DEG) @ np.linalg.pinv(analyzer_matrix(capture.angles_deg))
     views = np.stack([change_basis(to_views, part) for part in parts], axis=1)
     return Sample(
-        plain_observation(capture, noise),
+        plain_observation(capture, noise, scene.refractive_index),
         in_color(torch.from_numpy(truth))[None],
         in_color(torch.from_numpy(np.ascontiguousarray(views)))[None],
         _engine(scene, ANGLES_DEG).forward,

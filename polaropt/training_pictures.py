@@ -31,10 +31,11 @@ class Pictures:
     Parameters
     ----------
     folder : Path, optional
-        Take photographs from here. Default: half generated leaves, half photographs inside scikit-image and
-        scikit-learn, which may all be redistributed.
+        Take photographs from here too, beside those inside scikit-image and scikit-learn, which may be redistributed.
     leaves : int
-        Generated images, where no folder is given.
+        Generated images.
+    leaves_share : float
+        How often a generated image is taken, 0 to 1.
 
     Attributes
     ----------
@@ -42,19 +43,19 @@ class Pictures:
         What they are, for the record.
     """
 
-    def __init__(self, folder: Path | None = None, leaves: int = N_LEAVES) -> None:
-        if folder is None:
-            self.source = f"{leaves} generated dead-leaves images; {', '.join(FROM_SKIMAGE + FROM_SKLEARN)}"
-            self._photographs: list[Callable[[], Image]] = [
-                *(partial(_of_skimage, name) for name in FROM_SKIMAGE),
-                *(partial(_of_sklearn, name) for name in FROM_SKLEARN),
-            ]
-        else:
-            files = photographs_in(folder)
-            self.source = f"{len(files)} photographs of the folder {folder.name}"
-            self._photographs = [partial(_file, path) for path in files]
-        self._leaves = leaves if folder is None else 0
+    def __init__(self, folder: Path | None = None, leaves: int = N_LEAVES, leaves_share: float = 0.5) -> None:
+        files = [] if folder is None else photographs_in(folder)
+        self._photographs: list[Callable[[], Image]] = [
+            *(partial(_of_skimage, name) for name in FROM_SKIMAGE),
+            *(partial(_of_sklearn, name) for name in FROM_SKLEARN),
+            *(partial(_file, path) for path in files),
+        ]
+        self._leaves, self._leaves_share = leaves if leaves_share else 0, leaves_share
         self._drawn: dict[int, NDArray[np.uint8]] = {}
+        sources = [f"{leaves} generated dead-leaves images (share {leaves_share:g})"] if leaves_share else []
+        sources += [", ".join(FROM_SKIMAGE + FROM_SKLEARN)]
+        sources += [f"{len(files)} photographs of the folder {folder.name}"] if folder is not None else []
+        self.source = "; ".join(sources)
 
     def draw(self, workers: int) -> None:
         """Draw all generated images now, in processes of their own, so that none has to be drawn by each of them."""
@@ -71,7 +72,7 @@ class Pictures:
         return _resized(part[:, ::-1] if random.random() < 0.5 else part, size)
 
     def _draw(self, random: np.random.Generator) -> tuple[bool, int]:
-        leaves = bool(random.random() < 0.5) and self._leaves > 0
+        leaves = bool(random.random() < self._leaves_share)
         return leaves, int(random.integers(self._leaves if leaves else len(self._photographs)))
 
     def _picture(self, leaves: bool, number: int) -> NDArray[np.uint8]:
@@ -105,9 +106,7 @@ def _of_sklearn(name: str) -> Image:
     try:
         from sklearn.datasets import load_sample_image
     except ImportError:
-        raise InputError(
-            "the training pictures need scikit-learn: pip install 'polaropt[studies]', or name a folder"
-        ) from None
+        raise InputError("the training pictures need scikit-learn: pip install 'polaropt[studies]'") from None
     return np.asarray(load_sample_image(name), dtype=np.float32) / np.float32(255)
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import polaropt
@@ -14,6 +16,7 @@ from polaropt.training_pictures import Pictures
 
 if TYPE_CHECKING:
     from polaropt.cli_train import NetworkOptions, RunOptions
+    from priors.fusionnet import SeparationNetwork
 
 Progress = Callable[[str, float], None]
 
@@ -34,19 +37,18 @@ def trained(network: NetworkOptions, run: RunOptions, progress: Progress | None 
     import torch
 
     from priors.checkpoint import save_network
-    from priors.fusionnet import SeparationNetwork
     from priors.training import STATE, NotFinite, Training
 
     _check_device(run.device)
-    architecture, options = network.architecture(), run.training(network.form)
-    pictures = Pictures(run.data, run.leaves)
-    if run.workers:
+    options = run.training(network.form)
+    pictures = Pictures(run.data, run.leaves, run.leaves_share)
+    if run.workers and run.leaves_share:
         pictures.draw(run.workers)
     source = TrainingData(pictures, network.form, run.side, run.seed, workers=run.workers)
     features, compared = _features(network, run, options.weights.perceptual > 0)
     torch.manual_seed(run.seed)
     try:
-        training = Training(SeparationNetwork(architecture, network.vgg19), source, options, features)
+        training = Training(_network(network), source, options, features)
         if run.resume:
             training.resume(network.output / STATE)
         network.output.mkdir(parents=True, exist_ok=True)
@@ -56,7 +58,10 @@ def trained(network: NetworkOptions, run: RunOptions, progress: Progress | None 
     digest = save_network(network.output / "weights.safetensors", training.averaged)
     record = {
         "polaropt": polaropt.__version__,
-        "architecture": asdict(architecture),
+        "architecture": asdict(training.network.architecture),
+        "begun_with": None
+        if network.begin_with is None
+        else hashlib.sha256(network.begin_with.read_bytes()).hexdigest(),
         "data": pictures.source,
         "size_px": run.side,
         "options": asdict(options),
@@ -68,6 +73,30 @@ def trained(network: NetworkOptions, run: RunOptions, progress: Progress | None 
     }
     (network.output / "record.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     return record
+
+
+def _network(chosen: NetworkOptions) -> SeparationNetwork:
+    """New networks, or those of a file to train further."""
+    from priors.checkpoint import load_network
+    from priors.fusionnet import SeparationNetwork
+
+    architecture = chosen.architecture()
+    network = SeparationNetwork(architecture, chosen.vgg19)
+    if chosen.begin_with is None:
+        return network
+    begun = load_network(chosen.begin_with, vgg19=chosen.vgg19)
+    if begun.architecture != architecture:
+        held = begun.architecture
+        raise InputError(
+            f"{chosen.begin_with}: holds the {held.form} form with PolarNet {held.polarnet}, or other sizes; "
+            f"give --form {held.form} --polarnet {held.polarnet}, or other weights"
+        )
+    network.load_state_dict(begun.state_dict())
+    return network
+
+
+def _digest(path: Path | None) -> str | None:
+    return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _check_device(device: str) -> None:

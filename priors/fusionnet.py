@@ -13,12 +13,15 @@ from torch.nn.functional import avg_pool2d, pixel_shuffle, pixel_unshuffle
 from priors.blocks import Hourglass, detail, from_opponent, opponent, padded
 from priors.encoder import CompactEncoder, Vgg19Encoder, vgg19_weights
 from priors.gates import GROUPS, N_BANDS, activity, bands, gated, n_gates, strengths
-from priors.main_axis import N_AXIS_NUMBERS, N_SOURCES, along_main_axis
-from priors.observation import COLORS, Observation, n_scene_numbers
+from priors.main_axis import N_AXIS_NUMBERS, along_main_axis
+from priors.observation import COLORS, N_CANDIDATES, Observation, n_scene_numbers
 from priors.polarnet import PlainCNN, PolarNet
+from priors.unmixing import Unmixing
 
 Form = Literal["paper", "conditioned"]
 PAPER_VIEWS, PLATE_VIEWS = 4, 2
+N_SOURCES = 3
+_N_SEEN = 4
 
 
 @dataclass(frozen=True)
@@ -51,11 +54,10 @@ class Architecture:
 
 
 class FusionNet(nn.Module):
-    """Gates for the bands of what is seen, and what no gate can give, from an hourglass that sees everything.
+    """Gates for the bands of two first layers, and what no gate can give, from an hourglass that sees everything.
 
-    The sources of the bands are what the views show along their main direction of polarization, across it, and between
-    (see `priors.main_axis`), or with a closed form its two layers and the sum of the views; before any training the
-    layers are those of the closed form, or the intensity.
+    The first layers are those in closed form, or what `Unmixing` makes of the views along their main direction of
+    polarization and across it (see `priors.main_axis`); the third source of the bands is the sum of the views.
 
     Parameters
     ----------
@@ -65,10 +67,15 @@ class FusionNet(nn.Module):
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
         conditioned = architecture.form == "conditioned"
-        n_views, n_seen = architecture.n_views, 4 if conditioned else N_SOURCES
+        n_views = architecture.n_views
         # Local contrast in four phases, values, PolarNet's pairs, what happens where, what is trusted.
-        n_planes = COLORS * (4 * n_seen + n_seen + 2 * n_views + (N_BANDS - 2) * N_SOURCES) + 1
-        n_numbers = n_scene_numbers(n_views, conditioned) + (0 if conditioned else N_AXIS_NUMBERS)
+        n_planes = COLORS * (4 * _N_SEEN + _N_SEEN + 2 * n_views + (N_BANDS - 2) * N_SOURCES) + 1
+        n_numbers = n_scene_numbers(n_views, conditioned)
+        self._unmixing: Unmixing | None = None
+        if not conditioned:
+            n_numbers += N_AXIS_NUMBERS
+            self._unmixing = Unmixing(n_numbers, N_CANDIDATES)
+            n_numbers += 4
         self._n_gates = n_gates(N_SOURCES)
         levels = list(zip(architecture.fusion_widths, architecture.fusion_blocks, strict=True))
         self._hourglass = Hourglass(n_planes, self._n_gates + 8 * COLORS, levels, n_numbers)
@@ -79,38 +86,68 @@ class FusionNet(nn.Module):
         height, width = seen.views.shape[-2:]
         # What is known to less than the noise must not be rounded to half precision.
         with torch.autocast(seen.views.device.type, enabled=False):
-            known, errors, numbers = _known(seen)
-            known = padded(known, self._multiple)
+            first = _in_closed_form(seen) if self._unmixing is None else _unmixed(seen, self._unmixing)
+            known = padded(opponent(first.images).flatten(1, 2), self._multiple)
             pyramid = bands(known[:, : COLORS * N_SOURCES])
-            events = activity(pyramid, errors[:, : COLORS * N_SOURCES])
+            events = activity(pyramid, first.errors[:, : COLORS * N_SOURCES])
             others = [
                 padded(images.flatten(1, -3), self._multiple) for images in (opponent(parts.float()), seen.trusted)
             ]
             halves = [avg_pool2d(planes, 2) for planes in (known, *others)]
-            contrast = pixel_unshuffle(detail(known, errors), 2)
-        x = self._hourglass(torch.cat([contrast, events, *halves], 1), numbers)
+            contrast = pixel_unshuffle(detail(known, first.errors), 2)
+        x = self._hourglass(torch.cat([contrast, events, *halves], 1), first.numbers)
         with torch.autocast(seen.views.device.type, enabled=False):
             gates, free = x.float().split([self._n_gates, 8 * COLORS], dim=1)
             change = gated(pyramid, gates, _factors(seen, pyramid))
             change = change + torch.unflatten(pixel_shuffle(free, 2), 1, (2, COLORS)) * _scale(seen)
-            start = seen.views.mean(1, keepdim=True) * 2 if seen.layers is None else seen.layers
-            return start + from_opponent(change[..., :height, :width])
+            return first.images[:, :2] + from_opponent(change[..., :height, :width])
 
 
-def _known(seen: Observation) -> tuple[Tensor, Tensor, Tensor]:
-    """Sources first, then the rest of what is seen, (batch, plane, h, w) in the opponent basis; errors; numbers."""
+@dataclass(frozen=True)
+class _First:
+    """What is there before the networks change it.
+
+    Attributes
+    ----------
+    images : Tensor, shape (batch, 4, 3, h, w)
+        Both layers, the sum of the views, and a difference of views.
+    errors : Tensor, shape (batch, 12)
+        Their standard errors in the opponent basis.
+    numbers : Tensor, shape (batch, number)
+        What is known of scene and noise.
+    """
+
+    images: Tensor
+    errors: Tensor
+    numbers: Tensor
+
+
+def _in_closed_form(seen: Observation) -> _First:
     if seen.layers is None or seen.errors is None:
-        shown = along_main_axis(seen.views, seen.view_errors)
-        errors = shown.errors.repeat_interleave(COLORS, dim=1)
-        return opponent(shown.images).flatten(1, 2), errors, torch.cat([seen.scene, shown.numbers], dim=1)
+        raise ValueError("the conditioned form needs an observation with layers in closed form")
     total, contrast = seen.views.sum(1), seen.views[:, 0] - seen.views[:, 1]
     images = torch.cat([seen.layers, total[:, None], contrast[:, None]], dim=1)
     both = seen.view_errors.square().sum(1, keepdim=True).sqrt().expand(-1, 2 * COLORS)
-    return opponent(images).flatten(1, 2), torch.cat([seen.errors.flatten(1), both], dim=1), seen.scene
+    return _First(images, torch.cat([seen.errors.flatten(1), both], dim=1), seen.scene)
+
+
+def _unmixed(seen: Observation, unmixing: Unmixing) -> _First:
+    if seen.shares is None:
+        raise ValueError("the paper's form needs an observation with candidate panes")
+    shown = along_main_axis(seen.views, seen.view_errors)
+    axes, noise = shown.images[:, :2], shown.errors[:, :2]
+    numbers = torch.cat([seen.scene, shown.numbers], dim=1)
+    factors = unmixing(axes, seen.shares, numbers)
+    layers = torch.einsum("bli,bichw->blchw", factors, axes)
+    images = torch.cat([layers, axes.sum(1, keepdim=True), shown.images[:, 2:]], dim=1)
+    of_layers = (factors * noise[:, None]).square().sum(2).sqrt()
+    errors = torch.cat([of_layers, noise.square().sum(1, keepdim=True).sqrt(), shown.errors[:, 2:]], dim=1)
+    numbers = torch.cat([numbers, torch.asinh(factors.flatten(1))], dim=1)
+    return _First(images, errors.repeat_interleave(COLORS, dim=1), numbers)
 
 
 def _factors(seen: Observation, pyramid: list[Tensor]) -> Tensor:
-    """Factors on the gates; the intensity is no closed form and has everything to change."""
+    """Factors on the gates; without a closed form there is everything to change."""
     if seen.errors is None:
         return seen.views.new_ones(1, N_BANDS, 2, GROUPS, N_SOURCES, 1, 1)
     return strengths(pyramid, seen.errors, N_SOURCES)

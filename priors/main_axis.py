@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-N_SOURCES = 3
+_N_IMAGES = 3
 N_AXIS_NUMBERS = 2 * 6 + 3 + 2
 _LEAST = 1e-8
 
@@ -80,7 +80,7 @@ def _together(images: Tensor) -> Tensor:
     """Covariances of images (batch, 3, h, w), less the total, scaled for a network, (batch, 6)."""
     flat = images.flatten(2)
     covariance = flat @ flat.mT / flat.shape[-1]
-    first, second = torch.triu_indices(N_SOURCES, N_SOURCES, device=images.device)
+    first, second = torch.triu_indices(_N_IMAGES, _N_IMAGES, device=images.device)
     values = covariance[:, first, second]
     total = covariance.diagonal(dim1=1, dim2=2).sum(1, keepdim=True) + _LEAST
     shares = values / total

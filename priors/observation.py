@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 COLORS = 3
+N_CANDIDATES = 33
+"""Panes that the paper's form chooses from."""
 _LEAST_ERROR = 1e-4
 
 
@@ -19,7 +21,7 @@ _LEAST_ERROR = 1e-4
 class Observation:
     """A batch of captures, each as two or more views: what a linear polarizer shows at as many angles.
 
-    The layers and all that follows them are for the conditioned form alone.
+    The layers and all that follows them are for the conditioned form alone, the shares for the other.
 
     Attributes
     ----------
@@ -37,6 +39,8 @@ class Observation:
         Share of each layer in each view.
     step : Tensor, shape (batch, 2)
         From one ghost to the next in pixels: to the right and down.
+    shares : Tensor, shape (batch, `N_CANDIDATES`, 2)
+        Of the light along and across its plane of incidence, what a pane can transmit.
     """
 
     views: Tensor
@@ -46,6 +50,7 @@ class Observation:
     errors: Tensor | None = None
     mixing: Tensor | None = None
     step: Tensor | None = None
+    shares: Tensor | None = None
 
     @property
     def scene(self) -> Tensor:
@@ -111,4 +116,4 @@ def _joined(tensors: list[Tensor | None]) -> Any:
     return torch.cat(known) if known else None
 
 
-_NAMES = ("views", "view_errors", "trusted", "layers", "errors", "mixing", "step")
+_NAMES = ("views", "view_errors", "trusted", "layers", "errors", "mixing", "step", "shares")

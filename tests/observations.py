@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import torch
 
 from priors.fusionnet import Architecture, Form, SeparationNetwork
-from priors.observation import Observation
+from priors.observation import N_CANDIDATES, Observation
 from priors.training_options import Sample
 
 SMALL = {"polar_widths": (4, 6), "fusion_widths": (6, 8), "fusion_blocks": (1, 1)}
@@ -27,7 +28,7 @@ def observation(form: Form = "conditioned", size: tuple[int, int] = (24, 24), se
     n_views = 4 if form == "paper" else 2
     seen = Observation(image(n_views), torch.full((1, n_views), 0.005), torch.ones(1, 1, 1, *size))
     if form == "paper":
-        return seen
+        return replace(seen, shares=torch.rand(1, N_CANDIDATES, 2, generator=random))
     errors, mixing = torch.full((1, 2, 3), 0.05), torch.tensor([[[0.45, 0.05], [0.3, 0.2]]])
     return Observation(
         seen.views, seen.view_errors, seen.trusted, image(2), errors, mixing, torch.tensor([[3.0, -1.0]])

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from skimage import data
 
 from polaropt.cli import main
 from polaropt.image_io import write_png
 from priors.checkpoint import load_network
+from priors.learned import WEIGHTS
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +30,8 @@ def tiny(photographs: Path, output: Path, *more: str) -> list[str]:
         "train",
         "--data",
         str(photographs),
+        "--leaves-share",
+        "0",
         "--steps",
         "2",
         "--batch",
@@ -60,6 +64,22 @@ def test_it_writes_weights_log_state_and_record_and_goes_on_where_it_stopped(
     assert steps_logged(tmp_path) == [2, 3]
 
 
+def test_weights_are_trained_further(photographs: Path, tmp_path: Path) -> None:
+    first, second, third = (tmp_path / name for name in ("first", "second", "third"))
+    hardly = ("--rate", "1e-9", "--without", "perceptual", "--form", "paper")
+    assert main(tiny(photographs, first, *hardly)) == 0
+    assert (
+        main(tiny(photographs, second, *hardly, "--seed", "5", "--begin-with", str(first / "weights.safetensors"))) == 0
+    )
+    assert main(tiny(photographs, third, *hardly, "--seed", "5")) == 0
+    begun, went_on, anew = (load_network(folder / "weights.safetensors") for folder in (first, second, third))
+    for name, weights in begun.state_dict().items():
+        assert torch.allclose(weights, went_on.state_dict()[name], atol=1e-6), name
+    assert not torch.allclose(begun.polarnet.encoder._entry.weight, anew.polarnet.encoder._entry.weight, atol=1e-3)
+    records = [json.loads((folder / "record.json").read_text()) for folder in (first, second)]
+    assert [record["begun_with"] for record in records] == [None, records[0]["sha256"]]
+
+
 def steps_logged(folder: Path) -> list[float]:
     with (folder / "log.csv").open(newline="") as file:
         return [float(row["step"]) for row in csv.DictReader(file)]
@@ -78,6 +98,9 @@ def test_the_perceptual_loss_compares_features_of_the_shipped_encoder(photograph
         (("--without", "nonsense"), "there is no such term"),
         (("--resume",), "no state to resume from"),
         (("--polarnet", "vgg19"), "--vgg19"),
+        (("--leaves-share", "2"), "from 0 to 1"),
+        (("--begin-with", "nowhere.safetensors"), "no such file"),
+        (("--form", "paper", "--begin-with", str(WEIGHTS / "conditioned.safetensors")), "holds the conditioned form"),
         (("--polarnet", "vgg19", "--vgg19", "nowhere.pth"), "no such file"),
         (("--features", "nonsense"), "choose auto or pixels"),
         (("--device", "nonsense"), "cannot be used"),

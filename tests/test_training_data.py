@@ -27,7 +27,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Pictures:
     folder = tmp_path_factory.mktemp("photographs")
     for name, image in (("a", data.astronaut()), ("b", data.coffee())):
         write_png(folder / f"{name}.png", np.ascontiguousarray(image[100:260, 150:330]))
-    return Pictures(Path(folder))
+    return Pictures(Path(folder), leaves_share=0)
 
 
 def source(pictures: Pictures, form: Form, variety: Variety = PLAIN) -> TrainingData:
@@ -89,9 +89,10 @@ def test_grey_captures_are_shown_as_three_equal_channels(pictures: Pictures) -> 
 
 
 def test_clipped_highlights_are_told(pictures: Pictures) -> None:
-    sample = source(pictures, "conditioned", Variety(overexposed=1)).sample(2)
-    share = float((sample.observation.trusted < 1).float().mean())
-    assert 0 < share < 0.5
+    clipping = source(pictures, "conditioned", Variety(overexposed=1))
+    shares = [float((clipping.sample(number).observation.trusted < 1).float().mean()) for number in range(4)]
+    # The brightest light of some captures lies beside the frame.
+    assert 0 < max(shares) < 0.5
 
 
 def test_dead_leaves_are_in_range_and_follow_their_seed() -> None:
