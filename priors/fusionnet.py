@@ -12,16 +12,14 @@ from torch.nn.functional import avg_pool2d, pixel_shuffle, pixel_unshuffle
 
 from priors.blocks import Hourglass, detail, from_opponent, opponent, padded
 from priors.encoder import CompactEncoder, Vgg19Encoder, vgg19_weights
+from priors.first_layers import N_IMAGES, ClosedForm, First, Unmixed
 from priors.gates import GROUPS, N_BANDS, activity, bands, gated, n_gates, strengths
-from priors.main_axis import N_AXIS_NUMBERS, along_main_axis
-from priors.observation import COLORS, N_CANDIDATES, Observation, n_scene_numbers
+from priors.observation import COLORS, Observation
 from priors.polarnet import PlainCNN, PolarNet
-from priors.unmixing import Unmixing
 
 Form = Literal["paper", "conditioned"]
 PAPER_VIEWS, PLATE_VIEWS = 4, 2
 N_SOURCES = 3
-_N_SEEN = 4
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,8 @@ class Architecture:
 class FusionNet(nn.Module):
     """Gates for the bands of two first layers, and what no gate can give, from an hourglass that sees everything.
 
-    The first layers are those in closed form, or what `Unmixing` makes of the views along their main direction of
-    polarization and across it (see `priors.main_axis`); the third source of the bands is the sum of the views.
+    The first layers are those in closed form, or what the photographs alone tell (see `priors.first_layers`); the third
+    source of the bands is the sum of the views.
 
     Parameters
     ----------
@@ -66,19 +64,13 @@ class FusionNet(nn.Module):
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
-        conditioned = architecture.form == "conditioned"
         n_views = architecture.n_views
+        self._first = ClosedForm(n_views) if architecture.form == "conditioned" else Unmixed(n_views)
         # Local contrast in four phases, values, PolarNet's pairs, what happens where, what is trusted.
-        n_planes = COLORS * (4 * _N_SEEN + _N_SEEN + 2 * n_views + (N_BANDS - 2) * N_SOURCES) + 1
-        n_numbers = n_scene_numbers(n_views, conditioned)
-        self._unmixing: Unmixing | None = None
-        if not conditioned:
-            n_numbers += N_AXIS_NUMBERS
-            self._unmixing = Unmixing(n_numbers, N_CANDIDATES)
-            n_numbers += 4
+        n_planes = COLORS * (4 * N_IMAGES + N_IMAGES + 2 * n_views + (N_BANDS - 2) * N_SOURCES) + 1
         self._n_gates = n_gates(N_SOURCES)
         levels = list(zip(architecture.fusion_widths, architecture.fusion_blocks, strict=True))
-        self._hourglass = Hourglass(n_planes, self._n_gates + 8 * COLORS, levels, n_numbers)
+        self._hourglass = Hourglass(n_planes, self._n_gates + 8 * COLORS, levels, self._first.n_numbers)
         self._multiple = max(2 * self._hourglass.multiple, 2 ** (N_BANDS - 1))
 
     def forward(self, seen: Observation, parts: Tensor) -> Tensor:
@@ -86,7 +78,7 @@ class FusionNet(nn.Module):
         height, width = seen.views.shape[-2:]
         # What is known to less than the noise must not be rounded to half precision.
         with torch.autocast(seen.views.device.type, enabled=False):
-            first = _in_closed_form(seen) if self._unmixing is None else _unmixed(seen, self._unmixing)
+            first: First = self._first(seen)
             known = padded(opponent(first.images).flatten(1, 2), self._multiple)
             pyramid = bands(known[:, : COLORS * N_SOURCES])
             events = activity(pyramid, first.errors[:, : COLORS * N_SOURCES])
@@ -101,49 +93,6 @@ class FusionNet(nn.Module):
             change = gated(pyramid, gates, _factors(seen, pyramid))
             change = change + torch.unflatten(pixel_shuffle(free, 2), 1, (2, COLORS)) * _scale(seen)
             return first.images[:, :2] + from_opponent(change[..., :height, :width])
-
-
-@dataclass(frozen=True)
-class _First:
-    """What is there before the networks change it.
-
-    Attributes
-    ----------
-    images : Tensor, shape (batch, 4, 3, h, w)
-        Both layers, the sum of the views, and a difference of views.
-    errors : Tensor, shape (batch, 12)
-        Their standard errors in the opponent basis.
-    numbers : Tensor, shape (batch, number)
-        What is known of scene and noise.
-    """
-
-    images: Tensor
-    errors: Tensor
-    numbers: Tensor
-
-
-def _in_closed_form(seen: Observation) -> _First:
-    if seen.layers is None or seen.errors is None:
-        raise ValueError("the conditioned form needs an observation with layers in closed form")
-    total, contrast = seen.views.sum(1), seen.views[:, 0] - seen.views[:, 1]
-    images = torch.cat([seen.layers, total[:, None], contrast[:, None]], dim=1)
-    both = seen.view_errors.square().sum(1, keepdim=True).sqrt().expand(-1, 2 * COLORS)
-    return _First(images, torch.cat([seen.errors.flatten(1), both], dim=1), seen.scene)
-
-
-def _unmixed(seen: Observation, unmixing: Unmixing) -> _First:
-    if seen.shares is None:
-        raise ValueError("the paper's form needs an observation with candidate panes")
-    shown = along_main_axis(seen.views, seen.view_errors)
-    axes, noise = shown.images[:, :2], shown.errors[:, :2]
-    numbers = torch.cat([seen.scene, shown.numbers], dim=1)
-    factors = unmixing(axes, seen.shares, numbers)
-    layers = torch.einsum("bli,bichw->blchw", factors, axes)
-    images = torch.cat([layers, axes.sum(1, keepdim=True), shown.images[:, 2:]], dim=1)
-    of_layers = (factors * noise[:, None]).square().sum(2).sqrt()
-    errors = torch.cat([of_layers, noise.square().sum(1, keepdim=True).sqrt(), shown.errors[:, 2:]], dim=1)
-    numbers = torch.cat([numbers, torch.asinh(factors.flatten(1))], dim=1)
-    return _First(images, errors.repeat_interleave(COLORS, dim=1), numbers)
 
 
 def _factors(seen: Observation, pyramid: list[Tensor]) -> Tensor:
