@@ -53,12 +53,13 @@ def _bars(rows: Sequence[Row], trainings: Sequence[Training]) -> Any:
             (found[:, column + 2], "reflection", "#e69f00", "///"),
             (printed[:, column], "the paper's transmission, other photographs", "white", "..."),
         )
-        for i, (values, label, color, hatch) in enumerate(parts):
+        for i, (values, label, color, hatch) in enumerate(parts if np.isfinite(printed).any() else parts[:2]):
             axis.barh(
                 places + 0.27 * (i - 1), np.nan_to_num(values), 0.26, color=color, hatch=hatch, edgecolor="black",
                 linewidth=0.6, label=label,
             )  # fmt: skip
         axis.set_xlabel(title)
+        axis.set_axisbelow(True)
         axis.grid(axis="x", alpha=0.3)
     axis.set_yticks(places, names)
     axis.invert_yaxis()

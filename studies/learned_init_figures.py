@@ -31,7 +31,13 @@ def draw(rows: Sequence[Row], out: Path) -> list[Path]:
     """Draw all figures, as PNG and SVG, into a folder."""
     import matplotlib
 
-    settings = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "polaropt"}
+    settings = {
+        "font.size": 9,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "grid.alpha": 0.3,
+        "svg.hashsalt": "polaropt",
+    }
     files = []
     with matplotlib.rc_context(settings):
         figures = {"quality": _quality(rows), "work": _work(rows), "paths": _paths(rows)}

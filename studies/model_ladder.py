@@ -16,6 +16,7 @@ from polaropt.scene import SceneParameters, ghost_step
 from polaropt.separation import separate
 from polaropt.simulation import ANGLES_DEG, digitized, exact_photographs, stack_layers
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from studies.model_ladder_figure import draw
 from studies.paper_protocol import trivial_psnr
 from studies.protocol import (
     BITS,
@@ -274,6 +275,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     text = f"{table(rows)}\n\n{summary(rows)}"
     print(text)
     write_tables(options.out, "model_ladder", made, text)
+    draw(rows, options.out)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from polaropt.noise import noise_level
 from polaropt.scene import SceneParameters, ghost_step
 from polaropt.simulation import simulate
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from studies.parameter_errors_figure import draw
 from studies.protocol import BITS, N_PAIRS, NOISE, REFRACTIVE_INDEX, Pair
 from studies.record import write_tables
 from studies.work import row_of, run_jobs
@@ -174,9 +175,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for turn in range(_TURNS[effort])
     ]
     made = run_jobs(run, jobs, options.out / "parameter_errors.json", {}, hands_of(options))
-    text = table([row_of(Row, row) for row in made])
+    rows = [row_of(Row, row) for row in made]
+    text = table(rows)
     print(text)
     write_tables(options.out, "parameter_errors", made, text)
+    draw(rows, options.out)
 
 
 if __name__ == "__main__":
