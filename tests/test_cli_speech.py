@@ -7,6 +7,7 @@ import pty
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -92,6 +93,15 @@ def test_a_failing_run_leaves_the_previous_output(
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.fixture
+def heard_keys() -> Iterator[None]:
+    """Ctrl-C interrupts, as it does but for what a shell has started in its background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heard_keys")
 @pytest.mark.parametrize("moment", ["Estimating the scene", "Closed form", "Solving"])
 def test_ctrl_c_leaves_the_previous_output(
     moment: str,
