@@ -42,6 +42,7 @@ def write_index(out: Path) -> Path:
     Path
         The page. Pictures and data are linked beside it.
     """
+    out.mkdir(parents=True, exist_ok=True)
     there = [study for study in STUDIES if (out / study.name).is_dir()]
     links = "".join(f'<li><a href="#{study.name}">{html.escape(study.question)}</a></li>' for study in there)
     sections = "".join(_section(study, out) for study in there)

@@ -85,6 +85,10 @@ def test_a_job_is_known_by_its_values():
     assert job_key(Square(1)) == job_key(Square(1)) != job_key(Square(2))
 
 
+def test_a_first_study_that_fails_leaves_an_index_of_nothing(tmp_path):
+    assert "<section" not in write_index(tmp_path / "new").read_text()
+
+
 def test_the_index_shows_tables_figures_and_data(tmp_path):
     folder = tmp_path / "stability"
     folder.mkdir()
