@@ -15,6 +15,7 @@ from studies.benchmark_contestants import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD, 
 from studies.benchmark_race import GAP
 from studies.benchmark_record import Record
 from studies.benchmark_tables import one, places
+from studies.figure_files import write_figures
 
 _ROWS = (
     ("curve: gap", "relative gap"),
@@ -52,17 +53,10 @@ def draw(record: Record, case: str, path: Path) -> list[Path]:
     list of Path
         The files; none where there are no curves.
     """
-    import matplotlib
-
     sizes = [size for measured, size in places(record, benchmark_solvers.TABLE) if measured == case]
     if not sizes:
         return []
-    with matplotlib.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "polaropt"}):
-        figure = _figure(record, case, sizes)
-        files = [path.with_suffix(ending) for ending in (".png", ".svg")]
-        for file in files:
-            figure.savefig(file, dpi=130, metadata={"Date": None} if file.suffix == ".svg" else None)
-    return files
+    return write_figures(path.parent, {path.stem: lambda: _figure(record, case, sizes)}, dpi=130)
 
 
 def _figure(record: Record, case: str, sizes: list[str]) -> Any:

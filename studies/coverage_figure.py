@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies.benchmark_chart import Style
+from studies.figure_files import write_figures
 
 if TYPE_CHECKING:
     from studies.coverage import Row
@@ -29,22 +30,20 @@ _WITHIN_TWO = 95.4
 
 def draw(rows: Sequence[Row], out: Path) -> list[Path]:
     """Draw ``coverage.png`` and ``coverage.svg`` into a folder: means over pairs, bars from the least pair up."""
-    import matplotlib
+    return write_figures(out, {"coverage": lambda: _figure(rows)})
+
+
+def _figure(rows: Sequence[Row]) -> Any:
     from matplotlib.figure import Figure
 
-    settings = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "polaropt"}
-    files = [out / f"coverage{ending}" for ending in (".png", ".svg")]
-    with matplotlib.rc_context(settings):
-        figure = Figure(figsize=(10, 4.4), layout="constrained")
-        panels = figure.subplots(1, len(_LAYERS), sharey=True)
-        for panel, layer in zip(panels, _LAYERS, strict=True):
-            _panel(panel, [row for row in rows if row.layer == layer], layer)
-        panels[0].set_ylabel("pixels within two stated errors (%)")
-        handles, names = panels[0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=3, frameon=False, handlelength=4)
-        for file in files:
-            figure.savefig(file, dpi=120, metadata={"Date": None} if file.suffix == ".svg" else None)
-    return files
+    figure = Figure(figsize=(10, 4.4), layout="constrained")
+    panels = figure.subplots(1, len(_LAYERS), sharey=True)
+    for panel, layer in zip(panels, _LAYERS, strict=True):
+        _panel(panel, [row for row in rows if row.layer == layer], layer)
+    panels[0].set_ylabel("pixels within two stated errors (%)")
+    handles, names = panels[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=3, frameon=False, handlelength=4)
+    return figure
 
 
 def _panel(panel: Any, rows: Sequence[Row], layer: str) -> None:

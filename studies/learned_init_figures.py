@@ -6,12 +6,14 @@ Lines are told apart by dashes and markers as well as by colour, bars by hatches
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from studies.benchmark_chart import Style
+from studies.figure_files import write_figures
 from studies.learned_init_runs import CLOSED_FORM, COLD, LEARNED, Row
 from studies.learned_init_scenes import NOISES
 from studies.learned_init_scores import LAYERS, MOMENTS, mean, of_start, regime_of
@@ -29,23 +31,8 @@ _PATHS = 3
 
 def draw(rows: Sequence[Row], out: Path) -> list[Path]:
     """Draw all figures, as PNG and SVG, into a folder."""
-    import matplotlib
-
-    settings = {
-        "font.size": 9,
-        "axes.grid": True,
-        "axes.axisbelow": True,
-        "grid.alpha": 0.3,
-        "svg.hashsalt": "polaropt",
-    }
-    files = []
-    with matplotlib.rc_context(settings):
-        figures = {"quality": _quality(rows), "work": _work(rows), "paths": _paths(rows)}
-        for name, figure in figures.items():
-            for ending in (".png", ".svg"):
-                files.append(out / f"learned_init_{name}{ending}")
-                figure.savefig(files[-1], dpi=110, metadata={"Date": None} if ending == ".svg" else None)
-    return files
+    figures = {"quality": _quality, "work": _work, "paths": _paths}
+    return write_figures(out, {f"learned_init_{name}": partial(make, rows) for name, make in figures.items()}, dpi=110)
 
 
 def _style(start: str, moment: str = "stopped") -> Style:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from studies.figure_files import write_figures
+
 if TYPE_CHECKING:
     from studies.model_ladder import Row
 
@@ -25,14 +27,7 @@ _STYLES = {
 
 def draw(rows: Sequence[Row], out: Path) -> list[Path]:
     """Draw the transmission's mean PSNR per family and model, as SVG and PNG."""
-    import matplotlib
-
-    with matplotlib.rc_context({"font.size": 9, "svg.hashsalt": "polaropt"}):
-        figure = _rungs(rows)
-        files = [out / f"model_ladder.{kind}" for kind in ("svg", "png")]
-        figure.savefig(files[0], metadata={"Date": None})
-        figure.savefig(files[1], dpi=130)
-    return files
+    return write_figures(out, {"model_ladder": lambda: _rungs(rows)})
 
 
 def _rungs(rows: Sequence[Row]) -> Any:
@@ -57,8 +52,7 @@ def _rungs(rows: Sequence[Row]) -> Any:
     axis.invert_yaxis()
     axis.set_xlim(left=0.8 * min(nothing))
     axis.set_xlabel("PSNR of the transmission (dB), mean over the pairs")
-    axis.set_axisbelow(True)
-    axis.grid(axis="x", alpha=0.3)
+    axis.grid(visible=False, axis="y")
     figure.legend(loc="outside lower center", ncols=5, frameon=False)
     return figure
 

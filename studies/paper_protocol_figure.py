@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies.benchmark_chart import Style
+from studies.figure_files import write_figures
 
 if TYPE_CHECKING:
     from studies.paper_protocol import Row
@@ -28,24 +29,22 @@ _KINDS = {"paper": "ghosts as far apart as the paper has them", "plate": "ghosts
 
 def draw(rows: Sequence[Row], out: Path) -> list[Path]:
     """Draw ``paper_protocol.png`` and ``paper_protocol.svg`` into a folder, a row of panels for each kind of ghosts."""
-    import matplotlib
+    return write_figures(out, {"paper_protocol": lambda: _figure(rows)})
+
+
+def _figure(rows: Sequence[Row]) -> Any:
     from matplotlib.figure import Figure
 
     kinds = list(dict.fromkeys(row.kind for row in rows))
-    settings = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "polaropt"}
-    files = [out / f"paper_protocol{ending}" for ending in (".png", ".svg")]
-    with matplotlib.rc_context(settings):
-        figure = Figure(figsize=(10, 0.8 + 3.6 * len(kinds)), layout="constrained")
-        grid = figure.subplots(len(kinds), len(_LAYERS), squeeze=False, sharey="col")
-        for panels, kind in zip(grid, kinds, strict=True):
-            for panel, layer in zip(panels, _LAYERS, strict=True):
-                _panel(panel, [row for row in rows if row.kind == kind], layer)
-                panel.set_title(_KINDS.get(kind, kind))
-        handles, names = grid[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=len(names), frameon=False, handlelength=4)
-        for file in files:
-            figure.savefig(file, dpi=120, metadata={"Date": None} if file.suffix == ".svg" else None)
-    return files
+    figure = Figure(figsize=(10, 0.8 + 3.6 * len(kinds)), layout="constrained")
+    grid = figure.subplots(len(kinds), len(_LAYERS), squeeze=False, sharey="col")
+    for panels, kind in zip(grid, kinds, strict=True):
+        for panel, layer in zip(panels, _LAYERS, strict=True):
+            _panel(panel, [row for row in rows if row.kind == kind], layer)
+            panel.set_title(_KINDS.get(kind, kind))
+    handles, names = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=len(names), frameon=False, handlelength=4)
+    return figure
 
 
 def _panel(panel: Any, rows: Sequence[Row], layer: str) -> None:

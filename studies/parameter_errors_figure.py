@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from studies.figure_files import write_figures
+
 if TYPE_CHECKING:
     from studies.parameter_errors import Row
 
@@ -17,14 +19,7 @@ _RATIOS = (0.3, 1.0, 3.0, 10.0)
 
 def draw(rows: Sequence[Row], out: Path) -> list[Path]:
     """Draw the share of truths within two stated errors per kind of scene and number, as SVG and PNG."""
-    import matplotlib
-
-    with matplotlib.rc_context({"font.size": 9, "svg.hashsalt": "polaropt"}):
-        figure = _shares(rows)
-        files = [out / f"parameter_errors.{kind}" for kind in ("svg", "png")]
-        figure.savefig(files[0], metadata={"Date": None})
-        figure.savefig(files[1], dpi=130)
-    return files
+    return write_figures(out, {"parameter_errors": lambda: _shares(rows)})
 
 
 def _shares(rows: Sequence[Row]) -> Any:
@@ -53,9 +48,6 @@ def _shares(rows: Sequence[Row]) -> Any:
     ratios.set_xticks(_RATIOS, [f"{ratio:g}" for ratio in _RATIOS])
     ratios.minorticks_off()
     ratios.set_xlabel("stated over true error, medians\n(right of 1: stated too large)")
-    for axis in (shares, ratios):
-        axis.set_axisbelow(True)
-        axis.grid(alpha=0.3)
     return figure
 
 

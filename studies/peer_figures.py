@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.benchmark_chart import Style
+from studies.figure_files import write_figures
 from studies.peer_methods import METHODS
 from studies.peer_rows import Row
 from studies.peer_scenes import PROTOCOL
@@ -33,18 +34,10 @@ _LAYERS = ("transmission", "reflection")
 
 def draw(rows: Sequence[Row], out: Path) -> list[Path]:
     """Draw the paper's protocol as ``peers.png`` and ``peers.svg`` into a folder; nothing where there are no rows."""
-    import matplotlib
-
     shown = of(rows, group=PROTOCOL)
     if not shown:
         return []
-    files = [out / "peers.png", out / "peers.svg"]
-    settings = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "polaropt"}
-    with matplotlib.rc_context(settings):
-        figure = _figure(shown)
-        for file in files:
-            figure.savefig(file, dpi=130, metadata={"Date": None} if file.suffix == ".svg" else None)
-    return files
+    return write_figures(out, {"peers": lambda: _figure(shown)}, dpi=130)
 
 
 def _figure(rows: Sequence[Row]) -> Any:
