@@ -47,12 +47,23 @@ def plain_observation(capture: Capture, noise: float, refractive_index: float = 
         views=views,
         view_errors=view_errors(to_views, capture, noise),
         trusted=_trusted(capture),
-        shares=_transmitted_shares(refractive_index, N_CANDIDATES),
+        shares=transmitted_shares(refractive_index, N_CANDIDATES),
     )
 
 
-def _transmitted_shares(refractive_index: float, n: int) -> Matrix:
-    """Of the light along and across the plane of incidence, what panes transmit, (n, 2): from steep to grazing."""
+def transmitted_shares(refractive_index: float, n: int) -> Matrix:
+    """Shares of the light along and across the plane of incidence that panes transmit, from frontal to grazing.
+
+    Parameters
+    ----------
+    refractive_index : float
+    n : int
+        Panes.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+    """
     incidences_deg = np.linspace(*_CANDIDATES_DEG, n)
     panes = [SceneParameters(float(angle), 0.0, 0.0, refractive_index) for angle in incidences_deg]
     return np.stack([ghost_weights(pane)[0].sum(axis=0)[:2] for pane in panes])

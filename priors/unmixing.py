@@ -58,9 +58,10 @@ class Unmixing(nn.Module):
         hidden = leaky_relu(self._first(torch.cat([numbers, 2 * dependence.flatten(1)], dim=1)), 0.1)
         out = self._last(leaky_relu(self._second(hidden), 0.1))
         evidence = torch.einsum("m,bmk->bk", self._sharpness, dependence)
-        # The last candidate is no pane at all: both layers are the intensity, the reflection dimmed.
+        # The last candidate is no pane at all: both layers are the intensity.
         weights = torch.cat([out[:, :-2] - evidence, out[:, -2:-1]], dim=1).softmax(dim=1)
         factors = torch.einsum("bk,bkli->bli", weights[:, :-1], inverses) + weights[:, -1, None, None]
+        # A reflection that the photographs hardly tell is best dimmed.
         dimmed = torch.sigmoid(out[:, -1:])
         return factors * torch.stack([torch.ones_like(dimmed), dimmed], dim=1)
 

@@ -7,11 +7,11 @@ import torch
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from polaropt.conditioning import _transmitted_shares
+from polaropt.conditioning import transmitted_shares
 from priors.observation import N_CANDIDATES
 from priors.unmixing import Unmixing, edge_dependence, inverse_mixing
 
-SHARES = torch.from_numpy(_transmitted_shares(1.5, N_CANDIDATES)).float()[None]
+SHARES = torch.from_numpy(transmitted_shares(1.5, N_CANDIDATES)).float()[None]
 
 
 def mixed(layers: torch.Tensor, shares: torch.Tensor) -> torch.Tensor:
