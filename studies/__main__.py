@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from studies.catalogue import STUDIES, Study
@@ -32,6 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-h", "--help", action="store_true")
     parser.add_argument("-o", "--out", type=Path, help="folder; each study has one of its own in it")
     parser.add_argument("--workers", help="processes (0: one per core); of all studies those about seconds have one")
+    for study in STUDIES:
+        for name in study.inputs:
+            parser.add_argument(name, help=f"of {study.name}, alone or among all")
     options, rest = parser.parse_known_args(arguments)
     if options.name is None:
         print(overview())
@@ -41,32 +44,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return max(_run(study.name, ["--help"], None) for study in chosen)
     if options.out is None:
         parser.error("the following arguments are required: -o/--out")
+    alone = len(chosen) == 1
+    plans = {
+        study.name: [*rest, *inputs_of(study, options, alone), *workers_of(study, options, rest, alone)]
+        for study in chosen
+    }
     try:
-        return _run_each(chosen, rest, options.workers, options.out)
+        return _run_each(plans, options.out)
     except KeyboardInterrupt:
         # The study has said what there is to say.
         return _INTERRUPTED
 
 
-def _run_each(chosen: Sequence[Study], rest: Sequence[str], workers: str | None, out: Path) -> int:
-    """Run studies one after the other; the index page shows those that are over, whatever comes after them."""
+def _run_each(plans: Mapping[str, Sequence[str]], out: Path) -> int:
+    """Run studies by name, each with its options; the index page shows those that are over, whatever comes after."""
     failed = {}
-    for number, study in enumerate(chosen, 1):
-        print(f"== {study.name}" + (f" ({number} of {len(chosen)})" if len(chosen) > 1 else ""), flush=True)
-        processes = workers_in_all(study, rest, workers) if len(chosen) > 1 else workers
-        if code := _run(study.name, rest if processes is None else [*rest, "--workers", processes], out):
-            failed[study.name] = code
+    for number, (name, given) in enumerate(plans.items(), 1):
+        print(f"== {name}" + (f" ({number} of {len(plans)})" if len(plans) > 1 else ""), flush=True)
+        if code := _run(name, given, out):
+            failed[name] = code
         page = write_index(out)
     print(f"wrote {page}" + (f"; failed: {', '.join(failed)}" if failed else ""))
     # A study that a signal has ended has a negative code.
     return max(map(abs, failed.values()), default=0)
 
 
-def workers_in_all(study: Study, rest: Sequence[str], asked: str | None) -> str | None:
-    """Processes of a study among all of them, as its option takes them; None: as it has it by itself, which is one."""
-    if study.timed or "--quick" in rest:
-        return None
-    return "0" if asked is None else asked
+def inputs_of(study: Study, options: argparse.Namespace, alone: bool) -> list[str]:
+    """What a study is told to work on; alone it is given all, and refuses what it does not know."""
+    names = [name for each in STUDIES for name in each.inputs if alone or each is study]
+    values = {name: getattr(options, name.lstrip("-")) for name in names}
+    return [part for name, value in values.items() if value is not None for part in (name, value)]
+
+
+def workers_of(study: Study, options: argparse.Namespace, rest: Sequence[str], alone: bool) -> list[str]:
+    """A study's option for processes: as asked for, and among all of them one per core but where seconds are told."""
+    asked: str | None = options.workers
+    if not alone:
+        asked = None if study.timed or "--quick" in rest else asked or "0"
+    return [] if asked is None else ["--workers", asked]
 
 
 def overview() -> str:

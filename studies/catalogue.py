@@ -14,11 +14,14 @@ class Study:
     name, question : str
     timed : bool
         Whether seconds are what it is about: then nothing runs beside it.
+    inputs : tuple of str
+        Options, each with a folder or file, that tell it what to work on and no other study knows.
     """
 
     name: str
     question: str
     timed: bool = False
+    inputs: tuple[str, ...] = ()
 
 
 STUDIES = (
@@ -27,8 +30,16 @@ STUDIES = (
     Study("stability", "How far may scenes leave the plain case, where do methods fail, and is it announced?"),
     Study("learned_init", "Where does a solve from the learned start win over other starts, and where does it not?"),
     Study("ablation", "What is each part of the separation worth?"),
-    Study("ablation_losses", "What is each term of the learned networks' loss worth, and how good are networks alone?"),
-    Study("peers", "How good is a separation against others' methods, and against the figures the paper prints?"),
+    Study(
+        "ablation_losses",
+        "What is each term of the learned networks' loss worth, and how good are networks alone?",
+        inputs=("--records", "--vgg19"),
+    ),
+    Study(
+        "peers",
+        "How good is a separation against others' methods, and against the figures the paper prints?",
+        inputs=("--layers",),
+    ),
     Study("coverage", "Do the stated standard errors of the layers hold?"),
     Study("parameter_errors", "Do the stated standard errors of the scene's parameters hold?"),
     Study(

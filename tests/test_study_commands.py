@@ -55,3 +55,13 @@ def test_what_fails_does_not_end_the_others_and_is_told(started, tmp_path, capsy
     assert len(started.commands) == len(STUDIES)
     assert "failed: stability" in capsys.readouterr().out
     assert (tmp_path / "index.html").is_file()
+
+
+def test_among_all_only_those_that_know_an_input_are_given_it(started, tmp_path):
+    assert main(["all", "--records", "trained", "-o", str(tmp_path)]) == 0
+    assert [name for name, given in started.commands.items() if "--records" in given] == ["ablation_losses"]
+
+
+def test_a_study_alone_is_given_all_there_is(started, tmp_path):
+    assert main(["coverage", "--records", "trained", "-o", str(tmp_path)]) == 0
+    assert started.commands["coverage"][:2] == ["--records", "trained"]
