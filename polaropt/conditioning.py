@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture
 from polaropt.forward import PSE
-from polaropt.plate import ghost_weights
 from polaropt.plate_frame import least_squares_entries
 from polaropt.problem import Problem
 from polaropt.scene import SceneParameters
 from polaropt.simulation import ANGLES_DEG
 from polaropt.stokes import analyzer_matrix, frame_matrix
-from polaropt.varying import VaryingPSE
+from polaropt.varying import VaryingPSE, in_place_weights
 
 if TYPE_CHECKING:
     from priors.observation import Observation
@@ -64,9 +63,9 @@ def transmitted_shares(refractive_index: float, n: int) -> Matrix:
     -------
     ndarray, shape (n, 2)
     """
-    incidences_deg = np.linspace(*_CANDIDATES_DEG, n)
-    panes = [SceneParameters(float(angle), 0.0, 0.0, refractive_index) for angle in incidences_deg]
-    return np.stack([ghost_weights(pane)[0].sum(axis=0)[:2] for pane in panes])
+    cosines = np.cos(np.radians(np.linspace(*_CANDIDATES_DEG, n)))
+    transmitted, _ = in_place_weights(cosines[None], refractive_index, single_surface=False)
+    return np.asarray(transmitted[:2, 0].T)
 
 
 def conditioned_observation(problem: Problem, layers: Images) -> Observation:

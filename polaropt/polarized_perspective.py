@@ -22,6 +22,7 @@ from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.scene import SceneParameters
 from polaropt.scene_errors import SceneErrors
+from polaropt.stokes import dolp_aolp, stokes_vector
 from polaropt.varying import in_place_weights, shown_stokes
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ class _OffPlane:
         normal, view = plane_normal(*np.degrees(point[:2])), point[VIEW]
         cosine, cos, sin = viewing_angles(normal, view, *self._blocks.places)
         weights = in_place_weights(np.maximum(cosine, _GRAZING)[None], *self._pane)
-        lights = (np.array([1.0, *point[list(light)]]) for light in (_BEHIND, _MIRRORED))
+        lights = (_entering(point, light) for light in (_BEHIND, _MIRRORED))
         behind, mirrored = (
             shown_stokes(weight[:, 0], light, cos, sin) for weight, light in zip(weights, lights, strict=True)
         )
@@ -231,13 +232,17 @@ def _simplest(found: Sequence[_Minimum]) -> _Minimum:
     return both if single.misfit - both.misfit > enough else single
 
 
+def _entering(point: Values, light: Numbers) -> Values:
+    """Stokes vector of a layer's light of intensity 1, in the camera's frame."""
+    return np.array([1.0, *point[list(light)]])
+
+
 def _grid(layer: Numbers, view: float) -> list[Values]:
     """Panes that lean any way, and light of one layer that is polarized any way."""
     points = []
     for incidence, azimuth, angle in itertools.product(_INCIDENCES_DEG, _AZIMUTHS_DEG, _ANGLES_DEG):
         point = np.array([math.radians(incidence), math.radians(azimuth), view, *4 * [0.0]])
-        double = 2 * math.radians(angle)
-        point[list(layer)] = _DEGREE * math.cos(double), _DEGREE * math.sin(double)
+        point[list(layer)] = stokes_vector(_DEGREE, angle)[1:]
         points.append(point)
     return points
 
@@ -246,9 +251,8 @@ def _scene_at(point: Values, plain: SceneParameters, half_px: float) -> ScenePar
     """The scene at a point; index and surfaces are those of another."""
 
     def polarization(light: Numbers) -> tuple[float, float]:
-        along, turned = point[list(light)]
-        degree = min(math.hypot(along, turned), 1.0)
-        return degree, math.degrees(math.atan2(turned, along)) / 2 % 180 if degree else 0.0
+        degree, angle_deg = dolp_aolp(_entering(point, light))
+        return float(degree), float(angle_deg)
 
     return plain.replace(
         incidence_deg=math.degrees(point[INCIDENCE]),
