@@ -20,7 +20,7 @@ from polaropt.errors import InputError
 from polaropt.metrics import psnr_db, similarity_map
 from polaropt.noise import noise_level
 from polaropt.scene import SceneParameters
-from studies.ablation_figures import draw_crops, draw_differences
+from studies.ablation_figures import draw
 from studies.ablation_variants import ALL, VARIANTS, Variant
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.learned_init import weights_digest
@@ -184,8 +184,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     write_tables(options.out, "ablation", made, text)
     absent = {row.variant for row in rows if row.not_run}
     drawn = [variant for variant in VARIANTS[1:] if variant.name not in absent]
-    draw_differences({v.name: [difference(rows, v, layer) for layer in LAYERS] for v in drawn}, options.out)
-    draw_crops(pairs_of(options.photos, size, size // 2)[0], [VARIANTS[0], *drawn], options.out)
+    gains = {v.name: [difference(rows, v, layer) for layer in LAYERS] for v in drawn}
+    draw(gains, pairs_of(options.photos, size, size // 2)[0], [VARIANTS[0], *drawn], options.out)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from polaropt.simulation import planes_last
 from studies.ablation_losses_tables import Row, means
 from studies.ablation_published import TABLE_3
 from studies.ablation_records import Training
+from studies.crop_figure import crops
+from studies.figure_files import write_figures
 from studies.protocol import Pair, truth
 
-_CROP, _COLUMNS = 96, 6
+_COLUMNS = 6
 
 
 def draw(
@@ -29,13 +32,13 @@ def draw(
         A pair, and the layers (2, 3, h, w) that each training makes of it.
     out : Path
     """
-    import matplotlib
-
-    with matplotlib.rc_context({"font.size": 9, "svg.hashsalt": "polaropt"}):
-        files = [out / "ablation_losses.svg", out / "ablation_losses_crops.png"]
-        _bars(rows, trainings).savefig(files[0], metadata={"Date": None})
-        _crops(*shown).savefig(files[1], dpi=130)
-    return files
+    pair, found = shown
+    layers = {"truth": truth(pair)} | {name: tuple(map(planes_last, both)) for name, both in found.items()}
+    figures = {
+        "ablation_losses": lambda: _bars(rows, trainings),
+        "ablation_losses_crops": lambda: crops(layers, _COLUMNS),
+    }
+    return write_figures(out, figures)
 
 
 def _bars(rows: Sequence[Row], trainings: Sequence[Training]) -> Any:
@@ -59,8 +62,7 @@ def _bars(rows: Sequence[Row], trainings: Sequence[Training]) -> Any:
                 linewidth=0.6, label=label,
             )  # fmt: skip
         axis.set_xlabel(title)
-        axis.set_axisbelow(True)
-        axis.grid(axis="x", alpha=0.3)
+        axis.grid(visible=False, axis="y")
     axis.set_yticks(places, names)
     axis.invert_yaxis()
     handles, labels = axis.get_legend_handles_labels()
@@ -71,27 +73,3 @@ def _bars(rows: Sequence[Row], trainings: Sequence[Training]) -> Any:
 def _printed(training: Training) -> tuple[float, float]:
     shipped = training.name.startswith("shipped")
     return (np.nan, np.nan) if shipped else TABLE_3.get(training.variant, (np.nan, np.nan))
-
-
-def _crops(pair: Pair, layers: Mapping[str, np.ndarray]) -> Any:
-    """Crops of the truth and of what every training makes of one scene, transmission above reflection."""
-    from matplotlib.figure import Figure
-
-    shown = {"truth": np.stack([np.moveaxis(layer, -1, 0) for layer in truth(pair)]), **layers}
-    columns = min(_COLUMNS, len(shown))
-    rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(2 * columns, 4.3 * rows), layout="constrained")
-    grid = figure.subplots(2 * rows, columns, squeeze=False)
-    for axes in grid.flat:
-        axes.set_axis_off()
-    for number, (label, both) in enumerate(shown.items()):
-        row, column = divmod(number, columns)
-        for i in (0, 1):
-            grid[2 * row + i, column].imshow(_crop(np.moveaxis(both[i], 0, -1)), interpolation="nearest")
-        grid[2 * row, column].set_title(label, fontsize=8)
-    return figure
-
-
-def _crop(image: np.ndarray) -> np.ndarray:
-    top, left = ((side - _CROP) // 2 for side in image.shape[:2])
-    return np.clip(image[top : top + _CROP, left : left + _CROP], 0, 1)

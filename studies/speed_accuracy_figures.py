@@ -6,13 +6,15 @@ Each way has its own number; the setting that differs from the default is told b
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from studies.benchmark_chart import Style
+from studies.figure_files import write_figures
 from studies.speed_accuracy_labels import place_labels
 from studies.speed_accuracy_profiles import FACTORS, SOLVED_DB, compared, ratios, share_within
 from studies.speed_accuracy_rows import LAYERS, Mark, Row, front, marks
@@ -64,7 +66,7 @@ def numbered(found: Sequence[Mark]) -> dict[Mark, int]:
 
 
 def draw(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Draw all charts as PNG.
+    """Draw all charts as PNG and SVG.
 
     Parameters
     ----------
@@ -72,31 +74,21 @@ def draw(rows: Sequence[Row], out: Path) -> list[Path]:
     out : Path
         Folder.
     """
-    import matplotlib
-
-    settings = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}
-    files = []
-    with matplotlib.rc_context(settings):
-        parts = dict.fromkeys((row.part, row.size) for row in rows)
-        figures = {
-            f"speed_{part.replace(' ', '_')}_{size}": _chart(
-                [row for row in rows if (row.part, row.size) == (part, size)], part, size
-            )
-            for part, size in parts
-        }
-        one = [row for row in rows if row.part == "one at a time"]
-        figures["speed_profiles"] = _profiles(one)
-        if not all(math.isnan(row.peak_mb) for row in one):
-            figures["speed_memory"] = _memory(one)
-        for name, figure in figures.items():
-            files.append(out / f"{name}.png")
-            figure.savefig(files[-1], dpi=120)
-    return files
+    figures: dict[str, Callable[[], Any]] = {
+        f"speed_{part.replace(' ', '_')}_{size}": partial(_chart, rows, part, size)
+        for part, size in dict.fromkeys((row.part, row.size) for row in rows)
+    }
+    one = [row for row in rows if row.part == "one at a time"]
+    figures["speed_profiles"] = lambda: _profiles(one)
+    if not all(math.isnan(row.peak_mb) for row in one):
+        figures["speed_memory"] = lambda: _memory(one)
+    return write_figures(out, figures)
 
 
 def _chart(rows: Sequence[Row], part: str, size: str) -> Any:
     from matplotlib.figure import Figure
 
+    rows = [row for row in rows if (row.part, row.size) == (part, size)]
     found = marks(rows)
     numbers = numbered(found)
     figure = Figure(figsize=(13, 8.4), layout="constrained")

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from studies.benchmark_chart import Style
+from studies.figure_files import write_figures
 from studies.stability_methods import COMPONENTS, MINIMUM, NOTHING
 from studies.stability_scenes import MAP, SPECIAL
 from studies.stability_scores import AUTO, Judged, score
@@ -45,21 +46,15 @@ def draw(judged: Sequence[Judged], out: Path) -> list[Path]:
     out : Path
         Folder.
     """
-    import matplotlib
-
-    figures = {"stability_map": _maps(judged)} if any(part.row.family == MAP for part in judged) else {}
-    figures |= {
-        "stability_transmission": _curves(judged, "transmission"),
-        "stability_reflection": _curves(judged, "reflection"),
-        "stability_warnings": _warnings(judged),
+    figures = {
+        "stability_map": lambda: _maps(judged),
+        "stability_transmission": lambda: _curves(judged, "transmission"),
+        "stability_reflection": lambda: _curves(judged, "reflection"),
+        "stability_warnings": lambda: _warnings(judged),
     }
-    files = []
-    with matplotlib.rc_context({"svg.hashsalt": "polaropt"}):
-        for name, figure in figures.items():
-            for ending in (".png", ".svg"):
-                files.append(out / (name + ending))
-                figure.savefig(files[-1], dpi=110, metadata={"Date": None} if ending == ".svg" else None)
-    return files
+    if not any(part.row.family == MAP for part in judged):
+        del figures["stability_map"]
+    return write_figures(out, figures)
 
 
 def _maps(judged: Sequence[Judged]) -> Any:
@@ -109,6 +104,7 @@ def _heatmap(axis: Any, values: Any, incidences: Sequence[float], noises: Sequen
             axis.text(j, i, f"{value:.0f}", ha="center", va="center", color="white" if value < middle else "black")
     axis.set_xticks(range(len(incidences)), [f"{incidence:g}" for incidence in incidences])
     axis.set_yticks(range(len(noises)), [f"{noise:g}" for noise in noises])
+    axis.grid(visible=False)
     axis.figure.colorbar(image, ax=axis, shrink=0.8)
 
 
@@ -168,7 +164,6 @@ def _dress(axis: Any, family: str, parts: Sequence[Judged]) -> None:
         fontsize=8,
     )
     axis.set_title(family, fontsize=10)
-    axis.grid(alpha=0.3)
 
 
 def _warnings(judged: Sequence[Judged]) -> Any:
