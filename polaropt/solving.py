@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import zip_longest
+from itertools import count, zip_longest
 from typing import Any
 
 import numpy as np
@@ -169,19 +170,12 @@ def _solve_tile(
     # A solve of a large image needs the memory.
     del start
     stages.begin("Solving", _CLOSED_FORM + reach * (done + (_SOLVING - _CLOSED_FORM) * share))
-    evaluations = 0
-    enough = kept.enough if kept is not None and kept.may_be_the_end else -math.inf
 
-    def evaluate(z: Any) -> tuple[float, Any]:
-        nonlocal evaluations
-        if objective.misfit <= enough:
-            raise StopSolving(Status.EXPLAINED)
-        evaluations += 1
+    def advance(evaluations: int) -> None:
         stages.advance((_TAKING_STOCK - _SOLVING) * share * min(1.0, evaluations / how.stopping.max_evaluations))
-        return objective.value_and_grad(z)
 
     try:
-        result = how.minimizer.minimize(evaluate, z, _shared(how.stopping, share))
+        result = how.minimizer.minimize(_watched(objective, kept, advance), z, _shared(how.stopping, share))
     except TooLarge as error:
         raise InputError(str(error)) from None
     stages.begin("Taking stock", _CLOSED_FORM + reach * (done + share))
@@ -198,6 +192,22 @@ def _solve_tile(
         canvas_layers=layers,
         pieces=(Piece(place.tile, problem.known.sampled, problem.pse),),
     )
+
+
+def _watched(
+    objective: Coordinates, kept: KeptStart | None, advance: Callable[[int], None]
+) -> Callable[[Any], tuple[float, Any]]:
+    """Value and gradient, which tell their number, and stop where a start that is to be kept is the end."""
+    enough = kept.enough if kept is not None and kept.may_be_the_end else -math.inf
+    numbers = count(1)
+
+    def evaluate(z: Any) -> tuple[float, Any]:
+        if objective.misfit <= enough:
+            raise StopSolving(Status.EXPLAINED)
+        advance(next(numbers))
+        return objective.value_and_grad(z)
+
+    return evaluate
 
 
 def _ended(

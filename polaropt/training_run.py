@@ -55,13 +55,10 @@ def trained(network: NetworkOptions, run: RunOptions, progress: Progress | None 
         log = training.run(network.output, progress)
     except (ValueError, NotFinite, RuntimeError) as error:
         raise InputError(str(error).splitlines()[0]) from None
-    digest = save_network(network.output / "weights.safetensors", training.averaged)
     record = {
         "polaropt": polaropt.__version__,
         "architecture": asdict(training.network.architecture),
-        "begun_with": None
-        if network.begin_with is None
-        else hashlib.sha256(network.begin_with.read_bytes()).hexdigest(),
+        "begun_with": _digest(network.begin_with),
         "data": pictures.source,
         "size_px": run.side,
         "options": asdict(options),
@@ -69,7 +66,7 @@ def trained(network: NetworkOptions, run: RunOptions, progress: Progress | None 
         "steps": training.step,
         "seconds": log[-1]["seconds"] if log else 0.0,
         "figures": log[-1] if log else {},
-        "sha256": digest,
+        "sha256": save_network(network.output / "weights.safetensors", training.averaged),
     }
     (network.output / "record.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     return record

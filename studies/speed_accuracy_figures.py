@@ -222,7 +222,12 @@ def _profiles(rows: Sequence[Row]) -> Any:
         axes.set_ylabel("scenes solved (%)")
         # Beside the lines: no corner is free of them in every panel.
         axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
-    axes = list(figure.axes)[-1]
+    _explain(list(figure.axes)[-1], rows)
+    return figure
+
+
+def _explain(axes: Any, rows: Sequence[Row]) -> None:
+    """What the profiles show, in the place of the last panel."""
     axes.set_axis_off()
     scenes = len({(row.size, row.scene, row.pair) for row in rows})
     axes.text(
@@ -230,7 +235,6 @@ def _profiles(rows: Sequence[Row]) -> Any:
         f"within {SOLVED_DB:g} dB\nof the best of the same panel.\n\nAt the left end: how often a way is the fastest.\n"
         "At the right end: how often it solves the scene at all.", va="top",
     )  # fmt: skip
-    return figure
 
 
 def _memory(rows: Sequence[Row]) -> Any:
