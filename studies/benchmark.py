@@ -105,7 +105,7 @@ PLANS: dict[Effort, Plan] = {
         kernel_sizes=(_MIDDLE,),
     ),
     "full": Plan(
-        Pace(benchmark_solvers.Rounds(5, 45.0, 10.0, 1), benchmark_kernels.Effort(9, 256), 5, 11),
+        Pace(benchmark_solvers.Rounds(5, 30.0, 10.0, 1), benchmark_kernels.Effort(9, 256), 5, 11),
         sizes=(_SMALL, _MIDDLE),
         kernel_sizes=(_MIDDLE, _LARGE),
         largest=_LARGE,

@@ -22,7 +22,7 @@ from studies.work import row_of, run_jobs
 
 SIZES = {"quick": 128, "default": 192, "full": 256}
 N_PAIRS = {"quick": 1, "default": 3, "full": 4}
-MOST_EVALUATIONS = {"quick": 60, "default": 120, "full": 300}
+MOST_EVALUATIONS = {"quick": 60, "default": 120, "full": 150}
 
 
 @dataclass(frozen=True)

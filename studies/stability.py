@@ -14,7 +14,7 @@ from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_par
 from studies.record import write_tables
 from studies.stability_figures import draw
 from studies.stability_methods import COMPONENTS, MINIMUM, NOTHING, Row, methods, rows_of
-from studies.stability_scenes import Case, cases
+from studies.stability_scenes import MAP, Case, cases
 from studies.stability_scores import AUTO, judge, tables
 from studies.work import row_of, run_jobs
 
@@ -42,6 +42,11 @@ def run(job: Job) -> list[Row]:
     return rows_of(_cases()[job.case], pairs_of(job.photos, SIZE, MARGIN)[job.pair], job.methods)
 
 
+def _all_of(named: Sequence[str]) -> tuple[str, ...]:
+    """Methods with those that all are measured against."""
+    return tuple(dict.fromkeys((AUTO, *named, NOTHING, MINIMUM)))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study and write it."""
     parser = study_parser(__doc__)
@@ -50,11 +55,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     effort = effort_of(options)
     named = options.methods.split(",") if options.methods else (COMPONENTS,) if effort == "quick" else methods()
-    wanted = tuple(dict.fromkeys((AUTO, *named, NOTHING, MINIMUM)))
+    # The map has a third of the scenes, and its figures show what is chosen there.
+    on_map = named if options.methods else (COMPONENTS,)
     words = options.families.split(",")
     scenes = [case for case in cases(effort == "quick") if any(word in case.family for word in words)]
     n_pairs = n_pairs_of(options, N_PAIRS[effort], SIZE, MARGIN)
-    jobs = [Job(options.photos, pair, case.name, wanted) for case in scenes for pair in range(n_pairs)]
+    jobs = [
+        Job(options.photos, pair, case.name, _all_of(on_map if case.family == MAP else named))
+        for case in scenes
+        for pair in range(n_pairs)
+    ]
     made = run_jobs(run, jobs, options.out / "stability.json", {"size": SIZE, "margin": MARGIN}, hands_of(options))
     judged = judge([row_of(Row, row) for row in made], scenes)
     text = tables(judged)

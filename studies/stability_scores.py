@@ -169,6 +169,9 @@ def _method_lines(judged: Sequence[Judged], families: Sequence[str]) -> list[str
         cells = []
         for name in names:
             parts = [part for part in judged if (part.row.family, part.row.method) == (family, name)]
+            if not parts:
+                cells.append("-")
+                continue
             means = [np.mean([getattr(part.row, layer) for part in parts]) for layer in ("transmission", "reflection")]
             cells.append(f"{means[0]:.1f} / {means[1]:.1f} ({100 * np.mean([p.worse for p in parts]):.0f} %)")
         lines.append(f"| {family} | " + " | ".join(cells) + " |")

@@ -20,6 +20,10 @@ from polaropt.plate_frame import stokes_images
 from polaropt.problem import Problem
 from polaropt.varying import VaryingPSE
 from polaropt.varying_overlap import VaryingOverlap
+from studies.command import pairs_of
+from studies.stability import MARGIN, SIZE
+from studies.stability_capture import take
+from studies.stability_scenes import cases
 from tests.blends import blend
 from tests.checks import assert_adjoint
 from tests.test_fused import WEIGHTS, assert_equal
@@ -165,3 +169,13 @@ def test_a_pane_seen_from_far_has_no_focal_length(azimuth_deg):
     example = blend(55, 64, azimuth_deg=azimuth_deg, ghost_shift=0.0, transmission_polarization=(0.3, 20.0))
     fit = fit_curved(stokes_images(example.capture, 0.005), example.scene, enough=math.inf)
     assert fit.focal_px is None
+
+
+@pytest.mark.parametrize("pair", [0, 3])
+def test_a_bent_pane_is_not_taken_for_a_flat_one_whose_layers_share_their_edges(pair):
+    # From how the azimuth turns both look like flat panes before a lens, at 37 and 78 degrees.
+    case = next(case for case in cases() if case.name == "bend of the pane (deg): 10")
+    taken = take(case, pairs_of(None, SIZE, MARGIN)[pair])
+    found = find_scene(taken.capture, taken.told, 0.005)
+    assert found.scene.rung == "curved"
+    assert abs(found.scene.incidence_deg - 55) < 2
