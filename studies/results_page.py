@@ -7,6 +7,7 @@ studies/results. Without it the page alone is made anew. What the page says of a
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import shutil
 import sys
@@ -26,6 +27,8 @@ _MARKED = re.compile(r"<!-- (?P<study>\w+)/(?P<file>[\w.]+) -->\n.*?<!-- end -->
 def keep(out: Path, results: Path = RESULTS) -> list[str]:
     """Replace the kept results of every study that a folder holds; what is too large for a repository is left out.
 
+    The rows are kept in any case: the page tells from them what was run.
+
     Returns
     -------
     list of str
@@ -37,9 +40,17 @@ def keep(out: Path, results: Path = RESULTS) -> list[str]:
         shutil.rmtree(target, ignore_errors=True)
         target.mkdir(parents=True)
         for file in sorted((out / name).iterdir()):
-            if file.suffix in _KEPT and file.stat().st_size <= _LARGEST_BYTES:
+            if file.name == f"{name}.json":
+                _keep_rows(file, target / file.name)
+            elif file.suffix in _KEPT and file.stat().st_size <= _LARGEST_BYTES:
                 shutil.copy(file, target / file.name)
     return there
+
+
+def _keep_rows(file: Path, target: Path) -> None:
+    """Copy a document without blanks, which are half of it."""
+    document = json.loads(file.read_text(encoding="utf-8"))
+    target.write_text(json.dumps(document, separators=(",", ":"), allow_nan=False) + "\n", encoding="utf-8")
 
 
 def page(text: str, results: Path = RESULTS) -> str:

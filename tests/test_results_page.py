@@ -48,6 +48,16 @@ def test_the_page_shows_table_and_command_between_its_marks(out: Path, tmp_path:
     assert page(made, results) == made
 
 
+def test_rows_are_kept_however_many(out: Path, tmp_path: Path) -> None:
+    file, rows = out / "peers" / "peers.json", [{"a": i} for i in range(100_000)]
+    write_document(file, json.loads(file.read_text())["metadata"], rows)
+    assert file.stat().st_size > 1_000_000
+    keep(out, tmp_path / "results")
+    kept = tmp_path / "results" / "peers" / "peers.json"
+    assert json.loads(kept.read_text()) == json.loads(file.read_text())
+    assert kept.stat().st_size < file.stat().st_size
+
+
 def test_the_page_in_the_repository_is_that_of_its_results() -> None:
     text = PAGE.read_text(encoding="utf-8")
     assert page(text) == text
