@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.pane_edges import MIDDLE_BLOCKS, PaneEdges, candidate_near, named
+from polaropt.pane_edges import MIDDLE_BLOCKS, Candidate, PaneEdges, candidate_near, named
 from polaropt.pane_program import ALONG_INCIDENCE, AZIMUTH, INCIDENCE, NOTHING, VIEW, PaneFit, fitted
-from polaropt.perspective import plane_normal, viewing_angles
+from polaropt.perspective import FLAT, Pane, plane_normal, viewing_angles
 from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.scene import SceneParameters
@@ -32,6 +32,9 @@ _N_STARTS = 4
 _WORST_ASKED = math.radians(10)
 # Standard errors, and at least an angle, by which the edges' incidence differs where the pane is not flat.
 _AWAY, _LEAST_AWAY = 4.0, math.radians(3)
+# Logarithm of edge overlap by which a flat pane before a lens may exceed the plain pane: true ones leave less than that
+# or 0.02 more, mistaken ones 0.2 to 0.8 more.
+_MORE_OVERLAP = 0.1
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,8 @@ class PerspectiveFit:
     n : int
         Number of blocks times colours that it is the mean of.
     edges_agree : bool
-        Whether the edges of the layers tell about the same incidence, as they do where the pane is flat.
+        Whether the edges of the layers tell about the same incidence and overlap no more than before the plain pane, as
+        they do where the pane is flat.
     """
 
     incidence_deg: float
@@ -75,20 +79,36 @@ def fit_perspective(
     focal_px : float, optional
         Focal length, where it is known.
     plain : SceneParameters
-        Index and surfaces of the pane; its geometry is not used.
+        Index and surfaces of the pane; the geometry is that of the pane seen from far that explains the capture best.
     """
     blocks, overlap = PolarizedBlocks(stokes), VaryingOverlap(stokes, plain)
     by_directions = candidate_near(blocks, NOTHING, _free(focal_px), flat_pane(stokes, focal_px))
     errors = np.sqrt(np.diag(by_directions.fit.covariance))
     if not overlap.usable or errors[INCIDENCE] > _WORST_ASKED:
         return fit_result(blocks, by_directions.fit, True)
-    incidence, error = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS)).told(by_directions, ALONG_INCIDENCE)
-    if not incidences_agree(by_directions.fit, incidence, error):
-        return fit_result(blocks, by_directions.fit, False)
-    return fit_result(blocks, by_directions.told(ALONG_INCIDENCE, incidence, error).fit, True)
+    told, agree = asked_of_edges(by_directions, overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS), plain)
+    return fit_result(blocks, told.fit, agree)
 
 
-def incidences_agree(by_directions: PaneFit, incidence: float, error: float) -> bool:
+def asked_of_edges(
+    pane: Candidate, overlap: VaryingOverlap, blocks: PolarizedBlocks, plain: SceneParameters
+) -> tuple[Candidate, bool]:
+    """The pane with the incidence that the edges tell, if it is about its own, and whether they agree that it is flat.
+
+    How a bent pane turns the azimuth can look like a flat one before a lens at a wrong incidence: none near it leaves
+    less overlap, but far off the plain pane does.
+    """
+    edges = PaneEdges(overlap, blocks)
+    incidence, error = edges.told(pane, ALONG_INCIDENCE)
+    if not _incidences_agree(pane.fit, incidence, error):
+        return pane, False
+    told = pane.told(ALONG_INCIDENCE, incidence, error)
+    incidence_deg, azimuth_deg, _ = plain.values()
+    of_plain = float(overlap.log(Pane(plane_normal(incidence_deg, azimuth_deg), FLAT, 0.0)).mean())
+    return told, edges.log_overlap(told) - of_plain <= _MORE_OVERLAP
+
+
+def _incidences_agree(by_directions: PaneFit, incidence: float, error: float) -> bool:
     """Whether the incidence of the edges, with its error, is the one that the directions tell; radians."""
     away = abs(incidence - by_directions.point[INCIDENCE])
     told = math.sqrt(by_directions.covariance[INCIDENCE, INCIDENCE])

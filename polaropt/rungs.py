@@ -12,7 +12,6 @@ from functools import partial
 from polaropt.angle_frame import start_unknown
 from polaropt.attempts import SCATTERS, Attempt, Evidence, Rung, noise_misfit
 from polaropt.curved_fit import fit_curved
-from polaropt.perspective import FLAT, Pane, plane_normal
 from polaropt.perspective_fit import PerspectiveFit, fit_perspective
 from polaropt.polarized_check import looks_polarized
 from polaropt.polarized_fit import fit_polarized
@@ -21,7 +20,6 @@ from polaropt.polarized_perspective import fit_polarized_perspective
 from polaropt.scene import SceneParameters
 from polaropt.scene_errors import SceneErrors
 from polaropt.tolerant_fit import fit_tolerant
-from polaropt.varying_overlap import VaryingOverlap
 from polaropt.varying_shift import likeliest_shift
 
 # How well a pane that is not seen from far must be known.
@@ -34,9 +32,6 @@ _MOSTLY = 0.8
 _NEARLY_ALL = 0.97
 # Share of the frame where layers may come out with less than no light.
 _MOST_NEGATIVE = 0.02
-# Logarithm of edge overlap by which a flat pane before a lens may exceed the plain pane: true ones leave less than that
-# or 0.02 more, mistaken ones 0.2 to 0.8 more.
-_MORE_OVERLAP = 0.1
 # Focal length over the longer side from which on incidence and azimuth hardly vary.
 _FAR = 30.0
 # Share of it that may lie off the plane of two Stokes vectors where polarized light may explain all, or most.
@@ -93,9 +88,9 @@ def _perspective(evidence: Evidence) -> Attempt:
             return tolerant
     if evidence.wanted == "perspective" and not known:
         return _from_afar(evidence)
+    flat = fit.edges_agree or evidence.wanted == "perspective"
     focal = evidence.focal_px if told else fit.focal_px
     scene = _plain(evidence).replace(incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=focal)
-    flat = evidence.wanted == "perspective" or (fit.edges_agree and not _edges_contradict(evidence, scene))
     remark = "The polarized light does not tell how incidence and azimuth change over the picture."
     if known and not flat:
         remark = "The layers' edges tell another incidence: the pane is not flat."
@@ -115,31 +110,11 @@ def _tolerant(evidence: Evidence) -> Attempt | None:
     scene = _plain(evidence).replace(
         incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=told or fit.focal_px
     )
-    if _edges_contradict(evidence, scene):
-        return None
     misfit = evidence.blocks.misfit(fit.incidence_deg, fit.azimuth_deg, told or fit.focal_px)
     errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
     remark = "That is where most of the picture agrees; the rest of the scene may be polarized itself."
     agreed = 1 + (1 - min(found.explained, 1.0)) * (evidence.misfit - 1)
     return Attempt(scene, misfit, 2 if told else 3, True, remark, errors, agreed)
-
-
-def _edges_contradict(evidence: Evidence, scene: SceneParameters) -> bool:
-    """Whether a pane before a lens leaves layers whose edges overlap far more than those of the plain pane.
-
-    How a bent pane turns the azimuth can look like a flat one before a lens at a wrong incidence: none near it leaves
-    less overlap, but far off the plain pane does.
-    """
-    overlap = VaryingOverlap(evidence.stokes, evidence.estimate.scene)
-    if not overlap.usable:
-        return False
-    logs = [float(overlap.log(_pane(pane)).mean()) for pane in (scene, evidence.estimate.scene)]
-    return logs[0] - logs[1] > _MORE_OVERLAP
-
-
-def _pane(scene: SceneParameters) -> Pane:
-    incidence, azimuth, _ = scene.values()
-    return Pane(plane_normal(incidence, azimuth), FLAT, 1 / (scene.focal_px or math.inf))
 
 
 def _best_fit(evidence: Evidence) -> tuple[PerspectiveFit, bool]:

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.pane_edges import Candidate, PaneEdges, candidate_near, named
+from polaropt.pane_edges import Candidate, candidate_near, named
 from polaropt.pane_program import (
-    ALONG_INCIDENCE,
     AZIMUTH,
     INCIDENCE,
     N_NUMBERS,
@@ -24,7 +23,7 @@ from polaropt.pane_program import (
     Prior,
     fitted,
 )
-from polaropt.perspective_fit import PerspectiveFit, fit_result, incidences_agree
+from polaropt.perspective_fit import PerspectiveFit, asked_of_edges, fit_result
 from polaropt.plate_frame import StokesImages
 from polaropt.polarized_blocks import PolarizedBlocks
 from polaropt.scene import SceneParameters
@@ -89,9 +88,7 @@ def fit_tolerant(
     overlap = VaryingOverlap(stokes, plain)
     if found.explained < enough or not overlap.usable:
         return found
-    incidence, error = PaneEdges(overlap, best.blocks).told(best, ALONG_INCIDENCE)
-    agree = incidences_agree(best.fit, incidence, error)
-    told = best.told(ALONG_INCIDENCE, incidence, error) if agree else best
+    told, agree = asked_of_edges(best, overlap, best.blocks, plain)
     widened = replace(told.fit, covariance=_WIDER**2 * told.fit.covariance)
     return TolerantFit(fit_result(best.blocks, widened, agree), plain_misfit)
 
