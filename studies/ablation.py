@@ -17,14 +17,13 @@ from threadpoolctl import threadpool_limits
 
 from polaropt.capture import Capture
 from polaropt.errors import InputError
-from polaropt.metrics import psnr_db, similarity_map
 from polaropt.noise import noise_level
 from polaropt.scene import SceneParameters
 from studies.ablation_figures import draw
 from studies.ablation_variants import ALL, VARIANTS, Variant
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.learned_init import weights_digest
-from studies.protocol import EVALUATION_BORDER, INCIDENCES_DEG, N_PAIRS, Pair, protocol_capture, protocol_scene, truth
+from studies.protocol import INCIDENCES_DEG, N_PAIRS, Pair, layer_quality, protocol_capture, protocol_scene, true_layers
 from studies.record import write_tables
 from studies.work import row_of, run_jobs
 
@@ -88,15 +87,8 @@ def _row(job: Job, pair: Pair, variant: Variant, capture: Capture, found: SceneP
     except InputError as reason:
         return Row(variant.name, job.pair, job.incidence_deg, not_run=str(reason))
     seconds = time.perf_counter() - began
-    quality = _quality(solved.layers, np.stack([np.moveaxis(layer, -1, 0) for layer in truth(pair)]))
+    quality = layer_quality(solved.layers, true_layers(pair))
     return Row(variant.name, job.pair, job.incidence_deg, *quality, solved.solver.n_evaluations, seconds)
-
-
-def _quality(layers: np.ndarray, true: np.ndarray) -> tuple[float, float, float, float]:
-    inner = (..., slice(EVALUATION_BORDER, -EVALUATION_BORDER), slice(EVALUATION_BORDER, -EVALUATION_BORDER))
-    noise = [psnr_db(layers[i], true[i], EVALUATION_BORDER) for i in (0, 1)]
-    likeness = [float(similarity_map(layers[i], true[i])[inner].mean()) for i in (0, 1)]
-    return noise[0], noise[1], likeness[0], likeness[1]
 
 
 def difference(rows: Sequence[Row], variant: Variant, layer: str) -> tuple[float, float, float]:

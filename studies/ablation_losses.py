@@ -19,7 +19,6 @@ from threadpoolctl import threadpool_limits
 from polaropt.capture import Capture
 from polaropt.conditioning import conditioned_observation, plain_observation
 from polaropt.errors import InputError
-from polaropt.metrics import psnr_db, similarity_map
 from polaropt.model_selection import find_scene
 from polaropt.noise import noise_level
 from polaropt.objective import Weights
@@ -29,7 +28,7 @@ from studies.ablation_losses_figures import draw
 from studies.ablation_losses_tables import Row, page
 from studies.ablation_records import Training, shipped_trainings, trainings_in
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
-from studies.protocol import EVALUATION_BORDER, INCIDENCES_DEG, N_PAIRS, Pair, protocol_capture, truth
+from studies.protocol import INCIDENCES_DEG, N_PAIRS, Pair, layer_quality, protocol_capture, true_layers
 from studies.record import write_tables
 from studies.work import row_of, run_jobs
 
@@ -58,7 +57,7 @@ def run(job: Job) -> list[Row]:
     """Show one scene to every network; what the conditioned form needs of the scene is found blind, once."""
     pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
     capture = protocol_capture(pair, job.incidence_deg)
-    layers = np.stack([np.moveaxis(layer, -1, 0) for layer in truth(pair)])
+    layers = true_layers(pair)
     with threadpool_limits(1, "blas"):
         seen = {form: observed(capture, form) for form in {training.form for training in job.trainings}}
         return [_row(job, training, seen[training.form], layers) for training in job.trainings]
@@ -79,10 +78,7 @@ def _row(job: Job, training: Training, seen: Observation, layers: Images) -> Row
     began = time.perf_counter()
     found = network.layers(seen, layers.shape[1])
     seconds = time.perf_counter() - began
-    inner = (..., slice(EVALUATION_BORDER, -EVALUATION_BORDER), slice(EVALUATION_BORDER, -EVALUATION_BORDER))
-    noise = [psnr_db(found[i], layers[i], EVALUATION_BORDER) for i in (0, 1)]
-    likeness = [float(similarity_map(found[i], layers[i])[inner].mean()) for i in (0, 1)]
-    return Row(training.name, training.variant, job.pair, job.incidence_deg, *noise, *likeness, seconds)
+    return Row(training.name, training.variant, job.pair, job.incidence_deg, *layer_quality(found, layers), seconds)
 
 
 @lru_cache(maxsize=16)

@@ -19,7 +19,7 @@ from studies.protocol import (
     protocol_pairs,
     protocol_scene,
     shipped_pairs,
-    truth,
+    true_layers,
 )
 
 Images = NDArray[np.float32]
@@ -66,7 +66,7 @@ def example(photographs: Photographs, incidence_deg: float, size: Size) -> Examp
     """One scene of the protocol, the pane known."""
     pair = sized_pair(photographs, size)
     capture = protocol_capture(pair, incidence_deg)
-    layers = np.ascontiguousarray(np.moveaxis(np.stack(truth(pair)), -1, 1))
+    layers = true_layers(pair)
     return Example(capture, protocol_scene(pair, incidence_deg), layers)
 
 

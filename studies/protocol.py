@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture
 from polaropt.errors import InputError
+from polaropt.metrics import psnr_db, similarity_map
 from polaropt.scene import SceneParameters, ghost_step
-from polaropt.simulation import simulate
+from polaropt.simulation import simulate, stack_layers
 
 INCIDENCES_DEG = (10, 40, 60, 70, 80, 85)
 N_PAIRS = 12
@@ -87,6 +88,19 @@ def protocol_capture(pair: Pair, incidence_deg: float, kind: Kind = "paper", noi
 def truth(pair: Pair) -> tuple[Image, Image]:
     """Transmission and reflection of the frame, (256, 256, 3)."""
     return pair.cropped(pair.transmission), pair.cropped(pair.reflection)
+
+
+def true_layers(pair: Pair) -> Image:
+    """The same as a separation has them, (2, 3, h, w)."""
+    return stack_layers(*truth(pair))
+
+
+def layer_quality(layers: Image, true: Image) -> tuple[float, float, float, float]:
+    """PSNR in dB of transmission and reflection, then SSIM of both, within the border."""
+    inner = (..., slice(EVALUATION_BORDER, -EVALUATION_BORDER), slice(EVALUATION_BORDER, -EVALUATION_BORDER))
+    noise = [psnr_db(layers[i], true[i], EVALUATION_BORDER) for i in (0, 1)]
+    likeness = [float(similarity_map(layers[i], true[i])[inner].mean()) for i in (0, 1)]
+    return noise[0], noise[1], likeness[0], likeness[1]
 
 
 def middle(image: Image, size: int) -> Image:
