@@ -1,5 +1,7 @@
 """The one error that a person's input can cause."""
 
+from __future__ import annotations
+
 
 class InputError(ValueError):
     """What came from a file or a person cannot be used; its text is one line: what is wrong, and what to do.

@@ -10,28 +10,25 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.canvas import Canvas
-from polaropt.capture import Capture
-from polaropt.diagnostics import Diagnostics, diagnose, noise_share
+from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, measured_noise, planes_last
 from polaropt.errors import InputError
-from polaropt.forward import PSE
-from polaropt.mistakes import Mistakes, find_mistakes
-from polaropt.model_selection import FoundScene, Tried, find_scene, model_names
-from polaropt.noise_model import NoiseModel, measured_noise
-from polaropt.objective import Term, Weights
-from polaropt.problem import component_images
-from polaropt.safeguard import left_alone, scene_source, with_incidence_checked
-from polaropt.scene import SceneParameters
-from polaropt.scene_errors import SceneErrors
-from polaropt.scene_estimation import SceneEstimate
-from polaropt.simulation import planes_last
-from polaropt.solving import How, Solution, solve
-from polaropt.stages import Progress, Stages
-from polaropt.starts import check_start
-from polaropt.uncertainty import Uncertainty, estimate_uncertainty, nothing_told
-from polaropt.varying import VaryingPSE
+from polaropt.estimation import (
+    FoundScene,
+    SceneEstimate,
+    Tried,
+    find_scene,
+    left_alone,
+    model_names,
+    scene_source,
+    with_incidence_checked,
+)
+from polaropt.inversion import Canvas
+from polaropt.judging import Diagnostics, Uncertainty, diagnose, estimate_uncertainty, noise_share, nothing_told
+from polaropt.optics import PSE, SceneErrors, SceneParameters, VaryingPSE
+from polaropt.progress import Progress, Stages
+from polaropt.solving import How, Solution, Term, Weights, check_start, component_images, solve
 from solvers.base import SolverResult, Status, StoppingRule
-from solvers.compiled import told_of_compiling
+from solvers.kernels import told_of_compiling
 from solvers.registry import get_solver
 
 Images = NDArray[np.float32]
@@ -149,7 +146,7 @@ def separate(
     stopping : StoppingRule
     model : str
         Rung of the ladder of scene models, where the scene is not given: "auto" takes the lowest one that explains
-        the capture, "none" returns the intensity; all names: `polaropt.model_selection.model_names`.
+        the capture, "none" returns the intensity; all names: `polaropt.estimation.ladder.model_names`.
     thickness_px : float, optional
         Thickness of the pane in pixels: ties the ghost shift to the incidence.
     thickness_kind : {"paper", "plate"}

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from priors.checkpoint import load_network
-from priors.encoder import WrongWeights
-from priors.fusionnet import Form, SeparationNetwork
+from priors.networks.checkpoint import load_network
+from priors.networks.critics import WrongWeights
+from priors.networks.fusionnet import Form, SeparationNetwork
 from priors.observation import Observation
 
 Images = NDArray[np.float32]

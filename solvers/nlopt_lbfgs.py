@@ -7,9 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.base import SolverResult, Status, StoppingRule, TooLarge, ValueAndGrad, Vector
-from solvers.scaled import Scaled
-from solvers.trace import Progress, StopSolving, Traced
+from solvers.base import (
+    Progress,
+    Scaled,
+    SolverResult,
+    Status,
+    StoppingRule,
+    StopSolving,
+    TooLarge,
+    Traced,
+    ValueAndGrad,
+    Vector,
+)
 
 # Successive moves along one line are parallel to rounding.
 _PARALLEL = 1 - 1e-6

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solvers.base import SolverResult, Status, StoppingRule, ValueAndGrad, Vector
-from solvers.scaled import Scaled
-from solvers.trace import Progress, StopSolving, Traced
+from solvers.base import Progress, Scaled, SolverResult, Status, StoppingRule, StopSolving, Traced, ValueAndGrad, Vector
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled import compiled
+from solvers.kernels import compiled
 
 Floats = NDArray[np.float32]
 Sums = NDArray[np.float64]

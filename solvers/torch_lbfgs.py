@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solvers.base import SolverResult, Status, StoppingRule, ValueAndGrad
-from solvers.norms import NUMPY, Norms
-from solvers.trace import Progress, StopSolving, Traced
+from solvers.base import NUMPY, Norms, Progress, SolverResult, Status, StoppingRule, StopSolving, Traced, ValueAndGrad
 
 
 @dataclass(frozen=True)

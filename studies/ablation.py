@@ -15,10 +15,9 @@ import numpy as np
 from scipy.stats import bootstrap
 from threadpoolctl import threadpool_limits
 
-from polaropt.capture import Capture
+from polaropt.capture import Capture, noise_level
 from polaropt.errors import InputError
-from polaropt.noise import noise_level
-from polaropt.scene import SceneParameters
+from polaropt.optics import SceneParameters
 from studies.ablation_figures import draw
 from studies.ablation_variants import ALL, VARIANTS, Variant
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser

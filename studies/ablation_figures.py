@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from polaropt.noise import noise_level
-from polaropt.simulation import planes_last
+from polaropt.capture import noise_level, planes_last
 from studies.ablation_variants import Variant
 from studies.crop_figure import crops
 from studies.figure_files import write_figures

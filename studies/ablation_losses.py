@@ -16,14 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from polaropt.capture import Capture
-from polaropt.conditioning import conditioned_observation, plain_observation
+from polaropt.capture import Capture, noise_level
 from polaropt.errors import InputError
-from polaropt.model_selection import find_scene
-from polaropt.noise import noise_level
-from polaropt.objective import Weights
-from polaropt.problem import Problem
-from polaropt.scene import SceneParameters
+from polaropt.estimation import find_scene
+from polaropt.optics import SceneParameters
+from polaropt.solving import Problem, Weights, conditioned_observation, plain_observation
 from studies.ablation_losses_figures import draw
 from studies.ablation_losses_tables import Row, page
 from studies.ablation_records import Training, shipped_trainings, trainings_in
@@ -83,9 +80,9 @@ def _row(job: Job, training: Training, seen: Observation, layers: Images) -> Row
 
 @lru_cache(maxsize=16)
 def _network(training: Training, vgg19: str | None) -> LearnedInitializer:
-    from priors.checkpoint import load_network
-    from priors.encoder import WrongWeights
     from priors.learned import LearnedInitializer
+    from priors.networks.checkpoint import load_network
+    from priors.networks.critics import WrongWeights
 
     try:
         network = load_network(training.weights, training.digest, None if vgg19 is None else Path(vgg19))

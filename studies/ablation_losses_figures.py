@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from polaropt.simulation import planes_last
+from polaropt.capture import planes_last
 from studies.ablation_losses_tables import Row, means
 from studies.ablation_published import TABLE_3
 from studies.ablation_records import Training

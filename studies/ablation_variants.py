@@ -9,16 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture
-from polaropt.forward import PSE
-from polaropt.model_selection import find_scene
-from polaropt.noise import noise_level
-from polaropt.objective import Misfit, Weights, build_objective
-from polaropt.problem import Coordinates, Problem
-from polaropt.scene import SceneParameters
-from polaropt.solving import How, solve
-from polaropt.stages import Stages
-from polaropt.starts import check_start, is_kept
+from polaropt.capture import Capture, noise_level
+from polaropt.estimation import find_scene
+from polaropt.optics import PSE, SceneParameters
+from polaropt.progress import Stages
+from polaropt.solving import (
+    Coordinates,
+    How,
+    Misfit,
+    Problem,
+    Weights,
+    build_objective,
+    check_start,
+    is_kept,
+    solve,
+    take_start,
+)
 from solvers.base import SolverResult, StoppingRule
 from solvers.registry import get_solver
 
@@ -95,7 +101,7 @@ class Variant:
         if is_kept(self.init):
             return self._kept(capture, self.scene(found, true), noise)
         problem = self.prepared(capture, self.scene(found, true), noise, self.weights)
-        start = problem.take_start(self.init)
+        start = take_start(problem, self.init)
         objective = self.coordinates(problem, self.weights, start)
         z = objective.coordinates(start)
         result = get_solver("lbfgs").minimize(objective.value_and_grad, z, _STOPPING)

@@ -1,6 +1,7 @@
 """The objective as a differentiable torch function of the pixels: what one writes without a gradient of one's own.
 
-The slow contestants of the benchmark minimize it; tests hold it equal to the objective of `polaropt.problem.Problem`.
+The slow contestants of the benchmark minimize it; tests hold it equal to the objective of
+`polaropt.solving.problem.Problem`.
 """
 
 from __future__ import annotations
@@ -12,9 +13,8 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
-from polaropt.objective import Weights
-from polaropt.problem import Problem
-from polaropt.spectra import column_multiplicity
+from polaropt.numerics import column_multiplicity
+from polaropt.solving import Problem, Weights
 from priors.base import CHROMA_WEIGHT
 from priors.gradient_sparsity import GradientSparsity, LayerSparsity
 

@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from polaropt.objective import Weights
-from polaropt.problem import Problem
-from solvers.base import MissingPackage, Status, StoppingRule, TooLarge
+from polaropt.solving import Problem, Weights, take_start
+from solvers.base import MissingPackage, Status, StoppingRule, StopSolving, TooLarge
 from solvers.registry import get_solver, solver_names
-from solvers.trace import StopSolving
 from studies.benchmark_race import Finish, Judge, Limits, Recorder, Run, watched
 
 Images = NDArray[np.float32]
@@ -162,7 +160,7 @@ def _registered(name: str, device: str | None = None) -> Callable[[Judge, str, R
         example = judge.example
         with threadpool_limits(1, "blas"):
             problem = Problem(example.capture, example.scene, judge.noise, Weights())
-            start = problem.take_start(init)
+            start = take_start(problem, init)
             objective = problem.compiled(start) if place is None else problem.readable(start, place)
             z = objective.coordinates(start)
             recorder.set_up()
@@ -196,7 +194,7 @@ def _pixels(judge: Judge, init: str) -> tuple[Problem, Images]:
     example = judge.example
     with threadpool_limits(1, "blas"):
         problem = Problem(example.capture, example.scene, judge.noise, Weights())
-        return problem, problem.take_start(init)
+        return problem, take_start(problem, init)
 
 
 def _scipy_autograd(judge: Judge, init: str, recorder: Recorder) -> Status:

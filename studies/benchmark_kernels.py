@@ -13,13 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from polaropt.fused_misfit import FusedMisfit
-from polaropt.fused_penalties import FusedPenalties
-from polaropt.noise import noise_level
-from polaropt.objective import Weights
-from polaropt.problem import Problem
+from polaropt.capture import noise_level
+from polaropt.solving import FusedMisfit, FusedPenalties, Problem, Weights, take_start
 from priors.gradient_sparsity import GradientSparsity
-from solvers.blocks import in_blocks, thread_count
+from solvers.kernels import in_blocks, thread_count
 from studies.benchmark_record import Measurement, Place
 from studies.benchmark_scenes import Example
 
@@ -131,7 +128,7 @@ def _dot(vector: NDArray[np.float32]) -> Callable[[], object]:
 def _compiled(problem: Problem, sparsity: GradientSparsity) -> Callable[[], object]:
     penalties = replace(problem.penalties, gradient_sparsity=sparsity)
     misfit = FusedMisfit(problem.capture, problem.pse, problem.canvas, problem.noise)
-    layers = copy(problem).take_start("closed-form")
+    layers = take_start(copy(problem), "closed-form")
     local = FusedPenalties(penalties, problem.canvas, layers.shape[1])
     gradient = np.empty_like(layers)
 
@@ -146,5 +143,5 @@ def _autograd(problem: Problem, sparsity: GradientSparsity) -> Callable[[], obje
     from studies.autograd_objective import AutogradObjective
 
     objective = AutogradObjective(problem, _WEIGHTS, sparsity)
-    layers = copy(problem).take_start("closed-form")
+    layers = take_start(copy(problem), "closed-form")
     return lambda: objective.value_and_grad(layers)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from polaropt.scene import SceneParameters
+from polaropt.optics import SceneParameters
 from polaropt.separation import Separation, separate
-from polaropt.starts import start_names
+from polaropt.solving import start_names
 from solvers.base import StoppingRule
 from studies.benchmark_record import Measurement, Place
 from studies.benchmark_scenes import Example

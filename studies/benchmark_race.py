@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from polaropt.noise import noise_level
-from polaropt.objective import Weights
-from polaropt.problem import Problem
-from solvers.base import Status, StoppingRule
+from polaropt.capture import noise_level
+from polaropt.solving import Problem, Weights, take_start
+from solvers.base import Status, StoppingRule, StopSolving
 from solvers.registry import get_solver
-from solvers.trace import StopSolving
 from studies.benchmark_scenes import Example
 
 Images = NDArray[np.float32]
@@ -63,7 +61,7 @@ class Judge:
     def start(self, init: str) -> Images:
         """Canvas layers to start from, by name."""
         # The copy gives up what a solve no longer needs.
-        return copy(self.problem).take_start(init)
+        return take_start(copy(self.problem), init)
 
     def verdict(self, layers: Images) -> Verdict:
         """The verdict on canvas layers (2, channel, H, W)."""

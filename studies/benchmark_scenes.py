@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.metrics import psnr_db
-from polaropt.scene import SceneParameters
+from polaropt.optics import SceneParameters
+from polaropt.simulation import psnr_db
 from studies.protocol import (
     EVALUATION_BORDER,
     Pair,

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from polaropt.scene import SceneParameters
-from polaropt.scene_estimation import estimate_scene
+from polaropt.estimation import estimate_scene
+from polaropt.optics import SceneParameters
 from studies.protocol import Kind, Pair, protocol_capture, protocol_pairs, protocol_scene, shipped_pairs
 
 INCIDENCES_DEG = (10, 20, 30, 40, 50, 60, 70, 80, 85)

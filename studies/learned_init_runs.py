@@ -10,15 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from polaropt.capture import Capture
-from polaropt.model_selection import find_scene
-from polaropt.noise_model import NoiseModel, measured_noise
-from polaropt.objective import Weights
-from polaropt.problem import Problem
-from polaropt.scene import SceneParameters
-from polaropt.solving import How, Solution, solve
-from polaropt.stages import Stages
-from polaropt.starts import initializers
+from polaropt.capture import Capture, NoiseModel, measured_noise
+from polaropt.estimation import find_scene
+from polaropt.optics import SceneParameters
+from polaropt.progress import Stages
+from polaropt.solving import How, Problem, Solution, Weights, initializers, solve, take_start
 from solvers.base import StoppingRule
 from solvers.registry import get_solver
 from studies.benchmark_race import GAP, NEAR_DB, Clock
@@ -190,7 +186,7 @@ def _found(taken: Taken) -> _Scene:
 def _course(scene: _Scene, start: str, most_evaluations: int) -> _Course:
     course, clock = _Course(), Clock()
     problem = Problem(scene.capture, scene.scene, scene.noise, Weights(), growth=scene.growth)
-    layers = problem.take_start(start)
+    layers = take_start(problem, start)
     objective = problem.compiled(layers)
     z = objective.coordinates(layers)
     course.before = clock.read()

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polaropt.capture import Capture
-from polaropt.scene import SceneParameters, ghost_step
+from polaropt.capture import ANGLES_DEG, Capture
+from polaropt.optics import SceneParameters, ghost_step
 from polaropt.separation import separate
-from polaropt.simulation import ANGLES_DEG, digitized, exact_photographs, stack_layers
+from polaropt.simulation import digitized, exact_photographs, stack_layers
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.model_ladder_figure import draw
 from studies.paper_protocol import trivial_psnr

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from polaropt.capture import Capture
-from polaropt.metrics import psnr_db
 from polaropt.separation import Separation, separate
+from polaropt.simulation import psnr_db
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.paper_protocol_figure import draw
 from studies.protocol import (

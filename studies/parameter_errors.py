@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polaropt.capture import Capture
-from polaropt.model_selection import FoundScene, find_scene
-from polaropt.noise import noise_level
-from polaropt.scene import SceneParameters, ghost_step
+from polaropt.capture import Capture, noise_level
+from polaropt.estimation import FoundScene, find_scene
+from polaropt.optics import SceneParameters, ghost_step
 from polaropt.simulation import simulate
 from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
 from studies.parameter_errors_figure import draw

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.separation import separate
-from polaropt.starts import start_names
+from polaropt.solving import start_names
 from solvers.base import StoppingRule
 from studies import peer_single_image
 from studies.peer_multiscale import separate_in_scales
@@ -25,7 +25,7 @@ Layers = tuple[Images, Images | None]
 
 FULL, CLOSED_FORM, NETWORKS = "full solve", "closed form alone", "PolarNet and FusionNet alone"
 PLAIN = "plain intensity"
-# Name of the start that they are, see `polaropt.starts`.
+# Name of the start that they are, see `polaropt.solving.starts`.
 LEARNED = "learned"
 
 

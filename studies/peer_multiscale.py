@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.plate import in_place_reflectance
-from polaropt.plate_frame import block_mean
+from polaropt.numerics import block_mean
+from polaropt.optics import in_place_reflectance
 
 Images = NDArray[np.float32]
 Costs = NDArray[np.float32]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture
 from polaropt.errors import InputError
-from polaropt.scene import SceneParameters
+from polaropt.optics import SceneParameters
 from studies.command import pairs_of
 from studies.protocol import Pair, middle, protocol_capture, protocol_scene, truth
 from studies.stability_capture import take

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.metrics import similarity_map
+from polaropt.simulation import similarity_map
 from studies.protocol import EVALUATION_BORDER
 
 Images = NDArray[np.float32]

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.plate import in_place_reflectance
-from polaropt.stokes import change_basis, frame_matrix
+from polaropt.optics import change_basis, frame_matrix, in_place_reflectance
 
 Images = NDArray[np.float32]
 Criterion = Callable[[Images, Images], float]

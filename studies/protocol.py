@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture
 from polaropt.errors import InputError
-from polaropt.metrics import psnr_db, similarity_map
-from polaropt.scene import SceneParameters, ghost_step
-from polaropt.simulation import simulate, stack_layers
+from polaropt.optics import SceneParameters, ghost_step
+from polaropt.simulation import psnr_db, similarity_map, simulate, stack_layers
 
 INCIDENCES_DEG = (10, 40, 60, 70, 80, 85)
 N_PAIRS = 12

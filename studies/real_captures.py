@@ -13,13 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture
-from polaropt.image_io import write_png_view
-from polaropt.metrics import psnr_db
-from polaropt.reader import read_capture
-from polaropt.scene import SceneParameters
+from polaropt.capture import Capture, planes_last, read_capture, write_png_view
+from polaropt.optics import SceneParameters
 from polaropt.separation import Separation, separate
-from polaropt.simulation import planes_last, simulate
+from polaropt.simulation import psnr_db, simulate
 
 Image = NDArray[np.float32]
 

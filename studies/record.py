@@ -28,7 +28,7 @@ def metadata(settings: dict[str, Any], processes: str = "1") -> dict[str, Any]:
 
     Of several processes each has one thread.
     """
-    from solvers.blocks import thread_count
+    from solvers.kernels import thread_count
 
     told = {
         "command": _command(sys.argv),

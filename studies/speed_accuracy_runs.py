@@ -13,14 +13,13 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
 
+from polaropt.capture import NoiseModel, measured_noise
 from polaropt.errors import InputError
-from polaropt.metrics import psnr_db
-from polaropt.noise_model import NoiseModel, measured_noise
-from polaropt.objective import Weights
-from polaropt.scene import SceneParameters
+from polaropt.optics import SceneParameters
+from polaropt.progress import Stages
 from polaropt.separation import Separation, separate
-from polaropt.solving import How, Solution, solve
-from polaropt.stages import Stages
+from polaropt.simulation import psnr_db
+from polaropt.solving import How, Solution, Weights, solve
 from solvers.base import MissingPackage
 from solvers.registry import get_solver
 from studies.benchmark_memory import peak_above

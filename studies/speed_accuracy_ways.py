@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from inspect import signature
 from itertools import product
 
-from polaropt.model_selection import model_names
+from polaropt.estimation import model_names
 from polaropt.separation import separate
-from polaropt.starts import start_names
+from polaropt.solving import start_names
 from solvers.base import StoppingRule
 from solvers.registry import solver_names
 from studies.peer_methods import FULL, METHODS, Method

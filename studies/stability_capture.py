@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import MOST_NEGATIVE, Capture
-from polaropt.fresnel import interface
-from polaropt.perspective import plane_normal
-from polaropt.scene import SceneParameters
-from polaropt.simulation import ANGLES_DEG, digitized, exact_photographs
+from polaropt.capture import ANGLES_DEG, MOST_NEGATIVE, Capture
+from polaropt.optics import SceneParameters, interface, plane_normal
+from polaropt.simulation import digitized, exact_photographs
 from studies.protocol import Pair
 from studies.stability_scenes import Case, Light, Taking, focal_px
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.model_selection import model_names
+from polaropt.estimation import model_names
 from polaropt.separation import separate
 from studies.protocol import EVALUATION_BORDER, Pair
 from studies.stability_capture import Taken, take

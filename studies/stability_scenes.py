@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from polaropt.scene import SceneParameters, ghost_step
+from polaropt.optics import SceneParameters, ghost_step
 from studies.protocol import BITS, NOISE, REFRACTIVE_INDEX, THICKNESS_PX
 
 Light = Literal["photograph", "hdr", "highlight", "dark hdr"]

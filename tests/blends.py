@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from skimage import data
 
-from polaropt.capture import Capture
-from polaropt.scene import SceneParameters
-from polaropt.simulation import planes_first, simulate
+from polaropt.capture.capture import Capture, planes_first
+from polaropt.optics.scene import SceneParameters
+from polaropt.simulation.simulator import simulate
 
 MARGIN = 48
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from polaropt import SceneParameters
-from polaropt.stokes import analyzer_matrix, stokes_vector
+from polaropt.optics.stokes import analyzer_matrix, stokes_vector
 from tests.checks import Array
-from tests.test_shift import slow_shift
+from tests.optics.test_shift import slow_shift
 
 
 def rotation(azimuth_deg: float) -> Array:

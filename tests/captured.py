@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from polaropt.capture import Capture
+from polaropt.capture.capture import Capture
 
 ANGLES = (0.0, 45.0, 90.0, 135.0)
 

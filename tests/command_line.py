@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from polaropt.cli import main
+from polaropt.cli.app import main
 
 UNCERTAINTY = {"transmission_error.tiff", "reflection_error.tiff", "reflection_known.tiff", "uncertainty.png"}
 RESULTS = {

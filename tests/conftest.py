@@ -20,8 +20,8 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Four files of a small colour capture: 65 degrees, azimuth 30, ghosts 4 px apart."""
     from skimage import data
 
-    from polaropt.cli import main
-    from polaropt.image_io import write_png
+    from polaropt.capture.write import write_png
+    from polaropt.cli.app import main
 
     folder = tmp_path_factory.mktemp("photographs")
     write_png(folder / "behind.png", data.coffee()[150:246, 200:296])

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import torch
 
-from priors.fusionnet import Architecture, Form, SeparationNetwork
+from priors.networks.fusionnet import Architecture, Form, SeparationNetwork
 from priors.observation import N_CANDIDATES, Observation
-from priors.training_options import Sample
+from priors.training.trainer import Sample
 
 SMALL = {"polar_widths": (4, 6), "fusion_widths": (6, 8), "fusion_blocks": (1, 1)}
 

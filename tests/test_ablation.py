@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from polaropt import separate
-from polaropt.metrics import psnr_db
-from polaropt.noise import noise_level
+from polaropt.capture.noise import noise_level
+from polaropt.simulation.metrics import psnr_db
 from studies.ablation import Job, Row, difference, incidence_table, run, table
 from studies.ablation_variants import ALL, VARIANTS
 from tests.blends import blend
@@ -84,7 +84,7 @@ def test_the_learned_start_is_what_separate_does(example):
 
 
 def test_without_torch_the_learned_start_is_not_run(monkeypatch):
-    monkeypatch.setattr("polaropt.starts.find_spec", lambda package: None)
+    monkeypatch.setattr("polaropt.solving.starts.find_spec", lambda package: None)
     monkeypatch.setattr("studies.ablation.VARIANTS", (named(ALL), named("learned start")))
     made = run(Job(None, 0, 60.0, 48))
     assert [bool(row.not_run) for row in made] == [False, True]

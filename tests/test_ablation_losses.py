@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from polaropt.errors import InputError
-from priors.checkpoint import save_network
+from priors.networks.checkpoint import save_network
 from studies.ablation_losses import Job, main, run
 from studies.ablation_losses_tables import Row, page
 from studies.ablation_records import ALL, PIXELS, PLAIN, Training, commands, trainings_in, variant_of

@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from documents import document_of
+
+from tests.documents import document_of
 
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
 
-from polaropt.objective import Weights
-from polaropt.problem import Problem
-from solvers.base import Status
-from solvers.trace import StopSolving
+from polaropt.solving.objective import Weights
+from polaropt.solving.problem import Problem
+from solvers.base import Status, StopSolving
 from studies import benchmark, benchmark_kernels, benchmark_pipeline, benchmark_solvers
 from studies.benchmark_contestants import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD, Threads, contestants, race
 from studies.benchmark_race import Clock, Finish, Judge, Limits, Recorder, Verdict, find_finish

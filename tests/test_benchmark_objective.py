@@ -9,9 +9,10 @@ import pytest
 
 pytest.importorskip("torch")
 
-from polaropt.capture import Capture
-from polaropt.objective import Misfit, Weights, build_objective
-from polaropt.problem import Problem
+from polaropt.capture.capture import Capture
+from polaropt.solving.objective import Misfit, Weights, build_objective
+from polaropt.solving.problem import Problem
+from polaropt.solving.starts import take_start
 from studies.autograd_objective import AutogradObjective
 from tests.blends import blend
 
@@ -30,7 +31,7 @@ def problem_of(size: int, color: bool, share: float = 0.0) -> Problem:
 @pytest.mark.parametrize("init", ["cold", "closed-form"])
 def test_value_and_gradient_are_those_of_the_readable_objective(color, share, init):
     problem = problem_of(33, color, share)
-    start = copy(problem).take_start(init)
+    start = take_start(copy(problem), init)
     layers = start + 0.02 * np.random.default_rng(0).standard_normal(start.shape).astype(np.float32)
     readable = problem.readable(start)
     expected, _ = readable.value_and_grad(readable.coordinates(layers))
@@ -46,7 +47,7 @@ def test_value_and_gradient_are_those_of_the_readable_objective(color, share, in
 def test_every_term_can_be_left_out(left):
     weights = Weights(**{name: float(name == left) for name in Weights.__dataclass_fields__})
     problem = problem_of(24, True)
-    layers = copy(problem).take_start("closed-form") - np.float32(0.1)
+    layers = take_start(copy(problem), "closed-form") - np.float32(0.1)
     misfit = Misfit(problem.capture, problem.pse, problem.canvas, problem.noise)
     expected = build_objective(misfit, problem.penalties, problem.canvas, weights).value_and_grad(layers)[0]
     assert expected > 0

@@ -1,4 +1,4 @@
-"""The order of the house: who may import whom, and how large things may grow."""
+"""The order of the house: who may import whom, through which doors, and how large rooms may grow."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -15,49 +16,123 @@ import polaropt
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("polaropt", "solvers", "priors", "studies")
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+FOLDERS = sorted({path.parent for path in MODULES})
 FORBIDDEN = {
     "polaropt": {"studies", "tests"},
     "solvers": {"polaropt", "priors", "studies", "tests"},
     "priors": {"polaropt", "solvers", "studies", "tests"},
     "studies": {"tests"},
 }
+# What each wing of polaropt/ may import; `cli` may import all, `__main__` only that.
+_CAPTURES = {"errors", "numerics", "optics"}
+_INVERSION = _CAPTURES | {"capture"}
+_SOLVING = _INVERSION | {"inversion", "progress"}
+_JUDGING = _SOLVING | {"estimation", "solving"}
+_SEPARATION = _JUDGING | {"judging"}
+BELOW = {
+    "errors": set(),
+    "progress": set(),
+    "numerics": {"errors"},
+    "optics": {"errors", "numerics"},
+    "capture": _CAPTURES,
+    "inversion": _INVERSION,
+    "simulation": _INVERSION,
+    "estimation": _INVERSION | {"inversion"},
+    "solving": _SOLVING,
+    "judging": _JUDGING,
+    "separation": _SEPARATION,
+    "reporting": _SEPARATION | {"separation"},
+    "training": _SOLVING | {"simulation", "solving"},
+}
+INSIDE_ESTIMATION = ("flat", "wide", "polarized")
 HEAVY = ("torch", "casadi", "nlopt", "kornia", "matplotlib", "scipy", "skimage", "cv2", "sklearn")
+MOST_LINES, MOST_LINES_OF_A_FUNCTION, MOST_MODULES = 800, 100, 12
 
 every_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
 
 
-def imported(tree: ast.AST) -> Iterator[str]:
-    """Top packages that a module imports anywhere, also by `import_module` with a constant."""
-    for node in ast.walk(tree):
+def imported(path: Path) -> Iterator[str]:
+    """Dotted modules that a module imports anywhere: in functions, for types, and by `import_module`."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name.split(".")[0] for alias in node.names)
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
-            yield (node.module or "").split(".")[0]
+            assert node.module
+            # `from package import module` imports the module.
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.Call) and node.args and ast.unparse(node.func).endswith("import_module"):
             named = node.args[0]
             if isinstance(named, ast.Constant):
-                yield str(named.value).split(".")[0]
+                yield str(named.value)
+
+
+def dotted(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+NAMES = {dotted(path) for path in MODULES}
+
+
+def module_of(name: str) -> str:
+    """The project's module that an imported name is or lives in; empty for what is not the project's."""
+    while name and name not in NAMES:
+        name = name.rpartition(".")[0]
+    return name
+
+
+def wing(module: str) -> str:
+    return module.split(".")[1] if module.startswith("polaropt.") else ""
 
 
 def test_there_are_modules_to_look_at() -> None:
     assert {path.relative_to(ROOT).parts[0] for path in MODULES} == set(PACKAGES)
+    assert set(BELOW) | {"cli", "__main__"} == {wing(name) for name in NAMES} - {""}
 
 
 @every_module
 def test_imports_go_downstairs_only(path: Path) -> None:
     package = path.relative_to(ROOT).parts[0]
-    assert not set(imported(ast.parse(path.read_text(encoding="utf-8")))) & FORBIDDEN[package]
+    assert not {name.split(".")[0] for name in imported(path)} & FORBIDDEN[package]
 
 
 @every_module
-def test_modules_and_functions_stay_small(path: Path) -> None:
+def test_wings_import_those_below_through_their_faces(path: Path) -> None:
+    here = wing(dotted(path))
+    for name in imported(path):
+        module = module_of(name)
+        if not wing(module) or wing(module) == here:
+            continue
+        if here in BELOW:
+            assert wing(module) in BELOW[here], f"{here} imports {module}"
+        if here:
+            assert module.count(".") == 1, f"{module} is behind the face of its wing"
+
+
+@pytest.mark.parametrize("package", [package for package in PACKAGES if package != "studies"])
+def test_no_imports_run_in_a_circle(package: str) -> None:
+    own = [path for path in MODULES if path.relative_to(ROOT).parts[0] == package]
+    graph = {dotted(path): {module_of(name) for name in imported(path)} - {"", dotted(path)} for path in own}
+    list(TopologicalSorter(graph).static_order())
+
+
+def test_inside_estimation_the_simple_knows_nothing_of_the_involved() -> None:
+    for path in (ROOT / "polaropt" / "estimation").rglob("*.py"):
+        own = path.parent.name
+        for name in imported(path):
+            there = module_of(name).split(".")
+            if own in INSIDE_ESTIMATION and there[:2] == ["polaropt", "estimation"]:
+                assert there[2] in INSIDE_ESTIMATION[: INSIDE_ESTIMATION.index(own) + 1]
+
+
+@every_module
+def test_modules_and_functions_are_no_larger_than_one_can_read(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 300
+    assert len(text.splitlines()) <= MOST_LINES
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             length = (node.end_lineno or node.lineno) - node.lineno + 1 - docstring_lines(node)
-            assert length <= 50, f"{node.name} has {length} lines"
+            assert length <= MOST_LINES_OF_A_FUNCTION, f"{node.name} has {length} lines"
 
 
 def docstring_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
@@ -65,6 +140,12 @@ def docstring_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     if ast.get_docstring(node) is None:
         return 0
     return (first.end_lineno or first.lineno) - first.lineno + 1
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_folder_holds_a_dozen_rooms(folder: Path) -> None:
+    rooms = [path for path in folder.glob("*.py") if not path.name.startswith("__")]
+    assert len(rooms) <= MOST_MODULES or folder.name == "studies"
 
 
 @every_module
@@ -83,6 +164,17 @@ def test_importing_is_cheap(module: str) -> None:
 @pytest.mark.parametrize("name", polaropt.__all__)
 def test_every_public_name_is_there(name: str) -> None:
     assert getattr(polaropt, name).__doc__
+
+
+@pytest.mark.parametrize(
+    "wing", [folder.name for folder in (ROOT / "polaropt").iterdir() if (folder / "__init__.pyi").exists()]
+)
+def test_a_face_shows_what_it_names_and_no_module(wing: str) -> None:
+    face = __import__(f"polaropt.{wing}", fromlist=["*"])
+    rooms = {path.stem for path in (ROOT / "polaropt" / wing).iterdir()}
+    for name in face.__all__:
+        assert name not in rooms, "the import of a module would hide it"
+        assert hasattr(face, name)
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

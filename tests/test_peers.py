@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blends import blend
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.io import imsave
 
 from polaropt.errors import InputError
-from polaropt.plate import in_place_reflectance
+from polaropt.optics.plate import in_place_reflectance
 from studies import peers
 from studies.peer_figures import draw
 from studies.peer_methods import FULL, METHODS, NETWORKS, PLAIN, Method, NotRun
@@ -26,6 +25,7 @@ from studies.peer_semireflector import correlation, invert, mutual_information, 
 from studies.peer_single_image import STRENGTHS, built, suppressed
 from studies.peer_tables import margins, tables
 from studies.peers import jobs_of
+from tests.blends import blend
 
 IN_PLACE = blend(60.0, 96, ghost_shift=0.0, noise=0.0)
 RANDOM = np.random.default_rng(0)

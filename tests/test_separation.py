@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters, StoppingRule, Warning, Weights, separate, simulate
-from polaropt.capture import Capture
-from polaropt.metrics import psnr_db
-from polaropt.starts import start_names
+from polaropt import SceneParameters, SeparationWarning, StoppingRule, Weights, separate, simulate
+from polaropt.capture.capture import Capture
+from polaropt.simulation.metrics import psnr_db
+from polaropt.solving.starts import start_names
 from solvers.base import Status
 from tests.blends import blend
 
@@ -60,7 +60,7 @@ def test_a_good_capture_earns_no_warning(sixty):
 def test_near_normal_incidence_is_said_not_to_tell_the_reflection():
     example = blend(10, 96, ghost_shift=0.3)
     result = separate(example.capture, example.scene, stopping=QUICK)
-    assert Warning.REFLECTION_NOT_IDENTIFIABLE in result.diagnostics.warnings
+    assert SeparationWarning.REFLECTION_NOT_IDENTIFIABLE in result.diagnostics.warnings
     doing_nothing = psnr_db(example.capture.stokes[0], example.layers[0], 8)
     assert psnr_db(result.layers[0], example.layers[0], 8) > doing_nothing
 
@@ -88,7 +88,7 @@ def test_unpolarized_light_is_returned_as_transmission_with_a_warning():
     random = np.random.default_rng(0)
     capture = Capture(np.stack([image / 2] * 4) + 0.005 * random.standard_normal((4, *image.shape)))
     result = separate(capture)
-    assert Warning.NO_POLARIZATION in result.diagnostics.warnings
+    assert SeparationWarning.NO_POLARIZATION in result.diagnostics.warnings
     np.testing.assert_allclose(result.layers[0], capture.stokes[0])
     assert (result.reflection == 0).all()
     assert all(np.isfinite(result.scene.values()))
@@ -136,7 +136,7 @@ def test_clipped_pixels_hurt_only_themselves():
         layers = separate(each, example.scene, stopping=QUICK).layers
         error.append(np.sqrt(np.mean((layers[0] - example.layers[0])[untouched] ** 2)))
     assert error[1] < 1.2 * error[0]
-    assert Warning.SATURATED in separate(capture, example.scene, stopping=QUICK).diagnostics.warnings
+    assert SeparationWarning.SATURATED in separate(capture, example.scene, stopping=QUICK).diagnostics.warnings
 
 
 def test_same_input_same_result():

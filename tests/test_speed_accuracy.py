@@ -7,17 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import dom_of
-from documents import document_of
 from hypothesis import given
 from hypothesis import strategies as st
+
+from tests.browser import dom_of
+from tests.documents import document_of
 
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
 pytest.importorskip("bokeh")
 
-from polaropt.metrics import psnr_db
 from polaropt.separation import separate
+from polaropt.simulation.metrics import psnr_db
 from solvers.base import StoppingRule
 from studies import speed_accuracy
 from studies.benchmark_scenes import Photographs, Size, sized_pair

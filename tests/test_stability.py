@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from documents import document_of
 
-from polaropt.simulation import exact_photographs
+from polaropt.simulation.simulator import exact_photographs
 from studies import stability
 from studies.protocol import shipped_pairs
 from studies.stability_capture import bent_photographs, take
 from studies.stability_methods import BASELINES, MINIMUM, NOTHING, Row, baseline, methods
 from studies.stability_scenes import BLIND, Case, Taking, cases
 from studies.stability_scores import AUTO, judge, score
+from tests.documents import document_of
 
 PAIR = shipped_pairs(size=48, margin=48)[0]
 EASY = Case("family", 0, easy=True)

@@ -6,16 +6,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from documents import document_of
 from skimage.io import imsave
 
 from polaropt.errors import InputError
-from polaropt.scene import SceneParameters
+from polaropt.optics.scene import SceneParameters
 from studies import coverage, paper_protocol
 from studies.coverage_figure import draw
 from studies.paper_protocol import scene_errors
 from studies.protocol import protocol_capture, protocol_pairs, protocol_scene, shipped_pairs, truth
 from studies.real_captures import edge_correlation
+from tests.documents import document_of
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from documents import SCHEMA, document_of
 from jsonschema import Draft202012Validator, ValidationError
+
+from tests.documents import SCHEMA, document_of
 
 pytest.importorskip("torch")
 

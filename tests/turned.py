@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polaropt.capture import MOST_NEGATIVE, Capture
-from polaropt.motion import Motions, finely_moved_back
-from polaropt.scene import SceneParameters
+from polaropt.capture.capture import MOST_NEGATIVE, Capture
+from polaropt.capture.registration import Motions, finely_moved_back
+from polaropt.optics.scene import SceneParameters
 from tests.blends import blend
 
 

@@ -1,0 +1,91 @@
+__all__ = [
+    "ANGLES_DEG",
+    "MOST_NEGATIVE",
+    "PLAUSIBLE_GAIN",
+    "SMALLEST_SIDE",
+    "AnyPath",
+    "Capture",
+    "FloatImages",
+    "GammaFit",
+    "Mistakes",
+    "NoiseClasses",
+    "NoiseModel",
+    "Origin",
+    "PlateFrame",
+    "StokesImages",
+    "align",
+    "alignment_sentence",
+    "block_means",
+    "encode_srgb",
+    "find_mistakes",
+    "fit_gamma",
+    "least_squares_entries",
+    "linearize",
+    "measured_noise",
+    "noise_classes",
+    "noise_level",
+    "noise_of_blocks",
+    "orthogonal_pairs",
+    "pair_gain_of",
+    "parse_gamma",
+    "planes_first",
+    "planes_last",
+    "plate_frame",
+    "quantization_step",
+    "read_capture",
+    "read_file",
+    "result_file",
+    "result_folder",
+    "stokes_images",
+    "swapped_photographs",
+    "visible_shift",
+    "write_capture",
+    "write_png",
+    "write_png_view",
+    "write_tiff",
+]
+
+from .alignment import align as align
+from .alignment import alignment_sentence as alignment_sentence
+from .capture import ANGLES_DEG as ANGLES_DEG
+from .capture import MOST_NEGATIVE as MOST_NEGATIVE
+from .capture import SMALLEST_SIDE as SMALLEST_SIDE
+from .capture import Capture as Capture
+from .capture import FloatImages as FloatImages
+from .capture import Origin as Origin
+from .capture import planes_first as planes_first
+from .capture import planes_last as planes_last
+from .checks import GammaFit as GammaFit
+from .checks import Mistakes as Mistakes
+from .checks import find_mistakes as find_mistakes
+from .checks import fit_gamma as fit_gamma
+from .checks import swapped_photographs as swapped_photographs
+from .checks import visible_shift as visible_shift
+from .decode import AnyPath as AnyPath
+from .decode import linearize as linearize
+from .decode import parse_gamma as parse_gamma
+from .decode import read_file as read_file
+from .noise import NoiseClasses as NoiseClasses
+from .noise import NoiseModel as NoiseModel
+from .noise import measured_noise as measured_noise
+from .noise import noise_classes as noise_classes
+from .noise import noise_level as noise_level
+from .noise import noise_of_blocks as noise_of_blocks
+from .noise import quantization_step as quantization_step
+from .pair_gain import PLAUSIBLE_GAIN as PLAUSIBLE_GAIN
+from .pair_gain import block_means as block_means
+from .pair_gain import orthogonal_pairs as orthogonal_pairs
+from .pair_gain import pair_gain_of as pair_gain_of
+from .polarization import PlateFrame as PlateFrame
+from .polarization import StokesImages as StokesImages
+from .polarization import least_squares_entries as least_squares_entries
+from .polarization import plate_frame as plate_frame
+from .polarization import stokes_images as stokes_images
+from .read import read_capture as read_capture
+from .write import encode_srgb as encode_srgb
+from .write import result_file as result_file
+from .write import result_folder as result_folder
+from .write import write_capture as write_capture
+from .write import write_png as write_png
+from .write import write_png_view as write_png_view
+from .write import write_tiff as write_tiff

@@ -1,0 +1,166 @@
+"""Photographs through a filter turned by hand, moved back onto each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture.capture import MOST_NEGATIVE, SMALLEST_SIDE, Capture, FloatImages, Origin
+from polaropt.capture.registration import (
+    Matrix,
+    Motions,
+    corners,
+    finely_moved_back,
+    measure_shifts,
+    measure_turns,
+    moved_back,
+)
+from polaropt.errors import InputError
+
+Mask = NDArray[np.bool_]
+Moved = Callable[[FloatImages, FloatImages, int], tuple[FloatImages, FloatImages]]
+"""Puts a plane of photograph k and the shares of its valid pixels back."""
+
+_MIRRORED = 16
+
+
+def align(capture: Capture) -> Capture:
+    """Move photographs that are shifted, turned or scaled against each other onto the first one.
+
+    Parameters
+    ----------
+    capture : Capture
+
+    Returns
+    -------
+    Capture
+        The part of the frame that all photographs show, resampled in the Fourier domain; pixels that touch clipped ones
+        are not valid. `origin.shifts_px`, `origin.rotations_deg` and `origin.scales` tell how the photographs were
+        moved. The capture itself where the motions found are below 0.05 px or three times their own error, or the
+        photographs do not agree better with them. Photographs that are shifted only are not turned.
+
+    Raises
+    ------
+    InputError
+        The photographs lie so far apart that too little of them overlaps.
+    """
+    shifts = measure_shifts(capture)
+    turns = measure_turns(capture, shifts)
+    if turns.certain:
+        motions = turns.motions
+        aligned = _aligned(capture, motions, _turned_back(motions))
+        rotations, scales = tuple(map(float, motions.rotations_deg)), tuple(map(float, motions.scales))
+        return _with_origin(aligned, capture, motions.offsets, turns.error, rotations, scales)
+    if not shifts.certain:
+        return capture
+    motions = Motions.of_shifts(shifts.pixels)
+    return _with_origin(_aligned(capture, motions, _shifted_back(motions)), capture, shifts.pixels, shifts.error)
+
+
+def _with_origin(
+    aligned: Capture,
+    capture: Capture,
+    offsets: Matrix,
+    error: float,
+    rotations: tuple[float, ...] = (),
+    scales: tuple[float, ...] = (),
+) -> Capture:
+    aligned.origin = replace(
+        capture.origin or Origin((), "memory", ""),
+        shifts_px=tuple((float(down), float(right)) for down, right in offsets),
+        shift_error_px=error,
+        rotations_deg=rotations,
+        scales=scales,
+    )
+    return aligned
+
+
+def _aligned(capture: Capture, motions: Motions, moved_back: Moved) -> Capture:
+    """The frame that all photographs show, those that moved put back."""
+    frame = _common_frame(motions, capture.shape[-2:])
+    images, valid = capture.intensities.copy(), capture.valid.copy()
+    for k in range(len(images)):
+        if motions.offsets[k].any() or (motions.matrices[k] != np.eye(2)).any():
+            images[k], valid[k] = _moved_back(capture.intensities[k], capture.valid[k], k, moved_back)
+    return Capture(images[..., *frame], capture.angles_deg, valid[..., *frame])
+
+
+def _common_frame(motions: Motions, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns that all photographs show once they are moved back.
+
+    Keeping the rest as not valid costs 4 dB of the reflection everywhere: pixels that two or three photographs show are
+    no better than a guess, and the strength of the priors is measured on them, too.
+    """
+    places = motions.displacements(corners(shape))
+    farthest = float(np.linalg.norm(places, axis=-1).max())
+    # Displacements are linear over the frame: those of an edge lie between those of its ends.
+    top, bottom = places[:, :2, 0], places[:, 2:, 0]
+    left, right = places[:, ::2, 1], places[:, 1::2, 1]
+    first = np.ceil([max(0, -float(edge.min())) for edge in (top, left)]).astype(int)
+    last = np.floor([n - max(0, float(edge.max())) for n, edge in zip(shape, (bottom, right), strict=True)]).astype(int)
+    if (last - first < SMALLEST_SIDE).any():
+        raise InputError(f"the photographs are shifted by {farthest:.0f} px; too little of them overlaps")
+    return slice(first[0], last[0]), slice(first[1], last[1])
+
+
+def _moved_back(image: FloatImages, valid: Mask, k: int, moved_back: Moved) -> tuple[FloatImages, Mask]:
+    """Photograph k ([channel,] h, w) put back; what touches invalid pixels is not valid."""
+    moved, kept = np.empty_like(image), np.empty_like(valid)
+    for plane in np.ndindex(image.shape[:-2]):
+        moved[plane], share = moved_back(image[plane], valid[plane].astype(np.float32), k)
+        kept[plane] = share > 0.999
+    # Overshoot at clipped pixels and at dark edges.
+    return np.clip(moved, 0.9 * MOST_NEGATIVE, max(1.0, float(image.max()))), kept
+
+
+def _shifted_back(motions: Motions) -> Moved:
+    from scipy.ndimage import shift
+
+    def moved(plane: FloatImages, valid: FloatImages, k: int) -> tuple[FloatImages, FloatImages]:
+        back = -motions.offsets[k]
+        return _fourier_moved(plane, back), shift(valid, back, order=1, mode="nearest")
+
+    return moved
+
+
+def _turned_back(motions: Motions) -> Moved:
+    def moved(plane: FloatImages, valid: FloatImages, k: int) -> tuple[FloatImages, FloatImages]:
+        part = motions.matrices[k], motions.offsets[k]
+        return finely_moved_back(plane, *part), moved_back(valid, *part, order=1)
+
+    return moved
+
+
+def _fourier_moved(plane: FloatImages, offset: Matrix) -> FloatImages:
+    """An image (h, w) moved in the Fourier domain, mirrored beyond its edges.
+
+    Splines of degree 3 smooth the finest detail, and the noise by 10 %: a separation afterwards loses up to 1.6 dB,
+    with degree 5 up to 1 dB, with this 0.3.
+    """
+    from scipy.fft import irfft2, next_fast_len, rfft2
+    from scipy.ndimage import fourier_shift
+
+    sides = [next_fast_len(side + 2 * _MIRRORED, real=True) for side in plane.shape]
+    padding = [(_MIRRORED, whole - side - _MIRRORED) for whole, side in zip(sides, plane.shape, strict=True)]
+    spectrum = rfft2(np.pad(plane, padding, mode="symmetric"))
+    moved: FloatImages = irfft2(fourier_shift(spectrum, offset, n=sides[1]), s=sides)
+    return moved[_MIRRORED : _MIRRORED + plane.shape[0], _MIRRORED : _MIRRORED + plane.shape[1]]
+
+
+def alignment_sentence(capture: Capture) -> str:
+    """What was moved, for people."""
+    if capture.origin is None or not capture.origin.shifts_px:
+        return "Aligned: the photographs lie on each other as they are; nothing was moved."
+    moves = ", ".join(
+        f"({down:+.2f}, {right:+.2f})".replace("+0.00", "0").replace("-0.00", "0")
+        for down, right in capture.origin.shifts_px
+    )
+    told = f"Aligned: photographs moved back by (down, right) px {moves}, known to {capture.origin.shift_error_px:.2g}"
+    if not capture.origin.rotations_deg:
+        return f"{told}."
+    turns = ", ".join(f"{angle:+.2f}" for angle in capture.origin.rotations_deg[1:])
+    growth = ", ".join(f"{100 * (scale - 1):+.2f}" for scale in capture.origin.scales[1:])
+    return f"{told}; turned back by {turns} deg clockwise and scaled back by {growth} % against the first."

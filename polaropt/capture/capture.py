@@ -1,0 +1,237 @@
+"""Capture: the photographs, their polarizer angles, which pixels can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polaropt.errors import InputError
+from polaropt.optics import stokes_from_intensities
+
+ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
+
+
+def planes_first(image: FloatImages) -> FloatImages:
+    """(h, w[, channel]) to ([channel,] h, w)."""
+    return np.moveaxis(image, -1, 0) if image.ndim == 3 else image
+
+
+def planes_last(image: FloatImages) -> FloatImages:
+    """([channel,] h, w) to (h, w[, channel])."""
+    return np.ascontiguousarray(np.moveaxis(image, 0, -1)) if image.ndim == 3 else image
+
+
+FloatImages = NDArray[np.float32]
+
+SMALLEST_SIDE = 16
+MOST_NEGATIVE = -0.01
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a capture was read from, and what was done to its values.
+
+    Attributes
+    ----------
+    files : tuple of str
+    layout : str
+        "files", "stack", "mono mosaic" or "color mosaic".
+    sample_type : str
+        Type of the values in the file, such as "uint16".
+    black_level, white_level : float
+        Values that became 0 and 1, in the file's units.
+    pair_gain : float
+        Gain of the 45/135 pair that was divided out; 1 if none was.
+    gamma : float, str or None
+        Encoding that was undone.
+    encoding_hint : str
+        What the file's format says about its encoding; empty if nothing.
+    raw_noise : float, optional
+        Noise measured on raw pixels before they were interpolated (white = 1).
+    shifts_px : tuple of pairs of float
+        How far down and to the right each photograph lay from the first and was moved back; empty if none was.
+    shift_error_px : float, optional
+        Standard error of these shifts.
+    rotations_deg, scales : tuple of float
+        How far each photograph was turned clockwise, and how much larger it showed the scene; empty if none was.
+    focal_px : float, optional
+        Focal length in pixels of these photographs, from the field of view or from what the camera wrote into the file.
+    angle_sense : {"ccw", "cw"}
+        Sense in which the polarizer angles were counted; those of the capture are counter-clockwise.
+    start_unknown : bool
+        Whether it is not known where the polarizer's angles start from the image's x axis.
+    start_deg : float, optional
+        Where they start, if the ghosts told it; it is added in the capture's angles.
+    """
+
+    files: tuple[str, ...]
+    layout: str
+    sample_type: str
+    black_level: float = 0.0
+    white_level: float = 1.0
+    pair_gain: float = 1.0
+    gamma: float | str | None = None
+    encoding_hint: str = ""
+    raw_noise: float | None = None
+    shifts_px: tuple[tuple[float, float], ...] = ()
+    shift_error_px: float | None = None
+    rotations_deg: tuple[float, ...] = ()
+    scales: tuple[float, ...] = ()
+    focal_px: float | None = None
+    angle_sense: str = "ccw"
+    start_unknown: bool = False
+    start_deg: float | None = None
+
+
+class Capture:
+    """Photographs of one scene through glass, behind a linear polarizer at several angles.
+
+    Parameters
+    ----------
+    intensities : array_like, shape (k, [channel,] h, w)
+        Linear photographs, white = 1, one per polarizer angle.
+    angles_deg : sequence of k floats
+        Polarizer angles in degrees, counter-clockwise from the image's x axis.
+    valid : array_like of bool, same shape, optional
+        Pixels that can be trusted. Default: those below white (at white and above a sensor clips).
+
+    Attributes
+    ----------
+    intensities : ndarray of float32
+    angles_deg : tuple of float
+    valid : ndarray of bool
+    origin : Origin or None
+        Where it was read from; None for a capture made in memory.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, fewer than 3 or two equal angles, NaN, values below -1 % of white, an image smaller than
+        16 px, a constant capture, or one that is clipped everywhere.
+    """
+
+    def __init__(
+        self,
+        intensities: ArrayLike,
+        angles_deg: Sequence[float] = (0.0, 45.0, 90.0, 135.0),
+        valid: ArrayLike | None = None,
+    ) -> None:
+        self.intensities: FloatImages = _float_images(intensities)
+        self.angles_deg = _angles(angles_deg)
+        self.valid: NDArray[np.bool_] = (
+            self.intensities < 1 if valid is None else np.ascontiguousarray(valid, dtype=bool)
+        )
+        _check_angles(self.angles_deg)
+        _check_shape(self.intensities, self.angles_deg, self.valid)
+        _check_values(self.intensities, self.valid)
+        self.origin: Origin | None = None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one layer, ([channel,] h, w)."""
+        return self.intensities.shape[1:]
+
+    @property
+    def color(self) -> bool:
+        """Whether there is a channel axis."""
+        return self.intensities.ndim == 4
+
+    @property
+    def focal_px(self) -> float | None:
+        """Focal length in pixels as far as the files or whoever read them told; None if nobody said.
+
+        To be used where a scene needs a focal length, and no reason to use one.
+        """
+        return None if self.origin is None else self.origin.focal_px
+
+    @property
+    def start_unknown(self) -> bool:
+        """Whether it is not known where the polarizer's angles start from the image's x axis."""
+        return self.origin is not None and self.origin.start_unknown
+
+    @property
+    def stokes(self) -> FloatImages:
+        """Least-squares Stokes images (3, [channel,] h, w), clipped pixels taken as they are."""
+        images: Any = stokes_from_intensities(self.intensities, self.angles_deg)
+        return np.asarray(images, dtype=np.float32)
+
+    def part(self, rows: slice, columns: slice) -> Capture:
+        """A part of the frame, which need not be a capture that makes sense by itself (all clipped, all black)."""
+        part = object.__new__(Capture)
+        part.intensities = np.ascontiguousarray(self.intensities[..., rows, columns])
+        part.angles_deg = self.angles_deg
+        part.valid = np.ascontiguousarray(self.valid[..., rows, columns])
+        part.origin = self.origin
+        return part
+
+    def __repr__(self) -> str:
+        return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"
+
+
+def _float_images(intensities: ArrayLike) -> FloatImages:
+    try:
+        images = np.asarray(intensities)
+    except (TypeError, ValueError):
+        raise InputError("the photographs differ in shape; give images of one size") from None
+    if images.dtype.kind not in "buif":
+        raise InputError(f"photographs hold values of type {images.dtype}; real numbers are needed, white = 1")
+    return np.ascontiguousarray(images, dtype=np.float32)
+
+
+def _angles(angles_deg: Sequence[float]) -> tuple[float, ...]:
+    try:
+        return tuple(float(angle) for angle in angles_deg)
+    except (TypeError, ValueError):
+        raise InputError(f"{angles_deg!r} are no polarizer angles; give numbers in degrees") from None
+
+
+def _check_angles(angles_deg: tuple[float, ...]) -> None:
+    if len(angles_deg) < 3:
+        raise InputError(f"{len(angles_deg)} polarizer angles; at least 3 different ones are needed")
+    if not np.all(np.isfinite(angles_deg)):
+        raise InputError("a polarizer angle is not a number; give angles in degrees")
+    wrapped = np.sort(np.asarray(angles_deg) % 180)
+    gaps = np.diff(np.append(wrapped, wrapped[0] + 180))
+    if gaps.min() < 1e-3:
+        listed = ", ".join(f"{angle:g}" for angle in angles_deg)
+        raise InputError(
+            f"two polarizer angles are equal (modulo 180 degrees): {listed}; each photograph needs its own"
+        )
+
+
+def _check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid: NDArray[np.bool_]) -> None:
+    if intensities.ndim not in (3, 4):
+        raise InputError(f"photographs have shape {intensities.shape}; expected (angle, [channel,] height, width)")
+    if intensities.shape[0] != len(angles_deg):
+        raise InputError(
+            f"{intensities.shape[0]} photographs but {len(angles_deg)} polarizer angles; give one angle each"
+        )
+    if valid.shape != intensities.shape:
+        raise InputError(
+            f"the validity mask has shape {valid.shape}, the photographs {intensities.shape}; make them equal"
+        )
+    height, width = intensities.shape[-2:]
+    if min(height, width) < SMALLEST_SIDE:
+        raise InputError(f"images are {width}x{height} px; at least {SMALLEST_SIDE}x{SMALLEST_SIDE} px are needed")
+
+
+def _check_values(intensities: FloatImages, valid: NDArray[np.bool_]) -> None:
+    if not np.all(np.isfinite(intensities)):
+        raise InputError("photographs hold NaN or infinite values; replace them, or mask them in finite images")
+    if not valid.any():
+        raise InputError("every pixel is saturated; take the photographs again with a shorter exposure")
+    # A few outliers are defects; a percentile would hide a wrong black level.
+    lowest = float(intensities.min(where=valid, initial=np.inf))
+    if lowest < MOST_NEGATIVE:
+        raise InputError(
+            f"values down to {lowest:.3g} of white; below {MOST_NEGATIVE:g} it is no noise: correct the black level"
+        )
+    highest = float(intensities.max(where=valid, initial=-np.inf))
+    if highest <= 0:
+        raise InputError("the capture is all black; check the exposure and the black level")
+    if highest == lowest:
+        raise InputError(f"the capture is constant ({highest:g} everywhere); it holds no scene")

@@ -1,0 +1,351 @@
+"""What the photographs themselves tell about mistakes: gamma encoding, swapped files, movement.
+
+``I0 + I90 = I45 + I135`` (its generalization for other angles) holds for any light at all, however it is polarized.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture.capture import Capture
+from polaropt.capture.noise import redundancy_residual
+from polaropt.capture.pair_gain import Floats, orthogonal_pairs, trusted_blocks
+from polaropt.capture.registration import (
+    Images,
+    Mask,
+    far_from_invalid,
+    fit_small_shifts,
+    largest_distance,
+    measure_shifts,
+    middle,
+    products,
+)
+
+_FEWEST_BLOCKS = 50
+_ENOUGH_BLOCKS = 3000
+_CERTAIN = 0.15
+# Blocks are no independent samples: an accusation needs far more than the usual three deviations.
+_SURE_GAMMA, _LIKELY = 10.5, 6.0
+# Differences in exposure between the photographs of one pair, as logarithms.
+_EXPOSURES = (0.02, 0.02)
+_LINEAR = (0.75, 1.3)
+_BRIGHT = 0.4
+_MUCH_BETTER = 0.5
+_ABOVE_NOISE = 0.003
+
+
+@dataclass(frozen=True)
+class GammaFit:
+    """Exponent that makes the photographs linear: 1 for linear data, about 2.2 for sRGB.
+
+    Attributes
+    ----------
+    exponent : float
+    standard_error : float
+        Large where the light is hardly polarized.
+    """
+
+    exponent: float
+    standard_error: float
+
+    @property
+    def certain(self) -> bool:
+        """Whether the exponent means anything."""
+        return self.standard_error < _CERTAIN * self.exponent
+
+    @property
+    def encoded(self) -> bool:
+        """Whether the photographs are surely not linear."""
+        return self._differs(_SURE_GAMMA)
+
+    @property
+    def likely_encoded(self) -> bool:
+        """Whether they are not linear, if something else tells that the pairs do not add up."""
+        return self._differs(_LIKELY)
+
+    def _differs(self, deviations: float) -> bool:
+        beyond = abs(np.log(self.exponent)) * self.exponent > deviations * self.standard_error
+        return bool(self.certain and beyond and not _LINEAR[0] <= self.exponent <= _LINEAR[1])
+
+
+def checked_blocks(capture: Capture) -> Floats:
+    """Means (k, n) of 8x8 blocks that are valid throughout, evenly chosen where there are many."""
+    blocks = trusted_blocks(capture.intensities, capture.valid)
+    return blocks[:, :: max(1, blocks.shape[1] // _ENOUGH_BLOCKS)]
+
+
+def fit_gamma(capture: Capture, blocks: Floats | None = None) -> GammaFit | None:
+    """How the photographs are encoded, from sums of orthogonal pairs.
+
+    If values are ``v = I^(1/gamma)``, the sum of an orthogonal pair depends on how strongly the light is polarized
+    along it: ``log((v45 + v135) / (v0 + v90))`` has the slope ``(gamma - 1)/2`` against ``d0^2 - d45^2``, where d0 and
+    d45 are the contrasts of the two pairs. That is the first order in their squares; it is repeated on the linearized
+    values. A gain of one pair or of one photograph does not matter.
+
+    Parameters
+    ----------
+    capture : Capture
+    blocks : ndarray, shape (k, n), optional
+        `checked_blocks` of the capture, if they are at hand.
+
+    Returns
+    -------
+    GammaFit or None
+        None where the angles are no two orthogonal pairs, or too few 8x8 blocks are unclipped.
+    """
+    pairs = orthogonal_pairs(capture.angles_deg)
+    if pairs is None:
+        return None
+    blocks = checked_blocks(capture).astype(np.float64) if blocks is None else blocks.astype(np.float64)
+    if blocks.shape[1] < _FEWEST_BLOCKS:
+        return None
+    exponent, error = 1.0, 0.0
+    for _ in range(8):
+        slope, error = _pair_slope(blocks**exponent, pairs)
+        factor = float(np.clip(1 + 2 * slope, 0.5, 2))
+        exponent = float(np.clip(exponent * factor, 0.1, 10))
+        # Much below the error further rounds tell nothing.
+        if abs(factor - 1) < max(1e-3, 0.2 * error):
+            break
+    return GammaFit(exponent, 2 * error * exponent)
+
+
+def _pair_slope(blocks: Floats, pairs: tuple[tuple[int, int], tuple[int, int]]) -> tuple[float, float]:
+    """Slope of the logarithmic ratio of the pair sums against d0^2 - d45^2, and its standard error."""
+    sums = [blocks[a] + blocks[b] for a, b in pairs]
+    # Dark blocks: noise makes both contrasts and ratio large together, which looks like an exponent.
+    bright = sums[0] + sums[1] > _BRIGHT * np.median(sums[0] + sums[1])
+    sums, blocks = [total[bright] for total in sums], blocks[:, bright]
+    first, second = ((blocks[a] - blocks[b]) / total for (a, b), total in zip(pairs, sums, strict=True))
+    # An exposure of its own in each photograph makes the ratio follow the contrasts themselves.
+    columns = np.stack([first**2 - second**2, first, second, np.ones_like(first)], axis=1)
+    weights, error = _robust_regression(columns, np.log(sums[1] / sums[0]), expected=(np.inf, *_EXPOSURES, np.inf))
+    return float(weights[0]), error
+
+
+def _robust_regression(columns: Floats, values: Floats, expected: tuple[float, ...]) -> tuple[Floats, float]:
+    """Least squares without outliers beyond 3 robust deviations, and the first coefficient's standard error.
+
+    `expected` holds how large each coefficient may be expected to be (a Gaussian prior).
+    """
+    kept = np.ones(values.shape, dtype=bool)
+    weights: Floats = np.zeros(columns.shape[1])
+    error = np.inf
+    variance = float(np.var(values))
+    for _ in range(5):
+        used = columns[kept]
+        normal = used.T @ used / max(variance, 1e-12) + np.diag([size**-2 for size in expected])
+        if np.linalg.cond(normal) > 1e12:
+            return weights, np.inf
+        weights = np.linalg.solve(normal, used.T @ values[kept] / max(variance, 1e-12))
+        error = float(np.sqrt(np.linalg.inv(normal)[0, 0]))
+        residual = values - columns @ weights
+        variance = float(np.mean(residual[kept] ** 2))
+        kept = np.abs(residual) <= 3 * max(1.4826 * float(np.median(np.abs(residual))), 1e-9)
+    return weights, error
+
+
+def swapped_photographs(capture: Capture, blocks: Floats | None = None) -> tuple[tuple[int, int], ...]:
+    """Pairs of photographs of which one looks swapped, by their indices; empty if the order looks right.
+
+    A wrong order breaks ``I0 + I90 = I45 + I135`` (its generalization for other angles). Each exchange of two
+    photographs is tried; those are named with which the identity holds at least twice as well. Where several serve
+    equally all are named: exchanging 45 and 90 or 0 and 135, of four, forms the same pairs. Three angles tell nothing.
+
+    `blocks` are the capture's `checked_blocks`, if they are at hand.
+    """
+    count = len(capture.angles_deg)
+    blocks = checked_blocks(capture) if blocks is None else blocks
+    if count < 4 or blocks.shape[1] < _FEWEST_BLOCKS:
+        return ()
+    given = _misfit(blocks, capture.angles_deg)
+    exchanges = list(combinations(range(count), 2))
+    misfits = np.array([_misfit(_exchanged(blocks, a, b), capture.angles_deg) for a, b in exchanges])
+    best = float(misfits.min())
+    if given < _ABOVE_NOISE or best > _MUCH_BETTER * given:
+        return ()
+    return tuple(exchanges[k] for k in np.flatnonzero(misfits <= 1.1 * best + 1e-6))
+
+
+def _exchanged(blocks: Floats, first: int, second: int) -> Floats:
+    order = np.arange(blocks.shape[0])
+    order[[first, second]] = second, first
+    return blocks[order]
+
+
+def _misfit(blocks: Floats, angles_deg: Sequence[float]) -> float:
+    """Size of what no Stokes vector explains, relative to the intensity, a constant gain apart."""
+    residual: NDArray[np.floating] = redundancy_residual(blocks, angles_deg) / blocks.mean(axis=0)
+    return float(np.mean(np.abs(residual - np.median(residual, axis=-1, keepdims=True))))
+
+
+_SIDE = 256
+_LEAST = 0.5
+_SURE_SHIFT = 5.0
+_FEWEST = 500
+_WIDE = 3
+_ABOUT = 0.01
+_CLEARLY_HIGHER = 1.3
+_ABOVE_CHANCE = 7.0
+
+
+def visible_shift(capture: Capture, least_px: float = _LEAST) -> float:
+    """Largest distance between two photographs in pixels, 0 where it is not surely more than `least_px`.
+
+    A look at one colour in the middle of the frame: good to a tenth of a pixel up to about one pixel, beyond that only
+    a hint of the size. `polaropt.capture.registration.measure_shifts` measures. The cells of a mosaic do not move
+    against each other: 0.
+    """
+    if capture.origin is not None and "mosaic" in capture.origin.layout:
+        return 0.0
+    block = 2 if min(capture.shape[-2:]) >= 1.5 * _SIDE else 1
+    rows, columns = middle(capture.shape, block * _SIDE)
+    images, valid = capture.intensities[..., rows, columns], capture.valid[..., rows, columns]
+    if capture.color:
+        channel = capture.shape[0] // 2
+        images, valid = images[:, channel], valid[:, channel]
+    trusted: Mask = np.asarray(valid.all(axis=0))
+    if block > 1:
+        trusted = _halved(trusted.astype(np.float32)) == 1
+        images = _halved(images)
+    return max(_far(images), block * _near(images, trusted, least_px / block)) if min(images.shape[-2:]) >= 16 else 0.0
+
+
+def _near(images: Images, trusted: Mask, least_px: float) -> float:
+    """Distances of about a pixel, from the gradients."""
+    bands = _band(images)
+    inside = None
+    if not trusted.all():
+        edge = _WIDE + 1
+        inside = far_from_invalid(trusted)[edge:-edge, edge:-edge]
+        if np.count_nonzero(inside) < _FEWEST:
+            return 0.0
+    found = fit_small_shifts(products(bands, inside, turning=True), at_rest=_ABOUT, n_motions=4)
+    largest = max(largest_distance(found.pixels[:, :2]), largest_distance(found.pixels[:, 2:]))
+    return largest if largest > least_px + _SURE_SHIFT * found.error else 0.0
+
+
+def _far(images: Images) -> float:
+    """Distances of several pixels, from the correlation with the first photograph."""
+    from scipy.fft import irfft2, rfft2
+
+    bands = _band(_halved(images))
+    height, width = bands.shape[-2:]
+    if min(height, width) < 16:
+        return 0.0
+    window = np.outer(np.hanning(height), np.hanning(width)).astype(np.float32)
+    spectra = rfft2(bands * window)
+    correlations = irfft2(spectra[1:] * spectra[0].conj(), s=(height, width))
+    largest = 0.0
+    for correlation in correlations:
+        row, column = (int(k) for k in np.unravel_index(np.argmax(correlation), correlation.shape))
+        peak = float(correlation[row, column])
+        chance = _ABOVE_CHANCE * float(correlation.std())
+        if peak > max(_CLEARLY_HIGHER * float(correlation[0, 0]), chance):
+            largest = max(largest, 2 * float(np.hypot(min(row, height - row), min(column, width - column))))
+    return largest
+
+
+def _halved(images: Images) -> Images:
+    """Means of 2x2 pixels; sums of slices are several times as fast as `block_means` for so small blocks."""
+    rows, columns = (side // 2 * 2 for side in images.shape[-2:])
+    pairs = images[..., 0:rows:2, :] + images[..., 1:rows:2, :]
+    halved: Images = (pairs[..., 0:columns:2] + pairs[..., 1:columns:2]) * np.float32(0.25)
+    return halved
+
+
+def _band(images: Images) -> Images:
+    """What is finer than about 3 px and coarser than single pixels."""
+    across = images[..., :-2] + 2 * images[..., 1:-1] + images[..., 2:]
+    smooth = across[..., :-2, :] + 2 * across[..., 1:-1, :] + across[..., 2:, :]
+    middle = slice(_WIDE, -_WIDE)
+    around = smooth[..., : -2 * _WIDE, middle] + smooth[..., 2 * _WIDE :, middle]
+    around += smooth[..., middle, : -2 * _WIDE] + smooth[..., middle, 2 * _WIDE :]
+    band: Images = smooth[..., middle, middle] - np.float32(0.25) * around
+    return band
+
+
+_LEAST_SHIFT_PX, _MOVED_PX = 0.3, 0.5
+_MAD_TO_SIGMA = 1.4826
+_SAMPLE = 2**15
+# Spread of the residual over its robust spread: 1 for noise, more where edges or bright places break the identity.
+_HARDLY_BROKEN, _BROKEN = 1.02, 1.15
+
+
+@dataclass(frozen=True)
+class Mistakes:
+    """What is surely wrong with photographs.
+
+    Attributes
+    ----------
+    swapped : bool
+        Whether they look as if they were given in a wrong order.
+    shift_px : float
+        How far they are shifted against each other, about; 0 where that is not surely more than 0.3 px.
+    gamma : float
+        Exponent that makes them linear; 1 where they do not look encoded beyond doubt.
+    """
+
+    swapped: bool = False
+    shift_px: float = 0.0
+    gamma: float = 1.0
+
+    @property
+    def moved(self) -> bool:
+        """Whether they are shifted by more than half a pixel."""
+        return self.shift_px > _MOVED_PX
+
+    @property
+    def encoded(self) -> bool:
+        """Whether they look encoded."""
+        return self.gamma != 1.0
+
+
+def find_mistakes(capture: Capture) -> Mistakes:
+    """Look for a wrong order, movement and encoding; what explains the others goes first."""
+    blocks = checked_blocks(capture)
+    swapped = bool(swapped_photographs(capture, blocks))
+    ratio = identity_ratio(capture)
+    # Unlike the order, movement can be seen beside a wrong order.
+    shift = visible_shift(capture, _LEAST_SHIFT_PX)
+    if not shift and ratio > _BROKEN and not swapped:
+        shift = _measured_shift(capture)
+    if swapped or shift:
+        return Mistakes(swapped, shift)
+    return Mistakes(gamma=_gamma(capture, blocks, ratio))
+
+
+def identity_ratio(capture: Capture) -> float:
+    """Spread of what no Stokes vector explains over its robust spread; 1 for three angles, where nothing is left."""
+    if len(capture.angles_deg) < 4:
+        return 1.0
+    step = max(1, capture.intensities[0].size // _SAMPLE)
+    valid = capture.valid.reshape(len(capture.angles_deg), -1)[:, ::step].all(axis=0)
+    samples = capture.intensities.reshape(len(capture.angles_deg), -1)[:, ::step][:, valid]
+    if samples.shape[1] < 2:
+        return 1.0
+    residual = redundancy_residual(samples, capture.angles_deg)
+    residual = residual - np.median(residual, axis=-1, keepdims=True)
+    robust = _MAD_TO_SIGMA * float(np.median(np.abs(residual)))
+    return float(np.sqrt(np.mean(np.square(residual, dtype=np.float64)))) / robust if robust > 0 else 1.0
+
+
+def _measured_shift(capture: Capture) -> float:
+    """The same by the slower but sharper look."""
+    if capture.origin is not None and "mosaic" in capture.origin.layout:
+        return 0.0
+    shifts = measure_shifts(capture)
+    return shifts.largest if shifts.certain and shifts.largest > _LEAST_SHIFT_PX else 0.0
+
+
+def _gamma(capture: Capture, blocks: Floats, ratio: float) -> float:
+    fit: GammaFit | None = fit_gamma(capture, blocks)
+    # However strongly light is polarized, it keeps the identity.
+    if fit is None or not np.isfinite(fit.exponent) or ratio < _HARDLY_BROKEN:
+        return 1.0
+    return fit.exponent if fit.encoded or (ratio > _BROKEN and fit.likely_encoded) else 1.0

@@ -1,0 +1,262 @@
+"""The bytes of a file to pixels as stored, their encoding, and what a camera wrote about its lens."""
+
+from __future__ import annotations
+
+import io
+import logging
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture.focal_length import exif_of_names, exif_of_picture, focal_from_exif
+from polaropt.errors import InputError
+
+AnyPath = str | PathLike[str]
+
+
+def read_file(path: AnyPath) -> FileContent:
+    """Read a PNG, TIFF (one or several pages), JPEG or npz file, told apart by their first bytes.
+
+    An alpha channel is dropped: it holds no light. Grey pictures stored as RGB keep their three channels.
+
+    Raises
+    ------
+    InputError
+        Missing, a folder, unreadable, truncated, of another format, or npz without `intensities`.
+    """
+    data = _bytes_of(Path(path))
+    try:
+        return decode(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except Exception as error:  # decoders raise whatever they like on damaged data
+        raise InputError(
+            f"{path}: cannot be read as an image ({one_line(error)}); it may be damaged or incomplete, copy it again"
+        ) from None
+
+
+def parse_gamma(gamma: float | str | None) -> float | str | None:
+    """Check an encoding: None (linear), "srgb" or an exponent such as 2.2."""
+    if gamma is None or (isinstance(gamma, str) and gamma.strip().lower() == "srgb"):
+        return None if gamma is None else "srgb"
+    try:
+        exponent = float(gamma)
+    except (TypeError, ValueError):
+        exponent = np.nan
+    if not 0.1 <= exponent <= 10:
+        raise InputError(f'gamma {gamma!r} is no encoding; give "srgb" or an exponent from 0.1 to 10, such as 2.2')
+    return exponent
+
+
+def linearize(encoded: NDArray[np.float32], gamma: float | str | None) -> NDArray[np.float32]:
+    """Encoded values (white = 1) to linear ones, odd about 0 so that noise around black stays noise.
+
+    Parameters
+    ----------
+    encoded : ndarray of float32
+    gamma : None, "srgb" or float
+        None: they are linear already.
+    """
+    if gamma is None:
+        return encoded
+    size = np.abs(encoded)
+    if gamma == "srgb":
+        linear = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
+    else:
+        linear = size ** float(gamma)
+    return np.asarray(np.copysign(linear, encoded), dtype=np.float32)
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; check the name") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder; give the image files in it") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise InputError(f"{path}: cannot be opened ({reason})") from None
+
+
+Pixels = NDArray[Any]
+
+_JPEG_END = b"\xff\xd9"
+
+
+@dataclass(frozen=True)
+class FileContent:
+    """What one file holds.
+
+    Attributes
+    ----------
+    pixels : ndarray, shape (h, w), (h, w, channel), (k, h, w) or (k, h, w, channel)
+        As stored, without alpha. Colours come last here.
+    stack : bool
+        Whether the first axis counts photographs.
+    angles_deg : tuple of float or None
+        Polarizer angles, where the file tells them.
+    valid : ndarray of bool or None
+        Validity of each value, where the file tells it.
+    encoding_hint : str
+        What the format says about gamma; empty if nothing.
+    focal_px : float or None
+        Focal length in pixels, where the camera wrote it into the file.
+    """
+
+    pixels: Pixels
+    stack: bool = False
+    angles_deg: tuple[float, ...] | None = None
+    valid: NDArray[np.bool_] | None = None
+    encoding_hint: str = ""
+    focal_px: float | None = None
+
+
+def decode(data: bytes) -> FileContent:
+    """Pixels of a PNG, TIFF, JPEG or npz file, told apart by its first bytes.
+
+    Damaged data raise whatever the decoder raises.
+    """
+    if data.startswith(b"\x89PNG"):
+        import imagecodecs
+
+        return _picture(imagecodecs.png_decode(data), data, _png_hint(data))
+    if data.startswith(b"\xff\xd8"):
+        return _decode_jpeg(data)
+    if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        return _decode_tiff(data)
+    if data.startswith(b"PK"):
+        return _decode_npz(data)
+    if not data:
+        raise InputError("the file is empty; copy it again")
+    raise InputError("not a PNG, TIFF, JPEG or npz file; convert it to one of these")
+
+
+def _picture(pixels: Pixels, data: bytes, hint: str) -> FileContent:
+    focal = focal_from_exif(exif_of_picture(data), (pixels.shape[1], pixels.shape[0]))
+    return FileContent(without_alpha(pixels), encoding_hint=hint, focal_px=focal)
+
+
+def without_alpha(pixels: Pixels) -> Pixels:
+    """Drop the last of 2 or 4 channels (..., channel); a single channel becomes none."""
+    if pixels.ndim < 3:
+        return pixels
+    channels = pixels.shape[-1]
+    if channels in (2, 4):
+        pixels = pixels[..., : channels - 1]
+    return pixels[..., 0] if pixels.shape[-1] == 1 else pixels
+
+
+def _png_hint(data: bytes) -> str:
+    head = data[:4096]
+    if b"sRGB" in head:
+        return "the PNG says it is sRGB"
+    return "8-bit PNG files often are" if data[24:25] == b"\x08" else ""
+
+
+def _decode_jpeg(data: bytes) -> FileContent:
+    import imagecodecs
+
+    if _JPEG_END not in data[_jpeg_scan(data) :]:
+        raise InputError("the JPEG ends too early; it is incomplete, copy it again")
+    return _picture(imagecodecs.jpeg8_decode(data), data, "JPEG files nearly always are")
+
+
+def _jpeg_scan(data: bytes) -> int:
+    """Where the picture's own data begin: after all header segments, whose thumbnail has an end mark of its own."""
+    position = 2
+    while position + 4 <= len(data) and data[position] == 0xFF and data[position + 1] != 0xDA:
+        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+    return position
+
+
+def _decode_tiff(data: bytes) -> FileContent:
+    import tifffile
+
+    with _complaints_of_tifffile() as complaints, tifffile.TiffFile(io.BytesIO(data)) as tiff:
+        series = [s for s in tiff.series if not s.keyframe.is_reduced] or list(tiff.series)
+        arrays = [_channels_last(one.asarray(), one.axes) for one in series]
+        metadata = (tiff.shaped_metadata or ({},))[0]
+        exif = exif_of_names(tiff.pages.first.tags.valueof("ExifTag"))
+    if not arrays or any("page offset" in text or "first page" in text or "corrupted" in text for text in complaints):
+        raise InputError("the TIFF ends too early; it is incomplete, copy it again")
+    angles = metadata.get("angles_deg")
+    told = tuple(float(angle) for angle in angles) if angles else None
+    pages = [page for array, stack in arrays for page in (array if stack else array[None])]
+    if len({page.shape for page in pages}) > 1:
+        sizes = ", ".join(sorted({f"{page.shape[1]}x{page.shape[0]}" for page in pages}))
+        raise InputError(f"its pages differ in size ({sizes}); all photographs must have the same")
+    focal = focal_from_exif(exif, (pages[0].shape[1], pages[0].shape[0]))
+    if len(pages) == 1:
+        return FileContent(pages[0], angles_deg=told, focal_px=focal)
+    return FileContent(np.stack(pages), stack=True, angles_deg=told, focal_px=focal)
+
+
+def _channels_last(pixels: Pixels, axes: str) -> tuple[Pixels, bool]:
+    """Pages (k, h, w[, channel]) or one page (h, w[, channel]); and whether there is a page axis."""
+    if "S" in axes:
+        pixels = without_alpha(np.moveaxis(pixels, axes.index("S"), -1))
+    leading = [axis for axis in axes if axis not in "YXS"]
+    if not leading:
+        return pixels, False
+    height_at = len(leading)
+    return pixels.reshape(-1, *pixels.shape[height_at:]), True
+
+
+@contextmanager
+def _complaints_of_tifffile() -> Iterator[list[str]]:
+    """Collect what tifffile would print about a damaged file."""
+    logger = logging.getLogger("tifffile")
+    complaints: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            complaints.append(record.getMessage())
+
+    collector, propagated = Collector(), logger.propagate
+    others = list(logger.handlers)
+    logger.handlers, logger.propagate = [collector], False
+    try:
+        yield complaints
+    finally:
+        logger.handlers, logger.propagate = others, propagated
+
+
+def _decode_npz(data: bytes) -> FileContent:
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except (zipfile.BadZipFile, ValueError, EOFError) as error:
+        raise InputError(f"not a readable npz file ({one_line(error)}); write it again with numpy.savez") from None
+    if "intensities" not in arrays:
+        found = ", ".join(sorted(arrays)) or "nothing"
+        raise InputError(f"holds {found} but no array 'intensities' of shape (angle, [channel,] height, width)")
+    return _npz_content(arrays)
+
+
+def _npz_content(arrays: dict[str, Pixels]) -> FileContent:
+    intensities, valid = arrays["intensities"], arrays.get("valid")
+    if intensities.ndim not in (2, 3, 4):
+        raise InputError(f"'intensities' has shape {intensities.shape}; expected (angle, [channel,] height, width)")
+    if valid is not None and valid.shape != intensities.shape:
+        raise InputError(f"'valid' has shape {valid.shape} but 'intensities' {intensities.shape}; make them equal")
+    if intensities.ndim == 4 and not (intensities.shape[-1] in (3, 4) and intensities.shape[1] > 4):
+        intensities = np.moveaxis(intensities, 1, -1)
+        valid = None if valid is None else np.moveaxis(valid, 1, -1)
+    angles = arrays.get("angles_deg")
+    told = None if angles is None else tuple(float(angle) for angle in np.atleast_1d(angles))
+    mask = None if valid is None else valid.astype(bool)
+    return FileContent(intensities, stack=intensities.ndim > 2, angles_deg=told, valid=mask)
+
+
+def one_line(error: Exception) -> str:
+    """An error's own words, on one line."""
+    words = " ".join(str(error).split()) or type(error).__name__
+    return words if len(words) <= 120 else words[:117] + "..."

@@ -1,0 +1,355 @@
+"""How noisy the photographs are and how that grows with the light, from what more than three angles say twice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture.capture import Capture
+from polaropt.capture.pair_gain import BLOCK, divide_out_gain, orthogonal_pairs, pair_gain_of, plausible, trusted_blocks
+from polaropt.optics import analyzer_matrix
+
+_MAD_TO_SIGMA = 1.4826
+_LEAST = 1e-6
+_ENOUGH_SAMPLES = 1000
+_FEWEST_SAMPLES = 100
+_SAMPLE = 65536
+_COARSEST_STEP, _FEWEST_LEVELS = 1 / 14, 8
+_PILE = 5e-4
+# In steps of the grey levels: below, the noise is rounding, which does not look normal.
+ROUNDED = 0.5
+_MOST_VALUES, _BAND = 2**18, 16
+"""Values of a photograph that are enough, and rows of a band that is taken from a larger one."""
+
+
+@dataclass(frozen=True)
+class Redundancy:
+    """What more than three photographs say twice, of pixels that can be trusted.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (k - 3, n)
+        As of `redundancy_residual`, after a pair gain is divided out.
+    intensity : ndarray, shape (n,)
+        Mean of the photographs.
+    """
+
+    residual: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+
+
+def noise_level(capture: Capture, seen: Redundancy | None = None) -> float:
+    """Standard deviation of the noise of one photograph (white = 1), quantization included.
+
+    From the redundancy ``I0 + I90 - I45 - I135`` (its generalization for other sets of angles), robustly, after a
+    pair gain is divided out. With three angles nothing is said twice: there it comes from the finest detail of
+    the combination of the photographs in which the scene cancels best, an upper bound.
+
+    Clipped pixels and their neighbours do not count. A capture demosaiced to full resolution has the noise of its raw
+    pixels, measured before their interpolation.
+
+    Parameters
+    ----------
+    capture : Capture
+    seen : Redundancy, optional
+        That of the capture, where it is at hand.
+    """
+    if capture.origin is not None and capture.origin.raw_noise is not None:
+        return capture.origin.raw_noise
+    step = quantization_step(capture.intensities)
+    if len(capture.angles_deg) == 3:
+        spread = _noise_of_three_photographs(capture, step)
+    else:
+        spread = robust_spread((seen or redundancy(capture)).residual, step / 2)
+    return float(max(_LEAST, spread, step / np.sqrt(12)))
+
+
+def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:
+    """What is left of k > 3 photographs beyond a Stokes vector, in orthonormal combinations (k - 3, ...).
+
+    White noise of standard deviation sigma in the photographs has the same sigma here.
+    """
+    left, _, _ = np.linalg.svd(analyzer_matrix(angles_deg))
+    return np.tensordot(left[:, 3:].T.astype(intensities.dtype), intensities, axes=1)
+
+
+def quantization_step(intensities: NDArray[np.float32]) -> float:
+    """Distance of the grey levels (white = 1), 0 for values that lie on no grid."""
+    levels = np.unique(intensities[0].ravel()[:: max(1, intensities[0].size // _SAMPLE)])
+    if levels.size < _FEWEST_LEVELS:
+        return 0.0
+    gaps = np.diff(levels.astype(np.float64))
+    step = float(np.median(gaps[gaps <= 1.5 * np.quantile(gaps, 0.1)]))
+    off_grid = np.abs(gaps / step - np.round(gaps / step))
+    on_grid = float(np.mean(off_grid < 0.1)) > 0.9 and step > 2e-6
+    return step if on_grid and step < _COARSEST_STEP else 0.0
+
+
+def redundancy(capture: Capture) -> Redundancy:
+    """Residuals of more than three photographs with their intensities; of a large capture, bands of rows."""
+    rows = _sampled_rows(capture.intensities[0].size, capture.shape[-2])
+    intensities, valid = capture.intensities[..., rows, :], capture.valid[..., rows, :]
+    trusted = _trusted(intensities, valid)
+    intensities = _without_gain(intensities, capture.angles_deg, valid)
+    residual = redundancy_residual(intensities, capture.angles_deg)
+    return Redundancy(residual[:, trusted], intensities[:, trusted].mean(axis=0))
+
+
+def noise_of_blocks(capture: Capture, noise: float) -> float:
+    """Noise of a pixel, were it white, that leaves means of blocks as uncertain as they are.
+
+    Where grey levels are coarser than the noise, the rounding errors of neighbours are alike, and their mean hardly
+    falls with their number. Elsewhere this is the noise itself.
+
+    Parameters
+    ----------
+    capture : Capture
+    noise : float
+        `noise_level` of the capture.
+    """
+    if len(capture.angles_deg) == 3 or noise >= ROUNDED * quantization_step(capture.intensities):
+        return noise
+    intensities = _without_gain(capture.intensities, capture.angles_deg, capture.valid)
+    residual = redundancy_residual(trusted_blocks(intensities, capture.valid), capture.angles_deg)
+    return max(noise, BLOCK * float(residual.std())) if residual.size else noise
+
+
+def _without_gain(
+    intensities: NDArray[np.float32], angles_deg: Sequence[float], valid: NDArray[np.bool_]
+) -> NDArray[np.float32]:
+    """Photographs after a plausible pair gain is divided out."""
+    if orthogonal_pairs(angles_deg) is None:
+        return intensities
+    gain = pair_gain_of(intensities, angles_deg, valid)
+    return intensities if gain is None or not plausible(gain) else divide_out_gain(intensities, angles_deg, gain)
+
+
+def _sampled_rows(size: int, height: int) -> slice | NDArray[np.intp]:
+    """All rows of a photograph of `size` values, or bands of neighbouring rows all over a large one."""
+    n_bands = max(1, math.floor(height * _MOST_VALUES / size / _BAND))
+    if n_bands * _BAND >= height:
+        return slice(None)
+    starts = np.linspace(0, height - _BAND, n_bands).astype(np.intp)
+    rows: NDArray[np.intp] = (starts[:, None] + np.arange(_BAND)).ravel()
+    return rows
+
+
+def _noise_of_three_photographs(capture: Capture, step: float) -> float:
+    """Robust spread of second differences, in the combination of the photographs in which they are smallest.
+
+    Light of two unpolarized layers has no s2 in the pane's frame: three photographs are then combinations of two
+    pictures, and one combination holds noise alone.
+    """
+    detail = _second_differences(capture.intensities)
+    trusted = _trusted(capture.intensities, capture.valid)[..., 1:-1, 1:-1]
+    samples = detail[:, trusted if trusted.any() else np.ones_like(trusted)]
+    small = np.abs(samples).max(axis=0) <= np.quantile(np.abs(samples).max(axis=0), 0.9)
+    _, directions = np.linalg.eigh(np.cov(samples[:, small].astype(np.float64)))
+    return robust_spread(np.tensordot(directions[:, 0].astype(np.float32), samples, axes=1), step / 6)
+
+
+def _second_differences(images: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Mixed second differences in both directions (Immerkaer 1996), scaled so that white noise keeps its sigma."""
+    down = images[..., :-2, :] - 2 * images[..., 1:-1, :] + images[..., 2:, :]
+    return np.asarray((down[..., :-2] - 2 * down[..., 1:-1] + down[..., 2:]) / np.float32(6))
+
+
+def _trusted(intensities: NDArray[np.float32], all_valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels ([channel,] h, w) away from anything clipped, at white or at the lowest value."""
+    valid: NDArray[np.bool_] = np.asarray(all_valid.all(axis=0))
+    at_lowest = intensities == intensities.min()
+    if np.count_nonzero(at_lowest) > _PILE * at_lowest.size:
+        valid &= ~at_lowest.any(axis=0)
+    # Beside clipped pixels those survive whose noise happens to be small: a biased sample.
+    inner = _eroded(valid)
+    for mask, enough in ((inner, _ENOUGH_SAMPLES), (valid, _FEWEST_SAMPLES)):
+        if np.count_nonzero(mask) >= enough:
+            return mask
+    return np.ones_like(valid)
+
+
+def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    rows = mask.copy()
+    rows[..., 1:, :] &= mask[..., :-1, :]
+    rows[..., :-1, :] &= mask[..., 1:, :]
+    both = rows.copy()
+    both[..., :, 1:] &= rows[..., :, :-1]
+    both[..., :, :-1] &= rows[..., :, 1:]
+    return both
+
+
+def robust_spread(values: NDArray[np.float32], step: float) -> float:
+    """Robust standard deviation of values on a grid of `step`.
+
+    On a coarse grid the median deviation is a whole number of steps; a uniform jitter of one step fills the gaps, and
+    its variance is taken off again. Where quantization itself is most of the noise the values are far from normal: the
+    standard deviation without outliers is the better measure there.
+    """
+    center = float(np.median(values))
+    jitter = np.random.default_rng(0).uniform(-0.5, 0.5, values.shape).astype(np.float32) * np.float32(step)
+    jittered = values + jitter if step > 0 else values
+    sigma = _MAD_TO_SIGMA * float(np.median(np.abs(jittered - np.float32(center))))
+    if sigma < 2 * step:
+        sigma = _clipped_deviation(jittered, center, sigma)
+    return float(np.sqrt(max(0.0, sigma**2 - step**2 / 12)))
+
+
+def _clipped_deviation(values: NDArray[np.float32], center: float, sigma: float) -> float:
+    for _ in range(4):
+        kept = values[np.abs(values - np.float32(center)) <= 3.5 * sigma]
+        sigma = float(np.sqrt(np.mean(np.square(kept - np.float32(center), dtype=np.float64))))
+    return sigma
+
+
+Floats = NDArray[np.float64]
+
+_BINS, _FEWEST_IN_BIN, _FEWEST_BINS = 24, 200, 4
+_TURNS = 4
+_ENOUGH_PIXELS = 2**16
+# Of the variance of a robust spread, in units of variance^2 / n (median absolute deviation of normal values).
+_MAD_VARIANCE = 4 * 1.36
+# Growth that is believed: in its standard errors, and as variance of the brightest tenth against the darkest.
+_SIGNIFICANT = 6.0
+_LEAST_GROWTH = 1.5
+_CLASSES = 16
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Variance of a photograph's noise as a function of its intensity (white = 1).
+
+    Attributes
+    ----------
+    read : float
+        Standard deviation without any light.
+    shot : float
+        Variance per unit of intensity; 0 where the noise is the same everywhere.
+    """
+
+    read: float
+    shot: float = 0.0
+
+    def variance(self, intensity: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Variance at each intensity; below black as at black."""
+        light = np.maximum(intensity, np.float32(0))
+        return np.asarray(np.float32(self.read**2) + np.float32(self.shot) * light)
+
+
+@dataclass(frozen=True)
+class NoiseClasses:
+    """Pixels sorted into a few classes of equal noise.
+
+    Attributes
+    ----------
+    sigmas : ndarray, shape (n,)
+        Standard deviation of each class.
+    classes : ndarray of uint8, shape (channel, h, w)
+        The class of every pixel.
+    """
+
+    sigmas: NDArray[np.float64]
+    classes: NDArray[np.uint8]
+
+    @property
+    def typical(self) -> float:
+        """Standard deviation that tells as much as all pixels do on average (mean precision)."""
+        counts = np.bincount(self.classes.ravel(), minlength=len(self.sigmas))
+        return math.sqrt(counts.sum() / (counts @ self.sigmas**-2))
+
+    def images(self) -> NDArray[np.float32]:
+        """Standard deviation of every pixel, (channel, h, w)."""
+        return self.sigmas.astype(np.float32)[self.classes]
+
+
+def measured_noise(capture: Capture) -> tuple[float, NoiseModel]:
+    """`noise_level` and `noise_model` of a capture."""
+    seen = redundancy(capture) if len(capture.angles_deg) > 3 else None
+    level = noise_level(capture, seen)
+    return level, noise_model(capture, level, seen)
+
+
+def noise_model(capture: Capture, level: float, seen: Redundancy | None = None) -> NoiseModel:
+    """How the noise grows with the intensity, where that can be told.
+
+    Parameters
+    ----------
+    capture : Capture
+    level : float
+        `noise_level` of the capture: the answer where no growth is significant.
+    seen : Redundancy, optional
+        That of the capture, where it is at hand.
+
+    Notes
+    -----
+    The redundancy of four angles has the mean variance of its photographs, which is linear in their mean intensity:
+    its robust spread in bins of intensity is fitted by a line. Three angles say nothing twice: one level is assumed.
+    """
+    constant = NoiseModel(level)
+    if len(capture.angles_deg) == 3:
+        return constant
+    step = quantization_step(capture.intensities)
+    if level < ROUNDED * step:
+        return constant
+    seen = _sample(seen or redundancy(capture))
+    intensity, variance, count = _binned(seen, step / 2)
+    if len(intensity) < _FEWEST_BINS:
+        return constant
+    dark, growth, error = _line(intensity, variance, count)
+    darkest, brightest = (max(dark + growth * float(intensity[i]), 1e-12) for i in (0, -1))
+    if growth < _SIGNIFICANT * error or brightest < _LEAST_GROWTH * darkest:
+        return constant
+    # Interpolated pixels are less noisy than raw ones, whose level is what counts.
+    interpolated = capture.origin is not None and capture.origin.raw_noise is not None
+    scale = level**2 / (dark + growth * float(np.median(seen.intensity))) if interpolated else 1.0
+    return NoiseModel(math.sqrt(dark * scale), growth * scale)
+
+
+def noise_classes(capture: Capture, model: NoiseModel) -> NoiseClasses | None:
+    """Classes by the intensity around each pixel, mean over the photographs; None where the noise is constant.
+
+    The mean of a few neighbours hardly depends on the pixel's own noise: weights that do would favour dark noise.
+    """
+    from scipy.ndimage import uniform_filter
+
+    if model.shot == 0:
+        return None
+    photographs = capture.intensities.reshape(len(capture.angles_deg), -1, *capture.shape[-2:])
+    intensity = uniform_filter(photographs.mean(axis=0), (0, 3, 3), mode="nearest")
+    sigma = np.sqrt(model.variance(intensity))
+    least, most = float(sigma.min()), float(sigma.max())
+    steps = np.geomspace(least, max(most, least * (1 + 1e-6)), _CLASSES + 1)
+    classes = np.clip(np.searchsorted(steps, sigma.ravel()) - 1, 0, _CLASSES - 1).astype(np.uint8)
+    return NoiseClasses(np.sqrt(steps[1:] * steps[:-1]), classes.reshape(sigma.shape))
+
+
+def _sample(seen: Redundancy) -> Redundancy:
+    stride = max(1, seen.intensity.size // _ENOUGH_PIXELS)
+    return Redundancy(seen.residual[:, ::stride], seen.intensity[::stride])
+
+
+def _binned(seen: Redundancy, step: float) -> tuple[Floats, Floats, Floats]:
+    """Mean intensity, robust variance and number of values of bins of as many pixels each."""
+    order = np.argsort(seen.intensity)
+    parts = np.array_split(order, max(1, min(_BINS, len(order) // _FEWEST_IN_BIN)))
+    intensity = [seen.intensity[part].mean(dtype=np.float64) for part in parts]
+    variance = [robust_spread(seen.residual[:, part], step) ** 2 for part in parts]
+    return np.array(intensity), np.array(variance), np.array([seen.residual[:, part].size for part in parts])
+
+
+def _line(intensity: Floats, variance: Floats, count: Floats) -> tuple[float, float, float]:
+    """Weighted line through variances, not negative at black: its value there, its slope and the slope's error."""
+    from scipy.optimize import nnls
+
+    fitted = np.full_like(variance, max(float(variance.mean()), 1e-12))
+    for _ in range(_TURNS):
+        root = np.sqrt(count / _MAD_VARIANCE) / fitted
+        design = np.stack([root, root * intensity], axis=1)
+        (dark, growth), _ = nnls(design, root * variance)
+        fitted = np.maximum(dark + growth * intensity, 1e-3 * fitted.max())
+    covariance = np.linalg.pinv(design.T @ design)
+    return float(dark), float(growth), math.sqrt(covariance[1, 1])

@@ -1,0 +1,410 @@
+"""Files to a `Capture`: one file per angle, a stack, or the raw mosaic of a polarization camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture.capture import ANGLES_DEG, Capture, Origin
+from polaropt.capture.decode import AnyPath, FileContent, linearize, parse_gamma, read_file
+from polaropt.capture.focal_length import check_view, focal_from_view
+from polaropt.capture.mosaic import (
+    SONY_CELL,
+    check_cell_order,
+    looks_color,
+    merge_green_masks,
+    merge_greens,
+    split_mosaic,
+)
+from polaropt.capture.noise import noise_level
+from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
+from polaropt.errors import InputError
+
+_FEWEST = 16
+_SHARE = 1e-5
+_LARGE_SHARE = 1e-3
+_STEEP = 8
+_MANY_LEVELS = 32
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Values that become 0 and 1; values at white and above are clipped."""
+
+    black: float
+    white: float
+
+    def apply(self, pixels: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Scaled values (float32), and which of them are below white."""
+        scale = 1 / (self.white - self.black)
+        if pixels.dtype.kind == "f" and pixels.dtype.itemsize <= 4:
+            scaled = (pixels - np.float32(self.black)) * np.float32(scale)
+        else:
+            scaled = (pixels.astype(np.float64) - self.black) * scale
+        return scaled.astype(np.float32), pixels < self.white
+
+
+def find_levels(pixels: NDArray[Any], black: float, white: float | None) -> Levels:
+    """Check a file's values and find white where it is not given.
+
+    Parameters
+    ----------
+    pixels : ndarray
+        All photographs of a capture, as stored.
+    black, white : float
+        In the file's units. White None: full scale (1 for floating point), or a lower value at which integers are
+        clipped.
+
+    Raises
+    ------
+    InputError
+        No numbers, NaN, or no room between black and white.
+    """
+    if pixels.dtype.kind not in "uif":
+        raise InputError(f"holds values of type {pixels.dtype}; integers or floating point numbers are needed")
+    if pixels.size == 0:
+        raise InputError("holds no pixels; give images of at least 16x16 px")
+    if pixels.dtype.kind == "f" and not np.all(np.isfinite(pixels)):
+        raise InputError("holds NaN or infinite values; replace them, or mask them in an npz file")
+    if white is None:
+        white = _white_of(pixels)
+    if white <= black:
+        raise InputError(f"the white level {white:g} is not above the black level {black:g}; correct one of them")
+    return Levels(black, white)
+
+
+def _white_of(pixels: NDArray[Any]) -> float:
+    if pixels.dtype.kind == "f":
+        if np.mean(pixels > 1) > 0.5:
+            raise InputError(
+                f"floating point values reach {float(pixels.max()):g}, while white is taken as 1; give the white level"
+            )
+        return 1.0
+    full = float(np.iinfo(pixels.dtype).max)
+    highest = float(pixels.max())
+    return highest if highest < full and _is_clipped(pixels, highest) else full
+
+
+def _is_clipped(pixels: NDArray[Any], highest: float) -> bool:
+    """Whether pixels pile up at the highest value: many more than at the levels just below it.
+
+    A pile at the full scale of a smaller depth (4095 for 12 bits, also shifted up to 16) is believed at once; elsewhere
+    it must be large.
+    """
+    levels, counts = np.unique(pixels[pixels >= highest / 2], return_counts=True)
+    below = counts[:-1][-_MANY_LEVELS:]
+    if levels.size <= _MANY_LEVELS:
+        return False
+    pile = int(counts[-1])
+    share = _SHARE if _is_full_scale(int(highest)) else _LARGE_SHARE
+    return pile >= max(_FEWEST, share * pixels.size) and pile >= _STEEP * float(below.mean())
+
+
+def _is_full_scale(value: int) -> bool:
+    """Whether a value is 2^n - 1 with n of 8 or more, possibly shifted left."""
+    ones = value >> ((value & -value).bit_length() - 1) if value > 0 else 0
+    return ones & (ones + 1) == 0 and ones.bit_length() >= 8
+
+
+SENSORS = ("auto", "mono", "color")
+SENSES = ("ccw", "cw")
+
+
+@dataclass(frozen=True)
+class ReaderOptions:
+    """The reader's arguments, checked."""
+
+    angles_deg: tuple[float, ...]
+    sensor: str
+    cell_order: tuple[float, ...]
+    black_level: float
+    white_level: float | None
+    pair_gain: float | None
+    gamma: float | str | None
+    full_resolution: bool
+    angle_sense: str
+    field_of_view_deg: float | None
+
+    def counted(self, angles_deg: Sequence[float]) -> tuple[float, ...]:
+        """Angles counter-clockwise from the image's x axis, given in the sense that was asked for."""
+        return tuple(angles_deg) if self.angle_sense == "ccw" else tuple(-angle % 180 for angle in angles_deg)
+
+
+def checked_options(
+    angles_deg: Sequence[float],
+    sensor: str,
+    cell_order: Sequence[float],
+    black_level: float,
+    white_level: float | None,
+    pair_gain: float | None,
+    gamma: float | str | None,
+    full_resolution: bool,
+    *,
+    angle_sense: str = "ccw",
+    field_of_view_deg: float | None = None,
+) -> ReaderOptions:
+    """Check every option of `polaropt.capture.read.read_capture` by itself; InputError with what to give instead."""
+    if sensor not in SENSORS:
+        raise InputError(f"sensor {sensor!r} does not exist; choose one of {', '.join(SENSORS)}")
+    if angle_sense not in SENSES:
+        raise InputError(f"angle sense {angle_sense!r} does not exist; choose one of {', '.join(SENSES)}")
+    if field_of_view_deg is not None:
+        check_view(_number(field_of_view_deg, "the field of view"))
+    listed: Sequence[Any] = angles_deg if isinstance(angles_deg, Iterable) else (angles_deg,)
+    angles = tuple(_number(angle, "a polarizer angle") for angle in listed)
+    black = _number(black_level, "the black level")
+    white = None if white_level is None else _number(white_level, "the white level")
+    if white is not None and white <= black:
+        raise InputError(f"the white level {white:g} is not above the black level {black:g}; correct one of them")
+    gain = None if pair_gain is None else _number(pair_gain, "the pair gain")
+    if gain is not None and not 0.5 <= gain <= 2:
+        raise InputError(f"the pair gain is {gain:g}; give a value near 1 (0.5 to 2)")
+    cell = check_cell_order(cell_order)
+    encoding = parse_gamma(gamma)
+    return ReaderOptions(
+        angles, sensor, cell, black, white, gain, encoding, full_resolution, angle_sense, field_of_view_deg
+    )
+
+
+def _number(value: Any, what: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise InputError(f"{what} is {value!r}; give a number")
+    return number
+
+
+Mask = NDArray[np.bool_]
+Images = NDArray[np.float32]
+
+
+def read_capture(
+    paths: AnyPath | Sequence[AnyPath],
+    angles_deg: Sequence[float] = ANGLES_DEG,
+    sensor: str = "auto",
+    cell_order: Sequence[float] = SONY_CELL,
+    black_level: float = 0,
+    white_level: float | None = None,
+    pair_gain: float | None = None,
+    *,
+    gamma: float | str | None = None,
+    full_resolution: bool = False,
+    angle_sense: str = "ccw",
+    field_of_view_deg: float | None = None,
+) -> Capture:
+    """Read photographs taken through a polarizer.
+
+    Several files are one photograph each, in the order of `angles_deg`. One file is a stack if it has several pages
+    (TIFF) or is an npz with an array ``intensities`` (k, [channel,] h, w), and a raw mosaic if it holds a single image.
+    A mosaic becomes one pixel per 2x2 cell (mono, half size) or per 4x4 block (colour, quarter size, the two greens
+    averaged), so that no value is interpolated and the noise stays independent.
+
+    Parameters
+    ----------
+    paths : path or sequence of paths
+        PNG or TIFF (8 or 16 bits, or floating point), JPEG, npz.
+    angles_deg : sequence of float
+        Polarizer angles in degrees, counter-clockwise from the image's x axis. The default gives way to angles stored
+        in the file. Mosaics have theirs in `cell_order`.
+    sensor : {"auto", "mono", "color"}
+        Kind of mosaic. "auto" measures whether neighbouring cells alternate between colours
+        (`polaropt.capture.mosaic.looks_color`).
+    cell_order : sequence of 4 floats
+        Angles of a mosaic's cell: top left, top right, bottom left, bottom right.
+    black_level, white_level : float
+        Values that become 0 and 1, in the file's units. White by default is the full scale of the integer type (1 for
+        floating point), or a lower value at which many pixels pile up. Values at white and above are not valid.
+    pair_gain : float, optional
+        Divides the photographs of the 45/135 pair. Default: estimated for mosaics
+        (`polaropt.capture.pair_gain.pair_gain_of`) and used if it is between 0.9 and 1.1; 1 for everything else.
+    gamma : float or "srgb", optional
+        Encoding to undo. Default: the values are linear.
+    full_resolution : bool
+        Interpolate mosaics to full size with the package polanalyser (``pip install polaropt[demosaic]``).
+    angle_sense : {"ccw", "cw"}
+        Sense in which `angles_deg`, `cell_order` and angles stored in the file are counted. "cw": clockwise, as of a
+        filter turned the other way or of mirrored pictures.
+    field_of_view_deg : float, optional
+        Angle that the camera sees along the longer side. It is kept as a focal length for scenes that need one, as is
+        the one in the file (EXIF) otherwise.
+
+    Returns
+    -------
+    Capture
+        With `origin` telling what was done.
+
+    Raises
+    ------
+    InputError
+        One line: the file, what is wrong, what to do.
+    """
+    files = _listed_files(paths)
+    options = checked_options(
+        angles_deg,
+        sensor,
+        cell_order,
+        black_level,
+        white_level,
+        pair_gain,
+        gamma,
+        full_resolution,
+        angle_sense=angle_sense,
+        field_of_view_deg=field_of_view_deg,
+    )
+    content = read_file(files[0]) if len(files) == 1 else _one_per_angle(files)
+    name = files[0] if len(files) == 1 else f"{files[0]} and the others"
+    try:
+        levels = find_levels(content.pixels, options.black_level, options.white_level)
+        if content.stack:
+            capture = _from_photographs(content, levels, options)
+        else:
+            capture = _from_mosaic(content, levels, options)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+    assert capture.origin is not None
+    layout = "files" if len(files) > 1 else capture.origin.layout
+    focal = _focal_px(content, capture, options)
+    capture.origin = replace(capture.origin, files=files, layout=layout, focal_px=focal)
+    return capture
+
+
+def _focal_px(content: FileContent, capture: Capture, options: ReaderOptions) -> float | None:
+    """Focal length in the capture's pixels, as given or as the file has it."""
+    if options.field_of_view_deg is not None:
+        return focal_from_view(options.field_of_view_deg, max(capture.shape[-2:]))
+    if content.focal_px is None:
+        return None
+    in_file = content.pixels.shape[2 if content.stack else 1]
+    # One pixel of a mosaic stands for a whole cell.
+    return float(content.focal_px / round(in_file / capture.shape[-1]))
+
+
+def _listed_files(paths: AnyPath | Sequence[AnyPath]) -> tuple[str, ...]:
+    listed: Sequence[Any] = [paths] if isinstance(paths, str) or not isinstance(paths, Sequence) else paths
+    try:
+        files = [str(Path(path)) for path in listed]
+    except TypeError:
+        raise InputError(f"{listed!r} is no list of files; give paths") from None
+    if not files:
+        raise InputError("no file given; give one file per polarizer angle, a stack or a mosaic")
+    twice = [name for name in files if files.count(name) > 1]
+    if twice:
+        raise InputError(f"{twice[0]}: given twice; each polarizer angle needs its own photograph")
+    if len(files) == 2:
+        raise InputError(f"{files[0]}: 2 files hold 2 polarizer angles; at least 3 different ones are needed")
+    return tuple(files)
+
+
+def _one_per_angle(files: Sequence[str]) -> FileContent:
+    contents = [read_file(name) for name in files]
+    first = contents[0]
+    for name, content in zip(files, contents, strict=True):
+        if content.stack:
+            raise InputError(f"{name}: holds several photographs; give it alone, or one single-image file per angle")
+        if content.pixels.shape != first.pixels.shape:
+            sizes = f"{_size(content.pixels)}, but {files[0]} is {_size(first.pixels)}"
+            raise InputError(f"{name}: is {sizes}; all photographs must have the same size")
+        if content.pixels.dtype != first.pixels.dtype:
+            depths = f"{content.pixels.dtype}, but {files[0]} holds {first.pixels.dtype}"
+            raise InputError(f"{name}: holds {depths}; save all photographs with the same depth")
+        if content.pixels.dtype.kind == "f" and not np.all(np.isfinite(content.pixels)):
+            raise InputError(f"{name}: holds NaN or infinite values; replace them")
+    stacked = np.stack([content.pixels for content in contents])
+    told = [content.focal_px for content in contents if content.focal_px is not None]
+    # A lens that was zoomed between the photographs has none.
+    focal = told[0] if told and max(told) < 1.01 * min(told) else None
+    return FileContent(stacked, stack=True, encoding_hint=first.encoding_hint, focal_px=focal)
+
+
+def _size(pixels: NDArray[Any]) -> str:
+    channels = f", {pixels.shape[2]} channels" if pixels.ndim == 3 else ", grey"
+    return f"{pixels.shape[1]}x{pixels.shape[0]} px{channels}"
+
+
+def _from_photographs(content: FileContent, levels: Levels, options: ReaderOptions) -> Capture:
+    if options.sensor != "auto" or options.full_resolution:
+        asked = "full resolution" if options.full_resolution else f"sensor {options.sensor!r}"
+        raise InputError(f"{asked} is for one raw mosaic, not for {len(content.pixels)} photographs; leave it out")
+    if len(content.pixels) < 3:
+        raise InputError(f"holds {len(content.pixels)} photograph(s); at least 3 polarizer angles are needed")
+    stored = content.angles_deg if options.angles_deg == ANGLES_DEG else None
+    angles = options.counted(stored or options.angles_deg)
+    intensities, valid = levels.apply(content.pixels)
+    valid = valid if content.valid is None else content.valid
+    if intensities.ndim == 4:
+        intensities, valid = np.moveaxis(intensities, -1, 1), np.moveaxis(valid, -1, 1)
+    origin = _origin("stack", content, levels, options)
+    return _finished(linearize(intensities, options.gamma), valid, angles, origin, options.pair_gain or 1.0)
+
+
+def _from_mosaic(content: FileContent, levels: Levels, options: ReaderOptions) -> Capture:
+    raw = _single_plane(content.pixels)
+    if options.angles_deg != ANGLES_DEG and sorted(options.angles_deg) != sorted(options.cell_order):
+        raise InputError("one single image is taken as a mosaic; give its angles as the cell order")
+    intensities, valid = levels.apply(raw)
+    color = looks_color(intensities) if options.sensor == "auto" else options.sensor == "color"
+    linear = linearize(intensities, options.gamma)
+    cells, angles = split_mosaic(linear, color, options.cell_order)
+    masks, _ = split_mosaic(valid, color, options.cell_order)
+    gain = options.pair_gain or _sensor_gain(cells, angles, masks)
+    origin = _origin("color mosaic" if color else "mono mosaic", content, levels, options)
+    if color:
+        cells, masks = merge_greens(cells), merge_green_masks(masks)
+    capture = _finished(cells, masks, options.counted(angles), origin, gain)
+    return _in_full(linear, valid, capture, options) if options.full_resolution else capture
+
+
+def _single_plane(pixels: NDArray[Any]) -> NDArray[Any]:
+    """A mosaic stored as grey RGB is still one plane; a real colour picture is one photograph of several."""
+    if pixels.ndim == 2:
+        return pixels
+    if all(np.array_equal(pixels[..., 0], pixels[..., channel]) for channel in range(1, pixels.shape[-1])):
+        return pixels[..., 0]
+    raise InputError(
+        "one colour picture holds one polarizer angle at most; "
+        "give one file per angle, a stack, or the camera's raw mosaic"
+    )
+
+
+def _sensor_gain(cells: Images, angles: tuple[float, ...], masks: Mask) -> float:
+    gain = pair_gain_of(cells, angles, masks)
+    return gain if gain is not None and plausible(gain) else 1.0
+
+
+def _in_full(linear: Images, valid: Mask, cells: Capture, options: ReaderOptions) -> Capture:
+    """The same mosaic at full size, with the gain and the noise measured on its cells."""
+    from polaropt.capture.mosaic import demosaic_full
+
+    assert cells.origin is not None
+    color = cells.origin.layout == "color mosaic"
+    images, masks, angles = demosaic_full(linear, valid, color, options.cell_order)
+    origin = replace(cells.origin, raw_noise=noise_level(cells))
+    return _finished(images, masks, options.counted(angles), origin, cells.origin.pair_gain)
+
+
+def _origin(layout: str, content: FileContent, levels: Levels, options: ReaderOptions) -> Origin:
+    return Origin(
+        files=(),
+        layout=layout,
+        sample_type=str(content.pixels.dtype),
+        black_level=levels.black,
+        white_level=levels.white,
+        gamma=options.gamma,
+        encoding_hint=content.encoding_hint,
+        angle_sense=options.angle_sense,
+    )
+
+
+def _finished(images: Images, valid: Mask, angles: tuple[float, ...], origin: Origin, gain: float) -> Capture:
+    if gain != 1 and orthogonal_pairs(angles) is None:
+        raise InputError("a pair gain needs four angles in two orthogonal pairs, such as 0,45,90,135; leave it out")
+    capture = Capture(divide_out_gain(images, angles, gain), angles, valid)
+    capture.origin = replace(origin, pair_gain=gain)
+    return capture

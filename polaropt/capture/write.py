@@ -1,0 +1,230 @@
+"""Pixels and captures to files, all or nothing.
+
+A run writes into a temporary folder on the same file system and renames what it made when everything is there. A run
+that fails or is interrupted leaves the previous output as it was and nothing of its own.
+
+Everything inside polaropt is linear. Values in files are taken as linear too, unless a person says how they are
+encoded.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polaropt.capture.capture import Capture
+from polaropt.capture.decode import AnyPath
+from polaropt.errors import InputError
+
+_PREFIX = ".polaropt-"
+
+
+@contextmanager
+def result_folder(target: Path) -> Iterator[Path]:
+    """Folder to write results into; they appear in `target` together when the block ends without an error.
+
+    Parameters
+    ----------
+    target : Path
+        Made if it does not exist. In an existing folder files of the same names are replaced, all others stay.
+
+    Yields
+    ------
+    Path
+        A temporary folder, made at once: a place that cannot be written is an error before any work is done.
+
+    Raises
+    ------
+    InputError
+        `target` is a file, or cannot be written.
+    """
+    work = _temporary_folder(target)
+    try:
+        yield work
+        with _failures_of(target):
+            _publish(work, target)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+@contextmanager
+def result_file(target: Path) -> Iterator[Path]:
+    """As `result_folder` for one file: yields a temporary path with the same suffix."""
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; give the name of a file")
+    with result_folder(target.absolute().parent) as work:
+        yield work / target.name
+
+
+def _temporary_folder(target: Path) -> Path:
+    """In `target` if it exists, else in the nearest folder above it that does: the same file system either way."""
+    place = target.absolute()
+    while not os.path.lexists(place):
+        place = place.parent
+    if not place.is_dir():
+        what = "is no folder" if place == target.absolute() else f"cannot be made, {place} is no folder"
+        raise InputError(f"{target}: {what}; choose another output folder")
+    with _failures_of(target):
+        return Path(tempfile.mkdtemp(prefix=_PREFIX, dir=place))
+
+
+@contextmanager
+def _failures_of(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise InputError(f"{target}: cannot be written ({reason}); choose another output folder") from None
+
+
+def _publish(work: Path, target: Path) -> None:
+    if target.exists():
+        _replace_files(work, target)
+        return
+    target.absolute().parent.mkdir(parents=True, exist_ok=True)
+    # Temporary folders are private; results are as open as any new folder.
+    mask = os.umask(0)
+    os.umask(mask)
+    work.chmod(0o777 & ~mask)
+    work.rename(target)
+
+
+def _replace_files(work: Path, target: Path) -> None:
+    """Exchange file by file, and undo everything if one of them fails."""
+    names = [path.name for path in work.iterdir()]
+    previous = Path(tempfile.mkdtemp(prefix="previous-", dir=work))
+    try:
+        for name in names:
+            if (target / name).is_dir():
+                raise InputError(f"{target / name}: is a folder where a file must go; choose another output folder")
+            if (target / name).exists():
+                (target / name).rename(previous / name)
+            (work / name).rename(target / name)
+    except BaseException:
+        for name in names:
+            if not (work / name).exists():
+                (target / name).unlink(missing_ok=True)
+            if (previous / name).exists():
+                (previous / name).rename(target / name)
+        raise
+
+
+Pixels = NDArray[Any]
+
+
+def write_tiff(path: AnyPath, image: ArrayLike) -> None:
+    """Write a linear image (h, w) or (h, w, 3) as float32 TIFF, values as they are."""
+    import tifffile
+
+    pixels = np.ascontiguousarray(image, dtype=np.float32)
+    kind = "rgb" if pixels.ndim == 3 and pixels.shape[-1] == 3 else "minisblack"
+    buffer = io.BytesIO()
+    tifffile.imwrite(buffer, pixels, photometric=kind, metadata=None)
+    write_bytes(path, buffer.getvalue())
+
+
+def write_png_view(path: AnyPath, image: ArrayLike) -> None:
+    """Write a linear image (h, w) or (h, w, 3) as 8-bit sRGB PNG to look at, clipped at black and white."""
+    encoded = encode_srgb(np.asarray(image, dtype=np.float32))
+    write_png(path, np.round(255 * encoded).astype(np.uint8))
+
+
+def write_png(path: AnyPath, pixels: Pixels) -> None:
+    """Write 8- or 16-bit pixels (h, w) or (h, w, 3) as PNG, values as they are."""
+    import imagecodecs
+
+    write_bytes(path, bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels))))
+
+
+def write_bytes(path: AnyPath, data: bytes) -> None:
+    """Write a file; InputError with the reason where that is impossible."""
+    try:
+        Path(path).write_bytes(data)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+
+
+def encode_srgb(linear: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    """Linear values 0..1 to sRGB values 0..1 (IEC 61966-2-1), clipped."""
+    clipped = np.clip(linear, 0, 1).astype(np.float32)
+    power = 1.055 * np.power(clipped, np.float32(1 / 2.4)) - 0.055
+    return np.asarray(np.where(clipped <= 0.0031308, 12.92 * clipped, power), dtype=np.float32)
+
+
+_WHITE16 = 65535
+
+
+def write_capture(capture: Capture, path: AnyPath) -> tuple[Path, ...]:
+    """Write a capture; what is written can be read by `polaropt.read_capture`.
+
+    Parameters
+    ----------
+    capture : Capture
+    path : path
+        ``*.npz``: everything, exactly. ``*.tif`` or ``*.tiff``: one stack of float32 pages, with the angles; invalid
+        pixels are raised to white. ``*.png``: one 16-bit file per angle, ``name_045.png`` for 45 degrees; values are
+        rounded to 1/65535, negative ones become 0, invalid ones white.
+
+    Returns
+    -------
+    tuple of Path
+        The files, in the order of the angles.
+
+    Raises
+    ------
+    InputError
+        Another suffix, channels that the format cannot hold, or a place that cannot be written.
+    """
+    target = Path(path)
+    suffix = target.suffix.lower()
+    if suffix == ".npz":
+        _write_npz(capture, target)
+        return (target,)
+    if suffix not in (".png", ".tif", ".tiff"):
+        raise InputError(f"{path}: captures are written as .npz, .tiff or .png; choose one of these suffixes")
+    if capture.color and capture.shape[0] != 3:
+        raise InputError(f"{path}: {suffix} files hold 1 or 3 channels, the capture has {capture.shape[0]}; write .npz")
+    if suffix == ".png":
+        return _write_pngs(capture, target)
+    _write_tiff(capture, target)
+    return (target,)
+
+
+def _write_npz(capture: Capture, target: Path) -> None:
+    buffer = io.BytesIO()
+    angles = np.asarray(capture.angles_deg)
+    np.savez_compressed(buffer, intensities=capture.intensities, angles_deg=angles, valid=capture.valid)
+    write_bytes(target, buffer.getvalue())
+
+
+def _write_tiff(capture: Capture, target: Path) -> None:
+    import tifffile
+
+    pages = _channels_last(np.where(capture.valid, capture.intensities, np.maximum(capture.intensities, 1)))
+    buffer = io.BytesIO()
+    photometric = "rgb" if capture.color else "minisblack"
+    tifffile.imwrite(buffer, pages, photometric=photometric, metadata={"angles_deg": list(capture.angles_deg)})
+    write_bytes(target, buffer.getvalue())
+
+
+def _write_pngs(capture: Capture, target: Path) -> tuple[Path, ...]:
+    levels = np.round(np.clip(capture.intensities.astype(np.float64), 0, 1) * _WHITE16)
+    # The highest level means clipped.
+    pixels = _channels_last(np.where(capture.valid, np.minimum(levels, _WHITE16 - 1), _WHITE16).astype(np.uint16))
+    files = tuple(target.with_name(f"{target.stem}_{angle:03g}.png") for angle in capture.angles_deg)
+    for name, image in zip(files, pixels, strict=True):
+        write_png(name, image)
+    return files
+
+
+def _channels_last(images: NDArray[Any]) -> NDArray[Any]:
+    return np.ascontiguousarray(np.moveaxis(images, 1, -1)) if images.ndim == 4 else images

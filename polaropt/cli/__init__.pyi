@@ -1,0 +1,5 @@
+__all__ = [
+    "main",
+]
+
+from .app import main as main

@@ -1,0 +1,88 @@
+"""The command line: ``polaropt demo | simulate | inspect | estimate | separate | study``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+import polaropt
+from polaropt.cli.command import add_command, say
+from polaropt.cli.demo import demo_command
+from polaropt.cli.inspect import estimate_command, inspect_command
+from polaropt.cli.separate import separate_command
+from polaropt.cli.simulate import simulate_command
+from polaropt.cli.study import add_study_command
+from polaropt.cli.train import train_command
+from polaropt.errors import InputError
+
+INTERRUPTED = 130
+WRONG_INPUT = 2
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Start with: polaropt demo",
+)
+_FOUR = "glass_000.png glass_045.png glass_090.png glass_135.png"
+add_command(app, demo_command, "polaropt demo -o demo-output")
+add_command(app, simulate_command, "polaropt simulate behind.png mirrored.png --incidence 55 --gamma srgb -o pair")
+add_command(app, inspect_command, f"polaropt inspect {_FOUR} -o look.png")
+add_command(app, estimate_command, f"polaropt estimate {_FOUR}")
+add_command(app, separate_command, f"polaropt separate {_FOUR} -o out")
+add_command(app, train_command, "polaropt train --quick -o training")
+add_study_command(app)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        say(f"polaropt {polaropt.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def polaropt_command(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Separate what is behind glass from what it mirrors, in photographs taken through a polarizer."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Default: those of the process.
+
+    Returns
+    -------
+    int
+        0 on success; 2 for wrong options or input, told in one line on standard error; 130 for Ctrl-C. Anything
+        unexpected is raised.
+    """
+    try:
+        outcome = app(args=arguments, prog_name="polaropt", standalone_mode=False)
+    except InputError as error:
+        return _refuse(str(error))
+    except typer.TyperException as error:
+        return _refuse(_usage_sentence(error))
+    if outcome == INTERRUPTED:
+        typer.echo("polaropt: interrupted; nothing was written", err=True)
+    return outcome if isinstance(outcome, int) else 0
+
+
+def _refuse(sentence: str) -> int:
+    typer.echo(f"polaropt: {' '.join(sentence.split())}", err=True)
+    return WRONG_INPUT
+
+
+def _usage_sentence(error: typer.TyperException) -> str:
+    """What is wrong with the options, and where they are explained."""
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "polaropt"
+    return f"{error.format_message().replace('Value error, ', '').rstrip('.')}; see {command} --help"

@@ -1,0 +1,96 @@
+"""``polaropt demo``: an example from start to end, without any file of one's own."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from polaropt.cli.command import Progress, progress_bar, say, say_json
+
+if TYPE_CHECKING:
+    from polaropt.cli.example import Example, Score
+
+
+COMPARISON = "side-by-side.png"
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """Where the demo's files go and what is said."""
+
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files; made if it does not exist."),
+    ] = Path("demo-output")
+    json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
+
+
+def demo_command(options: DemoOptions) -> None:
+    """Show the whole thing on an example: photograph, separate, compare with the truth.
+
+    Two photographs that ship inside scikit-image are put behind and before a simulated pane and photographed through a
+    polarizer at four angles. The four files are then separated, with nothing known of the pane.
+    """
+    from polaropt.capture import result_folder
+
+    with result_folder(options.output) as work, progress_bar(not options.json) as progress:
+        example, report, scores = _run(work, progress)
+    if options.json:
+        say_json({"output": str(options.output), "scores": _as_dicts(scores), **report})
+    else:
+        say(*_sentences(example, report, scores, options.output))
+
+
+def _run(work: Path, progress: Progress | None) -> tuple[Example, dict[str, Any], tuple[Score, Score]]:
+    from polaropt.capture import read_capture, write_capture, write_png, write_tiff
+    from polaropt.cli.example import comparison, make_example, scores
+    from polaropt.optics import SceneParameters
+    from polaropt.reporting import Request, write_separation
+    from polaropt.separation import separate
+
+    example = make_example()
+    # From the files on, as with one's own photographs.
+    capture = read_capture(write_capture(example.capture, work / "capture.png"))
+    write_tiff(work / "true_transmission.tiff", example.transmission)
+    write_tiff(work / "true_reflection.tiff", example.reflection)
+    unknown = SceneParameters(None, None, None)
+    result = separate(capture, unknown, progress=progress)
+    report = write_separation(work, result, capture, Request(unknown))
+    layers = (result.transmission, result.reflection)
+    write_png(work / COMPARISON, comparison(example, *layers))
+    rated = scores(example, *layers)
+    (work / "scores.json").write_text(json.dumps(_as_dicts(rated), indent=2) + "\n", encoding="utf-8")
+    return example, report, rated
+
+
+def _as_dicts(scores: tuple[Score, Score]) -> list[dict[str, Any]]:
+    return [vars(score) for score in scores]
+
+
+def _sentences(example: Example, report: dict[str, Any], scores: tuple[Score, Score], folder: Path) -> list[str]:
+    found = report["scene"]
+    incidence, azimuth, shift = example.scene.values()
+    lines = [
+        f"Pane            {'found':>9} {'true':>9}",
+        f"  incidence     {found['incidence_deg']:9.2f} {incidence:9.2f} deg",
+        f"  azimuth       {found['azimuth_deg']:9.2f} {azimuth:9.2f} deg",
+        f"  ghost shift   {found['ghost_shift']:9.2f} {shift:9.2f} px",
+        f"PSNR            {'photograph':>10} {'separated':>10}",
+        *(f"  {score.layer:13} {score.doing_nothing_db:8.1f} {score.separated_db:10.1f} dB" for score in scores),
+        f"{report['solver']['n_evaluations']} evaluations, {sum(report['seconds'].values()):.1f} s",
+        *(f"ATTENTION: {warning['sentence']}" for warning in report["diagnostics"]["warnings"]),
+        "",
+        "Look at:",
+        f"  {folder / COMPARISON}  photographs, separated layers and truth",
+        f"  {folder / 'transmission.png'}  what is behind the glass",
+        f"  {folder / 'reflection.png'}    what the glass mirrors",
+        f"  {folder / 'report.html'}       all of it as a page, for a browser",
+        f"  {folder / 'report.json'}       how it was found",
+        "The same from the files:",
+        f"  polaropt separate {folder / 'capture_*.png'} -o my-output",
+    ]
+    return lines

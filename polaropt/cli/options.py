@@ -1,0 +1,325 @@
+"""Options that several commands share, in groups, and what they mean."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from polaropt.errors import InputError
+
+if TYPE_CHECKING:
+    from polaropt.capture import Capture
+    from polaropt.optics import SceneParameters
+
+
+ThicknessKind = Literal["paper", "plate"]
+_PANE = "The pane"
+
+
+@dataclass(frozen=True)
+class PaneOptions:
+    """What is known of the pane."""
+
+    incidence: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="Angle between the line of sight and the pane's normal, 0 to 90.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    azimuth: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="Direction in the picture into which the pane is tilted, counter-clockwise from horizontal.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    shift: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="Distance between the double images of a reflection, in pixels along the azimuth.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    transmission_shift: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="The same for what is behind the pane, where it is nearer or farther. Default: found where it shows, "
+            "else that of the reflection.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    thickness_px: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="Thickness of the pane in pixels; ties the shift to the incidence.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    thickness_kind: Annotated[
+        ThicknessKind,
+        typer.Option(
+            metavar="KIND",
+            help="How thickness becomes shift: paper (as published) or plate (exact offset).",
+            rich_help_panel=_PANE,
+        ),
+    ] = "paper"
+    index: Annotated[
+        float,
+        typer.Option(metavar="N", help="Refractive index: 1.5 for glass, 1.33 for water.", rich_help_panel=_PANE),
+    ] = 1.5
+    single_surface: Annotated[
+        bool,
+        typer.Option("--single-surface", help="No back face: a water surface.", rich_help_panel=_PANE),
+    ] = False
+
+    focal_px: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="Focal length in pixels of a lens so wide that the incidence changes over the picture; the azimuth is "
+            "then the direction into which the pane's normal leans. Found where it shows, unless given.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+
+    def scene(self) -> SceneParameters:
+        """The scene, with None for what is to be estimated."""
+        from polaropt.optics import SceneParameters
+
+        self.check()
+        return SceneParameters(
+            self.incidence,
+            self.azimuth,
+            self.shift,
+            self.index,
+            single_surface=self.single_surface,
+            transmission_ghost_shift=self.transmission_shift,
+            focal_px=self.focal_px,
+        )
+
+    def check(self) -> None:
+        """InputError where two options contradict each other."""
+        if self.shift is not None and self.thickness_px is not None:
+            raise InputError("--shift and --thickness-px both set the ghost shift; give one of them")
+        if self.focal_px is not None and self.thickness_px is not None:
+            raise InputError("--thickness-px and --focal-px cannot be had together: the shift is found, or set --shift")
+        for name, value in (
+            ("--shift", self.shift),
+            ("--transmission-shift", self.transmission_shift),
+            ("--thickness-px", self.thickness_px),
+        ):
+            if self.single_surface and value is not None:
+                raise InputError(f"{name} is for a pane with a back face; leave it or --single-surface out")
+        if self.thickness_px is not None and not 0 <= self.thickness_px < math.inf:
+            raise InputError(f"--thickness-px is {self.thickness_px:g}; give 0 or more")
+
+
+@dataclass(frozen=True)
+class LadderOptions:
+    """How much of the pane is modelled."""
+
+    model: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Scene model: none (the intensity, not separated), pixelwise (no double images), ghosts, perspective "
+            "(a wide lens), polarized (light that is polarized before it meets the glass), curved (a bent pane), "
+            "or auto: the simplest that explains the capture.",
+            rich_help_panel=_PANE,
+        ),
+    ] = "auto"
+
+    def check(self) -> None:
+        """InputError where there is no such model."""
+        from polaropt.estimation import model_names
+
+        if self.model not in model_names():
+            raise InputError(f"--model {self.model!r} does not exist; choose one of: {', '.join(model_names())}")
+
+
+@dataclass(frozen=True)
+class SpeechOptions:
+    """How much is said, and to whom."""
+
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, for machines.")] = False
+
+
+def numbers(text: str, option: str) -> tuple[float, ...]:
+    """Numbers separated by commas.
+
+    Raises
+    ------
+    InputError
+        Something else.
+    """
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{option} is {text!r}; give numbers separated by commas, such as 0,45,90,135") from None
+
+
+AngleSense = Literal["ccw", "cw"]
+_RELATIVE = "relative"
+_FILES = "Reading the photographs"
+
+
+@dataclass(frozen=True)
+class CaptureOptions:
+    """The photographs and how their values are to be taken."""
+
+    captures: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CAPTURE",
+            help="The photographs: one file per polarizer angle in the order of --angles; or one stack (TIFF of "
+            "several pages, npz); or one raw mosaic of a polarization camera.",
+            show_default=False,
+        ),
+    ]
+    angles: Annotated[
+        str,
+        typer.Option(
+            metavar="DEG,DEG,...",
+            help="Polarizer angles in degrees, counter-clockwise from horizontal. relative, or relative,DEG,DEG,...: "
+            "only the steps between them are known (0,45,90,135 unless given), the start is found from double images.",
+            rich_help_panel=_FILES,
+        ),
+    ] = "0,45,90,135"
+    angle_sense: Annotated[
+        AngleSense,
+        typer.Option(
+            metavar="SENSE",
+            help="Sense in which these angles are counted, as the picture shows it: ccw or cw (a filter turned the "
+            "other way, mirrored pictures).",
+            rich_help_panel=_FILES,
+        ),
+    ] = "ccw"
+    sensor: Annotated[
+        str,
+        typer.Option(metavar="KIND", help="Kind of mosaic: auto, mono or color.", rich_help_panel=_FILES),
+    ] = "auto"
+    cell_order: Annotated[
+        str,
+        typer.Option(
+            metavar="DEG,DEG,...",
+            help="Angles in a mosaic's 2x2 cell: top left, top right, bottom left, bottom right.",
+            rich_help_panel=_FILES,
+        ),
+    ] = "90,45,135,0"
+    black_level: Annotated[
+        float,
+        typer.Option(
+            metavar="VALUE",
+            help="Value of black in the file, where the camera adds one. Left out, it brightens both layers by twice "
+            "as much; inspect tells how high it can be.",
+            rich_help_panel=_FILES,
+        ),
+    ] = 0.0
+    white_level: Annotated[
+        float | None,
+        typer.Option(
+            metavar="VALUE",
+            help="Value at which the camera clips. Default: found from the file.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
+    pair_gain: Annotated[
+        float | None,
+        typer.Option(
+            metavar="FACTOR",
+            help="Brightness of the 45/135 pair against the 0/90 pair. Default: measured for mosaics, else 1.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
+    gamma: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CODE",
+            help="Undo this encoding: srgb or an exponent such as 2.2. Default: the values are linear.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
+    full_resolution: Annotated[
+        bool,
+        typer.Option(
+            "--full-resolution",
+            metavar="",
+            help="Interpolate a mosaic to full size instead of one pixel per cell.",
+            rich_help_panel=_FILES,
+        ),
+    ] = False
+    field_of_view_deg: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="Angle that the camera sees along the picture's longer side, for scenes that need the focal length. "
+            "Default: what the camera wrote into the file (EXIF), else found from the photographs.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
+    align: Annotated[
+        bool,
+        typer.Option(
+            "--align",
+            metavar="",
+            help="Move photographs that are shifted, turned or scaled against each other (a filter turned by hand, a "
+            "camera not held still) onto the first one.",
+            rich_help_panel=_FILES,
+        ),
+    ] = False
+
+    def read(self) -> Capture:
+        """Read the files, align them and look for the start of the angles where that is asked for."""
+        from polaropt.capture import read_capture
+
+        steps = self.angles.removeprefix(_RELATIVE).removeprefix(",")
+        capture = read_capture(
+            self.captures,
+            numbers(steps or "0,45,90,135", "--angles"),
+            self.sensor,
+            numbers(self.cell_order, "--cell-order"),
+            self.black_level,
+            self.white_level,
+            self.pair_gain,
+            gamma=self.gamma,
+            full_resolution=self.full_resolution,
+            angle_sense=self.angle_sense,
+            field_of_view_deg=self.field_of_view_deg,
+        )
+        if self.align:
+            from polaropt.capture import align
+
+            capture = align(capture)
+        if self.angles.startswith(_RELATIVE):
+            from polaropt.estimation import find_start_angle
+
+            capture = find_start_angle(capture)
+        return capture
+
+    def check(self, pane: PaneOptions) -> None:
+        """InputError where what is said of the camera contradicts what is said of the pane."""
+        if self.field_of_view_deg is not None and pane.focal_px is not None:
+            raise InputError("--field-of-view-deg and --focal-px both set the focal length; give one of them")
+
+    def told(self, capture: Capture) -> list[str]:
+        """What aligning and looking for the start of the angles did to a capture that was read, where asked for."""
+        sentences = []
+        if self.align:
+            from polaropt.capture import alignment_sentence
+
+            sentences.append(alignment_sentence(capture))
+        if self.angles.startswith(_RELATIVE):
+            from polaropt.estimation import start_sentence
+
+            sentences.append(start_sentence(capture))
+        return sentences

@@ -1,0 +1,256 @@
+"""``polaropt separate``: two layers out of the photographs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from polaropt.cli.command import progress_bar, say, say_json
+from polaropt.cli.options import CaptureOptions, LadderOptions, PaneOptions
+from polaropt.errors import InputError
+from polaropt.reporting import pane_sentence
+
+if TYPE_CHECKING:
+    from polaropt.solving import Weights
+    from solvers.base import StoppingRule
+
+
+_SOLVING = "Solving"
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """What is minimized, by what, and for how long."""
+
+    solver: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Optimizer that refines the layers: lbfgs, scipy, nlopt, casadi or torch.",
+            rich_help_panel=_SOLVING,
+        ),
+    ] = "lbfgs"
+    device: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Where the optimizer torch works: cpu or cuda.", rich_help_panel=_SOLVING),
+    ] = None
+    init: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Layers that the optimizer starts from: closed-form, learned, per-pixel or cold.",
+            rich_help_panel=_SOLVING,
+        ),
+    ] = "closed-form"
+    weights: Annotated[
+        str,
+        typer.Option(
+            metavar="TERM=FACTOR,...",
+            help="Factors on the weights that follow from the noise, 0 for off; such as "
+            "edge_independence=0,gradient_sparsity=2. Terms: misfit, edge_independence, gradient_sparsity, "
+            "nonnegativity, natural_image.",
+            rich_help_panel=_SOLVING,
+            show_default=False,
+        ),
+    ] = ""
+    robust: Annotated[
+        bool,
+        typer.Option(
+            "--robust",
+            metavar="",
+            help="Let single pixels disagree with the pane (moving leaves, defects).",
+            rich_help_panel=_SOLVING,
+        ),
+    ] = False
+    max_evaluations: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Stop after so many evaluations of the objective.", rich_help_panel=_SOLVING),
+    ] = None
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            help="Stop when two iterations in a row lower the objective by less than this share of it.",
+            rich_help_panel=_SOLVING,
+        ),
+    ] = None
+
+    def stopping(self) -> StoppingRule:
+        """When to stop."""
+        from solvers.base import StoppingRule
+
+        chosen: dict[str, Any] = {"max_evaluations": self.max_evaluations, "relative_change": self.tolerance}
+        for option, name in (("--max-evaluations", "max_evaluations"), ("--tolerance", "relative_change")):
+            try:
+                if chosen[name] is not None:
+                    StoppingRule(**{name: chosen[name]})
+            except ValueError as error:
+                raise InputError(f"{option}{str(error).removeprefix(name)}") from None
+        return StoppingRule(**{name: value for name, value in chosen.items() if value is not None})
+
+    def check_names(self) -> None:
+        """InputError that lists the solvers or starts, where one does not exist."""
+        from polaropt.solving import check_start, start_names
+        from solvers.base import MissingPackage
+        from solvers.registry import get_solver, solver_names
+
+        for option, name, known in (("--solver", self.solver, solver_names()), ("--init", self.init, start_names())):
+            if name not in known:
+                raise InputError(f"{option} {name!r} does not exist; choose one of: {', '.join(known)}")
+        check_start(self.init)
+        try:
+            get_solver(self.solver)
+        except MissingPackage as error:
+            raise InputError(f"--solver: {error}") from None
+        if self.device is not None:
+            self._check_device()
+
+    def _check_device(self) -> None:
+        if self.solver != "torch":
+            raise InputError(f"--device {self.device!r} is for --solver torch, not {self.solver}")
+        import torch
+
+        try:
+            torch.empty(1, device=self.device)
+        except (RuntimeError, AssertionError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(f"--device {self.device!r} cannot be used: {reason}") from None
+
+
+@dataclass(frozen=True)
+class FolderOptions:
+    """Where results go and what is said."""
+
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="Folder for the results; made if it does not exist.",
+            show_default=False,
+        ),
+    ]
+    json: Annotated[
+        bool, typer.Option("--json", metavar="", help="Print the report as one JSON object, for machines.")
+    ] = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print nothing but errors.")] = False
+
+
+def separate_command(
+    capture: CaptureOptions, pane: PaneOptions, ladder: LadderOptions, solving: SolveOptions, folder: FolderOptions
+) -> None:
+    """Separate what is behind the glass (transmission) from what the glass mirrors (reflection).
+
+    Nothing needs to be known: incidence, azimuth and ghost shift are estimated unless given.
+
+    Writes into the folder: transmission.tiff and reflection.tiff (linear, 32-bit floating point), transmission.png and
+    reflection.png (to look at: sRGB, each with the exposure that report.json tells), how well they are known
+    (transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png), report.json and
+    report.html (all of it as a page, for a browser). Files of other names stay. A run that fails or is interrupted
+    leaves the folder as it was.
+    """
+    from polaropt.capture import result_folder
+
+    scene, weights, stopping = pane.scene(), parse_weights(solving.weights), solving.stopping()
+    ladder.check()
+    capture.check(pane)
+    solving.check_names()
+    with result_folder(folder.output) as work, progress_bar(not (folder.json or folder.quiet)) as progress:
+        # Imported after reading, so that an error in the files is told at once.
+        photographs = capture.read()
+        from polaropt.reporting import Request, write_separation
+        from polaropt.separation import separate
+
+        result = separate(
+            photographs,
+            scene,
+            solver=solving.solver,
+            init=solving.init,
+            weights=weights,
+            stopping=stopping,
+            model=ladder.model,
+            thickness_px=pane.thickness_px,
+            thickness_kind=pane.thickness_kind,
+            progress=progress,
+            robust=solving.robust,
+            device=solving.device,
+        )
+        request = Request(
+            scene,
+            model=ladder.model,
+            solver=solving.solver,
+            device=solving.device,
+            init=solving.init,
+            robust=solving.robust,
+            weights=weights,
+            stopping=stopping,
+        )
+        report = write_separation(work, result, photographs, request)
+    if folder.json:
+        say_json({"output": str(folder.output), **report})
+    elif not folder.quiet:
+        say(*capture.told(photographs), *report_sentences(report, folder.output))
+
+
+def parse_weights(text: str) -> Weights:
+    """``name=factor,name=factor`` to `Weights`.
+
+    Raises
+    ------
+    InputError
+        A term that does not exist, or no number.
+    """
+    from polaropt.solving import Weights
+
+    names = [field.name for field in fields(Weights)]
+    chosen: dict[str, Any] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, _, factor = part.partition("=")
+        if name.strip() not in names:
+            raise InputError(f"--weights: there is no term {name.strip()!r}; choose from {', '.join(names)}")
+        chosen[name.strip()] = _factor(name.strip(), factor)
+    return Weights(**chosen)
+
+
+def _factor(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--weights: {name} is {text!r}; give a factor, 0 for off, such as {name}=2") from None
+
+
+def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
+    """The report in a few lines."""
+    solver = report["solver"]
+    seconds = sum(report["seconds"].values())
+    lines = [
+        pane_sentence(report),
+        f"Solver: {solver['n_evaluations']} evaluations, {seconds:.1f} s altogether. {solver['sentence']}",
+    ]
+    lines += [f"ATTENTION: {text}" for text in report["attention"]]
+    lines += [f"ATTENTION: {warning['sentence']}" for warning in report["diagnostics"]["warnings"]]
+    lines.append(f"Written to {folder}:")
+    lines.append("  transmission.tiff, reflection.tiff  linear values")
+    exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in ("transmission", "reflection"))
+    lines.append(f"  transmission.png, reflection.png    to look at: sRGB of {exposures} times the linear values")
+    lines.append("  transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png")
+    lines.append(f"                                      {_uncertainty_sentence(report['uncertainty'])}")
+    if report["misfit_map"] is not None:
+        lines.append(
+            "  misfit.tiff, misfit.png             where the pane does not explain the photographs, in units of noise"
+        )
+    lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
+    lines.append("  report.html                         the result as a page, with pictures and warnings")
+    return lines
+
+
+def _uncertainty_sentence(told: dict[str, Any]) -> str:
+    typical, faded = told["typical_error"], told["reflection_faded"]["share_of_pixels"]
+    return (
+        f"standard errors, typically {typical['transmission']:.2g} and {typical['reflection']:.2g}; "
+        f"the reflection's detail is unknown in {100 * faded:.0f} % of the picture"
+    )

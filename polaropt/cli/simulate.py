@@ -1,0 +1,180 @@
+"""``polaropt simulate``: photographs of known layers behind a simulated pane, one pair or a data set."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+import polaropt
+from polaropt.cli.command import progress_bar, say, say_json
+from polaropt.cli.options import PaneOptions, numbers
+from polaropt.errors import InputError
+
+if TYPE_CHECKING:
+    from polaropt.optics import SceneParameters
+    from polaropt.simulation import Camera
+
+
+_SET = "A data set instead of one pair"
+_INCIDENCE_DEG = 60.0
+_AZIMUTH_DEG = 0.0
+_SHIFT_PX = 6.3
+
+Format = Literal["png", "tiff", "npz"]
+
+
+@dataclass(frozen=True)
+class LayerOptions:
+    """The layers, where the photographs go, and how they are taken."""
+
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="Folder for the files; made if it does not exist.",
+            show_default=False,
+        ),
+    ]
+    layers: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="TRANSMISSION REFLECTION",
+            help="Two photographs: what is behind the pane and what it mirrors. Cropped to their common middle.",
+            show_default=False,
+        ),
+    ] = None
+    gamma: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CODE",
+            help="Undo this encoding of the photographs: srgb or an exponent such as 2.2. Default: values as they are.",
+        ),
+    ] = None
+    angles: Annotated[str, typer.Option(metavar="DEG,DEG,...", help="Polarizer angles in degrees.")] = "0,45,90,135"
+    noise: Annotated[
+        float, typer.Option(metavar="SIGMA", help="Standard deviation of the noise of a photograph, white = 1.")
+    ] = 0.005
+    bits: Annotated[int | None, typer.Option(metavar="N", help="Depth of the camera. Default: not quantized.")] = None
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of everything random.")] = 0
+    format: Annotated[
+        Format,
+        typer.Option(metavar="FORMAT", help="png: a file per angle, 16 bits; tiff: a float stack; npz: exact."),
+    ] = "png"
+    json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
+
+    def camera(self) -> Camera:
+        """The camera that the options describe."""
+        from polaropt.simulation import Camera
+
+        if self.seed < 0:
+            raise InputError(f"--seed is {self.seed}; give a whole number from 0 on")
+        return Camera(numbers(self.angles, "--angles"), self.noise, self.bits, self.seed)
+
+
+@dataclass(frozen=True)
+class SetOptions:
+    """A data set of random pairs."""
+
+    pairs: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Write N pairs of random photographs behind random panes, with manifest.json.",
+            rich_help_panel=_SET,
+        ),
+    ] = None
+    photos: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Take the photographs from here. Default: those that ship inside scikit-image.",
+            rich_help_panel=_SET,
+        ),
+    ] = None
+    size: Annotated[int, typer.Option(metavar="PX", help="Width and height of a pair.", rich_help_panel=_SET)] = 256
+
+
+def simulate_command(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> None:
+    """Blend two photographs as a pane of glass does and photograph them behind a polarizer, with the truth.
+
+    One pair: the photographs (capture...), true_transmission.tiff and true_reflection.tiff (linear) and scene.json.
+    The pane is at 60 degrees, azimuth 0, ghost shift 6.3 px unless given.
+
+    With --pairs: a data set of random pairs; what is given of the pane is the same in all of them.
+    """
+    pane.check()
+    written = _simulate_one(layers, pane, many) if many.pairs is None else _simulate_many(layers, pane, many)
+    if layers.json:
+        say_json({"output": str(layers.output), **written})
+    else:
+        say(f"Written to {layers.output}: {written['summary']}")
+
+
+def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> dict[str, Any]:
+    from polaropt.capture import result_folder, write_capture, write_tiff
+    from polaropt.reporting import plain
+    from polaropt.simulation import common_middle, photograph_pair, read_photograph
+
+    if many.photos is not None:
+        raise InputError("--photos is for a data set; give --pairs too, or two photographs instead")
+    if layers.layers is None or len(layers.layers) != 2:
+        given = len(layers.layers or ())
+        raise InputError(f"{given} photographs to blend; give two, TRANSMISSION REFLECTION, or --pairs N")
+    camera, scene = layers.camera(), _one_scene(pane)
+    with result_folder(layers.output) as work:
+        images = common_middle([read_photograph(path, layers.gamma) for path in layers.layers])
+        capture = photograph_pair(images[0], images[1], scene, camera, margin=0)
+        files = [path.name for path in write_capture(capture, work / f"capture.{layers.format}")]
+        truth = ["true_transmission.tiff", "true_reflection.tiff"]
+        for name, image in zip(truth, images, strict=True):
+            write_tiff(work / name, image)
+        document = {"polaropt": polaropt.__version__, "scene": plain(scene), "camera": plain(camera)}
+        document |= {"photographs": [str(path) for path in layers.layers], "files": files, "truth": truth}
+        (work / "scene.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    return {**document, "summary": ", ".join([*files, *truth, "scene.json"])}
+
+
+def _one_scene(pane: PaneOptions) -> SceneParameters:
+    from polaropt.optics import ghost_step
+
+    incidence = _INCIDENCE_DEG if pane.incidence is None else pane.incidence
+    shift = _SHIFT_PX if pane.shift is None else pane.shift
+    if pane.thickness_px is not None:
+        shift = ghost_step(incidence, pane.index, pane.thickness_px, pane.thickness_kind)
+    azimuth = _AZIMUTH_DEG if pane.azimuth is None else pane.azimuth
+    shift = 0.0 if pane.single_surface or (pane.focal_px is not None and pane.shift is None) else shift
+    return pane.scene().replace(incidence_deg=incidence, azimuth_deg=azimuth, ghost_shift=shift)
+
+
+def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> dict[str, Any]:
+    from polaropt.capture import result_folder
+    from polaropt.simulation import Panes, Photographs, write_dataset
+
+    if layers.layers:
+        raise InputError("--pairs takes its photographs from --photos; leave the two photographs out")
+    if layers.format != "png":
+        raise InputError("--format is for one pair; a data set is always npz, leave it out")
+    assert many.pairs is not None
+    for name, value in (("--focal-px", pane.focal_px), ("--transmission-shift", pane.transmission_shift)):
+        if value is not None:
+            raise InputError(f"{name} is for one pair; leave it or --pairs out")
+    pane.scene()  # its checks, before anything is written
+    panes = Panes(
+        pane.incidence,
+        pane.azimuth,
+        pane.shift,
+        pane.thickness_px,
+        pane.thickness_kind,
+        pane.index,
+        pane.single_surface,
+    )
+    photographs, camera = Photographs(many.photos, layers.gamma), layers.camera()
+    with result_folder(layers.output) as work, progress_bar(not layers.json) as progress:
+        write_dataset(work, photographs, panes, camera, n_pairs=many.pairs, size=many.size, progress=progress)
+    return {"pairs": many.pairs, "summary": f"{many.pairs} pairs, manifest.json"}

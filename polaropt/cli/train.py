@@ -1,0 +1,260 @@
+"""``polaropt train``: train the networks that the learned start is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from polaropt.cli.command import progress_bar, say, say_json
+from polaropt.errors import InputError
+
+if TYPE_CHECKING:
+    from priors.networks.fusionnet import Architecture
+    from priors.training.trainer import TrainingOptions
+
+
+Form = Literal["conditioned", "paper"]
+PolarNetKind = Literal["compact", "vgg19", "plain"]
+_QUICK_STEPS, _QUICK_SIZE = 40, 64
+_NETWORK = "The networks"
+_TRAINING = "The training"
+
+
+@dataclass(frozen=True)
+class NetworkOptions:
+    """What is trained."""
+
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FOLDER", help="Folder for weights, log and states.", show_default=False
+        ),
+    ]
+    form: Annotated[
+        Form,
+        typer.Option(
+            metavar="FORM",
+            help="conditioned: improves the closed form at the estimated scene; paper: sees the photographs alone.",
+            rich_help_panel=_NETWORK,
+        ),
+    ] = "conditioned"
+    polarnet: Annotated[
+        PolarNetKind,
+        typer.Option(
+            metavar="KIND",
+            help="PolarNet's encoder: compact or vgg19; or plain, a multi-layer network without one.",
+            rich_help_panel=_NETWORK,
+        ),
+    ] = "compact"
+    vgg19: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="VGG-19's weights as torchvision saves them, for its encoder and the perceptual loss.",
+            rich_help_panel=_NETWORK,
+        ),
+    ] = None
+    begin_with: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Train the weights of this file further, which an earlier training wrote.",
+            rich_help_panel=_NETWORK,
+        ),
+    ] = None
+    json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
+
+    def architecture(self) -> Architecture:
+        """What the options describe."""
+        from priors.networks.fusionnet import Architecture
+
+        if self.polarnet == "vgg19" and self.vgg19 is None:
+            raise InputError("--polarnet vgg19 needs its weights: name torchvision's file with --vgg19")
+        return Architecture(self.form, self.polarnet)
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How it is trained."""
+
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="More photographs to train on, beside those inside scikit-image and scikit-learn.",
+            rich_help_panel=_TRAINING,
+        ),
+    ] = None
+    steps: Annotated[int, typer.Option(metavar="N", help="Batches.", rich_help_panel=_TRAINING)] = 5000
+    batch: Annotated[int, typer.Option(metavar="N", help="Samples per batch.", rich_help_panel=_TRAINING)] = 4
+    size: Annotated[int, typer.Option(metavar="PX", help="Side of a sample.", rich_help_panel=_TRAINING)] = 128
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RATE",
+            help="Adam's learning rate. Default: 1.5e-3 for the conditioned form, 1e-4 (as published) for the paper's.",
+            rich_help_panel=_TRAINING,
+        ),
+    ] = None
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TERM",
+            help="Leave a term of the loss out; may be given several times. Terms: pixelwise, perceptual, pse, "
+            "edge_independence, adversarial, decibel.",
+            rich_help_panel=_TRAINING,
+        ),
+    ] = None
+    features: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND",
+            help="What the perceptual loss compares: auto (VGG-19 where --vgg19 names it, else the shipped compact "
+            "encoder) or pixels.",
+            rich_help_panel=_TRAINING,
+        ),
+    ] = "auto"
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of everything.", rich_help_panel=_TRAINING)] = 0
+    leaves: Annotated[int, typer.Option(metavar="N", help="Generated images.", rich_help_panel=_TRAINING)] = 192
+    leaves_share: Annotated[
+        float,
+        typer.Option(metavar="SHARE", help="How often a generated image is taken.", rich_help_panel=_TRAINING),
+    ] = 0.5
+    workers: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            help="Processes that make samples while the network trains; the samples stay the same.",
+            rich_help_panel=_TRAINING,
+        ),
+    ] = 0
+    fresh: Annotated[float, typer.Option(metavar="N", help="New samples per batch.", rich_help_panel=_TRAINING)] = 0.8
+    window: Annotated[
+        int, typer.Option(metavar="N", help="Newest samples that batches are drawn from.", rich_help_panel=_TRAINING)
+    ] = 256
+    device: Annotated[str, typer.Option(metavar="NAME", help="cpu or cuda.", rich_help_panel=_TRAINING)] = "cpu"
+    half: Annotated[
+        bool,
+        typer.Option("--half", metavar="", help="Half precision on the CPU too.", rich_help_panel=_TRAINING),
+    ] = False
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", metavar="", help="Go on from the folder's last state.", rich_help_panel=_TRAINING),
+    ] = False
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick",
+            metavar="",
+            help=f"A trial of about a minute: {_QUICK_STEPS} steps on samples of {_QUICK_SIZE} px.",
+            rich_help_panel=_TRAINING,
+        ),
+    ] = False
+
+    @property
+    def side_px(self) -> int:
+        """Side of a sample in pixels."""
+        return _QUICK_SIZE if self.quick else self.size
+
+    def training(self, form: Form) -> TrainingOptions:
+        """What the options describe."""
+        from priors.training.trainer import TrainingOptions
+
+        chosen: dict[str, Any] = {"steps": self.steps, "test_every": 250, "test_samples": 16}
+        if self.quick:
+            chosen |= {"steps": _QUICK_STEPS, "test_every": _QUICK_STEPS // 2, "test_samples": 4, "averaging": 0.9}
+        self._check(chosen["steps"])
+        rate = self.rate if self.rate is not None else (1.5e-3 if form == "conditioned" else 1e-4)
+        if not 0 < rate < 1:
+            raise InputError(f"--rate is {rate:g}; give a number between 0 and 1")
+        return TrainingOptions(
+            **{"averaging": 0.995, **chosen},
+            window=self.window,
+            fresh=self.fresh,
+            batch_size=self.batch,
+            learning_rate=rate,
+            weights=_weights(form, self.without or []),
+            seed=self.seed,
+            device=self.device,
+            half_precision=True if self.half else None,
+        )
+
+    def _check(self, steps: int) -> None:
+        counts = {"batch": (self.batch, 1), "leaves": (self.leaves, 1), "window": (self.window, 1)}
+        for name, (count, least) in {"steps": (steps, 1), **counts, "workers": (self.workers, 0)}.items():
+            if count < least:
+                raise InputError(f"--{name} is {count}; give {least} or more")
+        if not 0 <= self.leaves_share <= 1:
+            raise InputError(f"--leaves-share is {self.leaves_share:g}; give a number from 0 to 1")
+        if not 0 < self.fresh <= self.batch:
+            raise InputError(f"--fresh is {self.fresh:g}; give a number above 0, at most the batch ({self.batch})")
+
+
+def train_command(network: NetworkOptions, run: RunOptions) -> None:
+    """Train the networks of the learned start on samples that the engine makes as it goes.
+
+    Writes into the folder: weights.safetensors, log.csv, state.pt (to go on from) and record.json (data, seed, losses,
+    figures). A training that was interrupted goes on with --resume and the same options.
+    """
+    _check_installed()
+    from polaropt.training import TrainingJob, train
+
+    job = TrainingJob(
+        network.output,
+        network.architecture(),
+        run.training(network.form),
+        run.side_px,
+        data=run.data,
+        leaves=run.leaves,
+        leaves_share=run.leaves_share,
+        workers=run.workers,
+        vgg19=network.vgg19,
+        begin_with=network.begin_with,
+        features=run.features,
+        resume=run.resume,
+    )
+    with progress_bar(not network.json) as progress:
+        record = train(job, progress)
+    if network.json:
+        say_json({"output": str(network.output), **record})
+    else:
+        say(*_sentences(record, network.output))
+
+
+def _check_installed() -> None:
+    from importlib.util import find_spec
+
+    for package in ("torch", "safetensors", "kornia"):
+        if find_spec(package) is None:
+            raise InputError(f"training needs the package {package}: pip install 'polaropt[torch]'")
+
+
+def _weights(form: Form, without: list[str]) -> Any:
+    from dataclasses import fields, replace
+
+    from priors.training.losses import DECIBEL, LossWeights
+
+    weights = DECIBEL if form == "conditioned" else LossWeights()
+    known = [field.name for field in fields(LossWeights)]
+    for term in without:
+        if term not in known:
+            raise InputError(f"--without {term!r}: there is no such term; choose from {', '.join(known)}")
+    left = replace(weights, **dict.fromkeys(without, 0.0))
+    if not any(getattr(left, name) for name in known):
+        raise InputError("--without leaves no term of the loss; keep one")
+    return left
+
+
+def _sentences(record: dict[str, Any], folder: Path) -> list[str]:
+    last = record["figures"]
+    lines = [f"{record['steps']} steps in {record['seconds']:.0f} s."]
+    if "transmission_db" in last:
+        lines.append(f"Unseen samples: transmission {last['transmission_db']:.2f} dB, "
+                     f"reflection {last['reflection_db']:.2f} dB.")  # fmt: skip
+    if "closed_form_transmission_db" in last:
+        lines.append(f"Their closed form: transmission {last['closed_form_transmission_db']:.2f} dB, "
+                     f"reflection {last['closed_form_reflection_db']:.2f} dB.")  # fmt: skip
+    return [*lines, f"Written to {folder}: weights.safetensors, log.csv, state.pt, record.json"]

@@ -1,0 +1,31 @@
+__all__ = [
+    "NOTABLE_STAKE",
+    "AngleMistake",
+    "FoundScene",
+    "SceneEstimate",
+    "Tried",
+    "angle_mistake",
+    "estimate_scene",
+    "find_scene",
+    "find_start_angle",
+    "left_alone",
+    "model_names",
+    "scene_source",
+    "start_sentence",
+    "with_incidence_checked",
+]
+
+from .angles import AngleMistake as AngleMistake
+from .angles import angle_mistake as angle_mistake
+from .angles import find_start_angle as find_start_angle
+from .angles import start_sentence as start_sentence
+from .flat.azimuth import NOTABLE_STAKE as NOTABLE_STAKE
+from .flat.estimate import SceneEstimate as SceneEstimate
+from .flat.estimate import estimate_scene as estimate_scene
+from .ladder import FoundScene as FoundScene
+from .ladder import Tried as Tried
+from .ladder import find_scene as find_scene
+from .ladder import model_names as model_names
+from .safeguard import left_alone as left_alone
+from .safeguard import scene_source as scene_source
+from .safeguard import with_incidence_checked as with_incidence_checked

@@ -1,0 +1,275 @@
+"""Where the polarizer's angles start and which way they count, as ghosts and a wide lens tell.
+
+Polarization gives the azimuth in the filter's frame, ghosts give it in the image. Ghosts along another direction than
+the azimuth therefore say how far the filter's zero is turned from the image's x axis. One capture cannot tell a filter
+that is turned from one whose angles count the other way: both are a difference between the two directions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, Origin, StokesImages, noise_level, plate_frame, stokes_images
+from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
+from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
+from polaropt.estimation.rung import SCATTERS, noise_misfit
+from polaropt.estimation.wide.blocks import PolarizedBlocks
+from polaropt.estimation.wide.fits import fit_perspective
+from polaropt.numerics import jackknife_error, vertex
+from polaropt.optics import SceneParameters
+
+Curve = NDArray[np.float64]
+
+_OPEN = SceneParameters(None, None, None)
+_DIRECTIONS_DEG: Curve = np.arange(0, 180, 10.0)
+_SHIFTS: Curve = np.arange(-16, 17.0)
+_FINE_DEG: Curve = np.arange(-10, 10.5, 2.5)
+_FINE_SHIFTS: Curve = np.arange(-4, 4.5) / 2
+_ROUNDS = 2
+_APART_DEG = 25.0
+"""Directions closer than this share ghosts."""
+_RIVAL = 0.6
+_GAIN, _GAIN_LOWER = 8e-3, 20e-3
+"""Log likelihood per frequency that ghosts must gain: edges that look like ghosts gain up to 6e-3, at a lower incidence
+than the one found up to 15e-3."""
+_STEADY_PX = 0.3
+"""A pane's ghosts have one shift all over the frame, whatever part is left out: its error is mostly below 0.1. Edges of
+a few things in the picture gain as much, but their shift, or its sense, hangs on those: its error is above 0.45."""
+_EXCHANGED_DEG, _EXCHANGED = 56.0, 1.6
+_OBLIQUE_DEG = 60.0
+LOWER_DEG = (-5.0, -2.5, 0.0)
+"""Ghosts along another direction than supposed make a pane look more oblique than it is, from 60 degrees on."""
+LEAST_DEG, MOST_DEG = 32.0, 76.0
+"""Between these incidences ghosts are bright and edges no match for them."""
+_MOST_LEFT = 4.0
+"""Polarized light that a constant azimuth may leave, in units of its noise: what is left looks like ghosts, too."""
+_LEAST_NOISE = 1e-4
+
+
+@dataclass(frozen=True)
+class GhostDirection:
+    """The likeliest direction of ghosts in the image, whatever the azimuth of the polarized light.
+
+    Attributes
+    ----------
+    direction_deg : float
+        Counter-clockwise from x, modulo 180.
+    azimuth_deg, incidence_deg : float
+        Of the pane, the azimuth in the frame of the capture's angles, modulo 180.
+    gain : float
+        Log likelihood per frequency that ghosts in this direction gain over none.
+    rival : float
+        What they gain in the best of the directions well apart from it.
+    least : float
+        What they must gain to be believed.
+    shift_error_px : float
+        Standard error of their shift, by leaving parts of the frame out; infinite where they gain too little to ask.
+    """
+
+    direction_deg: float
+    azimuth_deg: float
+    incidence_deg: float
+    gain: float
+    rival: float
+    least: float
+    shift_error_px: float
+
+    @property
+    def certain(self) -> bool:
+        """Whether the ghosts tell a direction at all."""
+        told = self.gain > self.least and self.rival < _RIVAL * self.gain and self.shift_error_px < _STEADY_PX
+        return told and LEAST_DEG <= self.incidence_deg <= MOST_DEG
+
+    @property
+    def start_deg(self) -> float:
+        """Angle from the image's x axis to the polarizer's zero, -90 to 90."""
+        return (self.direction_deg - self.azimuth_deg + 90) % 180 - 90
+
+
+def find_start_angle(capture: Capture) -> Capture:
+    """Find where a capture's polarizer angles start from, if only the steps between them are known.
+
+    Parameters
+    ----------
+    capture : Capture
+        Its angles count from an unknown start.
+
+    Returns
+    -------
+    Capture
+        With angles from the image's x axis, if the ghosts tell the start (`origin.start_deg`); else with its own ones
+        and a note (`origin.start_unknown`) that double images and wide lenses, which need it, cannot be modelled.
+    """
+    noise = noise_level(capture)
+    incidence, azimuth, _ = estimate_scene(capture, _OPEN.replace(ghost_shift=0.0), noise=noise).scene.values()
+    found = ghost_direction(capture, noise, incidence, azimuth)
+    origin = capture.origin or Origin((), "memory", "")
+    left = PolarizedBlocks(stokes_images(capture, noise)).constant_misfit(azimuth)
+    if not found.certain or left > _MOST_LEFT:
+        kept = Capture(capture.intensities, capture.angles_deg, capture.valid)
+        kept.origin = replace(origin, start_unknown=True)
+        return kept
+    angles = tuple((angle + found.start_deg) % 180 for angle in capture.angles_deg)
+    turned = Capture(capture.intensities, angles, capture.valid)
+    turned.origin = replace(origin, start_deg=found.start_deg)
+    return turned
+
+
+def start_sentence(capture: Capture) -> str:
+    """What was found, for people."""
+    if capture.origin is None or capture.origin.start_deg is None:
+        return (
+            "Start of the angles: the photographs do not tell it (no double images of a clear direction). The azimuth "
+            "counts from the filter's start, and double images are not modelled."
+        )
+    return f"Start of the angles: {capture.origin.start_deg:+.0f} deg from horizontal, as the double images tell."
+
+
+def ghost_direction(capture: Capture, noise: float, incidence_deg: float, azimuth_deg: float) -> GhostDirection:
+    """Search the direction of ghosts freely.
+
+    Parameters
+    ----------
+    capture : Capture
+    noise : float
+        Standard deviation of the noise of one photograph.
+    incidence_deg, azimuth_deg : float
+        Of the pane as far as polarization and edges tell them, ghosts apart.
+    """
+    noise = max(noise, _LEAST_NOISE)
+    found = _of_axis(capture, noise, incidence_deg, azimuth_deg)
+    if not found.certain or incidence_deg < _EXCHANGED_DEG:
+        return found
+    # Where the axis across was taken for the right one, its layers exchanged, ghosts gain more on the right one.
+    given = _OPEN.replace(azimuth_deg=azimuth_deg + 90, ghost_shift=0.0)
+    across_incidence = estimate_scene(capture, given, noise=noise).scene.values()[0]
+    across = _of_axis(capture, noise, across_incidence, azimuth_deg + 90)
+    return replace(found, rival=across.gain) if across.gain > _EXCHANGED * found.gain else found
+
+
+def _of_axis(capture: Capture, noise: float, incidence_deg: float, azimuth_deg: float) -> GhostDirection:
+    spectra = cross_spectra(plate_frame(stokes_images(capture, noise), azimuth_deg))
+    found = _likeliest(spectra, np.array([incidence_deg]), _GAIN)
+    if not found.certain and incidence_deg > _OBLIQUE_DEG:
+        lower = _likeliest(spectra, incidence_deg + np.array(LOWER_DEG), _GAIN_LOWER)
+        found = lower if lower.certain else found
+    return found
+
+
+def _likeliest(spectra: CrossSpectra, incidences: Curve, least: float) -> GhostDirection:
+    """The direction in which ghosts gain most, at any of some incidences."""
+    gains = np.empty(_DIRECTIONS_DEG.shape)
+    places = []
+    for k, direction in enumerate(_DIRECTIONS_DEG):
+        likelihood = ShiftLikelihood(spectra.with_ghosts_along(float(direction)), _OPEN)
+        misfit = likelihood.misfit(incidences, _SHIFTS, rounds=_ROUNDS)
+        places.append(np.unravel_index(np.argmin(misfit), misfit.shape))
+        gains[k] = misfit[:, _SHIFTS.size // 2].min() - misfit.min()
+    best = int(np.argmax(gains))
+    apart = np.abs((_DIRECTIONS_DEG - _DIRECTIONS_DEG[best] + 90) % 180 - 90) > _APART_DEG
+    row, column = places[best]
+    direction, incidence, error = float(_DIRECTIONS_DEG[best]), float(incidences[row]), math.inf
+    if gains[best] > least:
+        direction = _refined(spectra, incidence, float(_SHIFTS[column]), direction)
+        error = _shift_error(spectra.with_ghosts_along(direction), incidence)
+    azimuth, rival = spectra.azimuth_deg % 180, float(gains[apart].max())
+    return GhostDirection(direction % 180, azimuth, incidence, float(gains[best]), rival, least, error)
+
+
+def _refined(spectra: CrossSpectra, incidence_deg: float, ghost_shift: float, direction_deg: float) -> float:
+    """The likeliest direction near one, the shift free to follow."""
+    shifts = ghost_shift + _FINE_SHIFTS
+    turned = [spectra.with_ghosts_along(direction_deg + turn) for turn in _FINE_DEG]
+    misfit = np.array([ShiftLikelihood(part, _OPEN).misfit(incidence_deg, shifts).min() for part in turned])
+    best = min(max(int(np.argmin(misfit)), 1), misfit.size - 2)
+    return direction_deg + float(_FINE_DEG[best] + 2.5 * vertex(*misfit[best - 1 : best + 2]))
+
+
+def _shift_error(spectra: CrossSpectra, incidence_deg: float) -> float:
+    """Standard error of the likeliest shift in pixels by the jackknife: each part is free to prefer any other shift."""
+    shifts = []
+    for part in spectra.left_out():
+        misfit = ShiftLikelihood(part, _OPEN).misfit(incidence_deg, _SHIFTS, rounds=_ROUNDS)
+        best = min(max(int(np.argmin(misfit)), 1), misfit.size - 2)
+        shifts.append(_SHIFTS[best] + vertex(*misfit[best - 1 : best + 2]))
+    return jackknife_error(np.array(shifts))
+
+
+_ALONG = 4e-3
+"""Log likelihood per frequency that ghosts along the azimuth gain where there is no doubt about the angles."""
+_ELSEWHERE_DEG = 12.0
+_MIRRORED_DEG = 6.0
+_UNEXPLAINED = 1.5
+_EXPLAINED = 0.8
+
+
+class AngleMistake(Enum):
+    """What is wrong with the angles."""
+
+    REVERSED = "reversed"
+    ROTATED = "rotated"
+
+
+def angle_mistake(
+    capture: Capture, noise: float, scene: SceneParameters, estimate: SceneEstimate | None, unexplained: float = 1.0
+) -> AngleMistake | None:
+    """What the image says against the polarizer angles.
+
+    A constant azimuth takes up any start and sense of the angles; the image has to contradict. Ghosts lie along the
+    azimuth: where they lie along another direction the angles start elsewhere, and if that direction is the azimuth's
+    mirror image they more likely count the other way. Before a wide lens the azimuth turns over the frame: if the
+    capture fits a flat pane with the sense reversed only, it is, and no bent pane is needed.
+
+    Parameters
+    ----------
+    capture : Capture
+    noise : float
+        Standard deviation of the noise of one photograph.
+    scene : SceneParameters
+        The scene that was found.
+    estimate : SceneEstimate or None
+        How; None where nothing was estimated, and nothing is checked.
+    unexplained : float
+        Light polarized at 45 degrees to the plane of incidence that the scene leaves, in units of its noise.
+
+    Returns
+    -------
+    AngleMistake or None
+        None where nothing is said against them.
+    """
+    if estimate is None or not estimate.polarized or capture.start_unknown:
+        return None
+    if unexplained > _UNEXPLAINED or scene.rung == "curved":
+        return AngleMistake.REVERSED if _fits_reversed(capture, noise, unexplained) else None
+    if scene.single_surface or scene.focal_px is not None or scene.polarized or _ghosts_along(estimate):
+        return None
+    incidence, azimuth, _ = scene.values()
+    if not LEAST_DEG <= incidence <= MOST_DEG - min(LOWER_DEG):
+        return None
+    found = ghost_direction(capture, noise, incidence, azimuth)
+    if not found.certain or abs(found.start_deg) < _ELSEWHERE_DEG:
+        return None
+    mirrored = (found.direction_deg + found.azimuth_deg + 90) % 180 - 90
+    return AngleMistake.REVERSED if abs(mirrored) < _MIRRORED_DEG else AngleMistake.ROTATED
+
+
+def _ghosts_along(estimate: SceneEstimate) -> bool:
+    """Whether ghosts along the azimuth are beyond doubt."""
+    without = np.abs(estimate.shift_grid) < 1e-9
+    return bool(without.any()) and float(estimate.shift_misfit[without][0]) > _ALONG
+
+
+def _fits_reversed(capture: Capture, noise: float, unexplained: float) -> bool:
+    """Whether a pane before a wide lens explains the capture with its angles counted the other way, and only so."""
+    stokes = stokes_images(capture, noise)
+    mirror = np.array([1, 1, -1])
+    images = stokes.images * mirror[:, None, None, None].astype(np.float32)
+    fit = fit_perspective(StokesImages(images, stokes.covariance * np.outer(mirror, mirror), stokes.valid))
+    gained = unexplained - fit.misfit
+    clearly = gained > SCATTERS * math.sqrt(2 / fit.n) and gained > _EXPLAINED * (unexplained - 1)
+    return clearly and fit.misfit < noise_misfit(fit.n)

@@ -1,0 +1,115 @@
+"""Standard errors of a scene's numbers, by leaving parts of the frame out.
+
+A jackknife over parts tells how far natural layers' accidental likeness moves the incidence, and their patterns the
+ghost shift; both are far larger than what the noise does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood
+from polaropt.estimation.flat.overlap import BlockImages, EdgeOverlap
+from polaropt.numerics import jackknife_error, local_minimum, minimum_error
+from polaropt.optics import SceneParameters
+
+Values = NDArray[np.float64]
+
+_STEP_DEG, _STEP_PX = 1.5, 0.25
+# Below this incidence polarization is so faint that noise moves the least overlap.
+_NOISY_DEG = 25.0
+# What moves in proportion to the noise's standard deviation moves by so much less when its variance doubles.
+_EXTRAPOLATED = 1 / (math.sqrt(2) - 1)
+_LIMITS_DEG, _TOLERANCE_DEG = (0.5, 88.0), 0.2
+# Measured on 120 scenes of photographs that no figure is taken of: without these, 85 and 76 % of the true values lie
+# within two errors. Ghosts are told by spectra, whose model is nearly a tenth of a pixel off.
+_WIDER, _LEAST_DEG = 1.3, 0.15
+_SHIFT_WIDER, _LEAST_PX = 1.15, 0.08
+# Standard errors by which one shift must explain the spectra better than another to be told from it.
+_SURE = 2.0
+
+
+def incidence_error(
+    overlap_of: Callable[[BlockImages], EdgeOverlap], blocks: BlockImages, incidence_deg: float
+) -> float:
+    """Standard error in degrees of the incidence at which an overlap is least.
+
+    Parameters
+    ----------
+    overlap_of : callable
+        From block images to their overlap.
+    blocks : BlockImages
+        Of the capture.
+    incidence_deg : float
+        Where their overlap is least.
+    """
+    step = min(_STEP_DEG, (89.5 - incidence_deg) / 2, incidence_deg / 2)
+    overlaps = overlap_of(blocks).left_out
+    error = minimum_error([overlaps(incidence_deg + shift) for shift in (-step, 0.0, step)], step)
+    if incidence_deg >= _NOISY_DEG:
+        return widened_incidence(error)
+    return math.hypot(widened_incidence(error), _noise_bias(overlap_of, blocks, incidence_deg))
+
+
+def _noise_bias(overlap_of: Callable[[BlockImages], EdgeOverlap], blocks: BlockImages, incidence_deg: float) -> float:
+    """How far the noise has moved the incidence of least overlap, by how far as much noise again moves it.
+
+    See Cook and Stefanski, Simulation-extrapolation estimation in parametric measurement error models (1994).
+    """
+    minima = [
+        local_minimum(overlap_of(noisier).joint, incidence_deg, _LIMITS_DEG, _STEP_DEG, _TOLERANCE_DEG)
+        for noisier in blocks.noisier()
+    ]
+    return _EXTRAPOLATED * math.sqrt(np.mean(np.square(np.array(minima) - incidence_deg)))
+
+
+def widened_incidence(error_deg: float) -> float:
+    """A jackknife's error in degrees with what it misses: parts are few and alike, and searches stop a little short."""
+    return math.hypot(_WIDER * error_deg, _LEAST_DEG)
+
+
+def shift_errors(
+    spectra: CrossSpectra, scene: SceneParameters, rivals: Sequence[float] = ()
+) -> tuple[float, float | None]:
+    """Standard errors in pixels of both ghost shifts of a complete scene; None for one the transmission has not.
+
+    Parameters
+    ----------
+    spectra : CrossSpectra
+    scene : SceneParameters
+    rivals : sequence of float
+        Other shifts that explain the spectra nearly as well: two standard errors reach to those that cannot be told
+        from the one found.
+    """
+    incidence, _, shift = scene.values()
+    own = scene.transmission_ghost_shift
+    likelihoods = [ShiftLikelihood(part, scene) for part in spectra.left_out()]
+    around = _STEP_PX * np.arange(-1.0, 2.0)
+
+    def error(shifts: Values, of_transmission: Values | None, rest: Sequence[float]) -> float:
+        trials = np.concatenate([shifts, rest])
+        others = None if of_transmission is None else np.resize(of_transmission, trials.size)
+        rows = [likelihood.misfit(incidence, trials, 4, others) for likelihood in likelihoods]
+        return _error(np.array(rows), np.abs(np.asarray(rest) - shift))
+
+    if own is None:
+        return error(shift + around, None, rivals), None
+    return error(shift + around, np.full(3, own), ()), error(np.full(3, shift), own + around, ())
+
+
+def _error(misfits: Values, distances: Values) -> float:
+    """From misfits (part, trial): three around the shift found, then those of its rivals, at a distance from it."""
+    if not misfits.size:
+        return math.inf
+    near = minimum_error(list(misfits[:, :3].T), _STEP_PX)
+    worse = misfits[:, 3:] - misfits[:, :3].min(axis=1, keepdims=True)
+    open_rivals = [
+        float(distance) / _SURE
+        for distance, gap in zip(distances, worse.T, strict=True)
+        if gap.mean() < _SURE * jackknife_error(gap)
+    ]
+    return max([math.hypot(_SHIFT_WIDER * near, _LEAST_PX), *open_rivals])

@@ -1,0 +1,224 @@
+"""Blind scene estimation: from a capture to incidence, azimuth and ghost shift.
+
+The azimuth is the axis of the polarized light, and of the two such axes the one that leaves the likelier, less alike
+layers. Given the azimuth, incidence (edge independence) and ghost shift (spectral likelihood) are found in turns until
+both rest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from polaropt.capture import Capture, PlateFrame, noise_level, plate_frame, stokes_images
+from polaropt.estimation.flat.azimuth import HIGH_STAKE, Pane, choose_axis, principal_axis
+from polaropt.estimation.flat.errors import widened_incidence
+from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
+from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
+from polaropt.optics import SceneErrors, SceneParameters
+
+_POLARIZED_SNR = 10.0
+_LEAST_NOISE = 1e-4
+"""Below this the model itself is not exact."""
+_CLOSE = 0.06
+"""Axes whose scores differ by less are compared again after the search."""
+
+
+@dataclass(frozen=True)
+class SceneEstimate:
+    """A complete scene and the evidence it rests on.
+
+    Attributes
+    ----------
+    scene : SceneParameters
+        Complete: what was given stays, the rest is estimated.
+    polarization_snr : float
+        Polarized light found, in standard errors of what noise alone would leave.
+    errors : SceneErrors
+        Standard errors of what was estimated.
+    polarized : bool
+        Whether there is polarization at all; without, incidence, azimuth and shift mean nothing.
+    axis_margin : float
+        How much better this azimuth explains the capture than the one across it (log likelihood per frequency and
+        weighted edge overlap); infinite where the azimuth was given.
+    axis_stake : float
+        Expected error of the transmission over that of the plain intensity, mean squares, for the chance that the pane
+        lies across: 0 where that is settled, from a half on the intensity is the safer guess; see `AxisChoice`.
+    incidence_margin : float
+        Depth of the overlap's minimum below its typical value, 0..1.
+    incidence_grid_deg, overlap : ndarray
+        Edge overlap of the layers over trial incidences.
+    shift_grid, shift_misfit : ndarray
+        Minus log likelihood over trial ghost shifts, less its minimum.
+    """
+
+    scene: SceneParameters
+    polarization_snr: float
+    errors: SceneErrors
+    polarized: bool
+    axis_margin: float
+    axis_stake: float
+    incidence_margin: float
+    incidence_grid_deg: Curve
+    overlap: Curve
+    shift_grid: Curve
+    shift_misfit: Curve
+
+    @property
+    def better_left(self) -> bool:
+        """Whether the plain intensity is the better guess of the transmission, as the pane may lie across."""
+        return self.axis_stake >= HIGH_STAKE
+
+
+def estimate_scene(
+    capture: Capture,
+    scene: SceneParameters = SceneParameters(None, None, None),  # noqa: B008 (frozen)
+    *,
+    noise: float | None = None,
+    thickness_px: float | None = None,
+    thickness_kind: Literal["paper", "plate"] = "paper",
+) -> SceneEstimate:
+    """Estimate what a scene leaves open.
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters
+        Fields that are None are estimated, all others stay as they are.
+    noise : float, optional
+        Standard deviation of the noise of one photograph. Default: measured.
+    thickness_px : float, optional
+        Thickness of the pane in pixels; ties the ghost shift to the incidence (its sense stays open).
+    thickness_kind : {"paper", "plate"}
+        Formula of the ghost step, see `ghost_step`.
+
+    Returns
+    -------
+    SceneEstimate
+    """
+    noise = max(_LEAST_NOISE, noise_level(capture) if noise is None else noise)
+    stokes = stokes_images(capture, noise)
+    axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])
+    frame = plate_frame(stokes, axis.azimuth_deg if scene.azimuth_deg is None else scene.azimuth_deg)
+    thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
+    taken = _choose_axis(frame, scene, thickness, noise)
+    frame, search, trial = taken.frame, taken.search, taken.trial
+    found = _completed(scene, frame.azimuth_deg, trial)
+    errors = SceneErrors()
+    if axis.snr > _POLARIZED_SNR:
+        found = search.with_own_shifts(frame, found)
+        found, error = _refined(frame, scene, found, thickness)
+        errors = _errors(search, (scene, found, trial), error, axis.error_deg)
+        if thickness is not None:
+            errors = _tied(errors, found, thickness)
+    overlap = search.curve(trial)
+    shift_grid, shift_misfit = search.shift_curve(trial)
+    return SceneEstimate(
+        scene=found,
+        polarization_snr=axis.snr,
+        errors=errors,
+        polarized=axis.snr > _POLARIZED_SNR,
+        axis_margin=taken.margin,
+        axis_stake=taken.stake,
+        incidence_margin=float(1 - overlap.min() / max(float(np.median(overlap)), 1e-9)),
+        incidence_grid_deg=INCIDENCE_GRID_DEG,
+        overlap=overlap,
+        shift_grid=shift_grid,
+        shift_misfit=shift_misfit - shift_misfit.min(),
+    )
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """The frame at the azimuth taken, its search and best trial; margin and stake as in `SceneEstimate`."""
+
+    frame: PlateFrame
+    search: SceneSearch
+    trial: Trial
+    margin: float
+    stake: float = 0.0
+
+
+def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None, noise: float) -> _Taken:
+    """At the given azimuth, or at that one of two which explains the capture better, or is safer where both do."""
+    seen = evidence(frame)
+    frames, seens = [frame, frame.across()], [seen, seen.across()]
+    if scene.azimuth_deg is not None:
+        frames, seens = frames[:1], seens[:1]
+    searches = [SceneSearch(part, scene, thickness) for part in seens]
+    trials = [search.first() for search in searches]
+    margin = _margin(trials)
+    if abs(margin) >= _CLOSE:
+        best = 0 if margin >= 0 else 1
+        return _Taken(frames[best], searches[best], searches[best].improved(trials[best]), abs(margin))
+    trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
+    panes = [
+        Pane(part, trial, float(search.shift_curve(trial)[1].min()))
+        for part, search, trial in zip(seens, searches, trials, strict=True)
+    ]
+    choice = choose_axis((panes[0], panes[1]), scene, noise)
+    best = choice.best
+    return _Taken(frames[best], searches[best], trials[best], _margin(trials) * (1 - 2 * best), choice.stake)
+
+
+def _margin(trials: list[Trial]) -> float:
+    """How much better the first axis is than the second."""
+    return math.inf if len(trials) == 1 else trials[1].score - trials[0].score
+
+
+def _completed(scene: SceneParameters, azimuth_deg: float, trial: Trial) -> SceneParameters:
+    """The scene with what it left open; a single surface has no ghosts."""
+    shift = scene.ghost_shift
+    if shift is None:
+        shift = 0.0 if scene.single_surface else trial.ghost_shift
+    incidence = trial.incidence_deg if scene.incidence_deg is None else scene.incidence_deg
+    return scene.replace(incidence_deg=incidence, azimuth_deg=azimuth_deg, ghost_shift=shift)
+
+
+def _refined(
+    frame: PlateFrame, asked: SceneParameters, found: SceneParameters, thickness: Thickness | None
+) -> tuple[SceneParameters, float | None]:
+    """The scene with its incidence looked at again, where one was asked for and ghosts are strong, and its error."""
+    incidence, _, shift = found.values()
+    ghosts = shift != 0 and not found.single_surface and found.n_bounces != 0
+    if asked.incidence_deg is not None or incidence < STRONG_GHOSTS_DEG or not ghosts:
+        return found, None
+    incidence, error = refined_incidence(frame, found)
+    found = found.replace(incidence_deg=incidence)
+    if thickness is None or asked.ghost_shift is not None:
+        return found, error
+    step = thickness.step(incidence, found.refractive_index)
+    return found.replace(ghost_shift=math.copysign(step, shift)), error
+
+
+def _errors(
+    search: SceneSearch,
+    scenes: tuple[SceneParameters, SceneParameters, Trial],
+    refined_error_deg: float | None,
+    azimuth_error_deg: float,
+) -> SceneErrors:
+    """Of what was asked for, from the search's own sums; the incidence's where it was looked at again is known."""
+    asked, found, trial = scenes
+    shift, of_transmission = search.shift_errors(found) if asked.ghost_shift is None else (None, None)
+    incidence = None
+    if asked.incidence_deg is None:
+        incidence = search.incidence_error(trial) if refined_error_deg is None else widened_incidence(refined_error_deg)
+    return SceneErrors(
+        incidence_deg=incidence,
+        azimuth_deg=azimuth_error_deg if asked.azimuth_deg is None else None,
+        ghost_shift=shift,
+        transmission_ghost_shift=of_transmission,
+    )
+
+
+def _tied(errors: SceneErrors, found: SceneParameters, thickness: Thickness) -> SceneErrors:
+    """With the error of a ghost shift that follows from the incidence."""
+    if errors.ghost_shift is None or errors.incidence_deg is None:
+        return errors
+    incidence = found.values()[0]
+    near = (max(0.0, incidence - errors.incidence_deg), min(89.0, incidence + errors.incidence_deg))
+    steps = [thickness.step(angle, found.refractive_index) for angle in near]
+    return replace(errors, ghost_shift=abs(steps[1] - steps[0]) / 2)

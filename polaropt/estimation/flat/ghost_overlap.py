@@ -1,0 +1,192 @@
+"""The incidence once more where ghosts are strong: edge overlap of layers from which all ghosts are taken out.
+
+The linear elimination that the search rests on leaves each layer with doubled edges, which bias the incidence by up to
+half a degree from about 65 degrees on. A Wiener filter's layers have no ghosts; averaged over blocks of 4x4 pixels
+its smoothing no longer matters, and pictures of half the size will do.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import PlateFrame
+from polaropt.numerics import block_mean, frequencies, grid_sums, left_out, minimum_error, vertex
+from polaropt.optics import SceneParameters, interface
+
+Images = NDArray[np.float32]
+
+Spectrum = NDArray[np.complex64]
+Sums = NDArray[np.float64]
+
+STRONG_GHOSTS_DEG = 64.0
+_STEP_DEG = 0.7
+_FARTHEST = 1.5
+_SIDE = 512
+_HALF, _BLOCK = 2, 2
+_PARTS = 4
+_FADED, _LEFT_OUT = 8, 6
+"""Samples at each border over which the pictures fade out, and that do not count."""
+_FIRST_LEVEL, _LEAST_LEVEL = 3e-3, 1e-9
+_ROUNDS, _EVERY = 3, 2
+"""Rounds in which the levels are fitted, to every so-many-th frequency."""
+
+
+def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> tuple[float, float]:
+    """Incidence in degrees near that of a complete scene at which the layers' coarse edges overlap least.
+
+    Parameters
+    ----------
+    frame : PlateFrame
+        The capture in the frame of the scene's azimuth.
+    scene : SceneParameters
+        Complete; its shift and azimuth are kept.
+
+    Returns
+    -------
+    incidence_deg, error_deg : float
+        With its standard error.
+    """
+    start, _, _ = scene.values()
+    overlap = LayerOverlap(frame, scene, start)
+    step = min(_STEP_DEG, (89.5 - start) / 2)
+    parts = [overlap.parts(start + shift) for shift in (-step, 0.0, step)]
+    before, here, after = (float(_normalized(part.sum(axis=-1))) for part in parts)
+    error = minimum_error([_normalized(left_out(part)) for part in parts], step)
+    # One parabola: a search would need four times as many inversions.
+    return start + step * vertex(before, here, after, _FARTHEST), error
+
+
+class LayerOverlap:
+    """Edge overlap of layers without ghosts over trial incidences.
+
+    Parameters
+    ----------
+    frame : PlateFrame
+    scene : SceneParameters
+        Complete; its shifts and azimuth hold for all trials.
+    incidence_deg : float
+        Where the layers' powers are fitted.
+    """
+
+    def __init__(self, frame: PlateFrame, scene: SceneParameters, incidence_deg: float) -> None:
+        self._wiener = _Wiener(frame, scene)
+        self._wiener.fit(incidence_deg)
+
+    def at(self, incidence_deg: float) -> float:
+        """The overlap, 0..1."""
+        return float(_normalized(self.parts(incidence_deg).sum(axis=-1)))
+
+    def parts(self, incidence_deg: float) -> Sums:
+        """Sums over each part of the frame, (3, part): of |grad t||grad r|, |grad t|^2 and |grad r|^2."""
+        t, r = _gradients(self._wiener.layers(incidence_deg))
+        return grid_sums(np.stack([np.sqrt(t * r), t, r]), _PARTS)
+
+
+def coarse_overlap(layers: Images) -> float:
+    """Cosine between the gradient magnitudes of two layers (2, h, w), averaged over 2x2 samples first."""
+    t, r = _gradients(layers)
+    return float(_normalized(np.stack([np.sqrt(t * r), t, r]).sum(axis=(-2, -1), dtype=np.float64)))
+
+
+def _normalized(sums: Sums) -> Sums:
+    overlap: Sums = sums[0] / np.sqrt(sums[1] * sums[2] + 1e-30)
+    return overlap
+
+
+def _gradients(layers: Images) -> tuple[Images, Images]:
+    """Squared gradients of both layers averaged over 2x2 samples."""
+    blocks = block_mean(layers, _BLOCK)
+    across, down = np.diff(blocks, axis=-1)[:, :-1], np.diff(blocks, axis=-2)[..., :-1]
+    t, r = across**2 + down**2
+    return t, r
+
+
+class _Wiener:
+    """Wiener filter for the luminance of both layers: in the Fourier domain each ghost is a phase.
+
+    Power of the layers is ``level / |omega|^2``.
+    """
+
+    def __init__(self, frame: PlateFrame, scene: SceneParameters) -> None:
+        from scipy.fft import rfft2
+
+        images = block_mean(_middle(frame.images).mean(axis=1), _HALF)
+        self._shape: tuple[int, int] = images.shape[-2:]
+        images -= images.mean(axis=(-2, -1), keepdims=True)
+        images *= np.outer(*(fading(side) for side in self._shape))
+        self._seen: Spectrum = rfft2(images, norm="ortho")
+        rows, columns = frequencies(*self._shape)
+        azimuth = math.radians(frame.azimuth_deg)
+        along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
+        shift, own = scene.values()[2], scene.transmission_ghost_shift
+        self._z_r = np.exp(-1j * along * shift / _HALF).astype(np.complex64)
+        self._z_t = self._z_r if own is None else np.exp(-1j * along * own / _HALF).astype(np.complex64)
+        self._radius2 = (rows**2 + columns**2).astype(np.float32)
+        self._radius2[0, 0] = (2 * np.pi / max(self._shape)) ** 2
+        self._noise = (frame.covariance / (_HALF**2 * frame.images.shape[1])).astype(np.float32)
+        self._levels: Images = np.full(2, _FIRST_LEVEL, np.float32)
+        self._refractive_index = scene.refractive_index
+
+    def fit(self, incidence_deg: float) -> None:
+        """Fit the levels of both layers at an incidence."""
+        for _ in range(_ROUNDS):
+            power = _squared(self._spectra(incidence_deg, _EVERY)) * self._radius2[::_EVERY, ::_EVERY]
+            self._levels = np.maximum(power.mean(axis=(-2, -1)), np.float32(_LEAST_LEVEL))
+
+    def layers(self, incidence_deg: float) -> Images:
+        """Transmission and reflection (2, h, w) of a pane at an incidence, without the borders."""
+        from scipy.fft import irfft2
+
+        layers: Images = irfft2(self._spectra(incidence_deg), s=self._shape, norm="ortho", overwrite_x=True)
+        edge = min(_LEFT_OUT, min(self._shape) // 8)
+        return layers[:, edge:-edge, edge:-edge] if edge else layers
+
+    def _spectra(self, incidence_deg: float, every: int = 1) -> Spectrum:
+        """Spectra of the layers: ``P H^* (H P H^* + N)^-1`` times what is seen, H the pane, P the layers' powers."""
+        part = (..., slice(None, None, every), slice(None, None, every))
+        (seen_par, seen_perp), radius2 = self._seen[part], self._radius2[part]
+        z_r = self._z_r[part]
+        z_t = z_r if self._z_t is self._z_r else self._z_t[part]
+        reflectances = interface(incidence_deg, self._refractive_index).reflection[:2]
+        par, perp = (_transfer(np.float32(reflectance), z_t, z_r) for reflectance in reflectances)
+        p = self._levels[:, None, None]
+        (n_par, n_cross), (_, n_perp) = self._noise
+        # Everything in units of 1 / |omega|^2.
+        power_par = (p * _squared(par)).sum(axis=0) + n_par * radius2
+        power_perp = (p * _squared(perp)).sum(axis=0) + n_perp * radius2
+        cross = (p * par * perp.conj()).sum(axis=0) + n_cross * radius2
+        determinant = power_par * power_perp - _squared(cross)
+        white_par = (power_perp * seen_par - cross * seen_perp) / determinant
+        white_perp = (power_par * seen_perp - cross.conj() * seen_par) / determinant
+        found: Spectrum = p * (par.conj() * white_par + perp.conj() * white_perp)
+        return found
+
+
+def _transfer(reflectance: np.float32, z_t: Spectrum, z_r: Spectrum) -> Spectrum:
+    """What the pane passes and mirrors (layer, h, w) of one polarization; a polarizer takes half of it."""
+    through: Spectrum = (1 - reflectance) ** 2 / 2 / (1 - reflectance**2 * z_t)
+    returning = through if z_r is z_t else (1 - reflectance) ** 2 / 2 / (1 - reflectance**2 * z_r)
+    return np.stack([through, reflectance / 2 + reflectance * z_r * returning])
+
+
+def _squared(values: Spectrum) -> Images:
+    squared: Images = values.real**2 + values.imag**2
+    return squared
+
+
+def fading(side: int) -> Images:
+    """One inside, falling to zero at both ends."""
+    distance = np.minimum(np.arange(side), np.arange(side)[::-1]) + 0.5
+    reach = min(_FADED, max(1, side // 8))
+    fading: Images = (0.5 - 0.5 * np.cos(np.pi * np.minimum(distance / reach, 1))).astype(np.float32)
+    return fading
+
+
+def _middle(images: Images) -> Images:
+    """The middle of large pictures: enough edges, and bounded time."""
+    height, width = images.shape[-2:]
+    top, left = (max(0, (side - _SIDE) // 2) for side in (height, width))
+    return images[..., top : top + _SIDE, left : left + _SIDE]

@@ -1,0 +1,450 @@
+"""Ghost shift of the pane, by the likelihood of the capture's spectra (Whittle) as a function of the shift.
+
+The ghosts put notches across the spectra of what each polarization shows, and turn the phase between the two; the
+latter tells the shift's sense. The layers are independent, with smooth unknown power spectra that are fitted along.
+The likelihood is Student's, so that a few frequencies full of oriented edges do not decide.
+
+With P and Q the powers of the layers, the covariance at a frequency is ``M = P A + Q B + N``. For 2x2 matrices
+``a.b = trace(adj(a) b)`` is bilinear and ``a.a = 2 det a``: so det M, the data's distance from M and their derivatives
+need no more than a handful of products of A, B, N and the data, taken once for all powers that are tried.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import PlateFrame
+from polaropt.numerics import frequencies
+from polaropt.optics import SceneParameters, interface
+
+Images = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Matrix = NDArray[np.float64]
+
+_LOWEST_CYCLES = 2.5
+_HIGHEST = 2.8
+_MOST_INVALID = 0.2
+_MOST_TILES = 128
+_MOST_BANDS = 8
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Sums of periodograms over bands of tiles, (band, frequency), and how many periodograms each holds."""
+
+    par: Images
+    perp: Images
+    cross: NDArray[np.complex64]
+    counts: NDArray[np.intp]
+
+    def across(self) -> Bands:
+        """The same with the two polarizations exchanged."""
+        return Bands(self.perp, self.par, self.cross.conj(), self.counts)
+
+    def without(self, band: int) -> list[Any]:
+        """Mean par, perp and cross of all other bands."""
+        count = np.float32(self.counts.sum() - self.counts[band])
+        return [(part.sum(axis=0) - part[band]) / count for part in (self.par, self.perp, self.cross)]
+
+
+@dataclass(frozen=True)
+class CrossSpectra:
+    """Mean periodograms over tiles and colours; all arrays have one value per usable frequency.
+
+    Attributes
+    ----------
+    par, perp : ndarray of float32
+        Power of I_par and I_perp.
+    cross : ndarray of complex64
+        Their cross spectrum.
+    along, across_azimuth : ndarray
+        Angular frequency along and across the azimuth, per pixel.
+    multiplicity : ndarray of float32
+        1 or 2: whether a frequency stands for its mirror image, too.
+    covariance : ndarray, shape (2, 2)
+        Power of the noise.
+    tile : int
+        Side of the tiles in pixels.
+    azimuth_deg : float
+    ghosts_deg : float, optional
+        Direction in the image along which ghosts lie, where the polarizer's zero is in doubt. Default: the azimuth.
+    bands : Bands, optional
+        What the means are made of.
+    """
+
+    par: Images
+    perp: Images
+    cross: NDArray[np.complex64]
+    along: Matrix
+    across_azimuth: Matrix
+    multiplicity: Images
+    covariance: Matrix
+    tile: int
+    azimuth_deg: float
+    ghosts_deg: float | None = None
+    bands: Bands | None = None
+
+    def across(self) -> CrossSpectra:
+        """The same for a pane whose plane of incidence lies across: its two polarizations are exchanged."""
+        return CrossSpectra(
+            self.perp,
+            self.par,
+            self.cross.conj(),
+            -self.across_azimuth,
+            self.along,
+            self.multiplicity,
+            self.covariance[::-1, ::-1],
+            self.tile,
+            self.azimuth_deg + 90,
+            self.ghosts_deg,
+            None if self.bands is None else self.bands.across(),
+        )
+
+    def left_out(self) -> list[CrossSpectra]:
+        """The same without each of the bands."""
+        if self.bands is None or len(self.bands.counts) == 1:
+            return []
+        rest = [self.bands.without(i) for i in range(len(self.bands.counts))]
+        return [replace(self, par=par, perp=perp, cross=cross, bands=None) for par, perp, cross in rest]
+
+    def with_ghosts_along(self, direction_deg: float) -> CrossSpectra:
+        """The same for ghosts along another direction in the image than the azimuth."""
+        return replace(self, ghosts_deg=direction_deg)
+
+    @property
+    def along_ghosts(self) -> Matrix:
+        """Angular frequency along the ghosts, per pixel."""
+        if self.ghosts_deg is None:
+            return self.along
+        turn = math.radians(self.ghosts_deg - self.azimuth_deg)
+        return self.along * math.cos(turn) - self.across_azimuth * math.sin(turn)
+
+    def coherence(self, shifts: Matrix) -> Images:
+        """Share of its light that a tile's window has in common with itself one ghost shift further."""
+        direction = math.radians(self.azimuth_deg if self.ghosts_deg is None else self.ghosts_deg)
+        common = _hann_autocorrelation(shifts * math.cos(direction) / self.tile)
+        return (common * _hann_autocorrelation(shifts * math.sin(direction) / self.tile)).astype(np.float32)
+
+
+def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
+    """Welch's mean periodograms over half-overlapping Hann tiles of `tile` pixels, a bounded number of them."""
+    from scipy.fft import rfft2
+
+    side = min(tile, *frame.images.shape[-2:])
+    profile = np.hanning(side + 2)[1:-1]
+    window = np.outer(profile, profile)
+    window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)
+    share = window / np.sum(window)
+    corners = _tile_corners(frame.valid, side)
+    n_bands = min(_MOST_BANDS, len(corners))
+    par: Images = np.zeros((n_bands, side, side // 2 + 1), np.float32)
+    perp, cross, counts = par.copy(), np.zeros(par.shape, np.complex64), np.zeros(n_bands, np.intp)
+    for i, (top, left) in enumerate(corners):
+        part = _opponent(frame.images[..., top : top + side, left : left + side])
+        mean = np.einsum("ecyx,yx->ec", part, share)[..., None, None]
+        first, second = rfft2((part - mean) * window)
+        band = i * n_bands // len(corners)
+        par[band] += _power(first)
+        perp[band] += _power(second)
+        cross[band] += np.einsum("cyx,cyx->yx", first, second.conj())
+        counts[band] += part.shape[1]
+    return _usable(Bands(par, perp, cross, counts), side, frame)
+
+
+def _hann_autocorrelation(lag: Matrix) -> Matrix:
+    """Normalized autocorrelation of a Hann window at a lag in units of its length."""
+    lag = np.minimum(np.abs(lag), 1)
+    bulk: Matrix = (1 - lag) * (2 + np.cos(2 * np.pi * lag)) / 3
+    return bulk + np.sin(2 * np.pi * lag) / (2 * np.pi)
+
+
+def _power(spectra: NDArray[np.complex64]) -> Images:
+    """Power of spectra (channel, ...), summed over the channels."""
+    parts = spectra.view(np.float32).reshape(*spectra.shape, 2)
+    power: Images = np.einsum("cyxp,cyxp->yx", parts, parts)
+    return power
+
+
+def _usable(sums: Bands, side: int, frame: PlateFrame) -> CrossSpectra:
+    rows, columns = frequencies(side, side)
+    azimuth = math.radians(frame.azimuth_deg)
+    along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
+    across = columns * math.sin(azimuth) + rows * math.cos(azimuth)
+    multiplicity = np.full(along.shape, 2, np.float32)
+    multiplicity[:, 0] = 1
+    if side % 2 == 0:
+        multiplicity[:, -1] = 1
+    radius: Matrix = np.hypot(columns, rows)
+    # The window leaks the lowest frequencies; interpolation, in an eye or a computer, spoils the highest.
+    use = (radius > _LOWEST_CYCLES * 2 * np.pi / side) & (radius < _HIGHEST)
+    # The window makes neighbouring frequencies much alike: every second one, as on a chessboard, says the same.
+    use &= np.add.outer(np.arange(side), np.arange(side // 2 + 1)) % 2 == 0
+    bands = Bands(sums.par[:, use], sums.perp[:, use], sums.cross[:, use], sums.counts)
+    count = np.float32(sums.counts.sum())
+    par, perp, cross = (part.sum(axis=0) / count for part in (bands.par, bands.perp, bands.cross))
+    return CrossSpectra(
+        par,
+        perp,
+        cross,
+        along[use],
+        across[use],
+        multiplicity[use],
+        frame.covariance,
+        side,
+        frame.azimuth_deg,
+        bands=bands,
+    )
+
+
+def _tile_corners(valid: Mask, side: int) -> list[tuple[int, int]]:
+    """Corners of half-overlapping tiles, without those that are mostly unknown."""
+    starts = [_starts(length, side) for length in valid.shape[-2:]]
+    corners = [(top, left) for top in starts[0] for left in starts[1]]
+    corners = corners[:: math.ceil(len(corners) / _MOST_TILES)]
+    if valid.all():
+        return corners
+    shares = [1 - float(valid[..., y : y + side, x : x + side].mean()) for y, x in corners]
+    limit = max(_MOST_INVALID, min(shares))
+    return [corner for corner, share in zip(corners, shares, strict=True) if share <= limit]
+
+
+def _starts(length: int, side: int) -> list[int]:
+    n = max(1, math.ceil(2 * length / side) - 1)
+    return sorted({int(start) for start in np.linspace(0, length - side, n)})
+
+
+def _opponent(images: Images) -> Images:
+    """Colours (2, 3, h, w) to their sum and differences, which are less alike; anything else unchanged."""
+    if images.shape[1] != 3:
+        return images
+    basis = np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3], [2], [6]])
+    turned: Images = np.einsum("dc,ec...->ed...", basis.astype(np.float32), images)
+    return turned
+
+
+_Light = tuple[Images, Images]
+
+_RADIAL_KNOTS = 3
+_DEGREES_OF_FREEDOM = np.float32(4)
+_FIRST_ROUNDS = 12
+_LEAST_DETERMINANT = np.float32(1e-6)
+_EVERY = 8
+"""Levels are first fitted for every so-many-th trial, then carried to those between."""
+
+
+class _Hermitian(NamedTuple):
+    """2x2 Hermitian matrices, one per trial and frequency: diagonal, and real and imaginary part of the upper right."""
+
+    par: Images
+    perp: Images
+    real: Images
+    imag: Images
+
+    def flattened(self) -> _Hermitian:
+        """With a single axis of trials."""
+        return _Hermitian(*(part.reshape(-1, part.shape[-1]) for part in self))
+
+    def dot(self, other: _Hermitian) -> Images:
+        """Trace of the adjugate times the other."""
+        diagonal = self.par * other.perp + self.perp * other.par
+        product: Images = diagonal - 2 * (self.real * other.real + self.imag * other.imag)
+        return product
+
+    def determinant(self) -> Images:
+        """At least what rounding leaves uncertain."""
+        product: Images = self.par * self.perp
+        least: Images = np.maximum(product - self.real**2 - self.imag**2, _LEAST_DETERMINANT * product)
+        return least
+
+
+class _Series(NamedTuple):
+    """``z / (1 - R^2 z)``: real part, imaginary part and squared size."""
+
+    real: Images
+    imag: Images
+    size: Images
+
+
+class _Products(NamedTuple):
+    """Products of the reflection's A, the transmission's B, the noise N and the data D."""
+
+    aa: Images
+    bb: Images
+    ab: Images
+    an: Images
+    bn: Images
+    ad: Images
+    bd: Images
+    nn: Images
+    nd: Images
+
+    def of(self, trials: NDArray[np.intp]) -> _Products:
+        """Those of some trials."""
+        parts = (self.aa, self.bb, self.ab, self.an, self.bn, self.ad, self.bd)
+        aa, bb, ab, an, bn, ad, bd = (part[trials] for part in parts)
+        return _Products(aa, bb, ab, an, bn, ad, bd, self.nn, self.nd)
+
+
+class ShiftLikelihood:
+    """Likelihood of ghost shifts given a capture's mean spectra.
+
+    Parameters
+    ----------
+    spectra : CrossSpectra
+    scene : SceneParameters
+        Index and surfaces of the pane, and the transmission's own shift, if it has one; nothing else is used.
+    detail : (int, int), optional
+        Radii and directions into which the layers' spectra are split. With few of them a blurred scene passes for one
+        with close ghosts; with many a comparison takes longer. Default: 3 and 2, or 3 and 4 where ghosts have a
+        direction of their own.
+    """
+
+    def __init__(self, spectra: CrossSpectra, scene: SceneParameters, detail: tuple[int, int] | None = None) -> None:
+        self._data = _Hermitian(spectra.par, spectra.perp, spectra.cross.real.copy(), spectra.cross.imag.copy())
+        (par, cross), (_, perp) = spectra.covariance.astype(np.float32)
+        self._noise = _Hermitian(par, perp, cross, np.float32(0))  # type: ignore[arg-type]
+        self._along = spectra.along_ghosts.astype(np.float32)
+        self._coherence = spectra.coherence
+        self._multiplicity = spectra.multiplicity
+        self._scene = scene
+        # Directions that are compared must not differ in what pictures they expect; nor may edges pass for ghosts.
+        detail = detail or (_RADIAL_KNOTS, 2 if spectra.ghosts_deg is None else 4)
+        self._shapes = _spectral_shapes(spectra.along, spectra.across_azimuth, *detail)
+        """(level, frequency): natural images' power, split over a few radii and directions."""
+
+    def misfit(
+        self,
+        incidence_deg: float | Matrix,
+        shifts: Sequence[float] | Matrix,
+        rounds: int = 4,
+        transmission_shifts: Sequence[float] | Matrix | None = None,
+    ) -> Matrix:
+        """Minus log likelihood per frequency of trial shifts (pixels, signed), up to a constant.
+
+        Parameters
+        ----------
+        incidence_deg : float or ndarray
+            One incidence or several.
+        shifts : sequence of float
+        rounds : int
+            How closely each trial's spectra are fitted.
+        transmission_shifts : sequence of float, optional
+            The transmission's own, one for each of `shifts`. Default: the scene's, or the same.
+
+        Returns
+        -------
+        ndarray, shape ([incidences,] shifts)
+        """
+        incidences, steps = np.atleast_1d(incidence_deg), np.asarray(shifts, dtype=np.float64)
+        own = self._scene.transmission_ghost_shift
+        if transmission_shifts is None:
+            transmission_shifts = steps if own is None else np.full(steps.shape, own)
+        products = self._products(incidences, steps, np.asarray(transmission_shifts))
+        sparse = np.arange(0, steps.size, _EVERY)
+        nearest = np.minimum((np.arange(steps.size) + _EVERY // 2) // _EVERY, sparse.size - 1)
+        rows = np.arange(incidences.size * steps.size).reshape(incidences.size, -1)
+        levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), 1e-3, np.float32)
+        levels = self._fitted(products.of(rows[:, sparse].ravel()), levels, _FIRST_ROUNDS)
+        carried = np.arange(levels.shape[1]).reshape(incidences.size, -1)[:, nearest].ravel()
+        levels = self._fitted(products, levels[:, carried], rounds)
+        _, _, determinant, distance = self._model(products, levels)
+        nu = _DEGREES_OF_FREEDOM
+        value = (np.log(determinant) + (nu + 2) * np.log(nu + distance)) @ self._multiplicity.astype(np.float64)
+        value = np.asarray(value / float(self._multiplicity.sum()))
+        return value.reshape(incidences.size, -1) if np.ndim(incidence_deg) else value
+
+    def _products(self, incidences: Matrix, shifts: Matrix, of_transmission: Matrix) -> _Products:
+        reflection, transmission = self._responses(incidences, shifts)
+        if of_transmission is not shifts:
+            transmission = self._responses(incidences, of_transmission)[1]
+        noise, data = self._noise, self._data
+        return _Products(
+            aa=2 * reflection.determinant(),
+            bb=2 * transmission.determinant(),
+            ab=np.maximum(reflection.dot(transmission), 0),
+            an=reflection.dot(noise),
+            bn=transmission.dot(noise),
+            ad=reflection.dot(data),
+            bd=transmission.dot(data),
+            nn=noise.dot(noise),
+            nd=noise.dot(data),
+        )
+
+    def _responses(self, incidences: Matrix, shifts: Matrix) -> tuple[_Hermitian, _Hermitian]:
+        """Outer products of the transfer functions of reflection and transmission: incidences times shifts."""
+        phase = shifts.astype(np.float32)[:, None] * self._along
+        cosine, sine = np.cos(phase), np.sin(phase)
+        found = [interface(float(incidence), self._scene.refractive_index).reflection[:2] for incidence in incidences]
+        par, perp = np.array(found, np.float32).T[:, :, None, None]
+        series = _series(par**2, cosine, sine), _series(perp**2, cosine, sine)
+        layers = zip(_light(par, self._scene), _light(perp, self._scene), strict=True)
+        coherence = self._coherence(shifts)[:, None]
+        reflection, transmission = (_outer(*light, *series, coherence).flattened() for light in layers)
+        return reflection, transmission
+
+    def _fitted(self, products: _Products, levels: Images, rounds: int) -> Images:
+        """Levels of both layers' spectra by multiplicative steps towards the maximum of the likelihood."""
+        levels = levels.copy()
+        weights = self._multiplicity * self._shapes
+        for _ in range(rounds):
+            a, b, determinant, distance = self._model(products, levels)
+            surprise = (_DEGREES_OF_FREEDOM + 2) / ((_DEGREES_OF_FREEDOM + distance) * determinant)
+            for level, toward, data in zip(levels, (a, b), (products.ad, products.bd), strict=True):
+                gain = ((distance * toward - data) * surprise) @ weights.T
+                level *= np.maximum(gain / ((toward / determinant) @ weights.T), np.float32(1e-3))
+        return levels
+
+    def _model(self, products: _Products, levels: Images) -> tuple[Images, Images, Images, Images]:
+        """A.M, B.M, det M and the data's squared distance from M, for each trial and frequency."""
+        of = products
+        p, q = levels @ self._shapes
+        a = p * of.aa + q * of.ab + of.an
+        b = q * of.bb + p * of.ab + of.bn
+        determinant = (p * (a + of.an) + q * (b + of.bn) + of.nn) / 2
+        return a, b, determinant, (p * of.ad + q * of.bd + of.nd) / determinant
+
+
+def _spectral_shapes(along: Matrix, across: Matrix, n_radii: int, n_directions: int) -> Images:
+    radius2 = along**2 + across**2
+    position = np.log(radius2) / 2
+    knots = np.linspace(position.min(), position.max(), n_radii)
+    hats = np.maximum(0, 1 - np.abs(position - knots[:, None]) / (knots[1] - knots[0]))
+    turns = np.pi * np.arange(n_directions) / n_directions
+    # Squares of two directions add up to 1, fourth powers of four to a constant.
+    directions = [(along * np.cos(turn) + across * np.sin(turn)) ** n_directions for turn in turns]
+    shapes: Images = np.concatenate([hats * d / radius2 ** (1 + n_directions / 2) for d in directions])
+    return shapes.astype(np.float32)
+
+
+def _series(square: Images, cosine: Images, sine: Images) -> _Series:
+    """The series of ghosts from R^2 and the phase of z."""
+    size = np.asarray(1 / (1 + square * (square - 2 * cosine)), np.float32)
+    real: Images = (cosine - square) * size
+    return _Series(real, -sine * size, size)
+
+
+def _light(reflectance: Images, scene: SceneParameters) -> tuple[_Light, _Light]:
+    """What of reflection and transmission comes directly, and the factor of the series of their ghosts."""
+    if scene.single_surface:
+        return (reflectance, np.zeros_like(reflectance)), (1 - reflectance, np.zeros_like(reflectance))
+    through: Images = (1 - reflectance) ** 2
+    ghosts = through * reflectance * np.float32(scene.n_bounces != 0)
+    return (reflectance, ghosts), (through, ghosts * reflectance)
+
+
+def _outer(light_par: _Light, light_perp: _Light, par: _Series, perp: _Series, coherence: Images) -> _Hermitian:
+    """Outer product of direct light plus ghosts, which the window tells apart from it as far as they are shifted."""
+    (d_par, g_par), (d_perp, g_perp) = light_par, light_perp
+    both, of_par, of_perp = g_par * g_perp, coherence * d_perp * g_par, coherence * d_par * g_perp
+    return _Hermitian(
+        d_par**2 + (2 * coherence * d_par * g_par) * par.real + g_par**2 * par.size,
+        d_perp**2 + (2 * coherence * d_perp * g_perp) * perp.real + g_perp**2 * perp.size,
+        d_par * d_perp + both * (par.real * perp.real + par.imag * perp.imag) + of_par * par.real + of_perp * perp.real,
+        both * (par.imag * perp.real - par.real * perp.imag) + of_par * par.imag - of_perp * perp.imag,
+    )

@@ -1,0 +1,297 @@
+"""The search for incidence and ghost shift in the plate's frame, coarse to fine.
+
+Edge overlap tells the incidence finely once the ghosts are accounted for; the spectral likelihood tells the ghost
+shift once the incidence is about right, and the two together tell where to begin. So trial incidences, each with its
+likeliest shift, are compared first, and from the best of them incidence and shift are improved in turns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import PlateFrame
+from polaropt.estimation.flat.errors import incidence_error, shift_errors
+from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
+from polaropt.estimation.flat.layer_shifts import own_shifts
+from polaropt.estimation.flat.overlap import BlockImages, EdgeOverlap, block_images
+from polaropt.numerics import local_minimum, vertex
+from polaropt.optics import SceneParameters, ghost_step, interface
+
+Curve = NDArray[np.float64]
+
+INCIDENCE_GRID_DEG: Curve = np.arange(2.0, 89.0, 2.0)
+LOWEST_DEG, HIGHEST_DEG = 0.5, 88.0
+_TRIAL_DEG = (12.0, 25.0, 35.0, 42.0, 48.0, 54.0, 61.0, 68.0, 75.0, 81.0, 86.0)
+_TRIAL_HALF_WIDTH_DEG = 7.5
+_MOST_BLOCKS, _MOST_TRIAL_BLOCKS, _TRIAL_SIZES = 160, 80, 3
+"""Per side: a larger frame has enough blocks at a coarser scale, and trials do with fewer, and fewer scales."""
+_N_TRIALS = 3
+_N_CANDIDATES = 6
+_OVERLAP_WEIGHT = 0.2
+"""Misfit per frequency that a unit of log overlap is worth."""
+_MOST_SHIFT = 24.0
+_TURNS = 4
+_GRAZING_DEG, _GRAZING_PENALTY = 85.5, 0.03
+"""Score per degree beyond: panes are hardly ever seen so, and one across, its layers exchanged, looks much alike."""
+_FINE = 4
+_CLOSELY = 16
+"""Rounds in which spectra are fitted where misfits with and without ghosts are compared."""
+_FINE_SHIFTS: Curve = np.arange(-4.0, 4.5) / 8
+_STEP_DEG, _ROUGHLY_DEG, _TOLERANCE_DEG = 2.0, 1.0, 0.2
+_LEAST_GAIN, _SURE = 2e-5, 5.0
+"""Misfit per frequency that a shift must gain over none, and how many times that to be sure of it."""
+
+
+@dataclass(frozen=True)
+class Thickness:
+    """Thickness of the pane in pixels, and the formula of its ghost step."""
+
+    pixels: float
+    kind: Literal["paper", "plate"]
+
+    def step(self, incidence_deg: float, refractive_index: float) -> float:
+        """Ghost step at an incidence, in pixels."""
+        return ghost_step(incidence_deg, refractive_index, self.pixels, self.kind)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An incidence and a ghost shift, and how well they explain the capture (less is better)."""
+
+    incidence_deg: float
+    ghost_shift: float
+    score: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the search reads of a capture at one azimuth: mean spectra, and blocks coarse and fine."""
+
+    spectra: CrossSpectra
+    coarse: BlockImages
+    fine: BlockImages
+
+    def across(self) -> Evidence:
+        """The same for a pane whose plane of incidence lies across."""
+        return Evidence(self.spectra.across(), self.coarse.across(), self.fine.across())
+
+
+def evidence(frame: PlateFrame) -> Evidence:
+    """Gather what the search needs of a frame."""
+    coarse = block_images(frame, _MOST_TRIAL_BLOCKS, _TRIAL_SIZES)
+    return Evidence(cross_spectra(frame), coarse, block_images(frame, _MOST_BLOCKS))
+
+
+class SceneSearch:
+    """Search at one azimuth for those of incidence and ghost shift that the scene leaves open."""
+
+    def __init__(self, seen: Evidence, scene: SceneParameters, thickness: Thickness | None) -> None:
+        self._seen = seen
+        self._scene = scene
+        self._thickness = thickness
+        self._open_shift = scene.ghost_shift is None and not scene.single_surface
+        self._likelihood = ShiftLikelihood(seen.spectra, scene)
+        self._in_place = EdgeOverlap(seen.coarse, scene, 0.0)
+        self._overlaps_in_place: dict[float, float] = {}
+        self._shift_curves: dict[Trial, tuple[Curve, Curve]] = {}
+
+    def first(self) -> Trial:
+        """The best of a few trial incidences, each with its likeliest ghost shift."""
+        given = self._scene.incidence_deg
+        likely = [self._likeliest(incidence) for incidence in (_TRIAL_DEG if given is None else (given,))]
+        likely.sort(key=lambda trial: trial.score)
+        return min((self._with_overlap(trial) for trial in likely[:_N_TRIALS]), key=lambda trial: trial.score)
+
+    def improved(self, trial: Trial) -> Trial:
+        """Ghost shift and incidence in turns until both rest."""
+        trial = self._with_overlap_minimum(trial)
+        for _ in range(_TURNS if self._open_shift else 0):
+            before = trial
+            trial = self._with_overlap_minimum(self._best_shift(trial.incidence_deg))
+            if trial.ghost_shift == before.ghost_shift and abs(trial.incidence_deg - before.incidence_deg) < 0.5:
+                break
+        if self._open_shift and self._thickness is None:
+            trial = self._with_fine_shift(trial)
+        else:
+            trial = self._with_overlap_minimum(trial, _TOLERANCE_DEG)
+        if self._thickness is not None:
+            trial = self._with_tied_shift(trial)
+        return Trial(trial.incidence_deg, trial.ghost_shift, self._score(trial))
+
+    def _score(self, trial: Trial) -> float:
+        misfit = float(self._likelihood.misfit(trial.incidence_deg, [trial.ghost_shift])[0])
+        overlap = EdgeOverlap(self._seen.coarse, self._scene, trial.ghost_shift)
+        return misfit + _OVERLAP_WEIGHT * self._log_overlap(overlap, trial.incidence_deg)
+
+    def curve(self, trial: Trial) -> Curve:
+        """Edge overlap over all trial incidences, at the trial's ghost shift."""
+        overlap = self._best_scales(trial, self._seen.coarse)
+        return np.array([overlap.joint(float(incidence)) for incidence in INCIDENCE_GRID_DEG])
+
+    def shift_curve(self, trial: Trial) -> tuple[Curve, Curve]:
+        """Ghost shifts and their misfit, at the trial's incidence."""
+        if trial not in self._shift_curves:
+            grid = self._shift_grid(trial.incidence_deg, 0.5)
+            self._shift_curves[trial] = grid, self._likelihood.misfit(trial.incidence_deg, grid)
+        return self._shift_curves[trial]
+
+    def with_own_shifts(self, frame: PlateFrame, found: SceneParameters) -> SceneParameters:
+        """A scene that was found, with a shift for each layer where both were open and that explains clearly more."""
+        open_shifts = self._open_shift and self._thickness is None and self._scene.transmission_ghost_shift is None
+        # They are found together with the incidence.
+        if not open_shifts or self._scene.incidence_deg is not None or found.n_bounces == 0:
+            return found
+        return own_shifts(frame, self._likelihood, found, self._most_shift)
+
+    def incidence_error(self, trial: Trial) -> float:
+        """Standard error in degrees of the incidence of least edge overlap."""
+        return incidence_error(lambda blocks: self._best_scales(trial, blocks), self._seen.fine, trial.incidence_deg)
+
+    def shift_errors(self, found: SceneParameters) -> tuple[float | None, float | None]:
+        """Standard errors in pixels of the ghost shifts of both layers; None where there are none to see."""
+        if not found.has_ghosts:
+            return None, None
+        incidence, _, shift = found.values()
+        likely = [] if self._thickness else self._likely_shifts(incidence, 0.5, _N_CANDIDATES)
+        rivals = [rival for rival in likely if abs(rival - shift) > 1]
+        return shift_errors(self._seen.spectra, found, rivals)
+
+    def _likeliest(self, incidence_deg: float) -> Trial:
+        grid = self._shift_grid(incidence_deg, 1.0)
+        misfit = self._likelihood.misfit(incidence_deg, grid, rounds=1)
+        best = int(np.argmin(misfit))
+        return Trial(incidence_deg, float(grid[best]), float(misfit[best]))
+
+    def _with_overlap(self, trial: Trial) -> Trial:
+        """The trial moved to the least edge overlap around it, which counts in its score."""
+        incidences = np.array([trial.incidence_deg])
+        if self._scene.incidence_deg is None:
+            incidences = _around(trial.incidence_deg, _TRIAL_HALF_WIDTH_DEG, 2.5)
+        overlap = EdgeOverlap(self._seen.coarse, self._scene, trial.ghost_shift)
+        values = [overlap.joint(float(incidence)) for incidence in incidences]
+        best = float(incidences[int(np.argmin(values))])
+        return Trial(best, trial.ghost_shift, trial.score + _OVERLAP_WEIGHT * self._log_overlap(overlap, best))
+
+    def _log_overlap(self, overlap: EdgeOverlap, incidence_deg: float) -> float:
+        """Log overlap with ghosts or, where that is less, without: doubled edges raise the one, ghosts the other."""
+        values = [overlap.joint(incidence_deg)]
+        if self._open_shift:
+            near = INCIDENCE_GRID_DEG[np.abs(INCIDENCE_GRID_DEG - incidence_deg) <= 4]
+            values += [self._overlap_in_place(float(x)) for x in near]
+        grazing = _GRAZING_PENALTY / _OVERLAP_WEIGHT * max(0.0, incidence_deg - _GRAZING_DEG)
+        return math.log(min(values)) + grazing
+
+    def _overlap_in_place(self, incidence_deg: float) -> float:
+        if incidence_deg not in self._overlaps_in_place:
+            self._overlaps_in_place[incidence_deg] = self._in_place.joint(incidence_deg)
+        return self._overlaps_in_place[incidence_deg]
+
+    def _with_overlap_minimum(self, trial: Trial, tolerance_deg: float = _ROUGHLY_DEG) -> Trial:
+        """The trial moved to the least edge overlap around it: where that is on coarse blocks, then on fine ones."""
+        if self._scene.incidence_deg is not None:
+            return trial
+        overlap = self._best_scales(trial, self._seen.coarse)
+        near = _around(trial.incidence_deg, 6, 2)
+        start = float(near[np.argmin([overlap.joint(float(x)) for x in near])])
+        overlap = self._best_scales(trial, self._seen.fine)
+        incidence = local_minimum(overlap.joint, start, (LOWEST_DEG, HIGHEST_DEG), _STEP_DEG, tolerance_deg)
+        return Trial(incidence, trial.ghost_shift, trial.score)
+
+    def _best_scales(self, trial: Trial, blocks: BlockImages) -> EdgeOverlap:
+        return EdgeOverlap(blocks, self._scene, trial.ghost_shift).at_best_scales(trial.incidence_deg)
+
+    def _best_shift(self, incidence_deg: float) -> Trial:
+        """Among the likeliest shifts the best in likelihood and edge overlap together, the incidence free to give."""
+        shifts = self._likely_shifts(incidence_deg, 0.5, _N_CANDIDATES)
+        near = self._near(incidence_deg)
+        misfits = self._likelihood.misfit(near, shifts)
+        weight = _overlap_weight(incidence_deg, self._scene.refractive_index)
+        trials = []
+        for shift, row in zip(shifts, misfits.T, strict=True):
+            overlap = EdgeOverlap(self._seen.coarse, self._scene, shift)
+            trials += [
+                Trial(float(incidence), shift, misfit + weight * math.log(overlap.joint(float(incidence))))
+                for incidence, misfit in zip(near, row, strict=True)
+            ]
+        return min(trials, key=lambda trial: trial.score)
+
+    def _with_fine_shift(self, trial: Trial) -> Trial:
+        """The trial's shift between the grid's points, none where it gains too little; then the incidence."""
+        shifts = trial.ghost_shift + _FINE_SHIFTS
+        misfit = self._likelihood.misfit(trial.incidence_deg, shifts)
+        best = min(max(int(np.argmin(misfit)), 1), shifts.size - 2)
+        shift = float(shifts[best] + (shifts[1] - shifts[0]) * vertex(*misfit[best - 1 : best + 2]))
+        near = self._near(trial.incidence_deg)
+        without, with_ghosts = self._likelihood.misfit(near, [0.0, shift], rounds=_CLOSELY).min(axis=0)
+        gain = (without - with_ghosts) / self._least_gain(trial.incidence_deg)
+        # The further off, the more shifts there are to choose a chance likeness from.
+        likelier = (without - with_ghosts) * float(self._seen.spectra.multiplicity.sum()) > math.log(max(1, abs(shift)))
+        # Ghosts taken out that are elsewhere cost the incidence more than ghosts left in.
+        safe = Trial(trial.incidence_deg, shift if gain > _SURE else 0.0, trial.score)
+        incidence = self._with_overlap_minimum(safe, _TOLERANCE_DEG).incidence_deg
+        return Trial(incidence, shift if gain > 1 and likelier else 0.0, trial.score)
+
+    def _near(self, incidence_deg: float) -> Curve:
+        """Incidences at which shifts are compared: what is gained by the one is lost by the other."""
+        return np.array([incidence_deg]) if self._scene.incidence_deg is not None else _around(incidence_deg, 4.8, 1.2)
+
+    def _least_gain(self, incidence_deg: float) -> float:
+        """What a shift must gain over none: more towards normal incidence and in noise, where errors mimic ghosts."""
+        least = _LEAST_GAIN * (1 + (27 / incidence_deg) ** 8)
+        return least if self._reflection_is_sharp(incidence_deg) else 3 * least
+
+    def _with_tied_shift(self, trial: Trial) -> Trial:
+        """The trial with exactly the shift that the thickness gives at its incidence, in the same sense."""
+        assert self._thickness is not None
+        step = self._thickness.step(trial.incidence_deg, self._scene.refractive_index)
+        return Trial(trial.incidence_deg, math.copysign(step, trial.ghost_shift), trial.score)
+
+    def _reflection_is_sharp(self, incidence_deg: float) -> bool:
+        """Whether the reflection's fine edges stand out of the noise."""
+        scales = EdgeOverlap(self._seen.fine, self._scene, 0.0).at(incidence_deg)
+        first = next((i for i, size in enumerate(self._seen.fine.sizes[: len(scales)]) if size >= _FINE), -1)
+        return scales[first].reflection_seen
+
+    def _likely_shifts(self, incidence_deg: float, spacing: float, most: int) -> list[float]:
+        """Local minima of the misfit, least first."""
+        grid = self._shift_grid(incidence_deg, spacing)
+        if self._thickness is not None:
+            return [float(shift) for shift in grid]
+        misfit = self._likelihood.misfit(incidence_deg, grid)
+        return [float(grid[i]) for i in _minima(misfit)[:most]]
+
+    @property
+    def _most_shift(self) -> float:
+        return min(_MOST_SHIFT, self._seen.fine.side / 6)
+
+    def _shift_grid(self, incidence_deg: float, spacing: float) -> Curve:
+        if not self._open_shift:
+            return np.array([0.0 if self._scene.ghost_shift is None else self._scene.ghost_shift])
+        if self._thickness is not None:
+            step = self._thickness.step(incidence_deg, self._scene.refractive_index)
+            return np.array([step, -step])
+        most = math.floor(self._most_shift / spacing)
+        return np.arange(-most, most + 1.0) * spacing
+
+
+def _minima(values: Curve) -> list[int]:
+    """Indices of local minima, least first: not at the ends, where values merely fall, unless there is nothing else."""
+    inside = values[1:-1]
+    minima = 1 + np.flatnonzero((inside <= values[:-2]) & (inside < values[2:]))
+    return [int(i) for i in minima[np.argsort(values[minima])]] or [int(np.argmin(values))]
+
+
+def _around(incidence_deg: float, half_width: float, spacing: float) -> Curve:
+    near = incidence_deg + np.arange(-half_width, half_width + spacing / 2, spacing)
+    return near[(near > LOWEST_DEG) & (near < HIGHEST_DEG)]
+
+
+def _overlap_weight(incidence_deg: float, refractive_index: float) -> float:
+    """Only where ghosts of the transmission are bright does the overlap tell shifts apart, too."""
+    reflectance = interface(incidence_deg, refractive_index).reflection[1]
+    return _OVERLAP_WEIGHT * min(1.0, max(0.025, (reflectance / 0.6) ** 4))

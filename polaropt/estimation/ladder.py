@@ -1,0 +1,216 @@
+"""Which rung of the ladder a capture needs: the lowest one that leaves no polarized light unexplained.
+
+Unpolarized layers behind a flat pane that is seen from far leave no light polarized at 45 degrees to its plane of
+incidence. What there is of it beyond the noise says that a higher rung is needed, and whether one explains it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+from polaropt.capture import Capture, stokes_images
+from polaropt.errors import InputError
+from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
+from polaropt.estimation.rung import Attempt, Evidence, noise_misfit
+from polaropt.estimation.rungs import RUNGS, with_ghosts
+from polaropt.estimation.wide.blocks import PolarizedBlocks
+from polaropt.optics import SceneErrors, SceneParameters
+
+_LOWER = ("none", "pixelwise", "ghosts")
+# Share of what the plain pane leaves that a higher rung must explain.
+_LEAST_EXPLAINED = 0.5
+# Ghosts closer than this fall onto each other.
+_LEAST_SHIFT_PX = 0.5
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One rung that was looked at.
+
+    Attributes
+    ----------
+    rung : str
+    misfit : float or None
+        Mean square of the light polarized at 45 degrees to the plane of incidence, in units of its noise; None where
+        it was not measured.
+    score : float or None
+        Bayesian information criterion: n log misfit + parameters log n; the smaller the better.
+    seconds : float
+    taken : bool
+    reason : str
+        Why it was taken or left, a sentence.
+    """
+
+    rung: str
+    misfit: float | None
+    score: float | None
+    seconds: float
+    taken: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class FoundScene:
+    """A complete scene, how it was estimated (None where it was given) and the rungs that were looked at."""
+
+    scene: SceneParameters
+    estimate: SceneEstimate | None
+    tried: tuple[Tried, ...]
+
+    @property
+    def errors(self) -> SceneErrors:
+        """Standard errors of what was estimated."""
+        return SceneErrors() if self.estimate is None else self.estimate.errors
+
+    @property
+    def unexplained(self) -> float:
+        """Polarized light that the rung taken leaves, in units of its noise: 1 where it explains all."""
+        left = [tried.misfit for tried in self.tried if tried.taken and tried.misfit is not None]
+        return left[0] if left else 1.0
+
+
+def model_names() -> tuple[str, ...]:
+    """Names that `find_scene` knows."""
+    return tuple(dict.fromkeys(("auto", *_LOWER, *(rung.name for rung in RUNGS))))
+
+
+def find_scene(
+    capture: Capture,
+    asked: SceneParameters,
+    noise: float,
+    model: str = "auto",
+    *,
+    thickness_px: float | None = None,
+    thickness_kind: Literal["paper", "plate"] = "paper",
+) -> FoundScene:
+    """Complete a scene on the lowest rung that explains the capture, or on the one asked for.
+
+    Parameters
+    ----------
+    capture : Capture
+    asked : SceneParameters
+        Fields that are None are estimated. A focal length asks for the perspective rung.
+    noise : float
+    model : str
+        One of `model_names`.
+    thickness_px, thickness_kind
+        As for `estimate_scene`.
+    """
+    if asked.complete and thickness_px is None:
+        return FoundScene(asked, None, ())
+    if asked.focal_px is not None and model == "auto":
+        model = "perspective"
+    if asked.bent:
+        raise InputError("a bent pane must be given whole: set incidence, azimuth and ghost shift, or no bend")
+    began = time.perf_counter()
+    flat = asked.replace(focal_px=None)
+    if asked.ghost_shift is None and (model not in ("auto", "ghosts") or capture.start_unknown):
+        flat = flat.replace(ghost_shift=0.0)
+    stokes = stokes_images(capture, noise)
+    estimate = estimate_scene(capture, flat, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    if model == "auto" and asked.ghost_shift is None and thickness_px is None:
+        estimate = _without_a_trifle(estimate)
+    seconds = time.perf_counter() - began
+    unpolarized = not estimate.polarized and asked.incidence_deg is None
+    if unpolarized or model == "none":
+        return _unseparated(estimate, seconds, "There is no polarization beyond the noise." if unpolarized else _ASKED)
+    blocks = PolarizedBlocks(stokes)
+    misfit = blocks.constant_misfit(estimate.scene.values()[1])
+    return _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds)
+
+
+_ASKED = "It is the one asked for."
+
+
+def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> FoundScene:
+    scene = estimate.scene.replace(signal=False)
+    tried = Tried("none", None, None, seconds, True, reason)
+    return FoundScene(scene, dataclasses.replace(estimate, scene=scene), (tried,))
+
+
+def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
+    """The estimate with a ghost shift that cannot be told from none taken as none: the lower rung does."""
+    shift = estimate.scene.values()[2]
+    if abs(shift) >= _LEAST_SHIFT_PX:
+        return estimate
+    errors = dataclasses.replace(estimate.errors, ghost_shift=None)
+    return dataclasses.replace(estimate, scene=estimate.scene.replace(ghost_shift=0.0), errors=errors)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One rung of the way up, and its seconds."""
+
+    rung: str
+    attempt: Attempt
+    seconds: float
+
+    def score(self, n: int) -> float:
+        return n * math.log(max(self.attempt.compared, 1e-9)) + self.attempt.n_parameters * math.log(n)
+
+    def tried(self, evidence: Evidence, taken: bool, reason: str) -> Tried:
+        parts = (self.attempt.misfit, self.score(evidence.blocks.n), self.seconds)
+        return Tried(self.rung, *parts, taken, " ".join(filter(None, (reason, self.attempt.remark))))
+
+
+def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
+    """Rung by rung up to the first that leaves nothing but noise, or the best of all."""
+    wanted, plain = evidence.wanted, evidence.estimate.scene
+    steps = [_Step(plain.rung, Attempt(plain, evidence.misfit, 1, True, errors=evidence.estimate.errors), seconds)]
+    for rung in RUNGS:
+        if wanted not in ("auto", rung.name) or not rung.may_help(evidence):
+            continue
+        began = time.perf_counter()
+        attempt = rung.attempt(evidence)
+        steps.append(_Step(rung.name, attempt, time.perf_counter() - began))
+        if attempt.known and attempt.misfit <= noise_misfit(evidence.blocks.n):
+            break
+    best = _taken(evidence, steps)
+    began = time.perf_counter()
+    attempt = with_ghosts(evidence, best.attempt)
+    taken = _Step(best.rung, attempt, best.seconds + time.perf_counter() - began)
+    steps[steps.index(best)] = taken
+    tried = tuple(step.tried(evidence, step is taken, _reason(evidence, steps, step, taken)) for step in steps)
+    scene = taken.attempt.scene
+    return FoundScene(scene, dataclasses.replace(evidence.estimate, scene=scene, errors=taken.attempt.errors), tried)
+
+
+def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:
+    if evidence.wanted != "auto":
+        known = [step for step in steps[1:] if step.attempt.known]
+        return min(known or steps[-1:], key=lambda step: step.score(evidence.blocks.n))
+    noise = noise_misfit(evidence.blocks.n)
+    told = [step for step in steps[1:] if step.attempt.known and step.attempt.told_by_edges]
+    if told and told[0].attempt.misfit <= noise:
+        return told[0]
+    able = [step for step in steps[1:] if step.attempt.known and _share(evidence, step) >= _LEAST_EXPLAINED]
+    lowest = [step for step in (steps[0], *able) if step.attempt.misfit <= noise]
+    return lowest[0] if lowest else min((steps[0], *able), key=lambda step: step.score(evidence.blocks.n))
+
+
+def _share(evidence: Evidence, step: _Step) -> float:
+    """Part of what the plain pane leaves that a rung explains."""
+    return (evidence.misfit - step.attempt.compared) / max(evidence.misfit - 1, 1e-9)
+
+
+def _reason(evidence: Evidence, steps: list[_Step], step: _Step, taken: _Step) -> str:
+    if evidence.wanted != "auto":
+        return _ASKED if step is taken else "Another one was asked for."
+    if step is steps[0]:
+        if step is not taken:
+            what = "edges" if evidence.explained else "polarized light"
+            return f"It leaves {what} unexplained."
+        return "It leaves nothing but noise." if evidence.explained else "No higher rung explains what it leaves."
+    if not step.attempt.known:
+        return ""
+    if evidence.explained and step.attempt.told_by_edges:
+        return "The layers' edges and spectra tell it."
+    share = _share(evidence, step)
+    told = f"{100 * share:.0f} % of the polarized light that the {steps[0].rung} rung leaves"
+    if step is taken:
+        return f"It explains {told}."
+    return f"It explains only {told}." if share < _LEAST_EXPLAINED else f"It explains {told}, another one more."

@@ -1,0 +1,1 @@
+"""Panes before light that arrives polarized."""

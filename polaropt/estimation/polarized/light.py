@@ -1,0 +1,164 @@
+"""Panes with polarized layers as a few numbers, and which of them show a given pair of Stokes vectors in place.
+
+A point is (incidence, azimuth, ghost shift, and for each layer two numbers: degree times cosine and sine of twice the
+angle of its light's polarization, counted from the plane of incidence). In place a capture tells four numbers, two
+for each layer's Stokes vector: several panes with one polarized layer show the same, and ever so many with two.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.optics import SceneParameters, brewster_angle_deg, frame_matrix, interface
+
+Point = NDArray[np.float64]
+Values = NDArray[np.float64]
+
+INCIDENCE, AZIMUTH, SHIFT = 0, 1, 2
+OF_TRANSMISSION, OF_REFLECTION = slice(3, 5), slice(5, 7)
+LOWEST_DEG, HIGHEST_DEG = 3.0, 87.0
+HIGHEST_DEGREE = 1.0
+_BEYOND = 2.0
+"""Degrees of polarization up to this are taken for full polarization and errors of measurement."""
+_MOST_OFF, _NEAR_DEG = 0.1, 20.0
+_LEAST_GAIN = 1e-6
+_GRID_DEG = np.arange(LOWEST_DEG, HIGHEST_DEG, 0.5)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A point and whose light may be polarized there, beside what is given."""
+
+    point: Point
+    transmission: bool
+    reflection: bool
+
+
+def pane_light(incidence_deg: float, scene: SceneParameters) -> Values:
+    """Direct light, first ghost and ratio of ghosts of each layer and entry, (2, 3, 3); unpolarized light is 1."""
+    reflection, transmission = interface(incidence_deg, scene.refractive_index)
+    rho, tau = np.array(reflection), np.array(transmission)
+    ratio = rho * rho
+    if scene.single_surface:
+        return np.stack([[tau, 0 * tau, 0 * tau], [rho, 0 * rho, 0 * rho]]).swapaxes(1, 2)
+    through = tau * tau * (scene.n_bounces != 0)
+    return np.stack([[tau * tau, through * ratio, ratio], [rho, through * rho, ratio]]).swapaxes(1, 2)
+
+
+def in_place(light: Values) -> Values:
+    """All ghosts of `pane_light` summed in place, (2, 3)."""
+    total: Values = light[..., 0] + light[..., 1] / (1 - light[..., 2])
+    return total
+
+
+def entering_light(point: Point) -> Values:
+    """(I_par, I_perp, s2') of both layers' light of intensity 1, the reflection's as the pane meets it, (2, 3)."""
+    along, turned = point[[3, 5]], point[[4, 6]]
+    return np.stack([(1 + along) / 2, (1 - along) / 2, turned * [1, -1]], axis=1)
+
+
+def scene_at(point: Point, asked: SceneParameters) -> SceneParameters:
+    """The complete scene at a point; what was asked for says the rest."""
+    azimuth = float(point[AZIMUTH]) % 180
+    sense = 1 if round((float(point[AZIMUTH]) - azimuth) / 180) % 2 == 0 else -1
+
+    def polarization(part: slice) -> tuple[float, float]:
+        degree = min(math.hypot(*point[part]), HIGHEST_DEGREE)
+        return degree, (azimuth + math.degrees(math.atan2(*point[part][::-1])) / 2) % 180 if degree else 0.0
+
+    return asked.replace(
+        incidence_deg=float(point[INCIDENCE]),
+        azimuth_deg=azimuth,
+        ghost_shift=sense * float(point[SHIFT]),
+        transmission_polarization=polarization(OF_TRANSMISSION),
+        reflection_polarization=polarization(OF_REFLECTION),
+    )
+
+
+def candidates(vectors: Values, asked: SceneParameters) -> list[Candidate]:
+    """Panes in place, one layer's light unpolarized, that show two Stokes vectors.
+
+    Parameters
+    ----------
+    vectors : ndarray, shape (2, 3)
+        Which of them is the transmission's is not said.
+    asked : SceneParameters
+        Index and surfaces of the pane; incidence, azimuth and ghost shift where they are known.
+    """
+    found = []
+    for behind, mirrored in (vectors, vectors[::-1]):
+        for plain, vector in ((1, mirrored), (0, behind)):
+            for incidence, azimuth in _unpolarized(vector, plain, asked):
+                place = Place(incidence, azimuth, asked.ghost_shift or 0.0)
+                point = point_showing(place, np.stack([behind, mirrored]), asked)
+                point[(OF_TRANSMISSION, OF_REFLECTION)[plain]] = 0
+                if math.hypot(*point[3:]) <= _BEYOND:
+                    found.append(Candidate(bounded(point), plain == 1, plain == 0))
+    return found
+
+
+def bounded(point: Point) -> Point:
+    """With no light more polarized than it can be."""
+    point = point.copy()
+    for part in (OF_TRANSMISSION, OF_REFLECTION):
+        point[part] *= min(1.0, HIGHEST_DEGREE / max(math.hypot(*point[part]), 1e-9))
+    return point
+
+
+def _unpolarized(vector: Values, layer: int, asked: SceneParameters) -> list[tuple[float, float]]:
+    """Incidences and azimuths at which unpolarized light of a layer shows a Stokes vector."""
+    # The pane passes light polarized in the plane of incidence, and mirrors light polarized across.
+    azimuth = math.degrees(math.atan2(vector[2], vector[1])) / 2 + 90 * layer
+    azimuth = azimuth if asked.azimuth_deg is None else asked.azimuth_deg
+    if asked.incidence_deg is not None:
+        return [(asked.incidence_deg, azimuth)]
+    gains = np.array([in_place(pane_light(float(x), asked))[layer, :2] for x in _GRID_DEG])
+    off = np.abs(gains[:, 0] - gains[:, 1]) / gains.sum(axis=1) - math.hypot(vector[1], vector[2])
+    brewster = brewster_angle_deg(asked.refractive_index) if layer == 1 else HIGHEST_DEG
+    below = brewster >= _GRID_DEG
+    sides = [part for part in (below, ~below) if part.any()]
+    incidences = [x for side in sides if (x := _root(_GRID_DEG[side], off[side])) is not None]
+    if len(incidences) == 2 and incidences[1] - incidences[0] < _NEAR_DEG:
+        # In place nothing tells the two apart: between them the error is half as large.
+        incidences = [sum(incidences) / 2]
+    return [(incidence, azimuth) for incidence in incidences]
+
+
+def _root(x: Values, values: Values) -> float | None:
+    """Where monotonic values are 0, or nearest to it; None where they stay far from it."""
+    nearest = int(np.argmin(np.abs(values)))
+    if abs(values[nearest]) > _MOST_OFF:
+        return None
+    rising = values if values[-1] > values[0] else -values
+    return float(np.interp(0.0, rising, x))
+
+
+@dataclass(frozen=True)
+class Place:
+    """Incidence and azimuth in degrees, ghost shift in pixels."""
+
+    incidence_deg: float
+    azimuth_deg: float
+    ghost_shift: float
+
+
+def point_showing(place: Place, shown: Values, scene: SceneParameters) -> Point:
+    """The point whose layers show Stokes vectors (2, 3) in place."""
+    gains = in_place(pane_light(place.incidence_deg, scene))
+    numbers = []
+    for gain, vector, sign in zip(gains, shown, (1, -1), strict=True):
+        gain = np.where(np.abs(gain) < _LEAST_GAIN, _LEAST_GAIN, gain)
+        par, perp, turned = frame_matrix(place.azimuth_deg) @ vector / gain
+        numbers += [(par - perp) / (par + perp), sign * turned / (par + perp)]
+    return np.array([place.incidence_deg, place.azimuth_deg, place.ghost_shift, *numbers])
+
+
+def shown_by(point: Point, scene: SceneParameters) -> Values:
+    """Stokes vectors (2, 3) with s0 = 1 that the layers show in place, in the camera's frame."""
+    entries = in_place(pane_light(float(point[INCIDENCE]), scene)) * entering_light(point)
+    shown = entries @ np.linalg.inv(frame_matrix(float(point[AZIMUTH]))).T
+    return np.asarray(shown / shown[:, :1])

@@ -1,0 +1,260 @@
+"""How well a pane and the polarization of its layers' light explain a capture: spectra and edges together.
+
+In the Fourier domain all ghosts are phases, so that at each frequency the three Stokes components are two constant
+vectors times the layers. Their likelihood (Whittle's, with smooth unknown spectra of the layers and Student's tails)
+tells the plane of the vectors, the ghosts, and directions as far as the layers' colours and spectra differ. The edge
+overlap of the layers that this Wiener filter leaves tells the directions finely.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import StokesImages
+from polaropt.estimation.flat.ghost_overlap import coarse_overlap, fading
+from polaropt.estimation.polarized.kernels import Seen, explain, pane_vectors
+from polaropt.estimation.polarized.light import AZIMUTH, INCIDENCE, SHIFT, Point, entering_light, in_place, pane_light
+from polaropt.numerics import block_mean, frequencies, opponent_basis
+from polaropt.optics import SceneParameters, frame_matrix
+
+Images = NDArray[np.float32]
+Values = NDArray[np.float64]
+
+_SIDE, _HALF = 384, 2
+_LEFT_OUT = 6
+_BANDS, _ORIENTATIONS = 5, 3
+_SECTOR_BANDS, _SECTOR_DIRECTIONS = 5, 9
+_POWER_LAW = 2.4
+_LOWEST_CYCLES, _HIGHEST = 1.5, 2.8
+_ROUNDS = 8
+_OVERLAP_WEIGHT = 0.2
+_SPARSE, _SPARSER = 3, 4
+_BALANCE_COST = 0.002
+_GRAZING_DEG, _GRAZING_COST = 80.0, 0.003
+_PRESENCE_COST, _DEGREE_COST = np.array([0.004, 0.001]), np.array([0.01, 0.004])
+"""Of polarized light behind the pane and in the mirrored scene, where skies and walls often are."""
+_LOW_CYCLES = 24
+_DARKEST = 0.02
+_LEAST_OVERLAP, _LEAST_FACTOR = 1e-3, 1e-3
+_NOTHING = np.empty((0, 0, 0, 0), np.float32)
+
+
+@dataclass(frozen=True)
+class Pane:
+    """What both layers show of their light at any frequency.
+
+    Attributes
+    ----------
+    mixing : ndarray, shape (3, 3)
+        From entries to whitened Stokes components.
+    light : ndarray, shape (2, 3, 3)
+        Direct light, first ghost and ratio of ghosts of each layer and entry.
+    step : (float, float)
+        Pixels to the right and up from one ghost to the next.
+    """
+
+    mixing: Values
+    light: Values
+    step: tuple[float, float] = (0.0, 0.0)
+
+
+class PolarizedLikelihood:
+    """Scores of points (see `polarized_light`) given a capture's Stokes images.
+
+    Parameters
+    ----------
+    stokes : StokesImages
+    scene : SceneParameters
+        Index and surfaces of the pane; its geometry is not used.
+    """
+
+    def __init__(self, stokes: StokesImages, scene: SceneParameters) -> None:
+        from scipy.fft import rfft2
+
+        self._scene = scene
+        self._whiten = np.linalg.inv(np.linalg.cholesky(stokes.covariance / _HALF**2))
+        images = block_mean(_middle(stokes.images), _HALF)
+        basis = opponent_basis(images.shape[1])
+        images = np.einsum("ij,dc,jcyx->idyx", self._whiten, basis, images)
+        self._shape: tuple[int, int] = images.shape[-2:]
+        self._mean = images[:, 0].mean(axis=(-2, -1)).astype(np.float64)
+        self._intensity = float(np.linalg.solve(self._whiten, self._mean)[0])
+        images -= images.mean(axis=(-2, -1), keepdims=True)
+        window = np.outer(*(fading(side) for side in self._shape))
+        images *= window
+        self._faded = float(np.mean(np.square(window)))
+        spectra = rfft2(images.astype(np.float32), norm="ortho").reshape(*images.shape[:2], -1)
+        rows, columns = frequencies(*self._shape)
+        self._rows, self._columns = (part.ravel() for part in np.broadcast_arrays(rows, columns))
+        self._seen, shapes = _seen(spectra, self._rows, self._columns, self._shape)
+        self._all = _Part(self._seen, shapes, slice(None))
+        sample = np.flatnonzero(self._seen.weight)[::_SPARSE]
+        self._some, self._few = (_Part(self._seen, shapes, sample[::every]) for every in (1, _SPARSER))
+        bright = {name: getattr(self._seen, name)[..., :1, :].copy() for name in ("re", "im", "power")}
+        self._bright = dataclasses.replace(self._all, seen=self._seen._replace(**bright))
+        self._levels = np.ones((2, images.shape[1], len(shapes)))
+        self.n: float = self._some.weight * images.shape[1]
+        """How many numbers the evidence is the mean of."""
+        places = np.arctan2(self._rows, self._columns), np.hypot(self._rows, self._columns)
+        self._sectors = [_Part(self._seen, shapes, sample[which]) for which in _sectors(*(p[sample] for p in places))]
+
+    def pane(self, point: Point) -> Pane:
+        """The pane at a point."""
+        light = pane_light(float(point[INCIDENCE]), self._scene)
+        light[..., :2] *= entering_light(point)[..., None]
+        azimuth = math.radians(float(point[AZIMUTH]))
+        step = float(point[SHIFT]) * math.cos(azimuth), float(point[SHIFT]) * math.sin(azimuth)
+        return Pane(np.asarray(self._whiten @ np.linalg.inv(frame_matrix(float(point[AZIMUTH])))), light, step)
+
+    def flat(self, shown: Values) -> Pane:
+        """A pane whose layers show Stokes vectors (2, 3), its ghosts in place."""
+        light = np.zeros((2, 3, 3))
+        light[..., 0] = shown
+        return Pane(self._whiten, light)
+
+    def prepare(self, pane: Pane) -> None:
+        """Fit the layers' spectra to a pane: evidence for others like it rests on them."""
+        vectors = self._vectors(pane, self._some.which)
+        self._levels = np.ones_like(self._levels)
+        for _ in range(_ROUNDS):
+            self._levels = self._some.fitted(vectors, self._levels)
+
+    def spectral(self, pane: Pane) -> float:
+        """Minus log likelihood per frequency and colour."""
+        vectors = self._vectors(pane, self._some.which)
+        # One step towards the spectra that suit this pane: fixed ones would hold it where they were fitted.
+        return self._some.misfit(vectors, self._some.fitted(vectors, self._levels))[0]
+
+    def glance(self, pane: Pane) -> float:
+        """The same roughly: from few frequencies, with the spectra that were fitted."""
+        return self._few.misfit(self._vectors(pane, self._few.which), self._levels)[0]
+
+    def sectors(self, point: Point) -> Values:
+        """What the frequencies of each direction and band add to the spectral part of a point's evidence, (sector,)."""
+        pane = self.pane(point)
+        self.prepare(pane)
+        levels = self._some.fitted(self._vectors(pane, self._some.which), self._levels)
+        sums = [part.misfit(self._vectors(pane, part.which), levels)[0] * part.weight for part in self._sectors]
+        return np.array(sums) / self._some.weight
+
+    def evidence(self, pane: Pane) -> float:
+        """The same with the weighted log overlap of the layers' edges; less is better."""
+        return self.spectral(pane) + _OVERLAP_WEIGHT * math.log(self._overlap(pane))
+
+    def doubt(self, point: Point) -> float:
+        """What speaks against a point before anything is seen, to be added to the evidence.
+
+        That is polarized light, the more the stronger it is, layers of very different brightness, a grazing view.
+        """
+        pane = self.pane(point)
+        means = np.linalg.lstsq((in_place(pane.light) @ pane.mixing.T).T, self._mean, rcond=None)[0]
+        means = np.maximum(means, _DARKEST * self._intensity)
+        degrees = np.hypot(point[[3, 5]], point[[4, 6]])
+        polarized = float(np.sum(_DEGREE_COST * np.square(degrees) + _PRESENCE_COST * (degrees > 0)))
+        grazing = max(0.0, float(point[INCIDENCE]) - _GRAZING_DEG)
+        return polarized + _BALANCE_COST * float(np.log(means[1] / means[0])) ** 2 + _GRAZING_COST * grazing
+
+    def leftover(self, point: Point) -> tuple[float, int]:
+        """Mean square, in units of the noise, of coarse light that no two layers make there; and how many it is of."""
+        low = np.hypot(self._rows, self._columns) < 2 * np.pi * _LOW_CYCLES / max(self._shape)
+        low = np.flatnonzero(low & (self._seen.weight > 0))
+        vectors = self._vectors(self.pane(point), low).astype(np.float64)
+        a, b = vectors[..., 0].swapaxes(0, 1) + 1j * vectors[..., 1].swapaxes(0, 1)
+        across = np.cross(a, b)
+        seen = self._seen.re[..., low] + 1j * self._seen.im[..., low]
+        left = np.abs(np.einsum("ni,icn->cn", across, seen)) ** 2 / np.sum(np.abs(across) ** 2, axis=1)
+        weight = np.broadcast_to(self._seen.weight[low], left.shape)
+        return float(np.sum(weight * left) / np.sum(weight)) / self._faded, int(np.sum(weight))
+
+    def _vectors(self, pane: Pane, which: NDArray[np.intp] | slice) -> Images:
+        """Vectors of both layers at the frequencies, each of length 1 in place: (n, layer, component, re/im)."""
+        light, shown = pane.light.copy(), in_place(pane.light) @ pane.mixing.T
+        light[..., :2] /= np.linalg.norm(shown, axis=1)[:, None, None]
+        x, y = (distance / _HALF for distance in pane.step)
+        phase = (x * self._columns[which] - y * self._rows[which]).astype(np.float32)
+        vectors = np.empty((phase.size, 2, 3, 2), np.float32)
+        pane_vectors(pane.mixing, light, np.cos(phase), np.sin(phase), vectors)
+        return vectors
+
+    def _overlap(self, pane: Pane) -> float:
+        """Edge overlap of the brightness of the layers that the Wiener filter leaves."""
+        from scipy.fft import irfft2
+
+        layers = self._bright.misfit(self._vectors(pane, slice(None)), self._levels[:, :1])[1]
+        spectra = layers.view(np.complex64).reshape(self._shape[0], -1, 2)
+        images = irfft2(np.moveaxis(spectra, -1, 0), s=self._shape, norm="ortho")
+        edge = min(_LEFT_OUT, min(self._shape) // 8)
+        return max(_LEAST_OVERLAP, coarse_overlap(images[:, edge:-edge, edge:-edge] if edge else images))
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some of the frequencies: what is seen there, and the shapes (shape, n) that make up the layers' powers."""
+
+    seen: Seen
+    shapes: Images
+    which: NDArray[np.intp] | slice
+
+    def __post_init__(self) -> None:
+        for name in ("seen", "shapes"):
+            whole = getattr(self, name)
+            parts = [np.ascontiguousarray(part[..., self.which]) for part in (whole if name == "seen" else (whole,))]
+            object.__setattr__(self, name, Seen(*parts) if name == "seen" else parts[0])
+
+    @property
+    def weight(self) -> float:
+        """How much these frequencies count together."""
+        return float(self.seen.weight.sum())
+
+    def fitted(self, vectors: Images, levels: Values) -> Values:
+        """Levels one step closer to those of greatest likelihood."""
+        slope = np.empty((2, *levels.shape[:2], self.seen.weight.size), np.float32)
+        explain(self.seen, vectors, self._powers(levels), slope, np.empty((slope.shape[-1], 2, 2), np.float32))
+        more, less = slope @ self.shapes.T
+        return np.asarray(levels * np.maximum(more / np.maximum(less, 1e-30), _LEAST_FACTOR))
+
+    def misfit(self, vectors: Images, levels: Values) -> tuple[float, Images]:
+        """Minus log likelihood per frequency and colour, and the estimate of the first channel (n, layer, re/im)."""
+        layers = np.empty((self.seen.weight.size, 2, 2), np.float32)
+        value = explain(self.seen, vectors, self._powers(levels), _NOTHING, layers)
+        return float(value) / (self.weight * levels.shape[1]), layers
+
+    def _powers(self, levels: Values) -> Images:
+        return np.asarray(levels.astype(np.float32) @ self.shapes)
+
+
+def _middle(images: Images) -> Images:
+    """The middle of large pictures: enough edges, and bounded time."""
+    height, width = images.shape[-2:]
+    top, left = (max(0, (side - _SIDE) // 2) for side in (height, width))
+    return images[..., top : top + _SIDE, left : left + _SIDE]
+
+
+def _sectors(direction: Values, radius: Values) -> list[NDArray[np.intp]]:
+    """Indices of the frequencies of each of some directions and bands, about as many in each band."""
+    bands = np.digitize(radius, np.quantile(radius, np.linspace(0, 1, _SECTOR_BANDS + 1)[1:-1]))
+    turns = np.floor(direction % np.pi / np.pi * _SECTOR_DIRECTIONS).astype(int) % _SECTOR_DIRECTIONS
+    sector = bands * _SECTOR_DIRECTIONS + turns
+    return [np.flatnonzero(sector == k) for k in np.unique(sector)]
+
+
+def _seen(spectra: NDArray[np.complex64], rows: Values, columns: Values, shape: tuple[int, int]) -> tuple[Seen, Images]:
+    """What is seen at all frequencies, and the shapes of natural spectra: a power law in bands and orientations."""
+    radius, lowest = np.hypot(rows, columns), 2 * np.pi / max(shape)
+    weight = np.full((shape[0], shape[1] // 2 + 1), 2.0)
+    weight[:, 0] = 1
+    if shape[1] % 2 == 0:
+        weight[:, -1] = 1
+    weight = weight.ravel() * ((radius > _LOWEST_CYCLES * lowest) & (radius < _HIGHEST))
+    radius = np.maximum(radius, lowest)
+    position = np.log(radius / lowest) / math.log(math.sqrt(2) * math.pi / lowest) * (_BANDS - 1)
+    bands = np.maximum(0, 1 - np.abs(position - np.arange(_BANDS)[:, None]))
+    turn = 2 * (np.arctan2(rows, columns) - np.pi / _ORIENTATIONS * np.arange(_ORIENTATIONS)[:, None])
+    shapes = (bands[:, None] * (1 + np.cos(turn)) * radius**-_POWER_LAW).reshape(-1, radius.size)
+    power = np.einsum("icn,icn->cn", spectra.real, spectra.real) + np.einsum("icn,icn->cn", spectra.imag, spectra.imag)
+    return Seen(spectra.real, spectra.imag, power, weight), shapes.astype(np.float32)

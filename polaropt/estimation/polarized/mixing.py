@@ -1,0 +1,213 @@
+"""What the two layers show in a pixel's Stokes vector, and whether they look polarized.
+
+Behind a flat pane every pixel is ``S = m_t t + m_r r`` with two constant vectors, however the layers' light is
+polarized: the cloud of all pixels lies in a plane through the origin. Where in it the two vectors point is told by the
+edges, whose strength varies over the frame in each layer for itself: in every small window the gradients are Gaussian
+with the covariance ``P m_t m_t' + Q m_r m_r' + noise``, P and Q its own. The vectors are those of greatest likelihood.
+
+References
+----------
+D. T. Pham, J.-F. Cardoso, Blind separation of instantaneous mixtures of nonstationary sources, IEEE TSP, 2001.
+
+Light that arrives polarized along or across the plane of incidence leaves none at 45 degrees to it, and mimics a pane
+at another incidence. But the directions in which edges say that the layers lie are then not those of any pane.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import StokesImages
+from polaropt.estimation.polarized.light import in_place, pane_light
+from polaropt.numerics import Box, block_mean, local_minimum
+from polaropt.optics import SceneParameters, frame_matrix
+
+Images = NDArray[np.float32]
+Values = NDArray[np.float64]
+
+_BLOCKS, _WINDOW = 64, 3
+_DIRECTIONS = 36
+_WHOLE, _LEAST_SEEN = 0.999, 0.05
+_HIGHEST_DEGREE = 1.0
+_FREEDOM = 4.0
+"""Of Student's likelihood: windows that the model does not fit must not decide."""
+_LEAST_APART = 1e-4
+_STEP, _EVALUATIONS = np.radians(2.0), 60
+
+
+class Mixture:
+    """The plane of a capture's Stokes vectors, and how likely two directions in it are those of its layers.
+
+    Parameters
+    ----------
+    stokes : StokesImages
+
+    Attributes
+    ----------
+    misfit : float
+        Mean square of block means off the plane, in units of the noise: 1 where the layers' light, and the pane, are
+        the same all over the frame and its ghosts in place.
+    """
+
+    def __init__(self, stokes: StokesImages) -> None:
+        size = max(1, math.ceil(max(stokes.images.shape[-2:]) / _BLOCKS))
+        self._unwhiten = np.linalg.cholesky(stokes.covariance / size**2)
+        means = block_mean(stokes.images, size).reshape(3, -1).astype(np.float64)
+        white = np.linalg.solve(self._unwhiten, means)
+        seen = _seen(stokes, size)
+        known = white[:, seen.ravel()]
+        self._scatter = known @ known.T / known.shape[1]
+        scatter, axes = np.linalg.eigh(self._scatter)
+        self._plane, self.misfit = axes[:, :0:-1], float(scatter[0])
+        self._windows = Windows((self._plane.T @ white).reshape(2, *seen.shape).astype(np.float32), seen)
+
+    def vectors(self) -> Values:
+        """The likeliest Stokes vectors (2, 3), s0 = 1."""
+        return np.stack([self._vector(angle) for angle in self._windows.directions()])
+
+    def cost(self, vectors: Values) -> float:
+        """Minus twice the log likelihood per gradient of two Stokes vectors (2, 3): in their plane, and that it is."""
+        first, second = np.linalg.solve(self._unwhiten, vectors.T).T
+        across = np.cross(first, second)
+        off = float(across @ self._scatter @ across / max(float(across @ across), 1e-30))
+        x, y = self._plane.T @ np.stack([first, second], axis=1)
+        angles = np.arctan2(y, x)
+        return float(self._windows.cost(float(angles[0]), float(angles[1]))[0]) + 0.5 * (off - self.misfit)
+
+    def _vector(self, angle: float) -> Values:
+        """With intensity 1, and no more polarized than light can be."""
+        vector = self._unwhiten @ self._plane @ [math.cos(angle), math.sin(angle)]
+        vector = vector * np.sign(vector[0] or 1.0) / max(abs(float(vector[0])), 1e-12)
+        degree = float(np.hypot(vector[1], vector[2]))
+        vector[1:] *= min(1.0, _HIGHEST_DEGREE / max(degree, 1e-12))
+        return np.asarray(vector)
+
+
+class Windows:
+    """Second moments of the gradients of two coordinates in small windows.
+
+    Parameters
+    ----------
+    coordinates : ndarray of float32, shape (2, channel, h, w)
+        Block means with noise of unit variance.
+    seen : ndarray of bool, shape (channel, h, w)
+    """
+
+    def __init__(self, coordinates: Images, seen: NDArray[np.bool_]) -> None:
+        corner = coordinates[..., :-1, :-1]
+        x, y = np.stack([coordinates[..., 1:, :-1] - corner, coordinates[..., :-1, 1:] - corner], axis=1)
+        known = (seen[..., :-1, :-1] & seen[..., 1:, :-1] & seen[..., :-1, 1:]).all(axis=0)
+        # A gradient's noise has twice the variance of a pixel's.
+        products = [0.5 * known * np.mean(a * b, axis=(0, 1)) for a, b in ((x, x), (x, y), (y, y))]
+        pooled = block_mean(np.stack([*products, known]).astype(np.float32), _WINDOW).reshape(4, -1)
+        pooled = pooled[:, pooled[3] > 0].astype(np.float64)
+        self._moments: Values = pooled[:3] / pooled[3]
+        self._count: Values = 2 * len(seen) * _WINDOW**2 * pooled[3]
+        (xx, xy, yy) = self._moments @ self._count / self._count.sum()
+        self._spread = np.linalg.cholesky(np.array([[xx, xy], [xy, yy]]))
+
+    def cost(self, first: float, second: float | Values) -> Values:
+        """Minus log likelihood of two directions (rad), for one or several of the second."""
+        second = np.atleast_1d(second)[:, None]
+        xx, xy, yy = self._moments
+        cos, sin = math.cos(first), math.sin(first)
+        b_cos, b_sin = np.cos(second), np.sin(second)
+        apart = np.maximum(np.sin(second - first) ** 2, _LEAST_APART)
+        # What is left across one layer's direction is the other's, and noise.
+        p = np.maximum(b_sin**2 * xx - 2 * b_sin * b_cos * xy + b_cos**2 * yy - 1, 0) / apart
+        q = np.maximum(sin**2 * xx - 2 * sin * cos * xy + cos**2 * yy - 1, 0) / apart
+        c_xx, c_yy = p * cos**2 + q * b_cos**2 + 1, p * sin**2 + q * b_sin**2 + 1
+        c_xy = p * cos * sin + q * b_cos * b_sin
+        det = c_xx * c_yy - c_xy**2
+        distance = self._count * (c_yy * xx - 2 * c_xy * xy + c_xx * yy) / det
+        value = self._count * np.log(det) + (_FREEDOM + 2 * self._count) * np.log(_FREEDOM + distance)
+        return np.asarray(value.sum(axis=1) / self._count.sum())
+
+    def directions(self) -> tuple[float, float]:
+        """Angles (rad) of the likeliest pair of directions.
+
+        They are looked for where the cloud of gradients is round: uncorrelated layers are at right angles there.
+        """
+        angle = self._unrounded(np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS)
+        costs = np.full((_DIRECTIONS, _DIRECTIONS), np.inf)
+        for i in range(1, _DIRECTIONS):
+            costs[i, :i] = self.cost(float(angle[i]), angle[:i])
+        start = np.array(np.unravel_index(np.argmin(costs), costs.shape)) * np.pi / _DIRECTIONS
+        far = np.full(2, 2 * np.pi)
+        box = Box(start, np.full(2, _STEP), -far, far)
+        first, second = self._unrounded(box.minimum(lambda x: float(self.cost(*self._unrounded(x))[0]), _EVALUATIONS))
+        return float(first), float(second)
+
+    def _unrounded(self, angle: Values) -> Values:
+        """Angles of directions from those in coordinates in which the cloud is round."""
+        x, y = self._spread @ np.stack([np.cos(angle), np.sin(angle)])
+        return np.asarray(np.arctan2(y, x))
+
+
+def _seen(stokes: StokesImages, size: int) -> NDArray[np.bool_]:
+    """Blocks (channel, h, w) without clipped pixels; all where these are too few."""
+    whole = block_mean(stokes.valid.astype(np.float32), size) > _WHOLE
+    return whole if whole.mean() > _LEAST_SEEN else np.ones_like(whole)
+
+
+_INCIDENCES_DEG = tuple(float(x) for x in range(4, 89, 3))
+_BOUNDS_DEG, _STEP_DEG, _TOLERANCE_DEG = (0.5, 89.0), 1.5, 0.2
+_LEAST_GAIN = 0.012
+"""What polarized layers must gain in minus log likelihood per gradient."""
+_GAIN_OF_GHOSTS, _STRONG_GHOSTS_DEG = 0.13, 65.0
+"""What strong ghosts, which are not in place, gain."""
+_OBLIQUE_DEG = 30.0
+"""Closer to normal incidence hardly anything tells the layers' directions apart."""
+
+
+def polarization_gain(stokes: StokesImages, scene: SceneParameters) -> float:
+    """How much likelier, per gradient, the likeliest layers are than those of any pane before unpolarized light.
+
+    Parameters
+    ----------
+    stokes : StokesImages
+    scene : SceneParameters
+        Its azimuth, or that across, is the pane's; index and surfaces are used.
+
+    Returns
+    -------
+    float
+        0 where the view is too steep to tell.
+    """
+    mixture, azimuth = Mixture(stokes), scene.values()[1]
+    cost, incidence = min(_nearest_pane(mixture, azimuth + turn, scene) for turn in (0, 90))
+    return cost - mixture.cost(mixture.vectors()) if incidence > _OBLIQUE_DEG else 0.0
+
+
+def _nearest_pane(mixture: Mixture, azimuth_deg: float, scene: SceneParameters) -> tuple[float, float]:
+    """Least cost of a pane before unpolarized light, and its incidence."""
+
+    def cost(incidence_deg: float) -> float:
+        return mixture.cost(_shown(incidence_deg, azimuth_deg, scene))
+
+    start = min(_INCIDENCES_DEG, key=cost)
+    nearest = local_minimum(cost, start, _BOUNDS_DEG, _STEP_DEG, _TOLERANCE_DEG)
+    return cost(nearest), nearest
+
+
+def looks_polarized(stokes: StokesImages, scene: SceneParameters) -> bool:
+    """Whether the layers' light looks polarized, even where the plain pane leaves none at 45 degrees to its plane.
+
+    Parameters
+    ----------
+    stokes : StokesImages
+    scene : SceneParameters
+        The plain pane that explains the capture best.
+    """
+    gain = polarization_gain(stokes, scene)
+    strong = scene.has_ghosts and scene.values()[0] > _STRONG_GHOSTS_DEG
+    return gain > (_GAIN_OF_GHOSTS if strong else _LEAST_GAIN)
+
+
+def _shown(incidence_deg: float, azimuth_deg: float, scene: SceneParameters) -> Values:
+    """Stokes vectors (2, 3) that unpolarized layers show in place."""
+    entries = in_place(pane_light(incidence_deg, scene)) * [0.5, 0.5, 0.0]
+    return np.asarray(entries @ np.linalg.inv(frame_matrix(azimuth_deg)).T)

@@ -1,0 +1,490 @@
+"""Pane, ghosts and the polarization of both layers' light, found blind: the search, the choice, the errors.
+
+References
+----------
+Q. H. Vuong, Likelihood ratio tests for model selection and non-nested hypotheses, Econometrica, 1989.
+
+The directions of the two Stokes vectors (`polarized_mixing`) leave a handful of panes that show them in place
+(`polarized_light`); of these, each with its likeliest ghosts, the one is taken that explains the capture best, with
+the least polarized light that does (`polarized_search`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import StokesImages
+from polaropt.estimation.polarized.light import (
+    AZIMUTH,
+    HIGHEST_DEG,
+    INCIDENCE,
+    LOWEST_DEG,
+    OF_REFLECTION,
+    OF_TRANSMISSION,
+    SHIFT,
+    Candidate,
+    Place,
+    Point,
+    bounded,
+    candidates,
+    point_showing,
+    scene_at,
+    shown_by,
+)
+from polaropt.estimation.polarized.likelihood import PolarizedLikelihood
+from polaropt.estimation.polarized.mixing import Mixture
+from polaropt.numerics import Box, jackknife_error, left_out
+from polaropt.optics import SceneErrors, SceneParameters, brewster_angle_deg
+
+Values = NDArray[np.float64]
+
+_WIDER = 3.6
+_LEAST = np.array([0.8, 0.5, 0.18, 0.01, 0.5, 0.1, 0.5])
+_LEAST_IN_PLACE = np.array([5.0, 4.0, 0.0, 0.02, 2.0, 0.1, 20.0])
+"""Measured on 48 scenes of photographs that no figure is taken of, screens and skies. In place several panes show the
+same, and which of them is the true one is told by what is likely of screens and skies alone."""
+_LEAST_CURVATURE, _FLATTEST, _UNPOLARIZED = 1e-6, 3e-3, 1e-6
+_MOST_DEGREE, _MOST_DEG, _MOST_PX = 1.0, 90.0, 24.0
+
+
+def polarized_errors(
+    point_at: Callable[[Values], Point], x: Values, curvature: Values, free: NDArray[np.intp]
+) -> SceneErrors:
+    """Standard errors from the curvature of the likelihood, widened by what it does not know.
+
+    Parameters
+    ----------
+    point_at : callable
+        From coordinates (n,) to the point that they say.
+    x : ndarray, shape (n,)
+        Coordinates of the pane found.
+    curvature : ndarray, shape (n, n)
+        Second derivatives of minus the log likelihood there.
+    free : ndarray of int
+        Which of incidence, azimuth and ghost shift (0, 1, 2) were found.
+    """
+    scale = 1 / np.sqrt(np.maximum(np.diag(curvature), _LEAST_CURVATURE))
+    size, axes = np.linalg.eigh(curvature * np.outer(scale, scale))
+    covariance = (axes / np.maximum(size, _FLATTEST)) @ axes.T * np.outer(scale, scale)
+    slopes = np.stack([_slope(point_at, x, i, 1e-3 * float(scale[i])) for i in range(x.size)], axis=1)
+    spread = _WIDER * np.sqrt(np.maximum(np.diag(slopes @ covariance @ slopes.T), 0))
+    point = point_at(x)
+    errors = np.hypot(spread, _LEAST if point[SHIFT] else _LEAST_IN_PLACE)
+    errors[:3] = np.minimum(errors[:3], [_MOST_DEG, _MOST_DEG, _MOST_PX])
+    incidence, azimuth, shift = (float(errors[i]) if i in free else None for i in (INCIDENCE, AZIMUTH, SHIFT))
+    return SceneErrors(
+        incidence,
+        azimuth,
+        shift,
+        transmission_polarization=_of_light(point[3:5], errors[3:5]),
+        reflection_polarization=_of_light(point[5:7], errors[5:7]),
+    )
+
+
+def _of_light(numbers: Values, errors: Values) -> tuple[float, float] | None:
+    """Errors of degree and angle; None for light that is not polarized."""
+    if math.hypot(*numbers) < _UNPOLARIZED:
+        return None
+    return min(float(errors[0]), _MOST_DEGREE), min(float(errors[1]), _MOST_DEG)
+
+
+def _slope(point_at: Callable[[Values], Point], x: Values, i: int, step: float) -> Values:
+    """Derivatives of a scene's seven numbers."""
+    move = np.zeros(x.size)
+    move[i] = step
+    after, before = _numbers(point_at(x + move)), _numbers(point_at(x - move))
+    change = after - before
+    # Angles of polarization come round after half a turn.
+    change[[4, 6]] = (change[[4, 6]] + 90) % 180 - 90
+    return change / (2 * step)
+
+
+def _numbers(point: Point) -> Values:
+    """Incidence, azimuth, shift, and degree and angle (in the camera's frame) of both layers' light."""
+    numbers = point.copy()
+    for first in (3, 5):
+        along, turned = point[first : first + 2]
+        numbers[first] = math.hypot(along, turned)
+        numbers[first + 1] = point[AZIMUTH] + math.degrees(math.atan2(turned, along)) / 2
+    return numbers
+
+
+_MOST_SHIFT, _LEAST_SHIFT, _N_SHIFTS = 24.0, 2.0, 3
+_SHIFTS = np.arange(-_MOST_SHIFT, _MOST_SHIFT + 1)
+_TURNS_DEG = (-9.0, -4.5, 4.5, 9.0)
+_LEAST_GHOST_GAIN, _BLUR_PX = 0.01, 4.0
+"""Score that ghosts must gain, more for those so close that they mimic a blur."""
+_TWINS_DEG, _LEAST_OFF_DEG = 14.0, 4.0
+_HOPELESS, _HOPELESS_START = 0.03, 0.01
+"""Score by which a candidate in place may be worse than the best one for its ghosts to be looked at, and with them."""
+_STEPS = np.array([2.0, 1.0, 0.5, 0.02, 0.02, 0.03, 0.03])
+_LOW = np.array([LOWEST_DEG, -720, -40, *4 * [-0.995]])
+_HIGH = np.array([HIGHEST_DEG, 720, 40, *4 * [0.995]])
+_ROUGH = 40
+"""Evaluations."""
+_FINE_STEPS = np.array([1.0, 0.4, 0.1, 0.004, 0.004, 0.008, 0.008])
+_NEWTON_STEPS, _REST = 3, 2e-5
+_SURE_OF_LIGHT = 2.0
+"""Standard errors by which ghosts on one side must explain more than on the other."""
+_OF_WINDOWS = 5.0
+"""Weight of the windows' likelihood per gradient against doubt."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A candidate and its score: less is better."""
+
+    candidate: Candidate
+    score: float
+
+
+class Search:
+    """The search for those numbers of a pane that were not given.
+
+    Parameters
+    ----------
+    likelihood : PolarizedLikelihood
+    mixture : Mixture
+    asked : SceneParameters
+        Fields that are None are to be found.
+    """
+
+    def __init__(self, likelihood: PolarizedLikelihood, mixture: Mixture, asked: SceneParameters) -> None:
+        self._likelihood, self._mixture, self._asked = likelihood, mixture, asked
+        self._ghosts = asked.ghost_shift is None and not asked.single_surface and asked.n_bounces != 0
+
+    def unpolarized(self, scene: SceneParameters) -> float:
+        """Score of the pane near a given one with unpolarized layers."""
+        point = np.array([*scene.values(), 0, 0, 0, 0])
+        return self._refined(Candidate(point, False, False), edges=True).score
+
+    def errors(self, candidate: Candidate) -> SceneErrors:
+        """Standard errors of a candidate's numbers."""
+        told = _free(candidate, self._asked)
+        if candidate.point[SHIFT]:
+            # Only what is told by ghosts holds whichever layer is polarized.
+            candidate = dataclasses.replace(candidate, transmission=True, reflection=True)
+        score = self._score(candidate.point, True)
+        coordinates, free = self._coordinates(candidate), _free(candidate, self._asked)
+        box = Box(coordinates[free], _FINE_STEPS[free], _LOW[free], _HIGH[free])
+
+        def point_at(x: Values) -> Point:
+            return self._point(candidate, coordinates, free, x)
+
+        curvature = self._likelihood.n * box.curvature(lambda x: score(point_at(x)))
+        errors = polarized_errors(point_at, coordinates[free], curvature, told)
+        return errors if errors.ghost_shift is None else self._with_sense(candidate, errors, errors.ghost_shift)
+
+    def _with_sense(self, candidate: Candidate, errors: SceneErrors, shift_error: float) -> SceneErrors:
+        """The errors where the ghosts may lie on the other side: two of the shift's then reach there."""
+        likelihood, shift = self._likelihood, float(candidate.point[SHIFT])
+        other = self.finely(dataclasses.replace(candidate, point=_moved(candidate.point, -shift)))
+        gap = other.score - self._fitted(candidate.point, edges=True)
+        gaps = likelihood.sectors(other.candidate.point) - likelihood.sectors(candidate.point)
+        told = gap > _SURE_OF_LIGHT * jackknife_error(left_out(gaps))
+        return errors if told else dataclasses.replace(errors, ghost_shift=max(shift_error, abs(shift)))
+
+    def rough(self, panes: Sequence[Candidate]) -> list[Found]:
+        """The candidates in place, and those with ghosts that explain more than any of them; by spectra alone."""
+        in_place = [self._in_place(candidate) for candidate in panes]
+        if not self._ghosts or not in_place:
+            return in_place
+        limit = min(found.score for found in in_place)
+        likely = [found.candidate for found in in_place if found.score < limit + _HOPELESS]
+        starts = [start for candidate in likely for start in self._with_ghosts(candidate)]
+        ghosts = [self._improved(start) for start in starts if self._fitted(start.point) < limit + _HOPELESS_START]
+        return in_place + [found for found in ghosts if limit - found.score > _least_gain(found.candidate.point)]
+
+    def finely(self, candidate: Candidate) -> Found:
+        """The candidate where spectra are likeliest; spectra and edges make its score."""
+        if candidate.point[SHIFT]:
+            candidate = self._refined(candidate).candidate
+        # In place the windows' likelihood has told all that edges tell, and no more than four numbers are told.
+        return Found(candidate, self._fitted(candidate.point, edges=True))
+
+    def beyond_brewster(self, found: Found) -> Found:
+        """The better of what was found and its like on the other side of Brewster's angle.
+
+        In place the reflection shows the same there: only ghosts tell the two apart.
+        """
+        candidate, asked = found.candidate, self._asked
+        off = float(candidate.point[INCIDENCE]) - brewster_angle_deg(asked.refractive_index)
+        if (
+            asked.incidence_deg is not None
+            or candidate.reflection
+            or not candidate.point[SHIFT]
+            or abs(off) > _TWINS_DEG
+        ):
+            return found
+        across = brewster_angle_deg(asked.refractive_index) - math.copysign(max(abs(off), _LEAST_OFF_DEG), off)
+        point = point_showing(Place(across, *candidate.point[1:3]), shown_by(candidate.point, asked), asked)
+        point[OF_REFLECTION] = 0
+        twin = self.finely(self._improved(dataclasses.replace(candidate, point=bounded(point))).candidate)
+        return min(found, twin, key=lambda one: one.score)
+
+    def with_both_polarized(self, found: Found) -> Found:
+        """The same with polarized light in both layers, which ghosts tell; what was found where there are none."""
+        if not found.candidate.point[SHIFT]:
+            return found
+        return self.finely(dataclasses.replace(found.candidate, transmission=True, reflection=True))
+
+    def finished(self, found: Found) -> Found:
+        """The same where spectra and edges are likeliest."""
+        return self._refined(found.candidate, edges=True) if found.candidate.point[SHIFT] else found
+
+    def _fitted(self, point: Point, edges: bool = False) -> float:
+        """Score of a point, its spectra fitted."""
+        likelihood = self._likelihood
+        pane = likelihood.pane(point)
+        likelihood.prepare(pane)
+        return (likelihood.evidence if edges else likelihood.spectral)(pane) + likelihood.doubt(point)
+
+    def _with_ghosts(self, candidate: Candidate) -> list[Candidate]:
+        """The candidate with its likeliest shifts of ghosts that stand out, along its azimuth and along others.
+
+        Ghosts lie along the azimuth, which polarized light in both layers may have turned.
+        """
+        likelihood, asked = self._likelihood, self._asked
+        incidence, azimuth, _ = candidate.point[:3]
+        shown = shown_by(candidate.point, asked)
+        # Spectra fitted with ghosts far away suit all of them alike.
+        likelihood.prepare(likelihood.pane(_moved(candidate.point, _MOST_SHIFT)))
+
+        def likeliest(turns: Sequence[float]) -> Point | None:
+            rows = [
+                [point_showing(Place(incidence, azimuth + turn, shift), shown, asked) for shift in _SHIFTS]
+                for turn in turns
+            ]
+            likely = self._valleys(rows)
+            return min(likely, key=self._fitted) if likely else None
+
+        along = likeliest((0.0,))
+        turned = likeliest(_TURNS_DEG) if asked.azimuth_deg is None else None
+        # A glance often mistakes the side on which the ghosts lie.
+        shifts = [] if along is None else [along[SHIFT], -along[SHIFT]]
+        found = [dataclasses.replace(candidate, point=_moved(candidate.point, shift)) for shift in shifts]
+        return found if turned is None else [*found, Candidate(turned, True, True)]
+
+    def _valleys(self, rows: Sequence[Sequence[Point]]) -> list[Point]:
+        """Where a glance at points, a row along the shifts each, sees the lowest valleys."""
+        likelihood = self._likelihood
+        scores = np.array([[likelihood.glance(likelihood.pane(point)) for point in row] for row in rows])
+        scores[:, np.abs(_SHIFTS) < _LEAST_SHIFT] = np.inf
+        inside = scores[:, 1:-1]
+        valleys = np.argwhere((inside <= scores[:, :-2]) & (inside < scores[:, 2:])) + np.array([0, 1])
+        valleys = valleys[np.argsort(scores[tuple(valleys.T)])][:_N_SHIFTS]
+        return [bounded(rows[i][j]) for i, j in valleys]
+
+    def _in_place(self, candidate: Candidate) -> Found:
+        """The candidate where what it shows in place is likeliest."""
+
+        def score(point: Point) -> float:
+            cost = self._mixture.cost(shown_by(point, self._asked))
+            return _OF_WINDOWS * cost + self._likelihood.doubt(point)
+
+        found = self._best(candidate, score, _ROUGH)
+        return Found(found, self._fitted(found.point))
+
+    def _improved(self, candidate: Candidate) -> Found:
+        """The candidate moved to where its spectra are likeliest, roughly."""
+        found = self._best(candidate, self._score(candidate.point, False), _ROUGH)
+        return Found(found, self._fitted(found.point))
+
+    def _refined(self, candidate: Candidate, edges: bool = False) -> Found:
+        """The candidate moved to where its spectra, or spectra and edges, are likeliest, by Newton steps."""
+        before, curvature = math.inf, None
+        free = _free(candidate, self._asked)
+        for _ in range(_NEWTON_STEPS):
+            score, coordinates = self._score(candidate.point, edges), self._coordinates(candidate)
+            box = Box(coordinates[free], _FINE_STEPS[free], _LOW[free], _HIGH[free])
+            step = box.newton(partial(self._score_at, score, candidate, coordinates), curvature)
+            candidate = dataclasses.replace(candidate, point=self._point(candidate, coordinates, free, step.point))
+            if before - step.value < _REST:
+                break
+            before, curvature = step.value, step.curvature
+        return Found(candidate, self._fitted(candidate.point, edges))
+
+    def _score_at(self, score: Callable[[Point], float], candidate: Candidate, coordinates: Values, x: Values) -> float:
+        """A score where the coordinates that are to be found are x."""
+        return score(self._point(candidate, coordinates, _free(candidate, self._asked), x))
+
+    def _score(self, point: Point, edges: bool) -> Callable[[Point], float]:
+        """Score of points near one, whose spectra it rests on."""
+        likelihood = self._likelihood
+        likelihood.prepare(likelihood.pane(point))
+        evidence = likelihood.evidence if edges else likelihood.spectral
+        return lambda point: evidence(likelihood.pane(point)) + likelihood.doubt(point)
+
+    def _best(self, candidate: Candidate, score: Callable[[Point], float], most: int) -> Candidate:
+        """The candidate at the point of least score near it."""
+        coordinates, free = self._coordinates(candidate), _free(candidate, self._asked)
+        box = Box(coordinates[free], _STEPS[free], _LOW[free], _HIGH[free])
+        moved = box.minimum(lambda x: score(self._point(candidate, coordinates, free, x)), most)
+        return dataclasses.replace(candidate, point=self._point(candidate, coordinates, free, moved))
+
+    def _coordinates(self, candidate: Candidate) -> Values:
+        """Pane and what the layers show in place, which is told best: coordinates of the search."""
+        return np.concatenate([candidate.point[:3], shown_by(candidate.point, self._asked)[:, 1:].ravel()])
+
+    def _point(self, candidate: Candidate, coordinates: Values, free: NDArray[np.intp], x: Values) -> Point:
+        full = coordinates.copy()
+        full[free] = x
+        point = point_showing(Place(*full[:3]), _vectors(full[3:]), self._asked)
+        for part, polarized in ((OF_TRANSMISSION, candidate.transmission), (OF_REFLECTION, candidate.reflection)):
+            if not polarized:
+                point[part] = candidate.point[part]
+        return bounded(point)
+
+
+def _least_gain(point: Point) -> float:
+    """What the ghosts of a point must gain."""
+    shift = abs(float(point[SHIFT]))
+    return _LEAST_GHOST_GAIN * (1 + (_BLUR_PX / shift) ** 4) if shift >= _LEAST_SHIFT else math.inf
+
+
+def _free(candidate: Candidate, asked: SceneParameters) -> NDArray[np.intp]:
+    """Which coordinates are for us to find; a shift only where there is one."""
+    ghosts = asked.ghost_shift is None and candidate.point[SHIFT] != 0
+    flags = [asked.incidence_deg is None, asked.azimuth_deg is None, ghosts]
+    return np.flatnonzero(flags + 2 * [candidate.transmission] + 2 * [candidate.reflection])
+
+
+def _vectors(polarized: Values) -> Values:
+    """Stokes vectors (2, 3) with s0 = 1 from their other components (4,)."""
+    vectors = np.ones((2, 3))
+    vectors[:, 1:] = polarized.reshape(2, 2)
+    return vectors
+
+
+def _moved(point: Point, shift: float) -> Point:
+    point = point.copy()
+    point[SHIFT] = shift
+    return point
+
+
+_CLOSE, _MOST = 0.02, 3
+"""Candidates whose rough scores differ by less are compared closely, so many at most."""
+_SAME_PLACE = np.array([3.0, 3.0, 0.5])
+_SURELY_LIKELIER = 2.5
+"""Standard errors by which the less usual polarized light must explain more: behind the pane, and in both layers."""
+
+
+def finalists(rough: Sequence[Found]) -> list[Candidate]:
+    """Candidates that may be the best, without those that came to the same place as a better one of their kind.
+
+    The best one with a single polarized layer is always among them, and the best one with each where both come close.
+    """
+    ranked = sorted(rough, key=lambda found: found.score)
+    chosen: list[Candidate] = []
+    for found in ranked:
+        candidate = found.candidate
+        alike = [other for other in chosen if _kind(other) == _kind(candidate)]
+        new = all(np.any(np.abs(candidate.point - other.point)[:3] > _SAME_PLACE) for other in alike)
+        close = found.score <= ranked[0].score + _CLOSE
+        first = _single(candidate) and (not any(_single(other) for other in chosen) or (close and not alike))
+        if first or (new and len(chosen) < _MOST and close):
+            chosen.append(candidate)
+    return chosen
+
+
+def choose(search: Search, likelihood: PolarizedLikelihood, candidates: Sequence[Candidate]) -> Found:
+    """The likeliest candidate, where spectra and edges put it, with polarized light in both layers if that is sure.
+
+    Two polarized layers before unknown ghosts explain nearly anything a little better. How much better may be an
+    accident of the spectra of these layers: then all of it comes from few of their directions and bands. So it may
+    where a screen is a little likelier than a mirrored sky. A sky is mirrored more often than a screen is so weakly
+    polarized as to look like one, and where a sky is taken for a screen another incidence makes up for its light.
+    """
+    fine = [search.finely(candidate) for candidate in candidates]
+    single = _single_layer(search, likelihood, [found for found in fine if _single(found.candidate)])
+    rivals = [found for found in fine if not _single(found.candidate)]
+    both = min((*rivals, search.with_both_polarized(single)), key=_score)
+    return search.finished(both if _surely_better(likelihood, both, single) else single)
+
+
+def _single_layer(search: Search, likelihood: PolarizedLikelihood, fine: Sequence[Found]) -> Found:
+    """The best one with a single polarized layer: the mirrored one's unless the other's is surely better."""
+    best = search.beyond_brewster(min(fine, key=_score))
+    skies = [found for found in fine if found.candidate.reflection]
+    if best.candidate.reflection or not skies:
+        return best
+    sky = min(skies, key=_score)
+    return best if _surely_better(likelihood, best, sky) else sky
+
+
+def _surely_better(likelihood: PolarizedLikelihood, found: Found, simpler: Found) -> bool:
+    """Whether a gain in score exceeds what it scatters over parts of the spectra."""
+    gains = likelihood.sectors(simpler.candidate.point) - likelihood.sectors(found.candidate.point)
+    return simpler.score - found.score > _SURELY_LIKELIER * jackknife_error(left_out(gains))
+
+
+def _single(candidate: Candidate) -> bool:
+    return not (candidate.transmission and candidate.reflection)
+
+
+def _kind(candidate: Candidate) -> tuple[bool, bool]:
+    return candidate.transmission, candidate.reflection
+
+
+def _score(found: Found) -> float:
+    return found.score
+
+
+@dataclass(frozen=True)
+class PolarizedFit:
+    """A pane before polarized light.
+
+    Attributes
+    ----------
+    scene : SceneParameters
+        Complete.
+    misfit : float
+        Mean square of coarse light that no two layers make behind this pane, in units of the noise: 1 where the model
+        holds.
+    n : int
+        How many numbers it is the mean of.
+    errors : SceneErrors
+    gain : float
+        How much more likely the polarized light makes the capture, per frequency and colour, doubt deducted: the plain
+        pane's score less this one's.
+    """
+
+    scene: SceneParameters
+    misfit: float
+    n: int
+    errors: SceneErrors
+    gain: float
+
+
+def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: SceneParameters) -> PolarizedFit | None:
+    """Fit a pane whose layers' light may arrive polarized, a constant degree and angle each.
+
+    Parameters
+    ----------
+    stokes : StokesImages
+    asked : SceneParameters
+        Fields that are None are estimated; index and surfaces are used. Polarization of the layers' light is estimated.
+    plain : SceneParameters
+        The pane that explains the capture best with unpolarized layers, to be compared with.
+
+    Returns
+    -------
+    PolarizedFit or None
+        None where no pane shows what the capture shows.
+    """
+    likelihood = PolarizedLikelihood(stokes, asked)
+    mixture = Mixture(stokes)
+    search = Search(likelihood, mixture, asked)
+    rough = search.rough(candidates(mixture.vectors(), asked))
+    if not rough:
+        return None
+    best = choose(search, likelihood, finalists(rough))
+    point, gain = best.candidate.point, search.unpolarized(plain) - best.score
+    return PolarizedFit(scene_at(point, asked), *likelihood.leftover(point), search.errors(best.candidate), gain)

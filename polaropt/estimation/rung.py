@@ -1,0 +1,119 @@
+"""What a rung of the ladder has to go by, and what it makes of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from polaropt.capture import Capture, StokesImages
+from polaropt.estimation.flat.estimate import SceneEstimate
+from polaropt.estimation.wide.blocks import PolarizedBlocks
+from polaropt.optics import SceneErrors, SceneParameters
+
+# Mean square, in units of the noise, up to which polarized light counts as explained, beside its own scatter.
+_TOLERANCE = 0.1
+SCATTERS = 3.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What an attempt has to go by.
+
+    Attributes
+    ----------
+    capture : Capture
+    noise : float
+    stokes : StokesImages
+    blocks : PolarizedBlocks
+    asked : SceneParameters
+        Fields that are None are to be found.
+    estimate : SceneEstimate
+        The plain pane that explains the capture best.
+    misfit : float
+        Polarized light that it leaves: mean square over `blocks`, in units of the noise.
+    wanted : str
+        Name of the rung that was asked for, or "auto".
+    """
+
+    capture: Capture
+    noise: float
+    stokes: StokesImages
+    blocks: PolarizedBlocks
+    asked: SceneParameters
+    estimate: SceneEstimate
+    misfit: float
+    wanted: str
+
+    @property
+    def focal_px(self) -> float | None:
+        """Focal length, where it was asked for or the camera told it."""
+        return self.asked.focal_px or self.capture.focal_px
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of a misfit that is nothing but noise."""
+        return math.sqrt(2 / self.blocks.n)
+
+    @property
+    def explained(self) -> bool:
+        """Whether the plain pane leaves nothing but noise."""
+        return self.misfit <= noise_misfit(self.blocks.n)
+
+    def shown(self, misfit: float) -> bool:
+        """Whether a rung that leaves this much polarized light explains more than chance would."""
+        return self.misfit - misfit > SCATTERS * self.scatter
+
+
+def noise_misfit(n: int) -> float:
+    """Largest misfit of n blocks that counts as noise."""
+    return 1 + _TOLERANCE + SCATTERS * math.sqrt(2 / n)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What a rung makes of the evidence.
+
+    Attributes
+    ----------
+    scene : SceneParameters
+        Complete.
+    misfit : float
+        Polarized light that it leaves, as `Evidence.misfit`.
+    n_parameters : int
+        Numbers fitted to the blocks.
+    known : bool
+        Whether the capture tells these numbers well enough to rely on them.
+    remark : str
+        A sentence for `Tried.reason`: why they are not known, or what else is to be said. May be empty.
+    errors : SceneErrors
+        Standard errors of those numbers.
+    agreed_misfit : float or None
+        What the misfit would be if the blocks that disagree, as their own scene is polarized, did not count; rungs are
+        compared by this one where there is one.
+    told_by_edges : bool
+        Whether edges and spectra tell these numbers, even where the plain pane leaves no polarized light.
+    """
+
+    scene: SceneParameters
+    misfit: float
+    n_parameters: int
+    known: bool
+    remark: str = ""
+    errors: SceneErrors = SceneErrors()  # noqa: RUF009 (frozen)
+    agreed_misfit: float | None = None
+    told_by_edges: bool = False
+
+    @property
+    def compared(self) -> float:
+        """The misfit that rungs are compared by."""
+        return self.misfit if self.agreed_misfit is None else self.agreed_misfit
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A name, when the rung can help, and the attempt."""
+
+    name: str
+    may_help: Callable[[Evidence], bool]
+    attempt: Callable[[Evidence], Attempt]

@@ -1,0 +1,211 @@
+"""The rungs above the plain pane: each one attempt to explain the polarized light that the plain pane leaves.
+
+A rung is one line of `RUNGS`: when it can help, and the attempt. What it changes of a scene is its own business.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+from polaropt.estimation.polarized.lens import fit_polarized_perspective
+from polaropt.estimation.polarized.mixing import Mixture, looks_polarized
+from polaropt.estimation.polarized.search import fit_polarized
+from polaropt.estimation.rung import SCATTERS, Attempt, Evidence, Rung, noise_misfit
+from polaropt.estimation.wide.fits import PerspectiveFit, fit_curved, fit_perspective, fit_tolerant
+from polaropt.estimation.wide.ghosts import likeliest_shift
+from polaropt.optics import SceneErrors, SceneParameters
+
+# How well a pane that is not seen from far must be known.
+_WORST_ERROR_DEG = 3.0
+# Share of what the plain pane leaves that a bent one must explain on large blocks to be looked at closely.
+_LEAST_BENT = 0.4
+# Share of what the plain pane leaves that a pane must explain where only blocks that agree count.
+_MOSTLY = 0.8
+# The same of a pane before a lens where the light of its layers may be polarized as well: it has most numbers.
+_NEARLY_ALL = 0.97
+# Share of the frame where layers may come out with less than no light.
+_MOST_NEGATIVE = 0.02
+# Focal length over the longer side from which on incidence and azimuth hardly vary.
+_FAR = 30.0
+# Share of it that may lie off the plane of two Stokes vectors where polarized light may explain all, or most.
+_ALL_BUT, _MOST_BUT = (-math.inf, 0.2), (0.2, 0.7)
+# Misfit up to which a wrong pane may leave so little because polarized light mimics it.
+_LITTLE = 2.0
+# Score that polarized light must gain, and where nothing but edges and spectra speaks of it.
+_LEAST_GAIN, _LEAST_GAIN_OF_EDGES = 0.004, 0.03
+_OBLIQUE_DEG = 30.0
+
+
+def _may_vary(evidence: Evidence) -> bool:
+    """Whether incidence and azimuth over the frame are for us to find, and something is left to explain."""
+    asked = evidence.asked
+    free = asked.incidence_deg is None and asked.azimuth_deg is None
+    # How the azimuth turns over the frame means nothing where the frame's own angle is unknown.
+    free = free and not evidence.capture.start_unknown
+    return free and (evidence.wanted != "auto" or not evidence.explained)
+
+
+def _plain(evidence: Evidence) -> SceneParameters:
+    """The plain pane with the ghost shifts that were asked for, else with all bounces in place."""
+    asked = evidence.asked
+    return evidence.estimate.scene.replace(
+        ghost_shift=asked.ghost_shift or 0.0, transmission_ghost_shift=asked.transmission_ghost_shift
+    )
+
+
+def with_ghosts(evidence: Evidence, attempt: Attempt) -> Attempt:
+    """An attempt whose pane varies over the frame, with the ghost shift that the capture shows if that is open."""
+    scene = attempt.scene
+    # The likelihood of ghosts where incidence varies knows unpolarized light alone.
+    if (
+        not scene.varies
+        or scene.polarized
+        or evidence.asked.ghost_shift is not None
+        or scene.single_surface
+        or scene.n_bounces == 0
+    ):
+        return attempt
+    found = likeliest_shift(evidence.stokes, scene)
+    if not found.shows:
+        return attempt
+    remark = f"{attempt.remark} Its double images lie {abs(found.pixels):.1f} px apart.".strip()
+    return replace(attempt, scene=scene.replace(ghost_shift=found.pixels), remark=remark)
+
+
+def _perspective(evidence: Evidence) -> Attempt:
+    fit, told = _best_fit(evidence)
+    known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
+    if evidence.misfit - fit.misfit < (evidence.misfit - 1) / 2 and not evidence.explained:
+        tolerant = _tolerant(evidence)
+        if tolerant is not None:
+            return tolerant
+    if evidence.wanted == "perspective" and not known:
+        return _from_afar(evidence)
+    flat = fit.edges_agree or evidence.wanted == "perspective"
+    focal = evidence.focal_px if told else fit.focal_px
+    scene = _plain(evidence).replace(incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=focal)
+    remark = "The polarized light does not tell how incidence and azimuth change over the picture."
+    if known and not flat:
+        remark = "The layers' edges tell another incidence: the pane is not flat."
+    elif known:
+        refused = evidence.focal_px is not None and not told
+        remark = "The focal length that the file tells does not fit." if refused else ""
+    errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
+    return Attempt(scene, fit.misfit, 2 if told else 3, known and flat, remark, errors)
+
+
+def _tolerant(evidence: Evidence) -> Attempt | None:
+    """The pane that most of the frame agrees on where part of the scene is polarized itself; None without one."""
+    found = fit_tolerant(evidence.stokes, evidence.estimate.scene, evidence.focal_px, _MOSTLY)
+    fit, told = found.pane, evidence.focal_px
+    if not (fit.edges_agree and fit.incidence_error_deg <= _WORST_ERROR_DEG and found.explained >= _MOSTLY):
+        return None
+    scene = _plain(evidence).replace(
+        incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=told or fit.focal_px
+    )
+    misfit = evidence.blocks.misfit(fit.incidence_deg, fit.azimuth_deg, told or fit.focal_px)
+    errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
+    remark = "That is where most of the picture agrees; the rest of the scene may be polarized itself."
+    agreed = 1 + (1 - min(found.explained, 1.0)) * (evidence.misfit - 1)
+    return Attempt(scene, misfit, 2 if told else 3, True, remark, errors, agreed)
+
+
+def _best_fit(evidence: Evidence) -> tuple[PerspectiveFit, bool]:
+    """Pane and camera, and whether the focal length is the one told: a file may have been cropped since."""
+    fit = fit_perspective(evidence.stokes, evidence.focal_px, evidence.estimate.scene)
+    asked = evidence.asked.focal_px is not None
+    if asked or evidence.focal_px is None or fit.misfit <= noise_misfit(evidence.blocks.n):
+        return fit, evidence.focal_px is not None
+    free = fit_perspective(evidence.stokes, None, evidence.estimate.scene)
+    clearly = fit.misfit - free.misfit > SCATTERS * evidence.scatter
+    return (free, False) if clearly else (fit, True)
+
+
+def _from_afar(evidence: Evidence) -> Attempt:
+    """The perspective rung where polarized light does not tell the tilt: the plain pane, seen by the lens."""
+    focal = evidence.focal_px or _FAR * max(evidence.capture.shape[-2:])
+    incidence, azimuth, _ = evidence.estimate.scene.values()
+    ways = (azimuth % 360, (azimuth + 180) % 360)
+    leaning = min(ways, key=lambda way: evidence.blocks.misfit(incidence, way, focal))
+    scene = _plain(evidence).replace(azimuth_deg=leaning, focal_px=focal)
+    misfit = evidence.blocks.misfit(incidence, leaning, focal)
+    remark = "Incidence and azimuth are those of the plain pane."
+    return Attempt(scene, misfit, 1, True, remark, evidence.estimate.errors)
+
+
+def _curved(evidence: Evidence) -> Attempt:
+    plain = evidence.estimate.scene
+    asked = evidence.wanted == "curved"
+    # A pane that leaves most of it is not bent so: its edges are not worth their time.
+    fit = fit_curved(evidence.stokes, plain, evidence.focal_px, 0.0 if asked else _LEAST_BENT)
+    known = asked or (evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG)
+    scene = _plain(evidence).replace(
+        incidence_deg=fit.incidence_deg,
+        azimuth_deg=fit.azimuth_deg,
+        focal_px=fit.focal_px,
+        bend_deg_per_px=fit.bend_deg_per_px,
+    )
+    remark = "" if known else "The polarized light does not tell how the pane is bent."
+    lens_found = evidence.focal_px is None and fit.focal_px is not None
+    errors = SceneErrors(
+        fit.incidence_error_deg,
+        fit.azimuth_error_deg,
+        focal_px=fit.focal_error_px if lens_found else None,
+        bend_deg_per_px=fit.bend_error_deg_per_px,
+    )
+    return Attempt(scene, fit.misfit, 5 + lens_found, known, remark, errors)
+
+
+def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -> bool:
+    """Whether constant polarization of the layers' light may explain what is left, or edges speak of it."""
+    asked, first = evidence.asked, off == _ALL_BUT
+    if evidence.wanted == "polarized":
+        return first and not asked.polarized and asked.focal_px is None
+    # Polarized light explains what a wrong azimuth leaves, and makes it worse.
+    if asked.polarized or asked.focal_px is not None or asked.azimuth_deg is not None:
+        return False
+    if evidence.explained:
+        # Frontal glass polarizes so little that a slight polarization of either layer would do as well, and the
+        # transmission does not need to know.
+        oblique = evidence.estimate.scene.values()[0] > _OBLIQUE_DEG
+        return oblique and first and looks_polarized(evidence.stokes, evidence.estimate.scene)
+    return off[0] <= (Mixture(evidence.stokes).misfit - 1) / (evidence.misfit - 1) < off[1]
+
+
+def _polarized(evidence: Evidence) -> Attempt:
+    plain = evidence.estimate.scene
+    fit = fit_polarized(evidence.stokes, evidence.asked, plain)
+    if fit is None:
+        return Attempt(plain, evidence.misfit, 1, False, "No polarization of the layers' light explains it.")
+    enough = _LEAST_GAIN if evidence.misfit > _LITTLE else _LEAST_GAIN_OF_EDGES
+    enough = 0.0 if fit.misfit <= noise_misfit(evidence.blocks.n) < evidence.misfit else enough
+    known = evidence.wanted == "polarized" or fit.gain > enough
+    remark = "" if known else "Polarized light makes it hardly any likelier."
+    return Attempt(fit.scene, fit.misfit, 5, known, remark, fit.errors, told_by_edges=fit.gain > _LEAST_GAIN_OF_EDGES)
+
+
+def _may_be_polarized_and_vary(evidence: Evidence) -> bool:
+    """Whether light may be polarized and incidence vary: both are for us to find, and something is left to explain."""
+    return _may_vary(evidence) and not evidence.asked.polarized and not evidence.explained
+
+
+def _polarized_perspective(evidence: Evidence) -> Attempt:
+    fit = fit_polarized_perspective(evidence.stokes, _plain(evidence), evidence.asked.focal_px)
+    told = (fit.errors.incidence_deg or 0.0) <= _WORST_ERROR_DEG
+    explained = (evidence.misfit - fit.misfit) / (evidence.misfit - 1)
+    known = told and explained >= _NEARLY_ALL and evidence.shown(fit.misfit) and fit.negative <= _MOST_NEGATIVE
+    remark = "Incidence and azimuth change over the picture." if known else "Nor does it before a lens."
+    if fit.negative > _MOST_NEGATIVE:
+        remark = f"A layer would have less than no light in {100 * fit.negative:.0f} % of the picture."
+    return Attempt(fit.scene, fit.misfit, fit.n_parameters, known, remark, fit.errors)
+
+
+RUNGS = (
+    Rung("polarized", _may_be_polarized, _polarized),
+    Rung("perspective", _may_vary, _perspective),
+    Rung("curved", _may_vary, _curved),
+    Rung("polarized", _may_be_polarized_and_vary, _polarized_perspective),
+    Rung("polarized", partial(_may_be_polarized, off=_MOST_BUT), _polarized),
+)

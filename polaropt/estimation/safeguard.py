@@ -1,0 +1,118 @@
+"""What keeps a separation from being worse than none where something is wrong with the photographs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from polaropt.capture import MOST_NEGATIVE, Capture, Mistakes, align, noise_level, noise_of_blocks
+from polaropt.errors import InputError
+from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
+from polaropt.estimation.ladder import FoundScene, Tried
+from polaropt.optics import SceneParameters, in_place_correction
+
+_MUCH_CORRECTION = 1 / 3
+_LEAST_DEG, _MOST_DEG = 0.5, 89.0
+_SURE = 2.0
+_PLAIN = ("pixelwise", "ghosts")
+
+
+def mended(capture: Capture, mistakes: Mistakes) -> Capture:
+    """The photographs as the scene is estimated from them: moved onto each other, and linear.
+
+    Edges that do not lie on each other, and contrasts that an encoding has changed, look like polarized light. The
+    layers suffer little from half a pixel; but the estimate may then find another pane, one across with its layers
+    exchanged, and everything is lost. The layers themselves are those of the photographs as they were given.
+    """
+    if mistakes.shift_px:
+        try:
+            return align(capture)
+        except InputError:
+            return capture
+    return linear(capture, mistakes.gamma) if mistakes.encoded else capture
+
+
+def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> tuple[Capture, float]:
+    """The photographs that the scene is estimated from, see `mended`, and the noise of one of them.
+
+    What the scene is told by are means over blocks: the noise is theirs, where coarse grey levels make it another.
+    """
+    source = mended(capture, mistakes)
+    noise = noise if source is capture else noise_level(source)
+    return source, noise_of_blocks(source, noise)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be found of a scene, and whether the photographs speak against the incidence that was given.
+
+    It is harmful where the layers would be further from the truth than the plain intensity is.
+    """
+
+    scene: SceneParameters
+    doubtful: bool = False
+    harmful: bool = False
+
+
+def with_incidence_checked(source: Capture, asked: SceneParameters, noise: float) -> Asked:
+    """Compare an incidence that was given with the one that would be found.
+
+    Where the layers would be corrected by a third too much or too little with it, the azimuth found without it is
+    kept: with a wrong incidence the one across often seems to explain the photographs better.
+    """
+    if asked.incidence_deg is None or asked.complete:
+        return Asked(asked)
+    open_scene = asked.replace(incidence_deg=None, focal_px=None)
+    found = estimate_scene(source, open_scene, noise=noise)
+    if not found.polarized:
+        return Asked(asked)
+    if abs(correction(asked) / correction(found.scene) - 1) <= _MUCH_CORRECTION:
+        return Asked(asked)
+    azimuth = found.scene.azimuth_deg if asked.azimuth_deg is None else asked.azimuth_deg
+    return Asked(asked.replace(azimuth_deg=azimuth), doubtful=True, harmful=_overcorrected(asked, found))
+
+
+def _overcorrected(asked: SceneParameters, found: SceneEstimate) -> bool:
+    """Whether more than twice what is right would be taken off the intensity, by any incidence that may be right.
+
+    The plain intensity is the whole correction off; more than twice that correction is further off on the other side.
+    """
+    incidence, error = found.scene.incidence_deg or 0.0, _SURE * (found.errors.incidence_deg or 0.0)
+    near = np.clip(np.linspace(incidence - error, incidence + error, 5), _LEAST_DEG, _MOST_DEG)
+    return correction(asked) > 2 * max(correction(found.scene.replace(incidence_deg=float(angle))) for angle in near)
+
+
+def left_alone(found: FoundScene, asked: Asked) -> FoundScene:
+    """The scene that was found, or none where the plain intensity is the better guess of the transmission.
+
+    That is where a pane across, its layers exchanged, explains the photographs about as well, and where an incidence
+    that was given would do harm. Who insists asks for a rung by its name.
+    """
+    estimate = found.estimate
+    if estimate is None or not found.scene.signal:
+        return found
+    if asked.harmful:
+        reason = "With the incidence that was given the transmission would be worse than the plain intensity."
+    elif estimate.better_left and found.scene.rung in _PLAIN:
+        reason = "A pane whose plane of incidence lies across explains the photographs about as well."
+    else:
+        return found
+    scene = found.scene.replace(signal=False)
+    tried = (*(replace(rung, taken=False) for rung in found.tried), Tried("none", None, None, 0.0, True, reason))
+    return FoundScene(scene, replace(estimate, scene=scene), tried)
+
+
+def correction(scene: SceneParameters) -> float:
+    """What is taken off the intensity for each unit of polarized light, all bounces in place."""
+    incidence = max(_LEAST_DEG, scene.incidence_deg or 0.0)
+    return in_place_correction(incidence, scene.refractive_index, scene.single_surface)
+
+
+def linear(capture: Capture, gamma: float) -> Capture:
+    """Photographs raised to a power; what noise has left below black stays there."""
+    images = np.sign(capture.intensities) * np.abs(capture.intensities) ** np.float32(gamma)
+    raised = Capture(np.maximum(images, MOST_NEGATIVE), capture.angles_deg, capture.valid)
+    if capture.origin is not None:
+        raised.origin = replace(capture.origin, raw_noise=None)
+    return raised

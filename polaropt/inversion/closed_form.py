@@ -1,0 +1,239 @@
+"""Closed-form layers: per pixel, and per frequency with all ghosts and a natural-image prior fitted to the capture.
+
+Per frequency the photographs are a 2x2 mixture of the layers. The layers are taken as Gaussian with spectra that are
+themselves estimated (expectation maximization), each colour of an opponent basis for itself: a Wiener filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, least_squares_entries
+from polaropt.inversion.canvas import Canvas
+from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Power, Spectrum, fit_spectra
+from polaropt.inversion.transfer import plate_transfer
+from polaropt.inversion.variance import Knowledge
+from polaropt.inversion.whitening import AssumedHessian
+from polaropt.numerics import Basis, each_plane, opponent_basis
+from polaropt.optics import PSE, SceneParameters, in_place_reflectance
+from priors.natural_image import in_basis
+
+Images = NDArray[np.float32]
+Matrix = NDArray[np.float64]
+
+# What is known of a layer's mean before anything is measured, in units of the mean intensity.
+_MEAN_SPREAD = 0.5
+_LEAST_DETERMINANT = 1e-6
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """Layers on the canvas, and what is known of them.
+
+    Attributes
+    ----------
+    layers : ndarray of float32, shape (2, channel, H, W)
+    mean : ndarray of float32, shape (2, channel, 1, 1)
+        Means of the layers in the colour basis.
+    prior : ndarray of float32, shape (2, channel, H, W // 2 + 1)
+        Power of each layer per frequency before the photographs are seen, in the colour basis, for an orthonormal
+        transform.
+    told : ndarray of float32, shape (2, H, W // 2 + 1)
+        What the photographs tell of each layer per frequency (inverse variance).
+    cross : ndarray of complex64, shape (H, W // 2 + 1)
+        What they tell of both together: the entry in the transmission's row.
+    basis : ndarray, shape (channel, channel)
+        The colour basis.
+    edges, unknown_edges : ndarray, shape (2, channel)
+        Expected gradient energy of each layer before and after the photographs are seen.
+    variance : ndarray, shape (2, channel)
+        That the photographs leave to a pixel of each layer.
+    sampled : Knowledge
+        The same at a sample of the frequencies.
+    """
+
+    layers: Images
+    mean: Images
+    prior: Power
+    told: Power
+    cross: Spectrum
+    basis: Basis
+    edges: NDArray[np.float64]
+    unknown_edges: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    sampled: Knowledge
+
+
+def plate_entries(capture: Capture, pse: PSE) -> Images:
+    """Least-squares (I_par, I_perp[, s2']) from the trusted photographs of each pixel, (entries, channel, h, w)."""
+    return least_squares_entries(capture, pse.mixing[:, : pse.taps.shape[2]])
+
+
+def per_pixel_layers(capture: Capture, scene: SceneParameters) -> Images:
+    """Layers from each pixel's own photographs, all bounces summed in place (paper, Eqs. (3) to (5) at shift 0).
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters
+        A complete scene; its shift and the polarization of its light are not used.
+
+    Returns
+    -------
+    ndarray of float32, shape (2, [channel,] h, w)
+        Noise is amplified by the inverse of the difference of the two reflectances.
+    """
+    incidence_deg, azimuth_deg, _ = scene.values()
+    plain = SceneParameters(incidence_deg, azimuth_deg, 0.0, scene.refractive_index, None, scene.single_surface)
+    entries = plate_entries(capture, PSE(plain, capture.angles_deg))
+    r_p, r_s = in_place_reflectance(incidence_deg, scene.refractive_index, scene.single_surface)
+    determinant = min(r_p - r_s, -_LEAST_DETERMINANT)
+    inverse = 2 / determinant * np.array([[-r_s, r_p], [1 - r_s, r_p - 1]])
+    layers: Images = np.tensordot(inverse.astype(np.float32), entries, axes=1)
+    return layers if capture.color else layers[:, 0]
+
+
+def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> ClosedForm:
+    """Layers per frequency, with all ghosts, as a Wiener filter whose spectra are fitted to the capture.
+
+    Parameters
+    ----------
+    capture : Capture
+    pse : PSE
+    canvas : Canvas
+    noise : float
+        Standard deviation of one photograph's noise (white = 1).
+
+    Returns
+    -------
+    ClosedForm
+    """
+    mixing = pse.mixing[:, : pse.taps.shape[2]]
+    precision = mixing.T @ mixing / noise**2
+    basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
+    entries = in_basis(basis.astype(np.float32), plate_entries(capture, pse), np)
+    level = entries.mean(axis=(-1, -2), keepdims=True)
+    seen = normal_equations(plate_transfer(pse, *canvas.shape), precision, transformed(entries, level, canvas))
+    sums = pse.taps.sum(axis=1).T
+    mean = _means(level[..., 0, 0], sums, precision * canvas.height * canvas.width, basis)
+    return closed_form_of(seen, initial_power(entries[0] + entries[1]), mean, basis, canvas)
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """What spectra tell of the layers: (2, H, W // 2 + 1), its entry off the diagonal, and the right-hand side."""
+
+    told: Power
+    cross: Spectrum
+    right: Spectrum
+
+
+def closed_form_of(
+    seen: NormalEquations, power: NDArray[np.float64], mean: Images, basis: Basis, canvas: Canvas
+) -> ClosedForm:
+    """Wiener filter with spectra fitted to what is seen.
+
+    Parameters
+    ----------
+    seen : NormalEquations
+    power : ndarray, shape (channel,)
+        Gradient power per colour of the basis: where the fit starts.
+    mean : ndarray, shape (2, channel, 1, 1)
+        Of the layers, in the basis.
+    basis : ndarray
+    canvas : Canvas
+    """
+    bands = FrequencyBands(*canvas.shape)
+    fitted = _fitted(seen, bands, power)
+    known = described(seen, fitted, bands, mean, basis)
+    return replace(known, layers=filtered(seen, known.prior, mean, basis, canvas))
+
+
+def described(
+    seen: NormalEquations, fitted: FittedSpectra, bands: FrequencyBands, mean: Images, basis: Basis
+) -> ClosedForm:
+    """What is known of the layers under fitted spectra, without the layers themselves."""
+    edges = bands.share * bands.squared_frequency
+    return ClosedForm(
+        layers=np.empty(0, dtype=np.float32),
+        mean=mean,
+        prior=fitted.everywhere(bands),
+        told=seen.told,
+        cross=seen.cross,
+        basis=basis,
+        edges=(fitted.prior * edges).sum(axis=-1, dtype=np.float64),
+        unknown_edges=(fitted.uncertainty * edges).sum(axis=-1, dtype=np.float64),
+        variance=(fitted.uncertainty * bands.share).sum(axis=-1, dtype=np.float64),
+        sampled=_sampled(seen, bands, fitted.prior, basis),
+    )
+
+
+def transformed(entries: Images, level: Images, canvas: Canvas) -> Spectrum:
+    """Half spectra (entries, channel, H, W // 2 + 1) of entries off their level, mirrored and fading in the margins."""
+    from scipy.fft import rfft2
+
+    height, width = canvas.shape
+    window = canvas.window()
+    spectra = np.empty((*entries.shape[:2], height, width // 2 + 1), dtype=np.complex64)
+
+    def plane(where: tuple[int, int]) -> None:
+        spectra[where] = rfft2(canvas.extend(entries[where] - level[where]) * window, norm="ortho")
+
+    each_plane(plane, entries.shape)
+    return spectra
+
+
+def normal_equations(transfer: Spectrum, precision: Matrix, data: Spectrum) -> NormalEquations:
+    """What spectra (entries, channel, ...) tell of layers that a pane with this transfer (entries, 2, ...) mixes."""
+    weighted = np.tensordot(precision.astype(np.float32), transfer.conj(), axes=1)
+    told = np.stack([(weighted[:, i] * transfer[:, i]).real.sum(axis=0) for i in (0, 1)])
+    cross = (weighted[:, 0] * transfer[:, 1]).sum(axis=0)
+    right = np.stack([sum(weighted[e, i] * data[e] for e in range(len(data))) for i in (0, 1)])
+    return NormalEquations(told, cross, right)
+
+
+def _fitted(seen: NormalEquations, bands: FrequencyBands, power: NDArray[np.float64]) -> FittedSpectra:
+    """Spectra fitted at the bands' sample."""
+    of_t, of_r = (layer.ravel()[bands.sample] for layer in seen.told)
+    both = seen.cross.ravel()[bands.sample]
+    information = np.array([[of_t, both], [both.conj(), of_r]])
+    sampled = seen.right.reshape(*seen.right.shape[:2], -1)[..., bands.sample]
+    return fit_spectra(information, sampled, bands, power)
+
+
+def _sampled(seen: NormalEquations, bands: FrequencyBands, prior: Power, basis: Basis) -> Knowledge:
+    told = seen.told.reshape(2, -1)[:, bands.sample]
+    cross = np.square(np.abs(seen.cross.ravel()[bands.sample]))
+    return Knowledge(told, cross, prior, bands.share, bands.squared_frequency, basis)
+
+
+def filtered(seen: NormalEquations, prior: Power, mean: Images, basis: Basis, canvas: Canvas) -> Images:
+    """The layers on the canvas that are most likely under Gaussian layers of these spectra."""
+    from polaropt.inversion.compiled_whitening import FusedPreconditioner
+
+    hessian = AssumedHessian(seen.told, seen.cross, np.float32(1) / prior, np.zeros(prior.shape[:2]))
+    whitened = FusedPreconditioner(hessian, mean, basis, canvas.shape[1])
+    layers = np.empty((*prior.shape[:2], *canvas.shape), dtype=np.float32)
+    nothing = np.zeros(whitened.size, dtype=np.float32)
+    whitened.layers(whitened.whitened(seen.right, nothing, np.eye(len(basis), dtype=np.float32), 0.0), layers)
+    return layers
+
+
+def initial_power(total: Images) -> NDArray[np.float64]:
+    """Gradient power of the total intensity per colour, at least a trifle: where the fit starts, (channel,)."""
+    across, down = (np.square(np.diff(total, axis=axis)).mean(axis=(-1, -2), dtype=np.float64) for axis in (-1, -2))
+    power = across + down
+    return np.asarray(np.maximum(power, 1e-4 * float(power.max()) + 1e-12))
+
+
+def _means(level: NDArray[np.float32], sums: Matrix, precision: Matrix, basis: Basis) -> Images:
+    """Means of the layers (2, channel, 1, 1): all bounces in place, with a weak prior at the mean intensity."""
+    intensity = float(np.sqrt(np.square(level[0] + level[1]).sum()))
+    expected = intensity * np.eye(basis.shape[0])[0]
+    spread = np.eye(2) / (_MEAN_SPREAD * max(intensity, 1e-6)) ** 2
+    normal = sums.T @ precision @ sums + spread
+    right = sums.T @ precision @ level + spread @ np.stack([expected, expected])
+    return np.linalg.solve(normal, right).astype(np.float32)[:, :, None, None]

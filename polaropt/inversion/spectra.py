@@ -1,0 +1,198 @@
+"""Power spectra of two mixed layers, fitted by expectation maximization, and the layers that follow from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.numerics import column_multiplicity, squared_frequencies
+
+Spectrum = NDArray[np.complex64]
+Power = NDArray[np.float32]
+
+_N_BANDS = 8
+_POWER_LAW = 2.4
+_TURNS_POWER_LAW = 3
+_TURNS_BANDS = 9
+# Share of all frequencies that a band must hold before it moves freely.
+_BAND_INERTIA = 2e-4
+# Entries of a table over the logarithm of frequency: a step is less than 0.3 %.
+_TABLE = 4096
+# Frequencies that the fit looks at: all the low ones, of which there are few, and a sample of the others.
+_SAMPLED = 6144
+
+
+class FrequencyBands:
+    """Radial bands of a half spectrum, evenly spaced in the logarithm of frequency, linear between neighbours.
+
+    Parameters
+    ----------
+    height, width : int
+        Of the images.
+
+    Attributes
+    ----------
+    sample : ndarray of int, shape (n,)
+        Flat indices of the frequencies that stand for all.
+    share : ndarray of float32, shape (n,)
+        Of all frequencies of the whole spectrum, for which a sampled one stands.
+    squared_frequency : ndarray of float32, shape (n,)
+        Of the sample.
+    """
+
+    def __init__(self, height: int, width: int) -> None:
+        rows, columns = squared_frequencies(height, width)
+        # The finite frequency at zero stands for all that is slower than the frame.
+        self._squared: Power = (rows[:, None] + columns + (2 * np.pi / max(height, width)) ** 2).astype(np.float32)
+        self.sample, weight = _sampled(self._squared.ravel())
+        multiplicity = column_multiplicity(width)[self.sample % len(columns)]
+        self.share: Power = (weight * multiplicity / (height * width)).astype(np.float32)
+        self.squared_frequency: Power = self._squared.ravel()[self.sample]
+        self._span = np.log([float(self._squared.min()), float(self._squared.max())])
+        position = self._position(self.squared_frequency)
+        self._lower = np.minimum(position.astype(np.intp), _N_BANDS - 2)
+        self._fraction = (position - self._lower).astype(np.float32)
+        self._size = self._sums(self.share)
+
+    def smoothed_logarithm(self, ratio: Power) -> NDArray[np.float64]:
+        """Logarithm of each band's mean of a ratio near 1 over the sample, (bands,)."""
+        means = (self._sums(ratio * self.share) + _BAND_INERTIA) / (self._size + _BAND_INERTIA)
+        return np.asarray(np.log(means))
+
+    def at_sample(self, logarithms: NDArray[np.float64]) -> Power:
+        """Exponential of the bands' logarithms, interpolated to the sample."""
+        logs = logarithms.astype(np.float32)
+        smooth: Power = np.exp(logs[self._lower] * (1 - self._fraction) + logs[self._lower + 1] * self._fraction)
+        return smooth
+
+    def power_law(self, power: float, logarithms: NDArray[np.float64]) -> Power:
+        """Power of every frequency, (height, width // 2 + 1): a power law times the bands' correction of it."""
+        logs = np.linspace(float(self._span[0]), float(self._span[1]), _TABLE)
+        correction = np.interp(np.linspace(0, _N_BANDS - 1, _TABLE), np.arange(_N_BANDS), logarithms)
+        table: Power = np.exp(correction + np.log(power) - _POWER_LAW / 2 * logs).astype(np.float32)
+        return np.asarray(table[self._entry])
+
+    @cached_property
+    def _entry(self) -> NDArray[np.int16]:
+        """Where in a table over the logarithm of frequency each frequency is."""
+        logs = np.log(self._squared)
+        logs -= np.float32(self._span[0])
+        logs *= np.float32((_TABLE - 1) / np.ptp(self._span))
+        return np.clip(np.rint(logs), 0, _TABLE - 1).astype(np.int16)
+
+    def _position(self, squared: Power) -> NDArray[np.float64]:
+        position = (np.log(squared.astype(np.float64)) - self._span[0]) / np.ptp(self._span)
+        return np.asarray(np.clip(position, 0, 1) * (_N_BANDS - 1))
+
+    def _sums(self, values: Power) -> NDArray[np.float64]:
+        lower = np.bincount(self._lower, values * (1 - self._fraction), _N_BANDS)
+        upper = np.bincount(self._lower + 1, values * self._fraction, _N_BANDS)
+        return np.asarray(lower + upper, dtype=np.float64)
+
+
+def _sampled(squared: Power) -> tuple[NDArray[np.intp], Power]:
+    """Flat indices of a sample, and for how many frequencies each stands."""
+    if squared.size <= _SAMPLED:
+        return np.arange(squared.size), np.ones(squared.size, dtype=np.float32)
+    n_low = _SAMPLED // 4
+    order = np.argpartition(squared, n_low)
+    drawn = np.random.default_rng(0).integers(n_low, squared.size, _SAMPLED - n_low)
+    weight = np.full(_SAMPLED, (squared.size - n_low) / len(drawn), dtype=np.float32)
+    weight[:n_low] = 1
+    return np.concatenate([order[:n_low], order[drawn]]), weight
+
+
+def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spectrum, Power]:
+    """Wiener solution and its variance per frequency.
+
+    Parameters
+    ----------
+    information : ndarray, shape (2, 2, ...)
+        Normal matrix of the two layers at each frequency, in units of the noise.
+    right : ndarray, shape (2, channel, ...)
+        Right-hand side.
+    prior : ndarray, shape (2, channel, ...)
+        Power of each layer.
+
+    Returns
+    -------
+    coefficients : ndarray, shape (2, channel, ...)
+    uncertainty : ndarray, same shape
+        Variance that remains.
+    """
+    h_t = information[0, 0].real + 1 / prior[0]
+    h_r = information[1, 1].real + 1 / prior[1]
+    cross = information[0, 1]
+    determinant = h_t * h_r - np.abs(cross) ** 2
+    uncertainty = np.stack([h_r, h_t]) / determinant
+    coefficients = np.empty_like(right)
+    coefficients[0] = uncertainty[0] * right[0] - cross / determinant * right[1]
+    coefficients[1] = uncertainty[1] * right[1] - cross.conj() / determinant * right[0]
+    return coefficients, uncertainty
+
+
+@dataclass(frozen=True)
+class FittedSpectra:
+    """Spectra of the layers that explain the photographs.
+
+    Attributes
+    ----------
+    power : ndarray, shape (2, channel)
+        Of the power law.
+    logarithms : ndarray, shape (2, channel, bands)
+        Of each band's correction.
+    prior, uncertainty : ndarray of float32, shape (2, channel, n)
+        Power before and after the photographs are seen, at the sampled frequencies.
+    """
+
+    power: NDArray[np.float64]
+    logarithms: NDArray[np.float64]
+    prior: Power
+    uncertainty: Power
+
+    def everywhere(self, bands: FrequencyBands) -> Power:
+        """Power of every frequency before the photographs are seen, (2, channel, H, W // 2 + 1)."""
+        return np.stack(
+            [
+                np.stack([bands.power_law(float(p), log) for p, log in zip(powers, logs, strict=True)])
+                for powers, logs in zip(self.power, self.logarithms, strict=True)
+            ]
+        )
+
+
+def fit_spectra(
+    information: Spectrum, right: Spectrum, bands: FrequencyBands, gradient_power: NDArray[np.float64]
+) -> FittedSpectra:
+    """Spectra under which the photographs are most likely: first a power law, then its correction in each band.
+
+    Parameters
+    ----------
+    information : ndarray, shape (2, 2, n)
+        At the sample of `bands`, else as for `posterior`.
+    right : ndarray, shape (2, channel, n)
+    bands : FrequencyBands
+    gradient_power : ndarray, shape (channel,)
+        Mean squared gradient per colour to start from.
+    """
+    law = bands.squared_frequency ** (_POWER_LAW / 2)
+    power = np.stack([gradient_power, gradient_power])
+    logarithms = np.zeros((*power.shape, _N_BANDS))
+    prior: Power = (power[..., None] / law).astype(np.float32)
+    for _ in range(_TURNS_POWER_LAW):
+        power = (_expected_power(information, right, prior) * (law * bands.share)).sum(axis=-1, dtype=np.float64)
+        prior = (power[..., None] / law).astype(np.float32)
+    for _ in range(_TURNS_BANDS):
+        ratio = _expected_power(information, right, prior) / prior
+        for where in np.ndindex(power.shape):
+            step = bands.smoothed_logarithm(ratio[where])
+            logarithms[where] += step
+            prior[where] *= bands.at_sample(step)
+    return FittedSpectra(power, logarithms, prior, posterior(information, right, prior)[1])
+
+
+def _expected_power(information: Spectrum, right: Spectrum, prior: Power) -> Power:
+    coefficients, uncertainty = posterior(information, right, prior)
+    return np.square(coefficients.real) + np.square(coefficients.imag) + uncertainty

@@ -1,0 +1,135 @@
+"""Variance that the photographs leave to a pixel, from what is told per frequency and how busy the place is.
+
+A layer is taken as a mixture of Gaussian ones: its spectrum is the fitted one times a scale that changes over the
+frame, small where the layer is flat and large where it has edges. Given the scales and how exactly the place is
+measured, the variance of a pixel is the sum over all frequencies of what a Wiener filter leaves open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.numerics import Basis
+from priors.base import CHROMA_WEIGHT
+
+Power = NDArray[np.float32]
+Images = NDArray[np.float32]
+
+SCALES = np.geomspace(0.01, 30.0, 9)
+"""Scales of the spectra that a table holds."""
+# Nine of ten photographs have less than so many times the power of another (measured on luminance, in any octave).
+_SPREAD_OF_POWER = 4.0
+_TURNS = 12
+# Detail is what a Gaussian of this width takes out of a layer.
+_DETAIL_PX = 2.0
+_LEAST = 1e-20
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known of two layers at a sample of the frequencies.
+
+    Attributes
+    ----------
+    told : ndarray, shape (2, n)
+        What the photographs tell of each layer (inverse variance).
+    cross : ndarray, shape (n,)
+        Squared modulus of what they tell of both together.
+    prior : ndarray, shape (2, channel, n)
+        Power before the photographs are seen, in the colour basis.
+    share : ndarray, shape (n,)
+        Of all frequencies, for which a sampled one stands.
+    squared_frequency : ndarray, shape (n,)
+    basis : ndarray, shape (channel, channel)
+        The colour basis.
+    """
+
+    told: Power
+    cross: Power
+    prior: Power
+    share: Power
+    squared_frequency: Power
+    basis: Basis
+
+    def uncertainty(self, precision: float = 1.0, scales: tuple[float, float] = (1.0, 1.0)) -> Power:
+        """Power that remains open, (2, channel, n), where information and spectra are so many times the usual."""
+        of_t, of_r = (
+            np.float32(precision) * self.told[i] + 1 / (np.float32(scales[i]) * self.prior[i]) for i in (0, 1)
+        )
+        determinant = of_t * of_r - np.float32(precision) ** 2 * self.cross
+        return np.asarray(np.stack([of_r, of_t]) / determinant)
+
+    def edges(self, power: Power) -> NDArray[np.float64]:
+        """Gradient energy of spectra (2, channel, n), chroma weighted as the penalties do, (2,)."""
+        per_color = power @ (self.share * self.squared_frequency)
+        color_weights = np.full(per_color.shape[1], CHROMA_WEIGHT)
+        color_weights[0] = 1.0
+        return np.asarray(per_color @ color_weights, dtype=np.float64)
+
+    def unknown_detail(self, reflection: Images) -> float:
+        """Share of the reflection's detail, what is finer than about 5 px, that remains open, 0..1.
+
+        What remains open, beside what was found: a spectrum fitted to photographs that hardly tell the reflection may
+        hold much that it has not. The root of the rest is how the detail found correlates with the true one.
+
+        Parameters
+        ----------
+        reflection : ndarray of float32, shape (channel, h, w)
+            What the filter found.
+        """
+        finer = 1 - np.exp(-self.squared_frequency * np.float32(_DETAIL_PX**2 / 2))
+        left = float((self.uncertainty()[1] @ (self.share * finer**2)).sum())
+        return left / max(left + _detail(reflection), _LEAST)
+
+    def variance(self) -> NDArray[np.float64]:
+        """That the photographs leave to a pixel of each layer, mean over colours, (2,)."""
+        return np.asarray((self.uncertainty() @ self.share).mean(axis=1), dtype=np.float64)
+
+    def structure(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mean squared difference of two pixels so far apart, mean over colours, (2, distances)."""
+        from scipy.special import j0
+
+        apart = 2 * (1 - j0(np.sqrt(self.squared_frequency) * distances[:, None]))
+        return np.asarray(self.prior.mean(axis=1) @ (apart * self.share).T)
+
+    def allowed(self) -> Knowledge:
+        """With the power that a layer may have where the photographs do not tell it.
+
+        One turn of the fit goes a share ``told^2`` of the way from the power that it starts with, which is that of the
+        photographs, to the layer's own. What it has not gone leaves the spread of spectra between photographs.
+        """
+        told = 1 - self.uncertainty() / self.prior
+        unfitted = (1 - told**2) ** _TURNS
+        return replace(self, prior=self.prior * (1 + np.float32(_SPREAD_OF_POWER - 1) * unfitted))
+
+
+def _detail(layer: Images) -> float:
+    """Mean square of the detail of a layer (channel, h, w), summed over colours."""
+    from scipy.ndimage import gaussian_filter
+
+    fine = layer - gaussian_filter(layer, (0, _DETAIL_PX, _DETAIL_PX), truncate=3)
+    return float(np.square(fine, out=fine).mean(axis=(-1, -2), dtype=np.float64).sum())
+
+
+def variance_table(known: Knowledge, precisions: NDArray[np.float64]) -> Power:
+    """Standard errors and untold detail over precision and the two layers' scales.
+
+    Returns
+    -------
+    ndarray of float32, shape (precisions, scales, scales, 2 channel + 1)
+        Standard error of each layer and channel of a pixel, then the share of the reflection's detail (gradient
+        energy) that is not told.
+    """
+    colors = known.prior.shape[1]
+    values = np.empty((len(precisions), len(SCALES), len(SCALES), 2 * colors + 1), dtype=np.float32)
+    usual = known.edges(known.prior)[1]
+    of_channels = known.basis.T**2
+    for where in np.ndindex(values.shape[:-1]):
+        scales = (float(SCALES[where[1]]), float(SCALES[where[2]]))
+        remaining = known.uncertainty(float(precisions[where[0]]), scales)
+        values[where][:-1] = np.sqrt((remaining @ known.share) @ of_channels.T).ravel()
+        values[where][-1] = known.edges(remaining)[1] / (scales[1] * usual)
+    return values

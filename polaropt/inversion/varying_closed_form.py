@@ -1,0 +1,213 @@
+"""Closed-form layers where the pane varies over the frame: pixel by pixel, or by filters of some places, blended.
+
+The inverted layers' noise differs from pixel to pixel; the filter takes its mean. It is a start, not an answer.
+
+Around a place the pane is that of the place: every frequency is a small mixture, as it is for a pane seen from far.
+The layers' spectra are those under which the surroundings of all places are most likely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, least_squares_entries
+from polaropt.inversion.canvas import Canvas
+from polaropt.inversion.closed_form import (
+    ClosedForm,
+    NormalEquations,
+    closed_form_of,
+    described,
+    filtered,
+    initial_power,
+    normal_equations,
+    transformed,
+)
+from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Spectrum, fit_spectra
+from polaropt.inversion.transfer import ghost_transfer, ghost_transfer_at
+from polaropt.numerics import Basis, opponent_basis
+from polaropt.optics import VaryingPSE
+from priors.natural_image import in_basis
+
+Images = NDArray[np.float32]
+
+# Standard deviation of a layer's pixel before anything is measured, in units of the mean intensity.
+_SPREAD = 0.5
+# Information that keeps a pixel without any from dividing by zero.
+_LEAST = 1e-6
+
+
+def varying_layers(capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float) -> ClosedForm:
+    """Counterpart of `polaropt.inversion.closed_form.natural_image_layers`; parameters and result as there."""
+    basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
+    stokes = in_basis(basis.astype(np.float32), least_squares_entries(capture, pse.analyzer), np)
+    precision = pse.analyzer.T @ pse.analyzer / noise**2
+    mixtures = pse.mixtures(canvas.height, canvas.width)
+    told, layers, covariance = inverted(mixtures, precision, stokes, weak_prior(stokes))
+    level = layers.mean(axis=(-1, -2), keepdims=True)
+    information = np.linalg.inv(covariance)
+    right = np.tensordot(information.astype(np.float32), transformed(layers, level, canvas), axes=1)
+    known = closed_form_of(_everywhere(information, right), initial_power(stokes[0] / 2), level, basis, canvas)
+    # What is told on average, not what is left open on average, makes the coordinates round.
+    mean = _everywhere(told.mean(axis=(-1, -2), dtype=np.float64), right)
+    return replace(known, told=mean.told, cross=mean.cross)
+
+
+def weak_prior(stokes: Images) -> float:
+    """Inverse variance of a pixel of a layer before anything is measured, from Stokes images in the colour basis."""
+    intensity = max(1e-6, float(np.sqrt(np.square(stokes[0].mean(axis=(-1, -2))).sum())))
+    return 1 / (_SPREAD * intensity) ** 2
+
+
+def varying_pixel_layers(capture: Capture, pse: VaryingPSE) -> Images:
+    """Counterpart of `polaropt.inversion.closed_form.per_pixel_layers`: layers (2, [channel,] h, w)."""
+    stokes = least_squares_entries(capture, pse.analyzer)
+    precision = pse.analyzer.T @ pse.analyzer
+    _, layers, _ = inverted(pse.mixtures(*capture.shape[-2:]), precision, stokes, _LEAST)
+    return layers if capture.color else layers[:, 0]
+
+
+def _everywhere(information: NDArray[Any], right: NDArray[Any]) -> NormalEquations:
+    """The same information (2, 2) at every frequency."""
+    flat = np.ones(right.shape[-2:], dtype=np.float32)
+    told = np.stack([np.float32(information[i, i]) * flat for i in (0, 1)])
+    return NormalEquations(told, (information[0, 1] * flat).astype(np.complex64), right)
+
+
+def inverted(
+    mixtures: Images, precision: NDArray[np.float64], stokes: Images, stiffness: float
+) -> tuple[Images, Images, NDArray[np.float64]]:
+    """Each pixel's layers from its own photographs.
+
+    Parameters
+    ----------
+    mixtures : ndarray, shape (3, 2, h, w)
+        Stokes images of layers of intensity 1.
+    precision : ndarray, shape (3, 3)
+        Inverse covariance of a pixel's Stokes vector.
+    stokes : ndarray, shape (3, channel, h, w)
+    stiffness : float
+        Weak prior at zero, an inverse variance.
+
+    Returns
+    -------
+    told : ndarray, shape (2, 2, h, w)
+        Information on the two layers.
+    layers : ndarray of float32, shape (2, channel, h, w)
+    covariance : ndarray, shape (2, 2)
+        Of the layers' noise, mean over the pixels.
+    """
+    weights = np.tensordot(precision.astype(np.float32), mixtures, axes=1)
+    told = np.einsum("ilhw,imhw->lmhw", mixtures, weights)
+    t, r, k = told[0, 0] + np.float32(stiffness), told[1, 1] + np.float32(stiffness), told[0, 1]
+    determinant = t * r - k * k
+    right = np.einsum("ilhw,ichw->lchw", weights, stokes)
+    layers = np.stack([r * right[0] - k * right[1], t * right[1] - k * right[0]]) / determinant
+    entries = [float((part / determinant).mean(dtype=np.float64)) for part in (r, -k, -k, t)]
+    return told, layers, np.array(entries).reshape(2, 2)
+
+
+Matrix = NDArray[np.float64]
+
+# Places per side whose surroundings the spectra are fitted to, and between whose filters the layers are blended.
+_N_FITTED, _N_FILTERS = 2, 4
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A pixel of the frame, and how much the pixels of the canvas belong to it, (H, W)."""
+
+    row: int
+    column: int
+    weights: Images
+
+
+def ghost_layers(capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float) -> ClosedForm:
+    """Counterpart of `polaropt.inversion.closed_form.natural_image_layers`; parameters and result as there."""
+    basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
+    stokes = in_basis(basis.astype(np.float32), least_squares_entries(capture, pse.analyzer), np)
+    precision = pse.analyzer.T @ pse.analyzer / noise**2
+    mixtures = pse.mixtures(canvas.height, canvas.width)
+    _, in_place, _ = inverted(mixtures, precision, stokes, weak_prior(stokes))
+    mean: Images = in_place.mean(axis=(-1, -2), keepdims=True)
+    # What the means show is another thing in every pixel; the filters see the rest.
+    rest = stokes - np.einsum("ilhw,lc->ichw", mixtures, mean[..., 0, 0])
+    panes = _Panes(pse, precision, canvas)
+    bands = FrequencyBands(*canvas.shape)
+    fitted = _fitted(panes, rest, bands, initial_power(stokes[0] / 2))
+    seen, layers = _blended(panes, rest, fitted.everywhere(bands), mean, basis)
+    return replace(described(seen, fitted, bands, mean, basis), layers=layers)
+
+
+class _Panes:
+    """The pane as it is at places of the frame."""
+
+    def __init__(self, pse: VaryingPSE, precision: Matrix, canvas: Canvas) -> None:
+        frame = (canvas.height, canvas.width)
+        self.canvas, self._precision = canvas, precision
+        self._mixtures, self._displacements = pse.ghost_mixtures(*frame), pse.displacements(*frame)
+
+    def seen(self, place: _Place, data: Spectrum) -> NormalEquations:
+        """What spectra (3, channel, H, W // 2 + 1) tell of the layers if all the pane is as at a place."""
+        transfer = ghost_transfer(self._taps(place), self._displacements, *self.canvas.shape)
+        return normal_equations(transfer, self._precision, data)
+
+    def seen_at(self, place: _Place, data: Spectrum, sample: NDArray[np.intp]) -> NormalEquations:
+        """The same at a sample of the frequencies, flat indices: data (3, channel, n)."""
+        transfer = ghost_transfer_at(self._taps(place), self._displacements, self.canvas.shape, sample)
+        return normal_equations(transfer, self._precision, data)
+
+    def _taps(self, place: _Place) -> Matrix:
+        return self._mixtures[..., place.row, place.column].transpose(1, 2, 0).astype(np.float64)
+
+
+def _places(canvas: Canvas, per_side: int) -> Iterator[_Place]:
+    """Places evenly over the frame, with weights that fall linearly to the next ones and add up to 1."""
+    rows, columns = (
+        ((np.arange(per_side) + 0.5) * length / per_side).astype(int) for length in (canvas.height, canvas.width)
+    )
+    height, width = canvas.shape
+    for i, j in np.ndindex(per_side, per_side):
+        down = np.interp(np.arange(height), rows + canvas.top, np.eye(per_side)[i])
+        across = np.interp(np.arange(width), columns + canvas.left, np.eye(per_side)[j])
+        yield _Place(int(rows[i]), int(columns[j]), np.outer(down, across).astype(np.float32))
+
+
+def _fitted(panes: _Panes, rest: Images, bands: FrequencyBands, power: NDArray[np.float64]) -> FittedSpectra:
+    """Spectra fitted at the bands' sample, whose frequencies are looked at around one place each, in turns."""
+    n = bands.sample.size
+    information = np.empty((2, 2, n), dtype=np.complex64)
+    right = np.empty((2, rest.shape[1], n), dtype=np.complex64)
+    places = list(_places(panes.canvas, _N_FITTED))
+    for i, place in enumerate(places):
+        own = slice(i, None, len(places))
+        window = panes.canvas.crop(place.weights)
+        window = window / np.sqrt(np.square(window).mean())
+        data = _spectra(rest * window, panes.canvas)
+        sampled = data.reshape(*data.shape[:2], -1)[..., bands.sample[own]]
+        seen = panes.seen_at(place, sampled, bands.sample[own])
+        information[..., own] = [[seen.told[0], seen.cross], [seen.cross.conj(), seen.told[1]]]
+        right[..., own] = seen.right
+    return fit_spectra(information, right, bands, power)
+
+
+def _blended(panes: _Panes, rest: Images, prior: Images, mean: Images, basis: Basis) -> tuple[NormalEquations, Images]:
+    """What is told on average, and canvas layers: between places those of their filters, blended."""
+    data = _spectra(rest, panes.canvas)
+    layers = np.zeros((*prior.shape[:2], *panes.canvas.shape), dtype=np.float32)
+    told, cross = np.zeros((2, *data.shape[-2:]), np.float32), np.zeros(data.shape[-2:], np.complex64)
+    places = list(_places(panes.canvas, _N_FILTERS))
+    for place in places:
+        seen = panes.seen(place, data)
+        told += seen.told / np.float32(len(places))
+        cross += seen.cross / np.float32(len(places))
+        layers += place.weights * filtered(seen, prior, mean, basis, panes.canvas)
+    return NormalEquations(told, cross, np.empty(0, dtype=np.complex64)), layers
+
+
+def _spectra(images: Images, canvas: Canvas) -> Spectrum:
+    return transformed(images, np.zeros((*images.shape[:2], 1, 1), np.float32), canvas)

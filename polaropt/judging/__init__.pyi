@@ -1,0 +1,17 @@
+__all__ = [
+    "Diagnostics",
+    "SeparationWarning",
+    "Uncertainty",
+    "diagnose",
+    "estimate_uncertainty",
+    "noise_share",
+    "nothing_told",
+]
+
+from .uncertainty import Uncertainty as Uncertainty
+from .uncertainty import estimate_uncertainty as estimate_uncertainty
+from .uncertainty import nothing_told as nothing_told
+from .warnings import Diagnostics as Diagnostics
+from .warnings import SeparationWarning as SeparationWarning
+from .warnings import diagnose as diagnose
+from .warnings import noise_share as noise_share

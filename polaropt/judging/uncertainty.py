@@ -1,0 +1,292 @@
+"""Standard errors of both layers in every pixel, and where the reflection's detail is known.
+
+Per number and pixel the layers move together by half the difference of the two closed forms; their squares add up. The
+incidence is moved by two errors, as two are to cover the truth: towards frontal glass what follows from it soars.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, NoiseModel, noise_classes
+from polaropt.inversion import SCALES, Knowledge, variance_table
+from polaropt.judging.precision import LEAST, local_precision
+from polaropt.optics import PSE, SceneErrors, SceneParameters, VaryingPSE
+from polaropt.solving import Piece, Problem, Tile, Weights
+from priors.base import CHROMA_WEIGHT
+from solvers.kernels import in_blocks
+
+Images = NDArray[np.float32]
+
+# Beyond these the layers change no more in proportion, and the engine's ranges end.
+_LARGEST_DEG, _LARGEST_PX = 20.0, 8.0
+_COVERING = 2.0
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A scene on both sides of the one found, in one number, and how many standard errors it is moved each way."""
+
+    below: SceneParameters
+    above: SceneParameters
+    n_errors: float
+
+
+def doubts(scene: SceneParameters, errors: SceneErrors) -> tuple[Doubt, ...]:
+    """Moved scenes for every number of a complete scene that was estimated.
+
+    Parameters
+    ----------
+    scene : SceneParameters
+    errors : SceneErrors
+        What is None in it adds nothing; nor does the azimuth of a flat pane that is seen from far, as polarization
+        falls with the cosine of its error.
+    """
+    # Ghosts hardly matter to how slow changes answer, and before a wide lens they cost many times as much.
+    base = scene.replace(ghost_shift=0.0, transmission_ghost_shift=None) if scene.varies else scene
+    return tuple(_moved(base, errors))
+
+
+def scene_variance(
+    capture: Capture,
+    noise: float,
+    doubtful: tuple[Doubt, ...],
+    center: tuple[float, float] | None = None,
+    growth: NoiseModel | None = None,
+) -> Images:
+    """Variance of the layers for the scene's errors alone, (2, channel, h, w).
+
+    Errors of different numbers count as independent.
+
+    Parameters
+    ----------
+    capture : Capture
+        The frame, or a tile of it.
+    noise : float
+    doubtful : tuple of Doubt
+        At least one.
+    center : (float, float), optional
+    growth : NoiseModel, optional
+        Both as for `polaropt.solving.problem.Problem`.
+    """
+
+    def layers(scene: SceneParameters) -> Images:
+        problem = Problem(capture, scene, noise, Weights(), center=center, growth=growth)
+        return np.asarray(problem.canvas.crop(problem.known.layers))
+
+    def variance(doubt: Doubt) -> Images:
+        change = layers(doubt.above)
+        change -= layers(doubt.below)
+        change *= np.float32(0.5 / doubt.n_errors)
+        return np.asarray(np.square(change, out=change))
+
+    total = variance(doubtful[0])
+    for doubt in doubtful[1:]:
+        total += variance(doubt)
+    return total
+
+
+def _moved(scene: SceneParameters, errors: SceneErrors) -> Iterator[Doubt]:
+    """A doubt for each number that was estimated."""
+    incidence, focal = scene.values()[0], scene.focal_px or 0.0
+    # Name, largest error that counts, errors to move by, largest step.
+    limits = (
+        ("incidence_deg", _LARGEST_DEG, _COVERING, min(incidence, 90 - incidence) / 2),
+        ("azimuth_deg", _LARGEST_DEG if scene.varies else 0.0, 1.0, _LARGEST_DEG),
+        ("ghost_shift", _LARGEST_PX, 1.0, _LARGEST_PX),
+        ("transmission_ghost_shift", _LARGEST_PX, 1.0, _LARGEST_PX),
+        ("focal_px", focal, 1.0, focal / 2),
+    )
+    for name, largest, n_errors, farthest in limits:
+        value, error = getattr(scene, name), min(getattr(errors, name) or 0.0, largest)
+        if value is not None and min(error, farthest) > 0:
+            step = min(n_errors * error, farthest)
+            below, above = (scene.replace(**{name: value + sign * step}) for sign in (-1, 1))
+            yield Doubt(below, above, step / error)
+    for i, error in enumerate(errors.bend_deg_per_px or ()):
+        if 0 < error < math.inf:
+            below, above = (scene.replace(bend_deg_per_px=_bent(scene, i, sign * error)) for sign in (-1, 1))
+            yield Doubt(below, above, 1.0)
+
+
+def _bent(scene: SceneParameters, i: int, more: float) -> tuple[float, ...]:
+    """The scene's bend with more of one of its numbers."""
+    return tuple(part + more * (i == j) for j, part in enumerate(scene.bend_deg_per_px))
+
+
+_BLUR_PX = 1.5
+_ROWS = 32
+_N_PRECISIONS = 6
+# Places per side of a pane that varies over the frame, at which a table is made.
+_N_PLACES = 4
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How well the layers of a separation are known.
+
+    Attributes
+    ----------
+    standard_error : ndarray of float32, shape (2, [channel,] h, w)
+        Of the transmission and the reflection, in the layers' units, with what the scene's own errors add. 90 to 99 %
+        of true values lie within two of them where the scene is known (``python -m studies.coverage``); of pixels that
+        all photographs clip, fewer: nothing says how much brighter than white they are.
+    reflection_known : ndarray of float32, shape (h, w)
+        Share of the reflection's detail (gradient energy) that the photographs tell, 0..1. Where it is low the
+        reflection fades to its slow changes.
+    """
+
+    standard_error: Images
+    reflection_known: Images
+
+
+def estimate_uncertainty(
+    capture: Capture,
+    layers: Images,
+    noise: float,
+    pieces: Sequence[Piece],
+    growth: NoiseModel | None = None,
+    *,
+    of_scene: SceneErrors = SceneErrors(),  # noqa: B008 (frozen)
+) -> Uncertainty:
+    """Standard errors from the variance that each place's photographs and spectra leave, and from the scene's errors.
+
+    Parameters
+    ----------
+    capture : Capture
+    layers : ndarray of float32, shape (2, channel, h, w)
+    noise : float
+    pieces : sequence of Piece
+        Their weights add up to 1 in every pixel.
+    growth : NoiseModel, optional
+        How the noise grows with the light. Default: it is the same everywhere.
+    of_scene : SceneErrors
+        Of what was estimated of the scene. Default: it is known.
+    """
+    colors = layers.shape[1]
+    total = np.zeros((2 * colors + 1, *layers.shape[-2:]), dtype=np.float32)
+    for piece in pieces:
+        part = capture.part(*piece.tile.where)
+        classes = None if growth is None else noise_classes(part, growth)
+        usual = noise if classes is None else classes.typical
+        precision = local_precision(part, piece.pse, usual, piece.known, classes)
+        for place in _places(piece, usual, part.shape[-2:]):
+            rows, columns = place.tile.where
+            of_frame = (slice(None), *_within(piece.tile, rows, columns))
+            exact = None if precision is None else precision[rows, columns]
+            total[of_frame] += place.tile.weights * _looked_up(layers[:, *of_frame], place.known, exact)
+    errors = total[:-1].reshape(2, colors, *layers.shape[-2:])
+    doubtful = doubts(pieces[0].pse.scene, of_scene)
+    if doubtful:
+        np.hypot(errors, _of_scene(capture, noise, pieces, doubtful, growth), out=errors)
+    known = 1 - np.clip(total[-1], 0, 1)
+    return Uncertainty(errors if capture.color else errors[:, 0], known)
+
+
+def _of_scene(
+    capture: Capture, noise: float, pieces: Sequence[Piece], doubtful: tuple[Doubt, ...], growth: NoiseModel | None
+) -> Images:
+    """Standard errors (2, channel, h, w) that the scene's own add."""
+    height, width = capture.shape[-2:]
+    errors = np.zeros((2, capture.shape[0] if capture.color else 1, height, width), dtype=np.float32)
+    for tile in (piece.tile for piece in pieces):
+        center = ((width - 1) / 2 - tile.columns.start, (height - 1) / 2 - tile.rows.start)
+        variance = scene_variance(capture.part(*tile.where), noise, doubtful, center, growth)
+        errors[..., *tile.where] += tile.weights * np.sqrt(variance, out=variance)
+    return errors
+
+
+def nothing_told(capture: Capture, noise: float) -> Uncertainty:
+    """Of a capture that shows no polarization: its intensity holds both layers, so that each may be all of it."""
+    intensity = np.abs(capture.stokes[0])
+    return Uncertainty(np.stack([intensity, intensity]) + np.float32(noise), np.zeros(capture.shape[-2:], np.float32))
+
+
+def _within(tile: Tile, rows: slice, columns: slice) -> tuple[slice, slice]:
+    """Rows and columns of the frame, of a place in a tile."""
+    top, left = tile.rows.start, tile.columns.start
+    return slice(top + rows.start, top + rows.stop), slice(left + columns.start, left + columns.stop)
+
+
+def _looked_up(layers: Images, known: Knowledge, precision: Images | None) -> Images:
+    """Standard errors (2 channel planes) and the untold share of the reflection's detail of one place."""
+    from polaropt.judging.kernels import interpolated
+
+    precisions = (
+        np.ones(1) if precision is None else np.geomspace(LEAST, max(1.0, float(precision.max())), _N_PRECISIONS)
+    )
+    table = variance_table(known.allowed(), precisions)
+    positions = np.zeros((3, *layers.shape[-2:]), dtype=np.float32)
+    if precision is not None:
+        positions[0] = _position(precision, precisions)
+    for i, scale in enumerate(_local_scales(layers, known)):
+        positions[1 + i] = _position(scale, SCALES)
+    out = np.empty((table.shape[-1], *layers.shape[-2:]), dtype=np.float32)
+    in_blocks(lambda start, stop: interpolated(table, positions, out, start, stop), out.shape[1], _ROWS)
+    return out
+
+
+def _position(values: Images, grid: NDArray[np.float64]) -> Images:
+    """Where values lie in a grid of equal ratios."""
+    step = np.float32(np.log(grid[1] / grid[0]))
+    return np.asarray(np.log(np.maximum(values, np.float32(grid[0])) / np.float32(grid[0])) / step, dtype=np.float32)
+
+
+def _local_scales(layers: Images, known: Knowledge) -> Images:
+    """Gradient energy around a pixel in units of the layer's, what is not told at its expected value, (2, h, w)."""
+    from scipy.ndimage import gaussian_filter
+
+    from polaropt.solving import Frame, energies
+
+    height, width = layers.shape[-2:]
+    energy = np.empty((2, height, width), dtype=np.float32)
+    planes = np.ascontiguousarray(layers)
+    chroma = np.float32(CHROMA_WEIGHT if layers.shape[1] > 1 else 1)
+    energies(planes, Frame(0, 0, height, width), chroma, energy, 0, height)
+    usual, unknown = known.edges(known.prior), known.edges(known.uncertainty())
+    for i in (0, 1):
+        gaussian_filter(energy[i], _BLUR_PX, mode="nearest", output=energy[i])
+        energy[i] = (energy[i] + np.float32(unknown[i])) / np.float32(usual[i])
+    return energy
+
+
+def _places(piece: Piece, noise: float, shape: tuple[int, ...]) -> Iterator[Piece]:
+    """A tile as a whole, or the places of a pane that varies: with weights that fall to the neighbouring places."""
+    if isinstance(piece.pse, PSE):
+        height, width = shape
+        whole = Tile(slice(0, height), slice(0, width), piece.tile.weights)
+        yield replace(piece, tile=whole)
+        return
+    told = _told_by_pixel(piece.pse, noise, shape)
+    for rows, down in _hats(shape[0]):
+        for columns, across in _hats(shape[1]):
+            weights = np.outer(down, across)
+            mean = (told[..., rows, columns] * weights).sum(axis=(-1, -2)) / weights.sum()
+            tile = Tile(rows, columns, (weights * piece.tile.weights[rows, columns]).astype(np.float32))
+            yield replace(piece, tile=tile, known=_with_told(piece.known, mean))
+
+
+def _told_by_pixel(pse: VaryingPSE, noise: float, shape: tuple[int, ...]) -> Images:
+    """What its own photographs tell of the layers of each pixel, (2, 2, h, w)."""
+    mixtures = pse.mixtures(*shape)
+    weights = np.tensordot((pse.analyzer.T @ pse.analyzer / noise**2).astype(np.float32), mixtures, axes=1)
+    return np.asarray(np.einsum("ilhw,imhw->lmhw", mixtures, weights))
+
+
+def _with_told(known: Knowledge, told: NDArray[np.float64]) -> Knowledge:
+    """The same information (2, 2) at every frequency."""
+    flat = np.ones_like(known.share)
+    return replace(known, told=np.stack([np.float32(told[i, i]) * flat for i in (0, 1)]), cross=told[0, 1] ** 2 * flat)
+
+
+def _hats(length: int) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+    """Overlapping parts of a side with weights that add up to 1: linear between the places in their middles."""
+    places = np.linspace(0, length - 1, _N_PLACES)
+    for i in range(_N_PLACES):
+        start, stop = int(np.ceil(places[max(i - 1, 0)])), int(places[min(i + 1, _N_PLACES - 1)]) + 1
+        yield slice(start, stop), np.interp(np.arange(start, stop), places, np.eye(_N_PLACES)[i])

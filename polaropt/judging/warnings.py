@@ -1,0 +1,250 @@
+"""What a capture cannot tell, and what went against the model: an enumeration with a sentence for each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes
+from polaropt.estimation import NOTABLE_STAKE, AngleMistake, SceneEstimate, angle_mistake
+from polaropt.optics import SceneParameters, stokes_from_intensities
+
+Floats = NDArray[np.float32]
+
+_UNKNOWN_REFLECTION = 0.86
+"""There the fine detail of the reflection correlates with the truth by 0.3 to 0.4."""
+_FRONTAL_DEG, _GRAZING_DEG = 12.0, 84.0
+_MUCH_CLIPPED = 0.01
+_MUCH_NOISE = 0.42
+"""There the transmission gains less than 7 dB on the plain intensity."""
+_BAD_FIT, _MUCH_LEFT = 3.0, 4.0
+_SAMPLE = 128
+
+
+class SeparationWarning(Enum):
+    """What a user should know before trusting a result; the value is the sentence.
+
+    REFLECTION_NOT_IDENTIFIABLE tells an effect; its cause, if the capture has one, has a warning of its own:
+    NO_POLARIZATION, NEAR_NORMAL or NOISE_TOO_HIGH.
+    """
+
+    NO_POLARIZATION = (
+        "The photographs show no polarization: nothing can be separated, and the intensity is returned as transmission."
+    )
+    REFLECTION_NOT_IDENTIFIABLE = (
+        "The photographs hardly tell the reflection: trust its slow changes at most. "
+        "The transmission does not suffer from this."
+    )
+    NEAR_NORMAL = (
+        "The glass is seen almost frontally (less than 12 degrees), where it hardly polarizes: "
+        "photograph it more obliquely, best from 50 to 75 degrees."
+    )
+    GRAZING = (
+        "The glass is seen at a grazing angle (more than 84 degrees), where it passes little light and small errors of "
+        "the incidence matter much: the transmission is noisy; photograph the glass less obliquely."
+    )
+    NOISE_TOO_HIGH = (
+        "The noise is large against the polarization or the brightness, and fine detail is lost in it: "
+        "expose longer, or average several photographs at each angle."
+    )
+    SATURATED = "More than 1 % of the pixels are clipped at white; they were left out and filled in from the others."
+    ANGLES_SWAPPED = (
+        "The photographs look as if they were given in a wrong order (pairs do not add up, others would): "
+        "check which file belongs to which polarizer angle."
+    )
+    ANGLES_REVERSED = (
+        "The polarizer's angles look as if they were counted the other way (double images, or the change over the "
+        "picture, contradict them): try --angle-sense cw (ccw if you gave cw)."
+    )
+    ANGLES_ROTATED = (
+        "Double images lie along another direction than the polarizer's angles say: check from where and in which "
+        "order the angles count, or try --angles relative."
+    )
+    MISALIGNED = (
+        "The photographs are shifted or turned against each other by more than half a pixel: align them (--align, in "
+        "Python polaropt.align)."
+    )
+    GAMMA_ENCODED = (
+        "The photographs look gamma-encoded: pairs do not add up. Give linear files, or tell the encoding (gamma)."
+    )
+    POLARIZED_SOURCE = (
+        "The light of a layer looks polarized before it meets the glass (a screen behind it, blue sky in the "
+        "reflection): check the layers for parts that belong to the other one."
+    )
+    INCIDENCE_DOUBTFUL = (
+        "The photographs speak against the incidence that was given: with it the reflection would be taken off by a "
+        "third too much or too little. Check it, or leave it to be found. Where it would do "
+        "harm the intensity is returned as transmission, unless a model is asked for by its name."
+    )
+    AXIS_DOUBTFUL = (
+        "A pane whose plane of incidence lies across, its layers exchanged, explains the photographs about as well: "
+        "take them with less noise, or tell the azimuth (how the plane of incidence lies in the picture)."
+    )
+    MODEL_DOES_NOT_EXPLAIN = (
+        "The pane with these parameters does not explain the photographs down to their noise: "
+        "a wide lens, a bent pane, polarized light or movement may be the reason."
+    )
+    SOLVER_FAILED = "The solver met values that are not finite; the best point before is returned."
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """What is known of a separation's trustworthiness.
+
+    Attributes
+    ----------
+    warnings : tuple of SeparationWarning
+    noise : float
+        Standard deviation of one photograph's noise (white = 1).
+    clipped : float
+        Share of pixels that were not trusted.
+    misfit_ratio : float
+        Mean squared residual of the photographs in units of the noise; 1 where the model explains them.
+    reflection_unknown : float
+        Share of the reflection's detail (finer than about 5 px) that the photographs do not tell, 0..1.
+    estimate : SceneEstimate or None
+        How the scene was found; None where nothing was estimated.
+    noise_model : NoiseModel or None
+        How the noise grows with the light; None where that is not known.
+    """
+
+    warnings: tuple[SeparationWarning, ...]
+    noise: float
+    clipped: float
+    misfit_ratio: float
+    reflection_unknown: float
+    estimate: SceneEstimate | None
+    noise_model: NoiseModel | None = None
+
+
+def diagnose(
+    capture: Capture,
+    noise: float,
+    *,
+    misfit_ratio: float,
+    reflection_unknown: float,
+    estimate: SceneEstimate | None,
+    scene: SceneParameters | None = None,
+    unexplained: float = 1.0,
+    noise_share: float = 0.0,
+    looks_polarized: bool = False,
+    mistakes: Mistakes | None = None,
+    doubtful_incidence: bool = False,
+    finite: bool = True,
+) -> Diagnostics:
+    """Collect the warnings that a capture and its solution deserve.
+
+    Parameters
+    ----------
+    capture : Capture
+    noise, misfit_ratio, reflection_unknown, estimate
+        As the attributes of `Diagnostics`.
+    scene : SceneParameters, optional
+        The scene of the solution. Default: that of the estimate.
+    unexplained : float
+        Light polarized at 45 degrees to the plane of incidence, mean square over blocks in units of its noise.
+    noise_share : float
+        See the function of this name.
+    looks_polarized : bool
+        Whether the layers' light looks polarized where the scene has it unpolarized.
+    mistakes : Mistakes, optional
+        What was found wrong with the photographs. Default: it is looked for.
+    doubtful_incidence : bool
+        Whether the photographs speak against the incidence that was given.
+    finite : bool
+        Whether the solver met nothing but finite values.
+    """
+    clipped = 1 - np.count_nonzero(capture.valid) / capture.valid.size
+    polarized = estimate is None or estimate.polarized
+    if scene is None and estimate is not None:
+        scene = estimate.scene
+    mistakes, mistake = find_mistakes(capture) if mistakes is None else mistakes, None
+    # An azimuth that was given may be the one that is wrong.
+    free = estimate is None or np.isfinite(estimate.axis_margin)
+    if scene is not None and free and mistakes == Mistakes():
+        mistake = angle_mistake(capture, noise, scene, estimate, unexplained)
+    deserved = {
+        SeparationWarning.NO_POLARIZATION: not polarized,
+        SeparationWarning.REFLECTION_NOT_IDENTIFIABLE: not polarized or reflection_unknown > _UNKNOWN_REFLECTION,
+        **_of_geometry_and_noise(polarized, reflection_unknown, noise_share, scene),
+        SeparationWarning.SATURATED: clipped > _MUCH_CLIPPED,
+        **_of_mistakes(mistakes),
+        **_of_angles(mistake),
+        SeparationWarning.POLARIZED_SOURCE: looks_polarized or _found_polarized(scene, estimate),
+        SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
+        SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),
+        SeparationWarning.MODEL_DOES_NOT_EXPLAIN: polarized and (misfit_ratio > _BAD_FIT or unexplained > _MUCH_LEFT),
+        SeparationWarning.SOLVER_FAILED: not finite,
+    }
+    return Diagnostics(
+        warnings=tuple(warning for warning, given in deserved.items() if given),
+        noise=noise,
+        clipped=clipped,
+        misfit_ratio=misfit_ratio,
+        reflection_unknown=reflection_unknown,
+        estimate=estimate,
+    )
+
+
+def noise_share(capture: Capture, transmission: Floats, variance: float) -> float:
+    """Error that noise leaves in the transmission, over what was changed of the intensity or its contrast.
+
+    Rms values; of the two the smaller counts. The separation gains as many decibels as this lies below 1.
+
+    Parameters
+    ----------
+    capture : Capture
+    transmission : ndarray, shape ([channel,] h, w)
+    variance : float
+        Mean square of the error.
+    """
+    rows, columns = (slice(None, None, max(1, side // _SAMPLE)) for side in capture.shape[-2:])
+    seen = transmission[..., rows, columns]
+    intensity = stokes_from_intensities(capture.intensities[..., rows, columns], capture.angles_deg)[0]
+    changed = float(np.sqrt(np.mean(np.square(seen - intensity.reshape(seen.shape)))))
+    least = min(changed, float(seen.std()))
+    return float(np.sqrt(variance)) / least if least > 0 else 0.0
+
+
+def _found_polarized(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
+    """Whether polarized light was found, not given."""
+    return estimate is not None and scene is not None and scene.polarized
+
+
+def _may_lie_across(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
+    """Whether one of two flat panes was taken in doubt; a rung above has more that tells them apart."""
+    plain = scene is not None and not scene.varies and not scene.polarized
+    return plain and estimate is not None and estimate.axis_stake >= NOTABLE_STAKE
+
+
+def _of_geometry_and_noise(
+    polarized: bool, reflection_unknown: float, noise_share: float, scene: SceneParameters | None
+) -> dict[SeparationWarning, bool]:
+    """Why the reflection, or the transmission, cannot be told."""
+    incidence = None if scene is None or not polarized else scene.incidence_deg
+    frontal = incidence is not None and incidence < _FRONTAL_DEG
+    # Where the pane is oblique enough nothing but noise can hide the reflection.
+    unseen = polarized and not frontal and reflection_unknown > _UNKNOWN_REFLECTION
+    return {
+        SeparationWarning.NEAR_NORMAL: frontal,
+        SeparationWarning.GRAZING: incidence is not None and incidence > _GRAZING_DEG,
+        SeparationWarning.NOISE_TOO_HIGH: unseen or noise_share > _MUCH_NOISE,
+    }
+
+
+def _of_mistakes(mistakes: Mistakes) -> dict[SeparationWarning, bool]:
+    return {
+        SeparationWarning.ANGLES_SWAPPED: mistakes.swapped,
+        SeparationWarning.MISALIGNED: mistakes.moved,
+        SeparationWarning.GAMMA_ENCODED: mistakes.encoded,
+    }
+
+
+def _of_angles(mistake: AngleMistake | None) -> dict[SeparationWarning, bool]:
+    return {
+        SeparationWarning.ANGLES_REVERSED: mistake is AngleMistake.REVERSED,
+        SeparationWarning.ANGLES_ROTATED: mistake is AngleMistake.ROTATED,
+    }

@@ -1,0 +1,35 @@
+__all__ = [
+    "Basis",
+    "Box",
+    "block_mean",
+    "column_multiplicity",
+    "each_plane",
+    "fill_gaps",
+    "frequencies",
+    "grid_sums",
+    "in_color",
+    "jackknife_error",
+    "left_out",
+    "local_minimum",
+    "minimum_error",
+    "opponent_basis",
+    "squared_frequencies",
+    "vertex",
+]
+
+from .blocks import block_mean as block_mean
+from .blocks import fill_gaps as fill_gaps
+from .color import Basis as Basis
+from .color import in_color as in_color
+from .color import opponent_basis as opponent_basis
+from .jackknife import grid_sums as grid_sums
+from .jackknife import jackknife_error as jackknife_error
+from .jackknife import left_out as left_out
+from .jackknife import minimum_error as minimum_error
+from .minima import Box as Box
+from .minima import local_minimum as local_minimum
+from .minima import vertex as vertex
+from .spectrum import column_multiplicity as column_multiplicity
+from .spectrum import each_plane as each_plane
+from .spectrum import frequencies as frequencies
+from .spectrum import squared_frequencies as squared_frequencies

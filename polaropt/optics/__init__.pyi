@@ -1,0 +1,65 @@
+__all__ = [
+    "FLAT",
+    "PSE",
+    "SEARCHED",
+    "Bend",
+    "Displacements",
+    "Pane",
+    "SceneErrors",
+    "SceneParameters",
+    "VaryingPSE",
+    "analyzer_matrix",
+    "bent_normal",
+    "bounces_that_show",
+    "brewster_angle_deg",
+    "change_basis",
+    "dolp_aolp",
+    "engine_for",
+    "frame_matrix",
+    "ghost_step",
+    "ghosts_that_matter",
+    "in_place_correction",
+    "in_place_reflectance",
+    "in_place_weights",
+    "interface",
+    "largest_turn",
+    "pixel_grid",
+    "plane_normal",
+    "scene_angles",
+    "shown_stokes",
+    "stokes_from_intensities",
+    "stokes_vector",
+    "viewing_angles",
+]
+
+from .engine import PSE as PSE
+from .engine import Displacements as Displacements
+from .engine import VaryingPSE as VaryingPSE
+from .engine import bounces_that_show as bounces_that_show
+from .engine import engine_for as engine_for
+from .engine import in_place_weights as in_place_weights
+from .engine import shown_stokes as shown_stokes
+from .fresnel import brewster_angle_deg as brewster_angle_deg
+from .fresnel import interface as interface
+from .geometry import FLAT as FLAT
+from .geometry import Bend as Bend
+from .geometry import Pane as Pane
+from .geometry import bent_normal as bent_normal
+from .geometry import largest_turn as largest_turn
+from .geometry import pixel_grid as pixel_grid
+from .geometry import plane_normal as plane_normal
+from .geometry import scene_angles as scene_angles
+from .geometry import viewing_angles as viewing_angles
+from .plate import ghosts_that_matter as ghosts_that_matter
+from .plate import in_place_correction as in_place_correction
+from .plate import in_place_reflectance as in_place_reflectance
+from .scene import SEARCHED as SEARCHED
+from .scene import SceneErrors as SceneErrors
+from .scene import SceneParameters as SceneParameters
+from .scene import ghost_step as ghost_step
+from .stokes import analyzer_matrix as analyzer_matrix
+from .stokes import change_basis as change_basis
+from .stokes import dolp_aolp as dolp_aolp
+from .stokes import frame_matrix as frame_matrix
+from .stokes import stokes_from_intensities as stokes_from_intensities
+from .stokes import stokes_vector as stokes_vector

@@ -1,0 +1,221 @@
+"""The few numbers that say how the glass stands before the camera."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from polaropt.errors import InputError
+from polaropt.optics.fresnel import refraction_angle
+
+SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
+
+Rung = Literal["none", "pixelwise", "ghosts", "perspective", "curved", "polarized"]
+
+
+@dataclass(frozen=True)
+class SceneParameters:
+    """Geometry and material of the pane, and the polarization of the light that meets it.
+
+    Parameters
+    ----------
+    incidence_deg : float or None
+        Angle of incidence, 0 <= incidence_deg < 90. None: to be estimated.
+    azimuth_deg : float or None
+        Direction of the trace of the plane of incidence in the image, counter-clockwise from x (right).
+        Adding 180 flips the sign of `ghost_shift`. None: to be estimated.
+    ghost_shift : float or None
+        Distance from one ghost to the next in pixels along the azimuth, signed. None: to be estimated.
+    refractive_index : float
+        Index of the pane, >= 1.
+    n_bounces : int or None
+        The direct path and ghosts 1..n_bounces. None: all of them.
+    single_surface : bool
+        No back face (water).
+    transmission_polarization, reflection_polarization : (float, float)
+        Degree (0..1) and angle (degrees) of linear polarization of the light from behind the pane, and of the
+        mirrored scene as an ideal mirror would show it.
+    literal_eq3 : bool
+        The paper's Eq. (3) as printed, with the reflection's first ghost unshifted, instead of physics.
+    transmission_ghost_shift : float or None
+        The transmission's own distance from one ghost to the next, as far and near scenes differ; `ghost_shift` is then
+        the reflection's. None: `ghost_shift` holds for both.
+    focal_px : float or None
+        Focal length of a pinhole camera in pixels, its axis through the middle of the frame: incidence and azimuth
+        vary over the frame, and those above are the ones at its middle. The azimuth is then the direction to which
+        the pane's normal (towards the scene) leans, and adding 180 is another pane. Ghosts lie along it, at the same
+        distance in all of the frame, and are as bright as each pixel's own incidence makes them.
+        None: the pane is seen from far, and both are the same everywhere unless it is bent.
+    bend_deg_per_px : (float, float, float)
+        How a bent pane's normal changes from pixel to pixel, in degrees: (b_xx, b_xy, b_yy) of a symmetric matrix. At
+        (x, y) from the middle of the frame, x to the right and y up, the normal's part across the camera's axis has
+        changed by (b_xx x + b_xy y, b_xy x + b_yy y). Zeros: flat.
+    signal : bool
+        Whether there is polarization at all; without, the numbers above mean nothing and the rung is "none".
+
+    Raises
+    ------
+    InputError
+        A value outside its range.
+    """
+
+    incidence_deg: float | None = 60.0
+    azimuth_deg: float | None = 0.0
+    ghost_shift: float | None = 6.3
+    refractive_index: float = 1.5
+    n_bounces: int | None = None
+    single_surface: bool = False
+    transmission_polarization: tuple[float, float] = (0.0, 0.0)
+    reflection_polarization: tuple[float, float] = (0.0, 0.0)
+    literal_eq3: bool = False
+    transmission_ghost_shift: float | None = None
+    focal_px: float | None = None
+    bend_deg_per_px: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    signal: bool = True
+
+    def __post_init__(self) -> None:
+        _check_incidence(self.incidence_deg)
+        _check_index(self.refractive_index)
+        for name in ("azimuth_deg", "ghost_shift", "transmission_ghost_shift"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise InputError(f"{name} is {value}; give a finite number")
+        if self.focal_px is not None and not (0 < self.focal_px < math.inf):
+            raise InputError(f"the focal length is {self.focal_px} px; it must be more than 0")
+        if len(self.bend_deg_per_px) != 3 or not all(math.isfinite(part) for part in self.bend_deg_per_px):
+            raise InputError(f"bend_deg_per_px is {self.bend_deg_per_px}; give three finite numbers, zeros for flat")
+        if self.n_bounces is not None and not (self.n_bounces >= 0 and self.n_bounces == int(self.n_bounces)):
+            raise InputError(
+                f"n_bounces is {self.n_bounces}; give a whole number from 0 on, or leave it out for all bounces"
+            )
+        for name in ("transmission_polarization", "reflection_polarization"):
+            dolp, aolp_deg = getattr(self, name)
+            if not 0 <= dolp <= 1:
+                raise InputError(f"{name} has degree {dolp}; a degree of polarization lies in [0, 1]")
+            if not math.isfinite(aolp_deg):
+                raise InputError(f"{name} has angle {aolp_deg}; give degrees")
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is left to estimate."""
+        return all(getattr(self, name) is not None for name in SEARCHED)
+
+    @property
+    def rung(self) -> Rung:
+        """The simplest model of the ladder that these numbers are: what varies, shifts or arrives polarized."""
+        if not self.signal:
+            return "none"
+        if self.polarized:
+            return "polarized"
+        if self.bent:
+            return "curved"
+        if self.focal_px is not None:
+            return "perspective"
+        return "ghosts" if self.has_ghosts else "pixelwise"
+
+    @property
+    def bent(self) -> bool:
+        """Whether the pane's normal changes over the frame."""
+        return any(self.bend_deg_per_px)
+
+    @property
+    def varies(self) -> bool:
+        """Whether incidence and azimuth change over the frame."""
+        return self.focal_px is not None or self.bent
+
+    @property
+    def has_ghosts(self) -> bool:
+        """Whether either layer's bounces lie beside each other."""
+        return bool(self.ghost_shift or self.transmission_ghost_shift) and not self.single_surface
+
+    @property
+    def polarized(self) -> bool:
+        """Whether either layer's light arrives polarized."""
+        return self.transmission_polarization[0] > 0 or self.reflection_polarization[0] > 0
+
+    def values(self) -> tuple[float, float, float]:
+        """Incidence, azimuth and ghost shift of a complete scene."""
+        if self.incidence_deg is None or self.azimuth_deg is None or self.ghost_shift is None:
+            missing = [name for name in SEARCHED if getattr(self, name) is None]
+            raise InputError(f"the scene lacks {', '.join(missing)}; estimate or set it first")
+        return self.incidence_deg, self.azimuth_deg, self.ghost_shift
+
+    def replace(self, **changes: object) -> SceneParameters:
+        """Copy with some fields changed (names as in the constructor)."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+
+def _check_incidence(incidence_deg: float | None) -> None:
+    if incidence_deg is not None and not 0 <= incidence_deg < 90:
+        raise InputError(f"incidence is {incidence_deg} degrees; it must lie in [0, 90)")
+
+
+def _check_index(refractive_index: float) -> None:
+    if not (math.isfinite(refractive_index) and refractive_index >= 1):
+        raise InputError(f"the refractive index is {refractive_index}; it must be 1 or more")
+
+
+def ghost_step(
+    incidence_deg: float,
+    refractive_index: float,
+    thickness_px: float,
+    kind: Literal["paper", "plate"] = "paper",
+) -> float:
+    """Distance between neighbouring ghosts of a plane-parallel pane.
+
+    Parameters
+    ----------
+    incidence_deg : float
+        Angle of incidence in degrees, in [0, 90).
+    refractive_index : float
+        Index of the pane, >= 1.
+    thickness_px : float
+        Thickness of the pane in pixels of the image.
+    kind : {"paper", "plate"}
+        "paper": ``2 d tan(theta_t) sin(theta_t)`` (Eq. (3) of the source paper);
+        "plate": ``2 d tan(theta_t) cos(theta)``, the exact perpendicular offset.
+
+    Returns
+    -------
+    float
+        The step in pixels.
+
+    Raises
+    ------
+    InputError
+        An angle, index, thickness or kind outside its range.
+    """
+    _check_incidence(incidence_deg)
+    _check_index(refractive_index)
+    if not 0 <= thickness_px < math.inf:
+        raise InputError(f"the thickness is {thickness_px} px; it must be 0 or more")
+    refracted = refraction_angle(incidence_deg, refractive_index)
+    if kind == "paper":
+        return 2 * thickness_px * math.tan(refracted) * math.sin(refracted)
+    if kind == "plate":
+        return 2 * thickness_px * math.tan(refracted) * math.cos(math.radians(incidence_deg))
+    raise InputError(f"unknown kind of ghost step {kind!r}; use 'paper' or 'plate'")
+
+
+@dataclass(frozen=True)
+class SceneErrors:
+    """Standard errors of those fields of `SceneParameters` that were estimated; None for all others.
+
+    Attributes
+    ----------
+    incidence_deg, azimuth_deg, ghost_shift, transmission_ghost_shift, focal_px : float or None
+    bend_deg_per_px : (float, float, float) or None
+    transmission_polarization, reflection_polarization : (float, float) or None
+        Of degree and angle (degrees).
+    """
+
+    incidence_deg: float | None = None
+    azimuth_deg: float | None = None
+    ghost_shift: float | None = None
+    transmission_ghost_shift: float | None = None
+    focal_px: float | None = None
+    bend_deg_per_px: tuple[float, float, float] | None = None
+    transmission_polarization: tuple[float, float] | None = None
+    reflection_polarization: tuple[float, float] | None = None

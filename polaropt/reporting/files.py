@@ -1,0 +1,153 @@
+"""The files of a separation."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, linearize, planes_last, write_png, write_png_view, write_tiff
+from polaropt.judging import SeparationWarning
+from polaropt.optics import SceneParameters
+from polaropt.reporting.inspection import Inspection, inspect_capture
+from polaropt.reporting.page import write_html_report
+from polaropt.reporting.pictures import (
+    FADED,
+    MISFIT_WHITE,
+    Image,
+    misfit_map,
+    side_by_side,
+    uncertainty_panels,
+    viewing_exposure,
+)
+from polaropt.reporting.report import plain, separation_report
+
+if TYPE_CHECKING:
+    from polaropt.separation import Separation
+    from polaropt.solving import Weights
+    from solvers.base import StoppingRule
+
+
+"""Where less than this share of its detail is told, the reflection shows slow changes only."""
+
+
+def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
+    """Write standard errors and the reflection's told share: linear, and one picture of all three to look at.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets ``transmission_error.tiff``, ``reflection_error.tiff``, ``reflection_known.tiff`` and ``uncertainty.png``.
+    result : Separation
+
+    Returns
+    -------
+    dict
+        What the report tells of them.
+    """
+    errors = dict(zip(("transmission", "reflection"), map(planes_last, result.uncertainty), strict=True))
+    for name, error in errors.items():
+        write_tiff(folder / f"{name}_error.tiff", error)
+    known = result.reflection_known
+    write_tiff(folder / "reflection_known.tiff", known)
+    shown = uncertainty_panels(result)
+    white = shown.white
+    panels: list[tuple[str, Image | None]] = [
+        (f"{name}: error, white = {white[name]:.2g}", error / np.float32(white[name]))
+        for name, error in shown.errors.items()
+    ]
+    panels.append((f"reflection: detail told, below {FADED:g} red", shown.known))
+    # Values of the picture are in proportion to the errors.
+    straight = [(title, None if panel is None else linearize(np.clip(panel, 0, 1), "srgb")) for title, panel in panels]
+    write_png(folder / "uncertainty.png", side_by_side([straight]))
+    return {
+        "typical_error": {name: float(np.sqrt(np.mean(np.square(error)))) for name, error in errors.items()},
+        "reflection_faded": {"share_of_pixels": float(np.mean(known < FADED)), "told_below": FADED},
+        "white_in_png": white,
+    }
+
+
+LAYERS = ("transmission", "reflection")
+_MARK = "ATTENTION: "
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for; None in the scene is estimated, None elsewhere is the default."""
+
+    scene: SceneParameters
+    model: str = "auto"
+    solver: str = "lbfgs"
+    device: str | None = None
+    init: str = "closed-form"
+    robust: bool = False
+    weights: Weights | None = None
+    stopping: StoppingRule | None = None
+
+
+def write_separation(folder: Path, result: Separation, capture: Capture, request: Request) -> dict[str, Any]:
+    """Write the layers (TIFF linear, PNG to look at), their uncertainty, ``report.json`` and ``report.html``.
+
+    Where the model does not explain the photographs, ``misfit.tiff`` and ``misfit.png`` show where.
+
+    Parameters
+    ----------
+    folder : Path
+    result : Separation
+    capture : Capture
+        What was separated.
+    request : Request
+
+    Returns
+    -------
+    dict
+        The report.
+    """
+    exposures = {}
+    for name in LAYERS:
+        layer = getattr(result, name)
+        exposures[name] = viewing_exposure(layer)
+        write_tiff(folder / f"{name}.tiff", layer)
+        write_png_view(folder / f"{name}.png", layer * exposures[name])
+    inspection = inspect_capture(capture)
+    unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
+    misfit = misfit_map(result, capture) if unexplained else None
+    report = {
+        "request": request,
+        **separation_report(result, capture, request.scene),
+        "inspection": inspection.as_dict(),
+        "attention": attention(inspection, result.diagnostics.warnings),
+        "uncertainty": write_uncertainty(folder, result),
+        "misfit_map": None if misfit is None else _write_misfit(folder, misfit),
+        "view": {"exposure": exposures, "encoding": "sRGB of exposure times the linear values"},
+    }
+    document: dict[str, Any] = plain(report)
+    text = json.dumps(document, indent=2, allow_nan=False)
+    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    write_html_report(folder / "report.html", result, capture, document, misfit)
+    return document
+
+
+def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:
+    """The map of the misfit, linear and to look at; what it holds."""
+    write_tiff(folder / "misfit.tiff", misfit)
+    write_png(folder / "misfit.png", np.round(255 * np.clip(misfit / MISFIT_WHITE, 0, 1)).astype(np.uint8))
+    return {"unit": "standard deviations of the noise", "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}
+
+
+def attention(inspection: Inspection, warnings: Iterable[Enum]) -> list[str]:
+    """What an inspection says that a person must look at, and that the separation's warnings do not say already."""
+    told: dict[str, Any] = {"dolp_95": 1.0}
+    names = {warning.name for warning in warnings}
+    if "GAMMA_ENCODED" in names:
+        told["looks_encoded"] = False
+    if "MISALIGNED" in names:
+        told["visible_shift_px"] = 0.0
+    sentences = replace(inspection, **told).sentences()
+    return [sentence.partition(_MARK)[2] for sentence in sentences if _MARK in sentence]

@@ -1,0 +1,334 @@
+"""What a capture is, before anything is solved, and how that is told in sentences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from polaropt.capture import (
+    PLAUSIBLE_GAIN,
+    Capture,
+    GammaFit,
+    Origin,
+    block_means,
+    fit_gamma,
+    noise_level,
+    orthogonal_pairs,
+    pair_gain_of,
+    quantization_step,
+    swapped_photographs,
+    visible_shift,
+)
+from polaropt.optics import stokes_from_intensities
+
+_LAYOUTS = {
+    "files": "one file per angle",
+    "stack": "a stack",
+    "mono mosaic": "a mono mosaic, one pixel per 2x2 cell",
+    "color mosaic": "a colour mosaic, one pixel per 4x4 block",
+    "memory": "made in memory",
+}
+_DARK = 0.1
+_NEARLY_BLACK = 0.004
+_WEAK_DOLP = 0.02
+
+
+def inspection_sentences(inspection: Inspection) -> tuple[str, ...]:
+    """Facts first, then what needs attention."""
+    facts = [_size(inspection), _depth(inspection), _black(inspection), _noise(inspection), _saturation(inspection)]
+    facts += [
+        _polarization_sentences(inspection),
+        _gain(inspection),
+        _encoding(inspection),
+        _order(inspection),
+        _position(inspection),
+    ]
+    return tuple(sentence for sentence in facts if sentence)
+
+
+def _size(it: Inspection) -> str:
+    angles = ", ".join(f"{angle:g}" for angle in it.angles_deg)
+    kind = "grey" if it.channels == 1 else f"{it.channels} channels"
+    return (
+        f"{len(it.angles_deg)} photographs of {it.width}x{it.height} px, {kind}, polarizer at {angles} degrees "
+        f"({_LAYOUTS.get(it.layout, it.layout)})."
+    )
+
+
+def _depth(it: Inspection) -> str:
+    stored = f"Values are stored as {it.sample_type}, " if it.sample_type else "Values "
+    grid = "continuous" if it.grey_levels is None else f"about {it.grey_levels} grey levels from black to white"
+    levels = f"; black is {it.black_level:g}, white {it.white_level:g}" if it.sample_type else ""
+    text = f"{stored}{grid}{levels}." if it.sample_type else f"{stored}are {grid}."
+    if it.brightest < _DARK:
+        text += (
+            f" ATTENTION: the brightest value is {100 * it.brightest:.2g} % of white; "
+            "if the camera clips earlier, give its white level (4095 for 12 bits)."
+        )
+    return text
+
+
+def _black(it: Inspection) -> str:
+    """The black level cannot be measured: what it adds, a pane takes for twice as much light in both layers."""
+    if not it.sample_type or it.darkest is None or it.black_level != 0 or it.darkest < _NEARLY_BLACK * it.white_level:
+        return ""
+    return (
+        f"Hardly anything is darker than {it.darkest:.4g}. Part of that may be the camera's own black level, which "
+        "photographs do not tell: give it if you know it (black level); else both layers come out brighter by twice it."
+    )
+
+
+def _noise(it: Inspection) -> str:
+    return f"The noise of one photograph is {100 * it.noise:.2g} % of white (standard deviation)."
+
+
+def _saturation(it: Inspection) -> str:
+    if it.saturated_share == 0:
+        return "Nothing is saturated."
+    advice = "; a shorter exposure would help" if it.saturated_share > 0.05 else ""
+    return f"{100 * it.saturated_share:.2g} % of the pixels are saturated at one angle or more{advice}."
+
+
+def _polarization_sentences(it: Inspection) -> str:
+    text = f"Degree of polarization: median {it.dolp_median:.2f}, 95 % below {it.dolp_95:.2f}."
+    if it.dolp_95 < _WEAK_DOLP:
+        return f"{text} ATTENTION: the light is hardly polarized; there is little to separate by."
+    return f"{text} Angle of polarization: {it.aolp_deg:.0f} degrees, spread {it.aolp_spread_deg:.0f}."
+
+
+def _gain(it: Inspection) -> str:
+    if it.pair_gain is None:
+        return ""
+    low, high = PLAUSIBLE_GAIN
+    if not low <= it.pair_gain <= high:
+        return (
+            f"ATTENTION: the 45/135 pair is {it.pair_gain:.3f} times as bright as the 0/90 pair, too far from 1 for a "
+            "sensor; check the order of the files, their exposure and the black level."
+        )
+    done = "divided out" if it.pair_gain_removed != 1 else "left as it is"
+    return f"The 45/135 pair is {it.pair_gain:.3f} times as bright as the 0/90 pair ({done})."
+
+
+def _encoding(it: Inspection) -> str:
+    measured = "" if it.gamma_exponent is None else f"measured exponent {it.gamma_exponent:.2f} +- {it.gamma_error:.2f}"
+    hint = f"file format: {it.encoding_hint}" if it.encoding_hint else ""
+    reasons = "; ".join(text for text in (measured, hint) if text)
+    if it.looks_encoded:
+        return f"ATTENTION: the values look gamma-encoded ({reasons}); if they are, read them with gamma srgb or 2.2."
+    if it.looks_encoded is False:
+        return f"The values are linear ({measured})."
+    if it.swapped_deg or it.visible_shift_px:
+        return ""
+    return f"Whether the values are gamma-encoded cannot be told{f' ({reasons})' if reasons else ''}."
+
+
+def _order(it: Inspection) -> str:
+    if it.swapped_deg:
+        pairs = ", or ".join(f"{a:g} and {b:g}" for a, b in it.swapped_deg)
+        return f"ATTENTION: photographs look swapped: {pairs} degrees; check the order of the files."
+    if len(it.angles_deg) == 3:
+        return "With three angles a wrong order of the files cannot be seen."
+    return ""
+
+
+def _position(it: Inspection) -> str:
+    if it.visible_shift_px == 0:
+        return ""
+    return (
+        f"ATTENTION: photographs look shifted against each other, by about {it.visible_shift_px:.1f} px; "
+        "read them with align."
+    )
+
+
+_DIM = 0.1
+_SUMMARY_BLOCK = 2
+_DARKEST_SHARE = 1e-3
+_MOST_SAMPLES = 4e6
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Facts about a capture.
+
+    Attributes
+    ----------
+    width, height, channels : int
+        Size of a photograph in pixels; 1 channel for grey.
+    angles_deg : tuple of float
+    layout : str
+        "files", "stack", "mono mosaic", "color mosaic" or "memory".
+    sample_type : str
+        Type of the values in the file; empty for a capture made in memory.
+    grey_levels : int or None
+        Number of levels between black and white; None where values lie on no grid.
+    black_level, white_level : float
+        In the file's units.
+    brightest : float
+        Highest value (white = 1).
+    darkest : float or None
+        Value that 0.1 % of the pixels are below, in the file's units; None where the values were encoded. The black
+        level is hardly above it.
+    noise : float
+        Standard deviation of the noise of one photograph (white = 1).
+    pair_gain : float or None
+        Gain of the 45/135 pair against the 0/90 pair as photographed; None where the angles tell nothing.
+    pair_gain_removed : float
+        What of it was divided out when the capture was read.
+    saturated_share : float
+        Share of pixels that are invalid at one angle at least.
+    dolp_median, dolp_95 : float
+        Degree of linear polarization, colours together, over unclipped blocks of 2x2 pixels.
+    aolp_deg, aolp_spread_deg : float
+        Mean angle of linear polarization (0..180), weighted by the polarized light, and its circular deviation.
+    gamma_exponent, gamma_error : float or None
+        Exponent that makes the photographs linear, and its standard error; None where nothing tells it.
+    looks_encoded : bool or None
+        Whether the photographs look gamma-encoded; None: cannot be told.
+    encoding_hint : str
+        What the file format says about encoding.
+    swapped_deg : tuple of pairs of float
+        Angles of photographs of which one pair looks swapped; empty if the order looks right.
+    visible_shift_px : float
+        About how far photographs are shifted against each other; 0 if not surely by more than half a pixel.
+    """
+
+    width: int
+    height: int
+    channels: int
+    angles_deg: tuple[float, ...]
+    layout: str
+    sample_type: str
+    grey_levels: int | None
+    black_level: float
+    white_level: float
+    brightest: float
+    darkest: float | None
+    noise: float
+    pair_gain: float | None
+    pair_gain_removed: float
+    saturated_share: float
+    dolp_median: float
+    dolp_95: float
+    aolp_deg: float
+    aolp_spread_deg: float
+    gamma_exponent: float | None
+    gamma_error: float | None
+    looks_encoded: bool | None
+    encoding_hint: str
+    swapped_deg: tuple[tuple[float, float], ...]
+    visible_shift_px: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same as plain values, for JSON."""
+        return {name: _plain(value) for name, value in asdict(self).items()}
+
+    def sentences(self) -> tuple[str, ...]:
+        """The same for people, one fact per sentence; what needs attention last."""
+
+        return inspection_sentences(self)
+
+
+def inspect_capture(capture: Capture) -> Inspection:
+    """Measure what a capture is: size, noise, gain, saturation, polarization, and signs of mistakes.
+
+    Parameters
+    ----------
+    capture : Capture
+        `capture.origin` adds what only the files tell.
+
+    Returns
+    -------
+    Inspection
+    """
+    origin = capture.origin
+    removed = 1.0 if origin is None else origin.pair_gain
+    swapped = swapped_photographs(capture)
+    moved = visible_shift(capture)
+    # Swapped and shifted photographs break the same identity that the encoding does.
+    gamma = None if swapped or moved else fit_gamma(capture)
+    hint = "" if origin is None or origin.gamma is not None else origin.encoding_hint
+    return Inspection(
+        width=capture.shape[-1],
+        height=capture.shape[-2],
+        channels=capture.shape[0] if capture.color else 1,
+        angles_deg=capture.angles_deg,
+        layout="memory" if origin is None else origin.layout,
+        sample_type="" if origin is None else origin.sample_type,
+        grey_levels=_grey_levels(capture),
+        black_level=0.0 if origin is None else origin.black_level,
+        white_level=1.0 if origin is None else origin.white_level,
+        brightest=float(capture.intensities.max()),
+        darkest=_darkest(capture),
+        noise=noise_level(capture),
+        pair_gain=_gain_as_photographed(capture, removed),
+        pair_gain_removed=removed,
+        saturated_share=float(np.mean(~capture.valid.all(axis=0))),
+        **_polarization(capture),
+        gamma_exponent=gamma.exponent if gamma is not None and gamma.certain else None,
+        gamma_error=gamma.standard_error if gamma is not None and gamma.certain else None,
+        looks_encoded=_looks_encoded(gamma, hint),
+        encoding_hint=hint,
+        swapped_deg=tuple((capture.angles_deg[a], capture.angles_deg[b]) for a, b in swapped),
+        visible_shift_px=moved,
+    )
+
+
+def _darkest(capture: Capture) -> float | None:
+    origin = capture.origin or Origin((), "memory", "")
+    if origin.gamma is not None:
+        return None
+    step = max(1, round(math.sqrt(capture.intensities.size / _MOST_SAMPLES)))
+    # A defect or two are darker than black.
+    value = float(np.quantile(capture.intensities[..., ::step, ::step], _DARKEST_SHARE))
+    return origin.black_level + value * (origin.white_level - origin.black_level)
+
+
+def _looks_encoded(gamma: GammaFit | None, hint: str) -> bool | None:
+    """The photographs' own word counts; the file format's only where they say nothing."""
+    if gamma is not None and gamma.certain:
+        return gamma.encoded
+    certain_hint = hint and "often" not in hint
+    return True if certain_hint else None
+
+
+def _gain_as_photographed(capture: Capture, removed: float) -> float | None:
+    gain = pair_gain_of(capture.intensities, capture.angles_deg, capture.valid)
+    return None if gain is None else gain * removed
+
+
+def _grey_levels(capture: Capture) -> int | None:
+    # A divided gain makes the levels of its pair denser or sparser; the first pair is as stored.
+    pairs = orthogonal_pairs(capture.angles_deg)
+    first = 0 if pairs is None else pairs[0][0]
+    step = quantization_step(capture.intensities[first : first + 1])
+    return None if step == 0 else round(1 / step) + 1
+
+
+def _polarization(capture: Capture) -> dict[str, float]:
+    """DoLP and AoLP of small blocks that are valid at every angle (of all blocks, if there are none)."""
+    images = capture.intensities.mean(axis=1) if capture.color else capture.intensities
+    valid = capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0)
+    stokes = stokes_from_intensities(block_means(images, _SUMMARY_BLOCK), capture.angles_deg)
+    whole = block_means(np.asarray(valid, dtype=np.float32), _SUMMARY_BLOCK) == 1
+    whole &= stokes[0] > 0
+    s0, s1, s2 = stokes[:, whole] if whole.any() else stokes.reshape(3, -1)
+    polarized = np.hypot(s1, s2)
+    dolp = np.clip(polarized / np.maximum(s0, 1e-9), 0, 1)
+    total = float(np.sum(polarized, dtype=np.float64))
+    resultant = np.sum(s1 + 1j * s2, dtype=np.complex128) / max(total, 1e-30)
+    length = float(np.clip(np.abs(resultant), 1e-12, 1))
+    return {
+        "dolp_median": float(np.median(dolp)),
+        "dolp_95": float(np.quantile(dolp, 0.95)),
+        "aolp_deg": float(np.degrees(np.angle(resultant)) / 2 % 180),
+        "aolp_spread_deg": float(np.degrees(np.sqrt(-2 * np.log(length))) / 2),
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return value

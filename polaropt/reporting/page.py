@@ -1,0 +1,394 @@
+"""``report.html``: one separation as a page of its own, for people."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, block_means, encode_srgb, planes_last
+from polaropt.reporting.pictures import (
+    MISFIT_WHITE,
+    aolp_colors,
+    dolp_colors,
+    polarization_panels,
+    uncertainty_panels,
+    viewing_exposure,
+)
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+    from polaropt.separation import Separation
+
+
+Pixels = NDArray[np.uint8]
+Image = NDArray[np.float32]
+
+_LONG_SIDE = 1000
+_QUALITY = 88
+_STOPS = 13
+_GREYS = "linear-gradient(to right, #000, #fff)"
+
+
+@dataclass(frozen=True)
+class Key:
+    """What the colours of a picture mean: a gradient as CSS has it, and the values along it."""
+
+    gradient: str
+    ticks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PagePicture:
+    """A picture in a page.
+
+    Attributes
+    ----------
+    name : str
+        Of its element.
+    title, caption : str
+    alt : str
+        What there is to see, for who does not see it.
+    uri : str
+        The picture itself.
+    width, height : int
+    key : Key or None
+    comparable : bool
+        Whether it shows the scene as a photograph does, so that two of them can be laid over each other.
+    """
+
+    name: str
+    title: str
+    caption: str
+    alt: str
+    uri: str
+    width: int
+    height: int
+    key: Key | None = None
+    comparable: bool = False
+
+
+def page_pictures(
+    result: Separation, capture: Capture, exposures: Mapping[str, float], misfit: Image | None = None
+) -> list[PagePicture]:
+    """Photograph and layers, their errors, polarization and misfit, in the order of the page.
+
+    Parameters
+    ----------
+    result : Separation
+    capture : Capture
+    exposures : mapping of str to float
+        What "transmission" and "reflection" are multiplied by.
+    misfit : ndarray, shape (h, w), optional
+        Standard deviations of the noise.
+    """
+    last = [] if misfit is None else [_misfit(misfit)]
+    return [*_layers(result, capture, exposures), *_errors(result), *_polarization(capture), *last]
+
+
+def _layers(result: Separation, capture: Capture, exposures: Mapping[str, float]) -> list[PagePicture]:
+    shown = (
+        ("photograph", "Photograph", "light of all polarizations, as without a filter", capture.stokes[0]),
+        ("transmission", "Transmission", "what is behind the glass", result.layers[0]),
+        ("reflection", "Reflection", "what the glass mirrors", result.layers[1]),
+    )
+    pictures = []
+    for name, title, what, planes in shown:
+        image = _reduced(planes)
+        exposure = exposures.get(name) or viewing_exposure(image)
+        caption = f"{what[0].upper()}{what[1:]}; {exposure:.3g} times the linear values, in sRGB."
+        pixels = np.round(255 * encode_srgb(image * np.float32(exposure))).astype(np.uint8)
+        pictures.append(_picture(name, title, caption, f"{title}: {what}.", pixels, comparable=True))
+    return pictures
+
+
+def _errors(result: Separation) -> list[PagePicture]:
+    panels = uncertainty_panels(result)
+    pictures = []
+    for name, error in panels.errors.items():
+        white = panels.white[name]
+        pixels = np.round(255 * np.clip(error / np.float32(white), 0, 1)).astype(np.uint8)
+        title = f"Standard error of the {name}"
+        key = Key(_GREYS, ("0", f"{white / 2:.2g}", f"{white:.2g}"))
+        caption = "In the layer's linear values."
+        pictures.append(_picture(f"{name}-error", title, caption, f"{title}, bright where it is large.", pixels, key))
+    pixels = np.round(255 * np.clip(panels.known, 0, 1)).astype(np.uint8)
+    caption = f"Share of the reflection's detail that the photographs tell; red below {panels.faded:g}: it fades there."
+    alt = "Where the reflection is known: bright where it is, red where it is not."
+    pictures.append(_picture("known", "Where the reflection is known", caption, alt, pixels))
+    return pictures
+
+
+def _misfit(misfit: Image) -> PagePicture:
+    pixels = np.round(255 * np.clip(_reduced(misfit) / MISFIT_WHITE, 0, 1)).astype(np.uint8)
+    key = Key(_GREYS, ("0", f"{MISFIT_WHITE / 2:g}", f"{MISFIT_WHITE:g}"))
+    caption = "Where the pane does not explain the photographs, in standard deviations of the noise."
+    return _picture("misfit", "Misfit", caption, "Misfit of the photographs, bright where it is large.", pixels, key)
+
+
+def _polarization(capture: Capture) -> list[PagePicture]:
+    panels = polarization_panels(capture)
+    steps = np.linspace(0, 1, _STOPS)
+    degree = Key(_gradient(dolp_colors(steps)), ("0", "0.5", "1"))
+    angle = Key(_gradient(aolp_colors(180 * steps, np.ones(_STOPS))), ("0", "45", "90", "135", "180 deg"))
+    about = (
+        f"Counter-clockwise from the right; black where unpolarized, full colour from a degree of {panels.full:.2f}."
+    )
+    return [
+        _picture(
+            "dolp", "Degree of polarization", "Grey where saturated.", "Degree of linear polarization.", panels.dolp,
+            degree,
+        ),
+        _picture("aolp", "Angle of polarization", about, "Angle of linear polarization as hue.", panels.aolp, angle),
+    ]  # fmt: skip
+
+
+def _picture(
+    name: str, title: str, caption: str, alt: str, pixels: Pixels, key: Key | None = None, *, comparable: bool = False
+) -> PagePicture:
+    from imagecodecs import jpeg_encode
+
+    data = jpeg_encode(np.ascontiguousarray(pixels), level=_QUALITY)
+    uri = "data:image/jpeg;base64," + base64.b64encode(data).decode("ascii")
+    return PagePicture(name, title, caption, alt, uri, pixels.shape[1], pixels.shape[0], key, comparable)
+
+
+def _reduced(planes: Image) -> Image:
+    """Planes ([channel,] h, w) to an image of at most about a thousand pixels along its long side."""
+    block = -(-max(planes.shape[-2:]) // _LONG_SIDE)
+    means: Any = planes if block == 1 else block_means(planes, block)
+    return planes_last(np.asarray(means, dtype=np.float32))
+
+
+def _gradient(colors: Pixels) -> str:
+    stops = ", ".join("rgb({}, {}, {})".format(*(int(part) for part in color)) for color in colors)
+    return f"linear-gradient(to right, {stops})"
+
+
+_WIDTH, _HEIGHT = 640, 260
+_LEFT, _RIGHT, _TOP, _BOTTOM = 84, 16, 14, 44
+_MOST_MARKERS = 60
+_TICKS = 5
+# Values over more than this ratio need a logarithmic axis.
+_WIDE = 20.0
+
+
+@dataclass(frozen=True)
+class Tick:
+    """Where on the chart, and what it says there."""
+
+    place: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Values over evaluations, in the coordinates of a drawing of `width` by `height`.
+
+    Attributes
+    ----------
+    points : tuple of (float, float)
+        x and y of each evaluation.
+    best : (float, float)
+        Of the least value.
+    across, up : tuple of Tick
+    logarithmic : bool
+    """
+
+    points: tuple[tuple[float, float], ...]
+    best: tuple[float, float]
+    across: tuple[Tick, ...]
+    up: tuple[Tick, ...]
+    logarithmic: bool
+    width: int = _WIDTH
+    height: int = _HEIGHT
+    left: int = _LEFT
+    right: int = _WIDTH - _RIGHT
+    top: int = _TOP
+    bottom: int = _HEIGHT - _BOTTOM
+
+    @property
+    def line(self) -> str:
+        """The points as SVG wants them."""
+        return " ".join(f"{x:.1f},{y:.1f}" for x, y in self.points)
+
+    @property
+    def markers(self) -> tuple[tuple[float, float], ...]:
+        """Points to mark: all where they are few."""
+        return self.points if len(self.points) <= _MOST_MARKERS else ()
+
+
+def convergence_chart(values: Sequence[float]) -> Chart | None:
+    """Chart of the objective's values, one per evaluation; None for fewer than two.
+
+    Parameters
+    ----------
+    values : sequence of float
+        Finite.
+    """
+    if len(values) < 2:
+        return None
+    least, most = min(values), max(values)
+    logarithmic = least > 0 and most > _WIDE * least
+    of = math.log10 if logarithmic else float
+    low, high = of(least), of(most)
+    span = (high - low) or abs(high) or 1.0
+    last = len(values) - 1
+
+    def x(i: float) -> float:
+        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * i / last
+
+    def y(value: float) -> float:
+        return _HEIGHT - _BOTTOM - (_HEIGHT - _BOTTOM - _TOP) * (of(value) - low) / span
+
+    points = tuple((x(i), y(value)) for i, value in enumerate(values))
+    levels = [10**level for level in round_steps(low, high)] if logarithmic else round_steps(low, high)
+    counts = [count for count in round_steps(1, len(values)) if count == int(count)]
+    return Chart(
+        points=points,
+        best=points[list(values).index(least)],
+        across=tuple(Tick(x(count - 1), f"{count:g}") for count in counts),
+        up=tuple(Tick(y(level), _said(level)) for level in levels),
+        logarithmic=logarithmic,
+    )
+
+
+def _said(level: float) -> str:
+    return f"{level:,.0f}" if 1000 <= abs(level) < 1e8 else f"{level:.4g}"
+
+
+def round_steps(low: float, high: float) -> list[float]:
+    """About five round numbers from `low` to `high`, 1, 2 or 5 times a power of ten apart."""
+    if high <= low:
+        return [low]
+    rough = (high - low) / _TICKS
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough * (1 - 1e-9))
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [k * step for k in range(first, last + 1)]
+
+
+_TEMPLATE = "report_template.html"
+_RUNGS = {
+    "none": "no polarization: nothing to separate by",
+    "pixelwise": "a flat pane seen from afar, all bounces in place",
+    "ghosts": "a flat pane seen from afar, with double images",
+    "perspective": "a flat pane before a wide lens",
+    "curved": "a bent pane before a wide lens",
+    "polarized": "a flat pane, light that arrives polarized",
+}
+# Name in the scene, words, unit, digits, and the name of the standard error in the estimate.
+_NUMBERS = (
+    ("incidence_deg", "Angle of incidence", "deg", 2, "incidence_error_deg"),
+    ("azimuth_deg", "Azimuth of the plane of incidence", "deg", 2, "azimuth_error_deg"),
+    ("ghost_shift", "Ghost shift", "px", 2, "ghost_shift_error_px"),
+    ("transmission_ghost_shift", "Ghost shift of the transmission", "px", 2, "transmission_ghost_shift_error_px"),
+    ("focal_px", "Focal length", "px", 0, "focal_error_px"),
+    ("refractive_index", "Refractive index", "", 3, "refractive_index_error"),
+)
+_LIGHT = (("transmission_polarization", "Light from behind"), ("reflection_polarization", "Mirrored light"))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One line of the page's table of the pane: name, value with unit, standard error, how it is known."""
+
+    name: str
+    value: str
+    error: str
+    how: str
+
+
+def write_html_report(
+    path: Path,
+    result: Separation,
+    capture: Capture,
+    report: dict[str, Any],
+    misfit: NDArray[np.float32] | None = None,
+) -> None:
+    """Write a page that needs nothing beside it: pictures, pane, course of the solve, warnings.
+
+    Parameters
+    ----------
+    path : Path
+    result : Separation
+    capture : Capture
+        What was separated.
+    report : dict
+        As in ``report.json``.
+    misfit : ndarray, shape (h, w), optional
+        Map of the misfit in standard deviations of the noise, where the model does not explain the photographs.
+    """
+    pictures = page_pictures(result, capture, report["view"]["exposure"], misfit)
+    names = [Path(name).name for name in report["input"].get("files", ())]
+    page = _template().render(
+        title=_title(names),
+        names=names,
+        report=report,
+        pane=_RUNGS.get(report["scene"]["rung"], report["scene"]["rung"]),
+        warnings=[*report["attention"], *(warning["sentence"] for warning in report["diagnostics"]["warnings"])],
+        pictures=pictures,
+        comparable=[picture for picture in pictures if picture.comparable],
+        parameters=parameters(report),
+        chart=convergence_chart([point.value for point in result.solver.trace]),
+        seconds=sum(report["seconds"].values()),
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def _title(names: list[str]) -> str:
+    if len(names) < 2:
+        return f"Separation of {names[0]}" if names else "Separation"
+    return f"Separation of {names[0]} and {len(names) - 1} more"
+
+
+def parameters(report: dict[str, Any]) -> list[Parameter]:
+    """The pane's numbers with their standard errors, where these are stated, as in ``report.json``."""
+    scene = report["scene"]
+    if not scene["signal"]:
+        return []
+    errors = report["diagnostics"]["estimate"] or {}
+    found = [
+        Parameter(
+            words,
+            _with_unit(f"{scene[name]:.{digits}f}", unit),
+            _error(errors.get(error), unit) if name in report["estimated"] else "",
+            "estimated" if name in report["estimated"] else "given",
+        )
+        for name, words, unit, digits, error in _NUMBERS
+        if scene.get(name) is not None
+    ]
+    if scene["single_surface"]:
+        found = [parameter for parameter in found if not parameter.name.startswith("Ghost shift")]
+        found.append(Parameter("Back face", "none", "", "given"))
+    return found + [
+        Parameter(words, f"degree {scene[name][0]:.2f}, angle {scene[name][1]:.0f} deg", "", "polarized on arrival")
+        for name, words in _LIGHT
+        if scene[name][0] > 0
+    ]
+
+
+def _error(error: float | None, unit: str) -> str:
+    return "" if error is None else _with_unit(f"± {error:.2g}", unit)
+
+
+def _with_unit(number: str, unit: str) -> str:
+    return f"{number} {unit}".strip()
+
+
+@lru_cache(maxsize=1)
+def _template() -> Template:
+    from jinja2 import Environment, StrictUndefined
+
+    # File names and sentences are text, not markup.
+    page = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
+    return page.from_string(files("polaropt.reporting").joinpath(_TEMPLATE).read_text(encoding="utf-8"))

@@ -1,0 +1,233 @@
+"""Pictures of captures and separations: exposure, polarization in colours, errors, misfit."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, block_means, encode_srgb, planes_last
+from polaropt.numerics import in_color
+from polaropt.optics import dolp_aolp, stokes_from_intensities
+
+if TYPE_CHECKING:
+    from polaropt.separation import Separation
+
+
+Image = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+
+_WHITE_SHARE = 0.99
+_TITLE = 24
+_GAP = 8
+_LETTERS = 14
+
+
+def viewing_exposure(layer: Image) -> float:
+    """Factor that brings the 99 % quantile of a layer to white.
+
+    Each layer has its own: a mirrored sky is up to fifty times as bright as what is behind the surface, and with one
+    factor for both the other picture would be black.
+    """
+    bright = float(np.quantile(layer, _WHITE_SHARE))
+    return 1 / bright if bright > 0 else 1.0
+
+
+def side_by_side(rows: Sequence[Sequence[tuple[str, Image | None]]], exposure: float = 1.0) -> Picture:
+    """Rows of linear images (h, w[, 3]) of one size with titles, as 8-bit sRGB (h, w, 3); None leaves a gap."""
+    from PIL import Image as Pillow
+    from PIL import ImageDraw, ImageFont
+
+    height, width = next(image.shape[:2] for _, image in rows[0] if image is not None)
+    size = (_GAP + max(map(len, rows)) * (width + _GAP), _GAP + len(rows) * (height + _TITLE + _GAP))
+    canvas = Pillow.new("RGB", size, (255, 255, 255))
+    draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(_LETTERS)
+    for i, row in enumerate(rows):
+        for j, (title, image) in enumerate(row):
+            left, top = _GAP + j * (width + _GAP), _GAP + i * (height + _TITLE + _GAP)
+            draw.text((left, top + 2), title, fill=0, font=font)
+            if image is not None:
+                pixels = np.round(255 * encode_srgb(in_color(image) * exposure)).astype(np.uint8)
+                canvas.paste(Pillow.fromarray(pixels), (left, top + _TITLE))
+    return np.asarray(canvas, dtype=np.uint8)
+
+
+MISFIT_WHITE = 10.0
+"""Multiple of the noise that is white in a picture of the map."""
+
+
+def misfit_map(result: Separation, capture: Capture) -> NDArray[np.float32]:
+    """Residual of the photographs in units of their noise, root mean square over photographs and colours, (h, w).
+
+    About 1 where the model holds; 0 where every photograph is clipped.
+    """
+    count = np.zeros(capture.shape[-2:], dtype=np.float32)
+    total = np.zeros_like(count)
+    # One photograph at a time: all residuals of a large capture are much memory.
+    for k, (photograph, valid) in enumerate(zip(capture.intensities, capture.valid, strict=True)):
+        squares = np.square(result.components[0, k] + result.components[1, k] - photograph) * valid
+        total += squares.reshape(-1, *count.shape).sum(axis=0)
+        count += valid.reshape(-1, *count.shape).sum(axis=0)
+    mean = np.sqrt(total / np.maximum(count, 1)) / np.float32(result.diagnostics.noise)
+    return np.asarray(mean, dtype=np.float32)
+
+
+Floats = NDArray[np.floating[Any]]
+
+_WIDEST = 640
+_NARROWEST = 240
+_PANEL_GAP = 12
+_PANEL_TITLE = 26
+_KEY = 48
+_PANEL_LETTERS = 13
+_BACKGROUND = 255
+# Dark to bright, also in grey print.
+_DOLP_COLORS = ((0, 0, 4), (60, 15, 110), (140, 41, 129), (222, 73, 104), (254, 159, 109), (252, 253, 191))
+
+
+def inspection_picture(capture: Capture) -> Picture:
+    """Picture (h, w, 3) of intensity | DoLP | AoLP with titles and colour keys, for people.
+
+    Intensity is s0, its 99 % quantile white, sRGB. DoLP runs from black (0) over purple to pale yellow (1). AoLP is the
+    hue; brightness there is the DoLP, full from its 95 % quantile up, so that unpolarized pixels are black. Saturated
+    pixels are grey in the last two. Large captures are reduced to at most 640 px per panel.
+    """
+    polarization = polarization_panels(capture)
+    panels = [_intensity_panel(capture), polarization.dolp, polarization.aolp]
+    keys = [
+        None,
+        dolp_colors(np.linspace(0, 1, 200)[None]),
+        aolp_colors(np.linspace(0, 180, 200)[None], np.ones((1, 200))),
+    ]
+    titles = ("intensity", "degree of polarization", "angle of polarization")
+    ticks = ((), ("0", "0.5", "1"), ("0", "45", "90", "135", "180 deg"))
+    notes = ("", "grey: saturated", f"black: unpolarized; full colour from {polarization.full:.2f}")
+    columns = [_column(*parts) for parts in zip(panels, titles, keys, ticks, notes, strict=True)]
+    gap = np.full((columns[0].shape[0], _PANEL_GAP, 3), _BACKGROUND, dtype=np.uint8)
+    return np.concatenate([gap, columns[0], gap, columns[1], gap, columns[2], gap], axis=1)
+
+
+@dataclass(frozen=True)
+class PolarizationPanels:
+    """Degree and angle of polarization as pictures (h, w, 3), and the degree from which the angle has full colour."""
+
+    dolp: Picture
+    aolp: Picture
+    full: float
+
+
+def polarization_panels(capture: Capture) -> PolarizationPanels:
+    """Panels of `inspection_picture`, without titles and keys."""
+    stokes, valid = _gray_stokes(capture)
+    dolp, aolp = dolp_aolp(stokes)
+    full = max(float(np.quantile(dolp[valid], 0.95)) if valid.any() else 1.0, 0.02)
+    angles = aolp_colors(aolp, np.clip(dolp / full, 0, 1))
+    return PolarizationPanels(_masked(dolp_colors(dolp), valid), _masked(angles, valid), full)
+
+
+def dolp_colors(dolp: Floats) -> Picture:
+    """DoLP 0..1 to colours (..., 3)."""
+    stops = np.linspace(0, 1, len(_DOLP_COLORS))
+    table = np.asarray(_DOLP_COLORS, dtype=np.float64)
+    return np.stack([np.interp(dolp, stops, table[:, k]) for k in range(3)], axis=-1).astype(np.uint8)
+
+
+def aolp_colors(aolp_deg: Floats, brightness: Floats) -> Picture:
+    """Angles, 0..180 degrees once around the hues, and brightness 0..1 to colours (..., 3)."""
+    table = np.array([colorsys.hsv_to_rgb(k / 180, 0.85, 1.0) for k in range(180)])
+    colors = table[np.round(aolp_deg).astype(int) % 180]
+    return np.asarray(255 * colors * np.asarray(brightness)[..., None]).astype(np.uint8)
+
+
+def _reduction(capture: Capture) -> int:
+    return -(-capture.shape[-1] // _WIDEST)
+
+
+def _gray_stokes(capture: Capture) -> tuple[Floats, NDArray[np.bool_]]:
+    images = capture.intensities.mean(axis=1) if capture.color else capture.intensities
+    valid = capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0)
+    block = _reduction(capture)
+    whole = block_means(np.asarray(valid, dtype=np.float32), block) > 0.5
+    return stokes_from_intensities(block_means(images, block), capture.angles_deg), whole
+
+
+def _intensity_panel(capture: Capture) -> Picture:
+    s0 = block_means(capture.stokes[0], _reduction(capture))
+    view = encode_srgb(s0 / max(float(np.quantile(s0, 0.99)), 1e-9))
+    if capture.color and view.shape[0] == 3:
+        return np.round(255 * np.moveaxis(view, 0, -1)).astype(np.uint8)
+    gray = view.mean(axis=0) if capture.color else view
+    return np.repeat(np.round(255 * gray).astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def _masked(colors: Picture, valid: NDArray[np.bool_]) -> Picture:
+    return np.where(valid[..., None], colors, np.uint8(128)).astype(np.uint8)
+
+
+def _column(panel: Picture, title: str, key: Picture | None, ticks: tuple[str, ...], note: str) -> Picture:
+    """One panel with its title above and its key below."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    width = max(panel.shape[1], _NARROWEST)
+    canvas = Image.new("RGB", (width, panel.shape[0] + _PANEL_TITLE + _KEY), (_BACKGROUND,) * 3)
+    canvas.paste(Image.fromarray(panel), (0, _PANEL_TITLE))
+    draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(_PANEL_LETTERS)
+    below = _PANEL_TITLE + panel.shape[0]
+    draw.text((0, 6), f"{title}   {note}" if note else title, fill=0, font=font)
+    if key is not None:
+        length = min(200, width - 40)
+        canvas.paste(Image.fromarray(key).resize((length, 12)), (4, below + 8))
+        for k, tick in enumerate(ticks):
+            draw.text((4 + round(k * (length - 1) / (len(ticks) - 1)) - 3, below + 24), tick, fill=0, font=font)
+    return np.asarray(canvas, dtype=np.uint8)
+
+
+FADED = 0.2
+
+_WHITE = 0.99
+_LARGEST_PANEL = 800
+
+
+@dataclass(frozen=True)
+class UncertaintyPanels:
+    """What is known of the layers, of a size to look at.
+
+    Attributes
+    ----------
+    errors : dict of str to ndarray
+        Standard errors of transmission and reflection, (h, w) or (h, w, channel), linear.
+    white : dict of str to float
+        The error to show as white.
+    known : ndarray, shape (h, w, 3)
+        Told share of the reflection's detail, red below `faded`.
+    faded : float
+    """
+
+    errors: dict[str, Image]
+    white: dict[str, float]
+    known: Image
+    faded: float
+
+
+def uncertainty_panels(result: Separation) -> UncertaintyPanels:
+    """Panels of ``uncertainty.png``; of large images pixels are left out."""
+    errors = dict(zip(("transmission", "reflection"), map(planes_last, result.uncertainty), strict=True))
+    white = {name: max(float(np.quantile(error, _WHITE)), 1e-6) for name, error in errors.items()}
+    shown = {name: _panel(error) for name, error in errors.items()}
+    return UncertaintyPanels(shown, white, _marked(_panel(result.reflection_known)), FADED)
+
+
+def _panel(image: Image) -> Image:
+    """A large image with pixels left out."""
+    step = -(-max(image.shape[:2]) // _LARGEST_PANEL)
+    return image[::step, ::step]
+
+
+def _marked(known: Image) -> Image:
+    """Grey where the reflection is known, red where it has faded, (h, w, 3)."""
+    red = np.array([1.0, 0.25, 0.2], dtype=np.float32)
+    return np.where((known < FADED)[..., None], (0.3 + known[..., None]) * red, known[..., None])

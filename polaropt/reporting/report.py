@@ -1,0 +1,157 @@
+"""What a separation found and how, as plain values for ``report.json``."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import platform
+from collections.abc import Mapping
+from enum import Enum
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+import polaropt
+
+if TYPE_CHECKING:
+    from polaropt.capture import Capture
+    from polaropt.optics import SceneParameters
+    from polaropt.separation import Separation
+    from solvers.base import SolverResult
+
+
+_LIBRARIES = ("numpy", "scipy", "numba", "nlopt", "casadi", "torch")
+_ARRAYS = 16
+
+
+def separation_report(result: Separation, capture: Capture, given: SceneParameters) -> dict[str, Any]:
+    """Scene, objective, solver, seconds, diagnostics, input and versions of one separation.
+
+    Parameters
+    ----------
+    result : Separation
+    capture : Capture
+        What was separated; its origin names the files.
+    given : SceneParameters
+        What was asked for; None in it was estimated.
+
+    Returns
+    -------
+    dict
+        Plain values, ready for JSON; numbers that are not finite are None.
+    """
+
+    return {
+        "input": capture_report(capture),
+        **scene_report(result.scene, given, capture.focal_px),
+        "errors": plain(result.errors),
+        "n_bounces_kept": _bounces_kept(result, capture),
+        "rungs": plain(result.tried),
+        "objective": {name: {"raw": plain(term.value), "weight": plain(term.weight)} for name, term in _terms(result)},
+        "solver": solver_report(result.solver),
+        "seconds": _rounded(result.seconds),
+        "cpu_seconds": _rounded(result.cpu_seconds),
+        "diagnostics": diagnostics_report(result.diagnostics),
+        "versions": versions(),
+    }
+
+
+def _rounded(seconds: Mapping[str, float]) -> dict[str, float]:
+    return {stage: round(value, 4) for stage, value in seconds.items()}
+
+
+def _terms(result: Separation) -> list[tuple[str, Any]]:
+    return list(result.terms.items())
+
+
+def _bounces_kept(result: Separation, capture: Capture) -> int | None:
+    """Bounces that the solve kept apart; None where all lie on each other."""
+    from polaropt.optics import bounces_that_show
+
+    scene = result.scene
+    if not (scene.signal and scene.has_ghosts):
+        return None
+    kept = bounces_that_show(scene, result.diagnostics.noise, capture.shape[-2:])
+    return kept if scene.n_bounces is None else scene.n_bounces
+
+
+def scene_report(found: SceneParameters, given: SceneParameters, focal_hint_px: float | None = None) -> dict[str, Any]:
+    """The scene's parameters, and the names of those that were estimated; not so a focal length the camera told."""
+    from polaropt.optics import SEARCHED
+
+    estimated = [name for name in SEARCHED if getattr(given, name) is None]
+    if found.single_surface and "ghost_shift" in estimated:
+        estimated.remove("ghost_shift")
+    for name in ("focal_px", "transmission_ghost_shift"):
+        if getattr(found, name) is not None and getattr(given, name) is None:
+            estimated.append(name)
+    if found.bent and not given.bent:
+        estimated.append("bend_deg_per_px")
+    if found.focal_px == focal_hint_px and "focal_px" in estimated:
+        estimated.remove("focal_px")
+    return {"scene": {"rung": found.rung, **plain(found)}, "estimated": estimated}
+
+
+def capture_report(capture: Capture) -> dict[str, Any]:
+    """Size and angles, and where the capture was read from."""
+    origin = {} if capture.origin is None else plain(capture.origin)
+    return {
+        "width": capture.shape[-1],
+        "height": capture.shape[-2],
+        "channels": capture.shape[0] if capture.color else 1,
+        "angles_deg": list(capture.angles_deg),
+        **origin,
+    }
+
+
+def solver_report(solver: SolverResult) -> dict[str, Any]:
+    """Status with its sentence, value, evaluations, seconds."""
+    return {
+        "status": solver.status.name,
+        "sentence": solver.sentence,
+        "success": solver.status.success,
+        "value": plain(solver.value),
+        "n_evaluations": solver.n_evaluations,
+        "n_iterations": solver.n_iterations,
+        "restarts": solver.restarts,
+        "seconds": round(solver.seconds, 4),
+    }
+
+
+def diagnostics_report(diagnostics: Any) -> dict[str, Any]:
+    """All that was diagnosed; every warning with its sentence."""
+    fields = plain(diagnostics)
+    warnings = [{"name": warning.name, "sentence": warning.value} for warning in diagnostics.warnings]
+    return {**fields, "warnings": warnings}
+
+
+def versions() -> dict[str, str | None]:
+    """Versions of polaropt, Python and the libraries that decide the numbers."""
+    return {
+        "polaropt": polaropt.__version__,
+        "python": platform.python_version(),
+        **{name: _version(name) for name in _LIBRARIES},
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, enumerations, numpy scalars and short arrays to what JSON can hold; large arrays are left out."""
+    if dataclasses.is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):  # numpy
+        return plain(value.tolist()) if value.size <= _ARRAYS else None
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

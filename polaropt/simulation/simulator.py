@@ -1,0 +1,132 @@
+"""Photographs that a polarization camera would take of two known layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polaropt.capture import ANGLES_DEG, MOST_NEGATIVE, Capture, FloatImages, planes_first
+from polaropt.errors import InputError
+from polaropt.optics import PSE, SceneParameters, VaryingPSE
+
+# Noise below black is kept as far as a capture may have it.
+_DARKEST = 0.9 * MOST_NEGATIVE
+
+
+def simulate(
+    transmission: ArrayLike,
+    reflection: ArrayLike,
+    scene: SceneParameters,
+    angles_deg: Sequence[float] = ANGLES_DEG,
+    noise: float = 0.005,
+    bits: int | None = None,
+    seed: int = 0,
+    *,
+    shot_noise: float = 0.0,
+) -> Capture:
+    """Blend two layers through a simulated pane and photograph them behind a polarizer.
+
+    Parameters
+    ----------
+    transmission, reflection : array_like, shape (h, w) or (h, w, channel)
+        Linear layers, as image libraries have them: floating point with white = 1, or 8 or 16 bit unsigned integers
+        with white at their largest value. Unpolarized light of intensity 1 gives 0.5 behind a polarizer.
+    scene : SceneParameters
+        A complete scene.
+    angles_deg : sequence of float
+        Polarizer angles in degrees.
+    noise : float
+        Standard deviation of Gaussian noise on each photograph (white = 1).
+    bits : int, optional
+        Quantize to this depth. Default: no quantization.
+    seed : int
+        Seed of the noise.
+    shot_noise : float
+        Growth of the noise with the light: its variance is ``noise^2 + shot_noise * intensity``.
+
+    Returns
+    -------
+    Capture
+        Clipped at white, as a sensor does, and a little below black.
+
+    Raises
+    ------
+    InputError
+        Layers that differ in shape, or a wrong number of bits or noise.
+    """
+    layers = stack_layers(transmission, reflection)
+    if not 0 <= noise < np.inf:
+        raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
+    if not 0 <= shot_noise < np.inf:
+        raise InputError(f"the shot noise is {shot_noise}; give a variance per unit of intensity of 0 or more")
+    if bits is not None and not 1 <= bits <= 24:
+        raise InputError(f"{bits} bits; give a depth from 1 to 24")
+    exact = exact_photographs(layers, scene, angles_deg)
+    random = np.random.default_rng(seed)
+    sigma = np.sqrt(noise**2 + shot_noise * np.maximum(exact, 0)) if shot_noise else noise
+    photographs = exact + sigma * random.standard_normal(exact.shape)
+    return Capture(digitized(photographs, bits), angles_deg)
+
+
+def exact_photographs(layers: FloatImages, scene: SceneParameters, angles_deg: Sequence[float]) -> FloatImages:
+    """Photographs (k, [channel,] h, w) of layers (2, [channel,] h, w) before any noise, clipping and rounding."""
+    engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
+    return np.asarray(engine.forward(layers), dtype=np.float32)
+
+
+def digitized(photographs: NDArray[np.float64], bits: int | None) -> NDArray[np.float64]:
+    """What a sensor of `bits` makes of it, with some noise left below black."""
+    if bits is None:
+        return np.clip(photographs, _DARKEST, 1)
+    white = 2**bits - 1
+    steps = np.clip(np.round(photographs * white), np.ceil(_DARKEST * white), white)
+    return np.asarray(steps / white, dtype=np.float64)
+
+
+def stack_layers(transmission: ArrayLike, reflection: ArrayLike) -> FloatImages:
+    """Images (h, w[, channel]) to layers (2, [channel,] h, w), float32."""
+    both = [_as_linear(image) for image in (transmission, reflection)]
+    if both[0].shape != both[1].shape or both[0].ndim not in (2, 3):
+        shapes = f"{both[0].shape} and {both[1].shape}"
+        raise InputError(f"the layers have shapes {shapes}; give two equal (h, w[, channel])")
+    return np.ascontiguousarray(np.stack([planes_first(image) for image in both]))
+
+
+def _as_linear(image: ArrayLike) -> FloatImages:
+    values = np.asarray(image)
+    white = np.iinfo(values.dtype).max if values.dtype in (np.uint8, np.uint16) else 1
+    return values.astype(np.float32) / np.float32(white)
+
+
+Image = NDArray[np.float32]
+
+MARGIN = 64
+
+
+@dataclass(frozen=True)
+class Camera:
+    """How the photographs are taken: polarizer angles, noise (white = 1), depth, seed of the noise."""
+
+    angles_deg: Sequence[float] = ANGLES_DEG
+    noise: float = 0.005
+    bits: int | None = None
+    seed: int = 0
+
+
+def photograph_pair(
+    transmission: Image, reflection: Image, scene: SceneParameters, camera: Camera, margin: int = MARGIN
+) -> Capture:
+    """Capture of two layers (h, w[, channel]); `margin` pixels on each side are in the layers only."""
+    larger = simulate(transmission, reflection, scene, camera.angles_deg, camera.noise, camera.bits, camera.seed)
+    if margin == 0:
+        return larger
+    inside = (..., slice(margin, -margin), slice(margin, -margin))
+    return Capture(larger.intensities[inside], larger.angles_deg, larger.valid[inside])
+
+
+def without_margin(image: Image, margin: int = MARGIN) -> Image:
+    """The frame of a layer (h, w[, channel])."""
+    return np.ascontiguousarray(image[margin:-margin, margin:-margin])

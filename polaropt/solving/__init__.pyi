@@ -1,0 +1,57 @@
+__all__ = [
+    "Coordinates",
+    "Frame",
+    "FusedMisfit",
+    "FusedPenalties",
+    "How",
+    "Initializer",
+    "Misfit",
+    "Piece",
+    "Problem",
+    "Solution",
+    "StoppingRule",
+    "Term",
+    "Tile",
+    "Weights",
+    "build_objective",
+    "check_start",
+    "component_images",
+    "conditioned_observation",
+    "energies",
+    "initializers",
+    "is_kept",
+    "kinds_of_pixels",
+    "plain_observation",
+    "plate_views",
+    "solve",
+    "start_names",
+    "take_start",
+]
+
+from .compiled import FusedMisfit as FusedMisfit
+from .compiled import FusedPenalties as FusedPenalties
+from .compiled import kinds_of_pixels as kinds_of_pixels
+from .kernels.penalties import Frame as Frame
+from .kernels.penalties import energies as energies
+from .objective import Misfit as Misfit
+from .objective import Term as Term
+from .objective import Weights as Weights
+from .objective import build_objective as build_objective
+from .observation import conditioned_observation as conditioned_observation
+from .observation import plain_observation as plain_observation
+from .observation import plate_views as plate_views
+from .problem import Coordinates as Coordinates
+from .problem import Problem as Problem
+from .problem import component_images as component_images
+from .solution import How as How
+from .solution import Piece as Piece
+from .solution import Solution as Solution
+from .solution import StoppingRule as StoppingRule
+from .solution import Tile as Tile
+from .solution import solve as solve
+from .starts import Initializer as Initializer
+from .starts import check_start as check_start
+from .starts import initializers as initializers
+from .starts import is_kept as is_kept
+from .starts import start_names as start_names
+from .starts import take_start as take_start

@@ -1,0 +1,251 @@
+"""The objective: how badly two layers explain the photographs, and how unlike two natural scenes they are.
+
+Every term is in units of the noise, so that no weight depends on brightness, exposure or the image's size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, NoiseClasses
+from polaropt.errors import InputError
+from polaropt.inversion import Canvas, ClosedForm
+from polaropt.optics import PSE, VaryingPSE
+from priors.base import CHROMA_WEIGHT, Regularizer
+from priors.edge_independence import EdgeIndependence
+from priors.gradient_sparsity import GradientSparsity, LayerSparsity
+from priors.natural_image import NaturalImage
+from priors.nonnegativity import Nonnegativity
+
+# Found with ``python -m studies.paper_protocol``.
+_SPARSITY = 7.0
+_INDISTINCT = 0.02**2
+_UNCERTAIN = 0.15
+_LEAST_SPECTRAL = 0.4
+# Share of the reflection's gradient energy that must be told before edges and signs may be divided between the layers.
+_TOLD = 0.2
+_INDEPENDENCE = 0.1
+_ROBUST_SIGMAS = 3.0
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Factor on each term's weight: None is 1 (it follows from the noise), 0 switches the term off.
+
+    Parameters
+    ----------
+    misfit : float or None
+        The photographs against the simulated ones.
+    edge_independence : float or None
+        Edges that both layers share.
+    gradient_sparsity : float or None
+        Gradients of each layer.
+    nonnegativity : float or None
+        Negative light.
+    natural_image : float or None
+        Means and slow changes: the layers' expected spectra.
+    """
+
+    misfit: float | None = None
+    edge_independence: float | None = None
+    gradient_sparsity: float | None = None
+    nonnegativity: float | None = None
+    natural_image: float | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            factor = getattr(self, field.name)
+            if factor is not None and not (np.isfinite(factor) and factor >= 0):
+                raise InputError(f"weight {field.name} is {factor}; give a factor of 0 (off) or more")
+
+    def factor(self, name: str) -> float:
+        """The factor on a term's weight."""
+        factor: float | None = getattr(self, name)
+        return 1.0 if factor is None else float(factor)
+
+
+@dataclass(frozen=True)
+class Term:
+    """A term of the objective: its raw value and the factor on it."""
+
+    value: float
+    weight: float
+
+
+class Misfit:
+    """Half the sum of squared residuals of the trusted photographs, in units of their noise.
+
+    Parameters
+    ----------
+    capture : Capture
+    pse : PSE or VaryingPSE
+        For images of the canvas's size.
+    canvas : Canvas
+    noise : float or NoiseClasses
+        Standard deviation of a photograph's noise, the same everywhere or by classes of pixels.
+    robust : bool
+        Pseudo-Huber instead of squares: residuals beyond 3 sigma count linearly.
+    place : callable, optional
+        Turns numpy arrays into those to work with, such as tensors on a device.
+    """
+
+    def __init__(
+        self,
+        capture: Capture,
+        pse: PSE | VaryingPSE,
+        canvas: Canvas,
+        noise: float | NoiseClasses,
+        robust: bool = False,
+        place: Callable[[NDArray[Any]], Any] = np.asarray,
+    ) -> None:
+        shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
+        self._photographs = place(canvas.pad_zeros(capture.intensities.reshape(shape)))
+        sigma = noise.images() if isinstance(noise, NoiseClasses) else np.float32(noise)
+        self._precision = place(canvas.pad_zeros(capture.valid.reshape(shape).astype(np.float32) / sigma))
+        self._pse = pse
+        self._robust = robust
+
+    def value_and_grad(self, layers: Any) -> tuple[float, Any]:
+        """Value and gradient at canvas layers (2, channel, H, W), arrays or tensors."""
+        residual = (self._pse.forward(layers) - self._photographs) * self._precision
+        value, slope = _pseudo_huber(residual) if self._robust else _half_square(residual)
+        return value, self._pse.adjoint(slope * self._precision)
+
+
+def _half_square(residual: Any) -> tuple[float, Any]:
+    xp = array_namespace(residual)
+    return 0.5 * float(xp.sum(residual**2, dtype=xp.float64)), residual
+
+
+def _pseudo_huber(residual: Any) -> tuple[float, Any]:
+    xp = array_namespace(residual)
+    root = xp.sqrt(1 + (residual / _ROBUST_SIGMAS) ** 2)
+    return _ROBUST_SIGMAS**2 * float(xp.sum(root - 1, dtype=xp.float64)), residual / root
+
+
+class WithinFrame:
+    """A penalty on the part of the canvas that the photographs show.
+
+    Parameters
+    ----------
+    penalty : Regularizer
+    canvas : Canvas
+    """
+
+    def __init__(self, penalty: Regularizer, canvas: Canvas) -> None:
+        self._penalty, self._canvas = penalty, canvas
+
+    def value_and_grad(self, layers: Any) -> tuple[float, Any]:
+        """Value and gradient at canvas layers (2, channel, H, W), arrays or tensors."""
+        value, within = self._penalty.value_and_grad(self._canvas.crop(layers))
+        gradient = array_namespace(layers).zeros_like(layers)
+        self._canvas.crop(gradient)[...] = within
+        return value, gradient
+
+
+class Objective:
+    """Weighted sum of named terms, in its readable form.
+
+    `polaropt.solving.compiled` has the same value and gradient in compiled passes.
+
+    Parameters
+    ----------
+    terms : dict of str to Regularizer
+    weights : Weights
+    """
+
+    def __init__(self, terms: dict[str, Regularizer], weights: Weights) -> None:
+        self._terms = {name: (weights.factor(name), term) for name, term in terms.items()}
+        self.misfit = math.inf
+        """Raw misfit at the last evaluation."""
+
+    def value_and_grad(self, layers: Any) -> tuple[float, Any]:
+        """Value (float64) and gradient (float32) at canvas layers (2, channel, H, W), arrays or tensors."""
+        total, gradient = 0.0, array_namespace(layers).zeros_like(layers)
+        for name, (weight, term) in self._terms.items():
+            if weight:
+                value, part = term.value_and_grad(layers)
+                self.misfit = value if name == "misfit" else self.misfit
+                total += weight * value
+                gradient += weight * part
+        return total, gradient
+
+    def terms(self, layers: Any) -> dict[str, Term]:
+        """Raw value and weight of every term, also of those switched off."""
+        return {name: Term(term.value_and_grad(layers)[0], weight) for name, (weight, term) in self._terms.items()}
+
+
+@dataclass(frozen=True)
+class Penalties:
+    """The priors of the default objective; their names are those of `Weights`."""
+
+    edge_independence: EdgeIndependence
+    gradient_sparsity: GradientSparsity
+    nonnegativity: Nonnegativity
+    natural_image: NaturalImage
+
+    def placed(self, place: Callable[[NDArray[Any]], Any]) -> Penalties:
+        """With arrays that `place` has turned into those to work with."""
+        natural = self.natural_image
+        parts = (place(natural.stiffness), place(natural.mean), place(natural.basis.astype(np.float32)))
+        return replace(self, natural_image=NaturalImage(*parts))
+
+
+def default_penalties(known: ClosedForm, noise: float) -> Penalties:
+    """The priors that the fitted spectra imply.
+
+    Where the photographs hardly tell a layer's gradients, the sparse prior gives way to the Gaussian one: the most
+    probable point of a sparse prior is no good estimate there.
+    """
+    scale, unknown = _gradient_energy(known.edges), _gradient_energy(known.unknown_edges)
+    open_share = unknown_shares(known)
+    floor = _INDISTINCT * scale + _UNCERTAIN * unknown
+    told = min(1.0, float(1 - open_share[1]) / _TOLD) ** 2
+    sparsity = [
+        LayerSparsity(_SPARSITY * told * float(1 - share), float(size), float(least))
+        for share, size, least in zip(open_share, scale, floor, strict=True)
+    ]
+    spectral = np.maximum(open_share, 1 - told * (1 - _LEAST_SPECTRAL)).astype(np.float32)
+    typical = scale + unknown
+    variance = noise**2 + known.variance.mean(axis=1)
+    return Penalties(
+        edge_independence=EdgeIndependence(_INDEPENDENCE * told, (float(typical[0]), float(typical[1]))),
+        gradient_sparsity=GradientSparsity((sparsity[0], sparsity[1])),
+        nonnegativity=Nonnegativity((told / float(variance[0]), told / float(variance[1]))),
+        natural_image=NaturalImage(spectral[:, None, None, None] / known.prior, known.mean, known.basis),
+    )
+
+
+def build_objective(misfit: Misfit, penalties: Penalties, canvas: Canvas, weights: Weights) -> Objective:
+    """The objective in its readable form.
+
+    Edges and signs are judged within the frame; the margins, which only ghosts tell of, follow from the spectra.
+    """
+    terms: dict[str, Regularizer] = {
+        "misfit": misfit,
+        "edge_independence": WithinFrame(penalties.edge_independence, canvas),
+        "gradient_sparsity": WithinFrame(penalties.gradient_sparsity, canvas),
+        "nonnegativity": WithinFrame(penalties.nonnegativity, canvas),
+        "natural_image": penalties.natural_image,
+    }
+    return Objective(terms, weights)
+
+
+def unknown_shares(known: ClosedForm) -> NDArray[np.float64]:
+    """Share of each layer's gradient energy that the photographs leave open, (2,), 0..1."""
+    return np.minimum(_gradient_energy(known.unknown_edges) / _gradient_energy(known.edges), 1.0)
+
+
+def _gradient_energy(per_color: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Gradient energy of each layer, chroma weighted as the penalties do, (2,)."""
+    color_weights = np.full(per_color.shape[1], CHROMA_WEIGHT)
+    color_weights[0] = 1.0
+    energy: NDArray[np.float64] = per_color @ color_weights
+    return energy

@@ -1,0 +1,141 @@
+"""What the networks of `priors` are shown of a capture."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import ANGLES_DEG, Capture, least_squares_entries
+from polaropt.optics import PSE, SceneParameters, VaryingPSE, analyzer_matrix, frame_matrix, in_place_weights
+from polaropt.solving.problem import Problem
+
+if TYPE_CHECKING:
+    from priors.observation import Observation
+
+
+_CANDIDATES_DEG = (8.0, 88.0)
+Images = NDArray[np.float32]
+Matrix = NDArray[np.float64]
+
+
+def plain_observation(capture: Capture, noise: float, refractive_index: float = 1.5) -> Observation:
+    """The photographs alone, as they would be at 0, 45, 90 and 135 degrees: for the paper's form.
+
+    Parameters
+    ----------
+    capture : Capture
+        Any three or more angles.
+    noise : float
+        Standard deviation of one photograph's noise (white = 1).
+    refractive_index : float
+        Of the pane.
+    """
+    from priors.observation import N_CANDIDATES, of_arrays
+
+    to_views = analyzer_matrix(ANGLES_DEG)
+    stokes = least_squares_entries(capture, analyzer_matrix(capture.angles_deg))
+    views = np.tensordot(to_views.astype(np.float32), stokes, axes=1)
+    return of_arrays(
+        views=views,
+        view_errors=view_errors(to_views, capture, noise),
+        trusted=_trusted(capture),
+        shares=transmitted_shares(refractive_index, N_CANDIDATES),
+    )
+
+
+def transmitted_shares(refractive_index: float, n: int) -> Matrix:
+    """Shares of the light along and across the plane of incidence that panes transmit, from frontal to grazing.
+
+    Parameters
+    ----------
+    refractive_index : float
+    n : int
+        Panes.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+    """
+    cosines = np.cos(np.radians(np.linspace(*_CANDIDATES_DEG, n)))
+    transmitted, _ = in_place_weights(cosines[None], refractive_index, single_surface=False)
+    return np.asarray(transmitted[:2, 0].T)
+
+
+def conditioned_observation(problem: Problem, layers: Images) -> Observation:
+    """The views along and across the plane of incidence, and the layers in closed form: for the conditioned form.
+
+    Parameters
+    ----------
+    problem : Problem
+    layers : ndarray of float32, shape (2, channel, h, w)
+        The closed form's, on the frame.
+    """
+    from priors.observation import of_arrays
+
+    capture, pse = problem.capture, problem.pse
+    stokes = least_squares_entries(capture, analyzer_matrix(capture.angles_deg))
+    _, azimuth_deg, shift = problem.scene.values()
+    azimuth = math.radians(azimuth_deg)
+    return of_arrays(
+        views=plate_views(stokes, pse),
+        view_errors=view_errors(frame_matrix(0.0)[:2], capture, problem.noise),
+        trusted=_trusted(capture),
+        layers=layers,
+        errors=_layer_errors(problem.known.variance),
+        mixing=mixing_in_place(pse, *capture.shape[-2:]),
+        step=np.array([shift * math.cos(azimuth), -shift * math.sin(azimuth)]),
+    )
+
+
+def plate_views(stokes: Images, pse: PSE | VaryingPSE) -> Images:
+    """Stokes images (3, channel, h, w) as seen along and across the plane of incidence, (2, channel, h, w)."""
+    if isinstance(pse, PSE):
+        rotation = frame_matrix(pse.scene.values()[1])[:2]
+        return np.asarray(np.tensordot(rotation.astype(np.float32), stokes, axes=1), dtype=np.float32)
+    cos, sin = _directions(pse, *stokes.shape[-2:])
+    along = cos * stokes[1] + sin * stokes[2]
+    return np.asarray(np.stack([stokes[0] + along, stokes[0] - along]) / 2, dtype=np.float32)
+
+
+def mixing_in_place(pse: PSE | VaryingPSE, height: int, width: int) -> Matrix:
+    """Share of each layer in the views along and across the plane of incidence, at the middle, (2, 2)."""
+    if isinstance(pse, PSE):
+        return np.ascontiguousarray(pse.taps.sum(axis=1).T[:2])
+    row, column = height // 2, width // 2
+    mixture = pse.mixtures(height, width)[:, :, row, column]
+    cos, sin = (float(direction[row, column]) for direction in _directions(pse, height, width))
+    along = cos * mixture[1] + sin * mixture[2]
+    return np.stack([mixture[0] + along, mixture[0] - along]).astype(np.float64) / 2
+
+
+def _directions(pse: VaryingPSE, height: int, width: int) -> tuple[Images, Images]:
+    """Cosine and sine of twice the azimuth at each pixel: the direction in which a pane polarizes what it transmits."""
+    scene: SceneParameters = pse.scene.replace(transmission_polarization=(0.0, 0.0))
+    plain = VaryingPSE(scene, pse.angles_deg, pse.center(height, width))
+    _, s1, s2 = plain.mixtures(height, width)[:, 0]
+    length = np.maximum(np.hypot(s1, s2), np.float32(1e-12))
+    return s1 / length, s2 / length
+
+
+def view_errors(to_views: Matrix, capture: Capture, noise: float) -> NDArray[np.float32]:
+    """Standard deviation of the noise of views that are linear in the Stokes vector, (view,)."""
+    weights = to_views @ np.linalg.pinv(analyzer_matrix(capture.angles_deg))
+    errors = noise * np.sqrt(np.square(weights).sum(axis=1))
+    return np.asarray(errors, dtype=np.float32)
+
+
+def _layer_errors(variance: Matrix) -> NDArray[np.float32]:
+    """Standard errors (2, 3) in the networks' colour basis: luminance, and the same for both differences of colours."""
+    # Grey is shown as three equal channels, whose luminance is larger by the root of three.
+    luminance = variance[:, :1] * (3 if variance.shape[1] == 1 else 1)
+    chroma = variance[:, 1:].mean(axis=1, keepdims=True) if variance.shape[1] > 1 else np.zeros((2, 1))
+    return np.asarray(np.sqrt(np.concatenate([luminance, chroma, chroma], axis=1)), dtype=np.float32)
+
+
+def _trusted(capture: Capture) -> Images:
+    """Share of the photographs that are not clipped, (1, 1, h, w)."""
+    share = capture.valid.reshape(-1, *capture.shape[-2:]).mean(axis=0, dtype=np.float32)
+    return np.asarray(share, dtype=np.float32)[None, None]

@@ -1,0 +1,196 @@
+"""A capture with all that its solve needs: the pane, the canvas, what is known beforehand, the objective."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, NoiseClasses, NoiseModel, noise_classes
+from polaropt.inversion import Canvas, ClosedForm, FourierPreconditioner, canvas_for, natural_image_layers
+from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
+from polaropt.solving.objective import Misfit, Term, Weights, build_objective, default_penalties
+
+if TYPE_CHECKING:
+    from polaropt.solving.compiled import MisfitInPlace
+
+
+FILLINGS = 2
+"""Times that the closed form is repeated; a third hardly changes it."""
+_MUCH = 2e-3
+
+
+def worth_filling(capture: Capture) -> bool:
+    """Whether so much is missing that a closed form, which cannot leave pixels out, suffers from it."""
+    return bool(np.count_nonzero(capture.valid) < (1 - _MUCH) * capture.valid.size)
+
+
+def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
+    """The capture with the expected photographs where its own cannot be trusted; what is clipped is white at least.
+
+    Parameters
+    ----------
+    capture : Capture
+    expected : ndarray, shape (k, channel, h, w)
+    """
+    seen = capture.intensities
+    expected = expected.reshape(seen.shape)
+    values = np.where(seen >= 1, np.maximum(expected, seen), expected)
+    whole = capture.part(slice(None), slice(None))
+    whole.intensities = np.where(capture.valid, seen, values).astype(np.float32)
+    whole.valid = np.ones_like(capture.valid)
+    return whole
+
+
+Images = NDArray[np.float32]
+
+_STRIP_ROWS = 128
+
+
+class Coordinates(Protocol):
+    """An objective of a flat vector, with the way from layers to the vector and back."""
+
+    @property
+    def misfit(self) -> float:
+        """Raw misfit at the last evaluation; infinite before the first."""
+
+    def coordinates(self, layers: Images) -> Any:
+        """Coordinates of canvas layers."""
+
+    def value_and_grad(self, z: Any) -> tuple[float, Any]:
+        """Value and gradient at coordinates z."""
+
+    def solution(self, z: Any) -> tuple[Images, dict[str, Term]]:
+        """Canvas layers at coordinates z, and raw value and weight of every term."""
+
+
+class Problem:
+    """One separation to be solved.
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters
+        A complete scene.
+    noise : float
+    weights : Weights
+    robust : bool
+        Residuals beyond 3 sigma count linearly.
+    center : (float, float), optional
+        Column and row of the camera's principal point. Default: the middle of the frame.
+    growth : NoiseModel, optional
+        How the noise grows with the light. Default: it is the same everywhere.
+    """
+
+    def __init__(
+        self,
+        capture: Capture,
+        scene: SceneParameters,
+        noise: float,
+        weights: Weights,
+        robust: bool = False,
+        center: tuple[float, float] | None = None,
+        *,
+        growth: NoiseModel | None = None,
+    ) -> None:
+        classes = None if growth is None else noise_classes(capture, growth)
+        self.noise = noise if classes is None else classes.typical
+        self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
+        self.capture, self.scene = capture, scene
+        self._weights, self._robust = weights, robust
+        self.pse = self._engine(center)
+        self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
+        self.known: ClosedForm = self._closed_form()
+        self.penalties = default_penalties(self.known, noise)
+
+    def _engine(self, center: tuple[float, float] | None) -> PSE | VaryingPSE:
+        return engine_for(self.scene, self.capture.angles_deg, self.noise, self.capture.shape[-2:], center)
+
+    def _closed_form(self) -> ClosedForm:
+        known = self._closed_form_of(self.capture)
+        for _ in range(FILLINGS if worth_filling(self.capture) else 0):
+            known = self._closed_form_of(filled(self.capture, self._photographed(known.layers)))
+        return known
+
+    def _photographed(self, layers: Images) -> Images:
+        """Photographs (k, channel, h, w) of canvas layers."""
+        return np.asarray(self.canvas.crop(self._on_canvas().forward(layers)))
+
+    def _closed_form_of(self, capture: Capture) -> ClosedForm:
+        if isinstance(self.pse, PSE):
+            return natural_image_layers(capture, self.pse, self.canvas, self.noise)
+        from polaropt.inversion import ghost_layers, varying_layers
+
+        varying = ghost_layers if self.scene.has_ghosts else varying_layers
+        return varying(capture, self.pse, self.canvas, self.noise)
+
+    def compiled(self, start: Images) -> Coordinates:
+        """The objective in compiled passes, in coordinates made for `start` (2, channel, H, W)."""
+        from polaropt.solving.compiled import FusedObjective
+
+        return FusedObjective(self._compiled_misfit(), self.penalties, self._weights, self.known, self.canvas, start)
+
+    def _compiled_misfit(self) -> MisfitInPlace:
+        from polaropt.solving.compiled import FusedGhostMisfit, FusedMisfit, FusedVaryingMisfit, ReadableMisfit
+
+        if self._robust:
+            return ReadableMisfit(Misfit(self.capture, self._on_canvas(), self.canvas, self._pixel_noise, robust=True))
+        if isinstance(self.pse, PSE):
+            return FusedMisfit(self.capture, self.pse, self.canvas, self._pixel_noise)
+        varying = FusedGhostMisfit if self.scene.has_ghosts else FusedVaryingMisfit
+        return varying(self.capture, self.pse, self.canvas, self._pixel_noise)
+
+    def _on_canvas(self) -> PSE | VaryingPSE:
+        """The engine for images of the canvas's size."""
+        if isinstance(self.pse, PSE):
+            return self.pse
+        canvas = self.canvas
+        return self.pse.moved(canvas.left, canvas.top, canvas.height, canvas.width)
+
+    def readable(self, start: Images, device: str | None = None) -> Coordinates:
+        """The same in its readable form, on numpy arrays or on torch tensors of a device."""
+        from polaropt.solving.compiled import FusedPenalties, assumed_hessian
+        from polaropt.solving.whitened import WhitenedObjective, on_device
+
+        place = np.asarray if device is None else on_device(device)
+        misfit = Misfit(self.capture, self._on_canvas(), self.canvas, self._pixel_noise, self._robust, place)
+        objective = build_objective(misfit, self.penalties.placed(place), self.canvas, self._weights)
+        known, natural = self.known, self.penalties.natural_image
+        local = FusedPenalties(self.penalties, self.canvas, start.shape[1])
+        hessian = assumed_hessian(local, natural, self._weights, known, start)
+        whitened = FourierPreconditioner(hessian, known.mean, known.basis, self.canvas.shape[1], place)
+        return WhitenedObjective(objective, whitened, place)
+
+    @property
+    def misfit_of_noise(self) -> float:
+        """Misfit that the true layers have: half of one per trusted value."""
+        return 0.5 * float(self.capture.valid.sum())
+
+    def misfit_ratio(self, misfit: float) -> float:
+        """Mean squared residual in units of the noise, less what the unknowns take up."""
+        k = len(self.capture.angles_deg)
+        free = max(1.0, float(self.capture.valid.sum()) * (k - 2) / k)
+        return 2 * misfit / free
+
+
+def component_images(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images) -> Images:
+    """The parts of the photographs that come from each layer of the canvas, (2, k, channel, h, w)."""
+    if isinstance(pse, VaryingPSE):
+        on_canvas = pse.moved(canvas.left, canvas.top, canvas.height, canvas.width)
+        components: Images = canvas.crop(np.concatenate(list(_in_strips(on_canvas, layers)), axis=-2))
+        return components
+    # A colour at a time: the engine holds several times its input.
+    return np.concatenate([canvas.crop(pse.components(layers[:, c : c + 1])) for c in range(layers.shape[1])], axis=2)
+
+
+def _in_strips(pse: VaryingPSE, layers: Images) -> Iterator[Images]:
+    """Components of some rows at a time: the weights of all ghosts in every pixel are much memory."""
+    height, width = layers.shape[-2:]
+    reach = 1 + math.ceil(max(abs(down) for _, down in pse.displacements(height, width)))
+    for top in range(0, height, _STRIP_ROWS):
+        first, stop = max(0, top - reach), min(height, top + _STRIP_ROWS)
+        part = pse.moved(0, -first, height, width).components(layers[..., first : stop + reach, :])
+        yield part[..., top - first : stop - first, :]

@@ -1,0 +1,339 @@
+"""From a capture and its scene to the layers: closed form, objective and minimizer, tile by tile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import count, zip_longest
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, NoiseModel
+from polaropt.errors import InputError
+from polaropt.inversion import Canvas, Knowledge
+from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
+from polaropt.progress import Stages
+from polaropt.solving.kept_start import KeptStart
+from polaropt.solving.objective import Term, Weights
+from polaropt.solving.problem import Coordinates, Problem
+from polaropt.solving.starts import is_kept, take_start
+from solvers.base import Solver, SolverResult, Status, StopSolving, TooLarge, TracePoint
+from solvers.base import StoppingRule as StoppingRule  # part of this wing's face
+
+# An image with no longer side is solved in one piece.
+LARGEST_TILE = 800
+_OVERLAP = 64
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A part of a frame.
+
+    Attributes
+    ----------
+    rows, columns : slice
+    weights : ndarray of float32, shape (rows, columns)
+        Falling linearly where neighbours overlap; over all tiles they add up to 1 in every pixel.
+    """
+
+    rows: slice
+    columns: slice
+    weights: NDArray[np.float32]
+
+    @property
+    def where(self) -> tuple[slice, slice]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+
+def tiles(height: int, width: int, largest: int = LARGEST_TILE) -> list[Tile]:
+    """Tiles of a frame, none with a side longer than `largest` pixels.
+
+    Parameters
+    ----------
+    height, width : int
+    largest : int
+        More than twice the overlap of 64 px.
+    """
+    return [
+        Tile(rows, columns, np.outer(down, across))
+        for rows, down in _parts(height, largest)
+        for columns, across in _parts(width, largest)
+    ]
+
+
+def _parts(length: int, largest: int) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+    """Equal parts of a side with their weights."""
+    n = max(1, math.ceil((length - _OVERLAP) / (largest - _OVERLAP)))
+    inner = (length - _OVERLAP) / n
+    ramp = (np.arange(_OVERLAP, dtype=np.float32) + np.float32(0.5)) / _OVERLAP
+    for i in range(n):
+        start, stop = round(i * inner), round((i + 1) * inner) + _OVERLAP
+        weights = np.ones(stop - start, dtype=np.float32)
+        if i > 0:
+            weights[:_OVERLAP] = ramp
+        if i < n - 1:
+            weights[-_OVERLAP:] = ramp[::-1]
+        yield slice(start, min(stop, length)), weights[: length - start]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A tile of a separation with what is known of its layers."""
+
+    tile: Tile
+    known: Knowledge
+    pse: PSE | VaryingPSE
+
+
+Images = NDArray[np.float32]
+
+_CLOSED_FORM, _SOLVING, _TAKING_STOCK = 0.3, 0.4, 0.97
+# The one that says most of a whole whose tiles ended differently, first.
+_GRAVITY = (
+    Status.NOT_FINITE,
+    Status.TIME_LIMIT,
+    Status.EVALUATION_LIMIT,
+    Status.ROUNDOFF_LIMITED,
+    Status.EXPLAINED,
+    Status.CONVERGED,
+    Status.SMALL_GRADIENT,
+)
+
+
+@dataclass(frozen=True)
+class How:
+    """How to solve.
+
+    Attributes
+    ----------
+    minimizer : Solver
+    init : str
+        Name of the start.
+    weights : Weights
+    stopping : StoppingRule
+    robust : bool
+    device : str or None
+        Where the readable objective runs on tensors; None for the compiled one.
+    growth : NoiseModel or None
+        How the noise grows with the light; None where it is the same everywhere.
+    """
+
+    minimizer: Solver
+    init: str
+    weights: Weights
+    stopping: StoppingRule
+    robust: bool
+    device: str | None
+    growth: NoiseModel | None = None
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a solve found.
+
+    Attributes
+    ----------
+    layers : ndarray of float32, shape (2, channel, h, w)
+        On the frame.
+    terms : dict of str to Term
+        Summed over tiles.
+    solver : SolverResult
+        Without its point.
+    misfit_ratio : float
+        Mean squared residual in units of the noise, less what the unknowns take up.
+    reflection_unknown : float
+        Share of the reflection's detail that the photographs leave open, 0..1.
+    transmission_variance : float
+        That the noise leaves to a pixel of the transmission, where the scene is known.
+    pse : PSE or VaryingPSE
+    canvas : Canvas
+    canvas_layers : ndarray of float32, shape (2, channel, H, W)
+        The layers as far as they are known beyond the frame, too.
+    pieces : tuple of Piece
+        What is known of the layers, tile by tile.
+    """
+
+    layers: Images
+    terms: dict[str, Term]
+    solver: SolverResult
+    misfit_ratio: float
+    reflection_unknown: float
+    transmission_variance: float
+    pse: PSE | VaryingPSE
+    canvas: Canvas
+    canvas_layers: Images
+    pieces: tuple[Piece, ...]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A tile, its number among all, and the principal point (column, row) as seen from its corner."""
+
+    tile: Tile
+    number: int
+    of: int
+    center: tuple[float, float]
+
+
+def solve(capture: Capture, scene: SceneParameters, noise: float, how: How, stages: Stages) -> Solution:
+    """Solve for the layers of a capture whose scene is known, in tiles where it is large.
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters
+        A complete scene.
+    noise : float
+    how : How
+    stages : Stages
+
+    Raises
+    ------
+    InputError
+        The solver cannot take so many unknowns.
+    """
+    height, width = capture.shape[-2:]
+    parts = tiles(height, width)
+    middle = ((width - 1) / 2, (height - 1) / 2)
+    if len(parts) == 1:
+        return _solve_tile(capture, scene, noise, how, stages, Place(parts[0], 0, 1, middle))
+    colors = capture.shape[0] if capture.color else 1
+    layers = np.zeros((2, colors, height, width), dtype=np.float32)
+    solutions: list[Solution] = []
+    for i, tile in enumerate(parts):
+        place = Place(tile, i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
+        found = _solve_tile(capture.part(*tile.where), scene, noise, how, stages, place)
+        layers[:, :, tile.rows, tile.columns] += tile.weights * found.layers
+        nothing = np.empty(0, dtype=np.float32)
+        solutions.append(replace(found, layers=nothing, canvas_layers=nothing))
+    pse = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:])
+    return _together(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
+
+
+def _solve_tile(
+    capture: Capture, scene: SceneParameters, noise: float, how: How, stages: Stages, place: Place
+) -> Solution:
+    """One tile, in the time that is its own."""
+    done, share = place.number / place.of, 1 / place.of
+    reach = _TAKING_STOCK - _CLOSED_FORM
+    stages.begin("Closed form", _CLOSED_FORM + reach * done)
+    problem = Problem(capture, scene, noise, how.weights, how.robust, place.center, growth=how.growth)
+    unknown = problem.known.sampled.unknown_detail(problem.canvas.crop(problem.known.layers[1]))
+    start = take_start(problem, how.init)
+    stages.begin("Setting up", _CLOSED_FORM + reach * done)
+    objective = problem.compiled(start) if how.device is None else problem.readable(start, how.device)
+    z = objective.coordinates(start)
+    kept = KeptStart(start, problem, unknown) if is_kept(how.init) else None
+    # A solve of a large image needs the memory.
+    del start
+    stages.begin("Solving", _CLOSED_FORM + reach * (done + (_SOLVING - _CLOSED_FORM) * share))
+
+    def advance(evaluations: int) -> None:
+        stages.advance((_TAKING_STOCK - _SOLVING) * share * min(1.0, evaluations / how.stopping.max_evaluations))
+
+    try:
+        result = how.minimizer.minimize(_watched(objective, kept, advance), z, _shared(how.stopping, share))
+    except TooLarge as error:
+        raise InputError(str(error)) from None
+    stages.begin("Taking stock", _CLOSED_FORM + reach * (done + share))
+    layers, terms, result = _ended(objective, result, kept)
+    return Solution(
+        layers=np.ascontiguousarray(problem.canvas.crop(layers)),
+        terms=terms,
+        solver=replace(result, x=np.zeros(0, dtype=np.float32)),
+        misfit_ratio=problem.misfit_ratio(terms["misfit"].value),
+        reflection_unknown=unknown,
+        transmission_variance=float(problem.known.sampled.variance()[0]),
+        pse=problem.pse,
+        canvas=problem.canvas,
+        canvas_layers=layers,
+        pieces=(Piece(place.tile, problem.known.sampled, problem.pse),),
+    )
+
+
+def _watched(
+    objective: Coordinates, kept: KeptStart | None, advance: Callable[[int], None]
+) -> Callable[[Any], tuple[float, Any]]:
+    """Value and gradient, which tell their number, and stop where a start that is to be kept is the end."""
+    enough = kept.enough if kept is not None and kept.may_be_the_end else -math.inf
+    numbers = count(1)
+
+    def evaluate(z: Any) -> tuple[float, Any]:
+        if objective.misfit <= enough:
+            raise StopSolving(Status.EXPLAINED)
+        advance(next(numbers))
+        return objective.value_and_grad(z)
+
+    return evaluate
+
+
+def _ended(
+    objective: Coordinates, result: SolverResult, kept: KeptStart | None
+) -> tuple[Images, dict[str, Term], SolverResult]:
+    """Canvas layers where the solver ended, or on the way there from a start that is to be kept."""
+    layers, terms = objective.solution(result.x)
+    if kept is None or result.n_evaluations == 1:
+        return layers, terms, result
+    layers, terms = kept.left(objective, layers)
+    return layers, terms, replace(result, value=sum(term.weight * term.value for term in terms.values()))
+
+
+def _shared(stopping: StoppingRule, share: float) -> StoppingRule:
+    """A tile's part of the time; evaluations are counted per tile."""
+    return stopping if stopping.seconds is None else replace(stopping, seconds=stopping.seconds * share)
+
+
+def _together(
+    solutions: list[Solution], parts: list[Tile], layers: Images, frame: Canvas, pse: PSE | VaryingPSE
+) -> Solution:
+    areas = np.array([tile.weights.sum() for tile in parts])
+    mean = areas / areas.sum()
+    return Solution(
+        layers=layers,
+        terms=_summed_terms([solution.terms for solution in solutions]),
+        solver=_joined([solution.solver for solution in solutions]),
+        misfit_ratio=float(mean @ [solution.misfit_ratio for solution in solutions]),
+        reflection_unknown=float(mean @ [solution.reflection_unknown for solution in solutions]),
+        transmission_variance=float(mean @ [solution.transmission_variance for solution in solutions]),
+        pse=pse,
+        canvas=frame,
+        canvas_layers=layers,
+        pieces=tuple(piece for solution in solutions for piece in solution.pieces),
+    )
+
+
+def _summed_terms(all_terms: list[dict[str, Term]]) -> dict[str, Term]:
+    return {
+        name: Term(sum(terms[name].value for terms in all_terms), term.weight) for name, term in all_terms[0].items()
+    }
+
+
+def _joined(results: list[SolverResult]) -> SolverResult:
+    """As if the tiles had been solved side by side: values and seconds add up, evaluations are the longest tile's."""
+    trace = []
+    last = [result.trace[0] for result in results if result.trace]
+    for points in zip_longest(*(result.trace for result in results if result.trace)):
+        last = [point or before for point, before in zip(points, last, strict=True)]
+        trace.append(
+            TracePoint(
+                n_evaluations=max(point.n_evaluations for point in last),
+                seconds=sum(point.seconds for point in last),
+                value=sum(point.value for point in last),
+                gradient_norm=float(np.linalg.norm([point.gradient_norm for point in last])),
+                cpu_seconds=sum(point.cpu_seconds for point in last),
+            )
+        )
+    return SolverResult(
+        x=results[0].x,
+        value=sum(result.value for result in results),
+        n_evaluations=max(result.n_evaluations for result in results),
+        n_iterations=max(result.n_iterations for result in results),
+        status=min((result.status for result in results), key=_GRAVITY.index),
+        seconds=sum(result.seconds for result in results),
+        trace=trace,
+        restarts=sum(result.restarts for result in results),
+    )

@@ -1,0 +1,119 @@
+"""Where a solve can start, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture
+from polaropt.errors import InputError
+from polaropt.inversion import per_pixel_layers, varying_pixel_layers
+from polaropt.optics import PSE
+from polaropt.solving.problem import Problem
+
+Images = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Initializer:
+    """A start of the solve.
+
+    Attributes
+    ----------
+    name : str
+        As `separate(init=...)` takes it.
+    sentence : str
+        What it is.
+    installed : bool
+        Whether all that it needs is there.
+    """
+
+    name: str
+    sentence: str
+    installed: bool = True
+
+
+def initializers() -> tuple[Initializer, ...]:
+    """The starts that `separate` knows."""
+    there = all(find_spec(package) is not None for package in ("torch", "safetensors"))
+    return (
+        Initializer("closed-form", "A Wiener filter per frequency, with all ghosts (the default)."),
+        Initializer("cold", "The plain intensity."),
+        Initializer(
+            "learned", "Networks that improve the closed form; the solve keeps what the photographs leave open.", there
+        ),
+        Initializer("per-pixel", "Each pixel's own photographs, double images in place."),
+    )
+
+
+def start_names() -> tuple[str, ...]:
+    """Names that `take_start` knows, installed or not."""
+    return tuple(start.name for start in initializers())
+
+
+def check_start(name: str) -> None:
+    """InputError where there is no such start, or where it lacks a package."""
+    known = {start.name: start for start in initializers()}
+    if name not in known:
+        raise InputError(f"unknown start {name!r}; there are: {', '.join(known)}")
+    if not known[name].installed:
+        raise InputError(f"the start {name!r} needs torch and safetensors: pip install 'polaropt[torch]'")
+
+
+def is_kept(name: str) -> bool:
+    """Whether a solve leaves this start only as far as the photographs say, see `polaropt.solving.kept_start`.
+
+    The learned start knows what the objective does not; going on would trade that for what the objective prefers.
+    """
+    return name == "learned"
+
+
+def take_start(problem: Problem, name: str) -> Images:
+    """Canvas layers (2, channel, H, W) to start from; what only the start needs of the closed form is given up.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the closed form that it was made with, whose layers it loses: canvas layers are much memory.
+    name : str
+        See `initializers`.
+    """
+    start = _start_layers(problem, name)
+    nothing = np.empty(0, dtype=np.float32)
+    problem.known = replace(problem.known, layers=nothing, prior=nothing)
+    return start
+
+
+def _start_layers(problem: Problem, name: str) -> Images:
+    capture, canvas, pse = problem.capture, problem.canvas, problem.pse
+    if name == "closed-form":
+        return canvas.continued(canvas.crop(problem.known.layers))
+    if name == "learned":
+        return canvas.continued(_learned_layers(problem))
+    if name == "per-pixel":
+        layers = per_pixel_layers(capture, pse.scene) if isinstance(pse, PSE) else varying_pixel_layers(capture, pse)
+        return canvas.continued(_with_channels(layers, capture))
+    intensity = _with_channels(capture.stokes[:1], capture)
+    flat = np.broadcast_to(intensity.mean((-1, -2), keepdims=True), intensity.shape)
+    return canvas.continued(np.concatenate([intensity, flat]))
+
+
+def _learned_layers(problem: Problem) -> Images:
+    """What the shipped networks make of the closed form, on the frame."""
+    from polaropt.solving.observation import conditioned_observation
+    from priors.learned import shipped_initializer
+    from priors.networks.critics import WrongWeights
+
+    layers = np.ascontiguousarray(problem.canvas.crop(problem.known.layers))
+    try:
+        learned = shipped_initializer()
+    except WrongWeights as error:
+        raise InputError(str(error)) from None
+    return learned.layers(conditioned_observation(problem, layers), layers.shape[1])
+
+
+def _with_channels(layers: Images, capture: Capture) -> Images:
+    return layers if capture.color else layers[:, None]

@@ -1,0 +1,7 @@
+__all__ = [
+    "TrainingJob",
+    "train",
+]
+
+from .run import TrainingJob as TrainingJob
+from .run import train as train

@@ -1,0 +1,172 @@
+"""One training from start to end: data, networks, losses, and the record of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import polaropt
+from polaropt.errors import InputError
+from polaropt.training.pictures import Pictures
+from polaropt.training.samples import TrainingData
+
+if TYPE_CHECKING:
+    from priors.networks.fusionnet import Architecture, SeparationNetwork
+    from priors.training.trainer import TrainingOptions
+
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class TrainingJob:
+    """What is trained, on what, and where it goes.
+
+    Attributes
+    ----------
+    folder : Path
+        For weights, log, state and record.
+    architecture : Architecture
+        Of the networks.
+    options : TrainingOptions
+        Of the loop.
+    side_px : int
+        Of a sample.
+    data : Path, optional
+        Folder of more photographs, beside those that ship with libraries.
+    leaves : int
+        Generated images.
+    leaves_share : float
+        How often a generated image is taken, 0..1.
+    workers : int
+        Processes that make samples; 0 makes them between the steps.
+    vgg19 : Path, optional
+        VGG-19's weights as torchvision saves them.
+    begin_with : Path, optional
+        Weights to train further.
+    features : {"auto", "pixels"}
+        What the perceptual loss compares.
+    resume : bool
+        Go on from the folder's last state.
+    """
+
+    folder: Path
+    architecture: Architecture
+    options: TrainingOptions
+    side_px: int
+    data: Path | None = None
+    leaves: int = 192
+    leaves_share: float = 0.5
+    workers: int = 0
+    vgg19: Path | None = None
+    begin_with: Path | None = None
+    features: str = "auto"
+    resume: bool = False
+
+
+def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
+    """Train, and write weights, log, state and record.
+
+    Returns
+    -------
+    dict
+        The record.
+
+    Raises
+    ------
+    InputError
+        Options that cannot be had, a folder without photographs, no state to resume from, or a loss that is no number.
+    """
+    import torch
+
+    from priors.networks.checkpoint import save_network
+    from priors.training.trainer import STATE, NotFinite, Training
+
+    options = job.options
+    _check_device(options.device)
+    pictures = Pictures(job.data, job.leaves, job.leaves_share)
+    if job.workers and job.leaves_share:
+        pictures.draw(job.workers)
+    source = TrainingData(pictures, job.architecture.form, job.side_px, options.seed, workers=job.workers)
+    features, compared = _features(job)
+    torch.manual_seed(options.seed)
+    try:
+        training = Training(_network(job), source, options, features)
+        if job.resume:
+            training.resume(job.folder / STATE)
+        job.folder.mkdir(parents=True, exist_ok=True)
+        log = training.run(job.folder, progress)
+    except (ValueError, NotFinite, RuntimeError) as error:
+        raise InputError(str(error).splitlines()[0]) from None
+    record = {
+        "polaropt": polaropt.__version__,
+        "architecture": asdict(training.network.architecture),
+        "begun_with": _digest(job.begin_with),
+        "data": pictures.source,
+        "size_px": job.side_px,
+        "options": asdict(options),
+        "perceptual_features": compared,
+        "steps": training.step,
+        "seconds": log[-1]["seconds"] if log else 0.0,
+        "figures": log[-1] if log else {},
+        "sha256": save_network(job.folder / "weights.safetensors", training.averaged),
+    }
+    (job.folder / "record.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    return record
+
+
+def _network(job: TrainingJob) -> SeparationNetwork:
+    """New networks, or those of a file to train further."""
+    from priors.networks.checkpoint import load_network
+    from priors.networks.fusionnet import SeparationNetwork
+
+    network = SeparationNetwork(job.architecture, job.vgg19)
+    if job.begin_with is None:
+        return network
+    begun = load_network(job.begin_with, vgg19=job.vgg19)
+    if begun.architecture != job.architecture:
+        held = begun.architecture
+        raise InputError(
+            f"{job.begin_with}: holds the {held.form} form with PolarNet {held.polarnet}, or other sizes; "
+            f"give --form {held.form} --polarnet {held.polarnet}, or other weights"
+        )
+    network.load_state_dict(begun.state_dict())
+    return network
+
+
+def _digest(path: Path | None) -> str | None:
+    return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _check_device(device: str) -> None:
+    import torch
+
+    try:
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"--device {device!r} cannot be used: {str(error).splitlines()[0]}") from None
+
+
+def _features(job: TrainingJob) -> tuple[Any, str | None]:
+    """Features of the perceptual loss and their name for the record; (None, "pixels") compares raw pixels."""
+    if job.features not in ("auto", "pixels"):
+        raise InputError(f"--features {job.features!r} does not exist; choose auto or pixels")
+    if not job.options.weights.perceptual > 0:
+        return None, None
+    if job.features == "pixels":
+        return None, "pixels"
+    from priors.learned import WEIGHTS, shipped_initializer
+    from priors.networks.critics import Vgg19Encoder, WrongWeights, vgg19_weights
+
+    try:
+        if job.vgg19 is not None:
+            return Vgg19Encoder(vgg19_weights(job.vgg19)).to(job.options.device), "vgg19"
+        encoder: Any = shipped_initializer().network.polarnet.encoder
+    except WrongWeights as error:
+        raise InputError(str(error)) from None
+    digest = json.loads((WEIGHTS / "conditioned.json").read_text(encoding="utf-8"))["sha256"]
+    return encoder.to(job.options.device), f"compact encoder of the shipped conditioned form {digest[:8]}"

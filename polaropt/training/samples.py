@@ -1,0 +1,277 @@
+"""Training samples on the fly: random pictures behind random panes, photographed, with the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import ANGLES_DEG, Capture
+from polaropt.errors import InputError
+from polaropt.optics import PSE, SceneParameters, analyzer_matrix, change_basis, ghost_step, ghosts_that_matter
+from polaropt.simulation import digitized
+from polaropt.solving import Problem, Weights, conditioned_observation, plain_observation, plate_views
+from polaropt.training.pictures import Pictures
+
+if TYPE_CHECKING:
+    from priors.networks.fusionnet import Form
+    from priors.training.trainer import Sample
+
+
+_AHEAD = 8
+
+
+def in_processes(sample: Callable[[int], Any], numbers: range, workers: int) -> Iterator[Any]:
+    """What `sample` makes of each number, in their order.
+
+    Parameters
+    ----------
+    sample : callable
+        Sent to every process.
+    numbers : range
+    workers : int
+        Processes; each works up to 8 samples ahead.
+    """
+    from torch.utils.data import DataLoader
+
+    loader: DataLoader[Any] = DataLoader(
+        _Numbered(sample),  # type: ignore[arg-type]
+        batch_size=None,
+        sampler=numbers,
+        num_workers=workers,
+        prefetch_factor=_AHEAD,
+        collate_fn=_as_it_is,
+        worker_init_fn=_one_thread,
+        # A process with threads of its own, or with a GPU, must not be forked.
+        multiprocessing_context="spawn",
+    )
+    return iter(loader)
+
+
+class _Numbered:
+    """What torch's loader asks for its items."""
+
+    def __init__(self, sample: Callable[[int], Any]) -> None:
+        self._sample = sample
+
+    def __getitem__(self, number: int) -> Any:
+        return self._sample(number)
+
+
+def _as_it_is(sample: Any) -> Any:
+    return sample
+
+
+def _one_thread(_: int) -> None:
+    """Torch sees to its own threads."""
+    import numba
+
+    numba.set_num_threads(1)
+
+
+Images = NDArray[np.float32]
+
+PAPER_INCIDENCES_DEG = (10.0, 40.0, 60.0, 70.0, 80.0, 85.0)
+_MARGIN = 56
+_OTHER_ANGLES_DEG = ((0.0, 60.0, 120.0), (20.0, 65.0, 110.0, 155.0), (0.0, 30.0, 60.0, 90.0, 120.0, 150.0))
+_LEAST_SPREAD = 0.03
+_BITS = 12
+_FAINT_GHOST = 0.01
+
+
+@dataclass(frozen=True)
+class Variety:
+    """What is drawn at random; each sample draws all of it anew.
+
+    Parameters
+    ----------
+    incidences_deg : (float, float)
+        Range that half of the samples come from; the others have one of the paper's incidences.
+    noise : (float, float)
+        Standard deviation of a photograph's noise (white = 1), equally likely in its logarithm.
+    thickness_px : (float, float)
+        Of the pane; a fifth of the panes show no ghosts beside their origin.
+    exposure : (float, float)
+        Brightness of a layer's white, equally likely in its logarithm.
+    overexposed, grey, other_angles, other_index : float
+        Share of samples with clipped highlights, without colour, with other polarizer angles than 0, 45, 90 and 135
+        degrees, and with another index than 1.5.
+    """
+
+    incidences_deg: tuple[float, float] = (6.0, 87.0)
+    noise: tuple[float, float] = (0.0015, 0.02)
+    thickness_px: tuple[float, float] = (1.0, 13.0)
+    exposure: tuple[float, float] = (0.35, 1.0)
+    overexposed: float = 0.12
+    grey: float = 0.08
+    other_angles: float = 0.1
+    other_index: float = 0.15
+
+
+class TrainingData:
+    """Samples by number.
+
+    Parameters
+    ----------
+    pictures : Pictures
+    form : {"paper", "conditioned"}
+    size : int
+        Side of the square frames.
+    seed : int
+        With a sample's number it decides everything.
+    variety : Variety
+    workers : int
+        Processes that make samples ahead; 0 makes each as it is taken. The samples are the same.
+    """
+
+    def __init__(
+        self,
+        pictures: Pictures,
+        form: Form,
+        size: int = 128,
+        seed: int = 0,
+        *,
+        variety: Variety | None = None,
+        workers: int = 0,
+    ) -> None:
+        if size < 32:
+            raise InputError(f"training frames of {size} px; give 32 or more")
+        self._pictures, self._form, self._size, self._seed = pictures, form, size, seed
+        self._variety, self._workers = variety or Variety(), workers
+
+    def samples(self, numbers: range) -> Iterator[Sample]:
+        """Samples in the order of their numbers."""
+        if self._workers:
+            return in_processes(self.sample, numbers, self._workers)
+        return map(self.sample, numbers)
+
+    def sample(self, number: int) -> Sample:
+        """Sample `number`, always the same."""
+        random = np.random.default_rng([self._seed, number])
+        layers = self._layers(random)
+        scene, angles_deg = self._scene(random), self._angles(random)
+        noise = float(np.exp(random.uniform(*np.log(self._variety.noise))))
+        components = PSE(scene, angles_deg).components(layers)
+        light = components[0] + components[1]
+        if random.random() < self._variety.overexposed:
+            gain = np.float32(1 / np.quantile(light, random.uniform(0.95, 0.995)))
+            layers, components, light = layers * gain, components * gain, light * gain
+        photographs = digitized(light + noise * random.standard_normal(light.shape), _BITS)
+        capture = Capture(self._inside(photographs), angles_deg)
+        truth, parts = self._inside(layers), self._inside(components)
+        if self._form == "paper":
+            return _plain_sample(capture, noise, scene, truth, parts)
+        seen = blind_scene(scene, noise, random)
+        return _conditioned_sample(capture, noise * float(np.exp(random.normal(0, 0.02))), (scene, seen), truth, parts)
+
+    def _layers(self, random: np.random.Generator) -> Images:
+        """Two pictures (2, channel, h, w) with margins, encoded or linear, of random brightness."""
+        frames = []
+        encoded = random.random() < 0.6
+        for _ in range(2):
+            frame = self._frame(random)
+            low, high = np.log(self._variety.exposure)
+            frames.append(np.exp(random.uniform(low, high)) * (frame if encoded else frame**2.2))
+        layers = np.moveaxis(np.stack(frames), -1, 1).astype(np.float32)
+        grey = random.random() < self._variety.grey
+        return np.ascontiguousarray(layers.mean(axis=1, keepdims=True) if grey else layers)
+
+    def _frame(self, random: np.random.Generator) -> Images:
+        """A frame in which there is something to see."""
+        size = self._size + 2 * _MARGIN
+        frame = self._pictures.frame(size, random)
+        for _ in range(3):
+            if frame.std() >= _LEAST_SPREAD:
+                break
+            frame = self._pictures.frame(size, random)
+        return frame
+
+    def _scene(self, random: np.random.Generator) -> SceneParameters:
+        low, high = self._variety.incidences_deg
+        paper = random.random() < 0.5
+        incidence = float(random.choice(PAPER_INCIDENCES_DEG) if paper else random.uniform(low, high))
+        index = float(random.uniform(1.33, 1.7)) if random.random() < self._variety.other_index else 1.5
+        thickness = 10.0 if paper and random.random() < 0.5 else random.uniform(*self._variety.thickness_px)
+        kind: Any = "paper" if random.random() < 0.7 else "plate"
+        shift = float(random.choice([-1, 1])) * ghost_step(incidence, index, float(thickness), kind)
+        return SceneParameters(incidence, float(random.uniform(0, 180)), 0.0 if random.random() < 0.2 else shift, index)
+
+    def _angles(self, random: np.random.Generator) -> tuple[float, ...]:
+        if random.random() >= self._variety.other_angles:
+            return ANGLES_DEG
+        return _OTHER_ANGLES_DEG[int(random.integers(len(_OTHER_ANGLES_DEG)))]
+
+    def _inside(self, images: NDArray[Any]) -> NDArray[Any]:
+        return np.ascontiguousarray(images[..., _MARGIN:-_MARGIN, _MARGIN:-_MARGIN])
+
+
+def blind_scene(scene: SceneParameters, noise: float, random: np.random.Generator) -> SceneParameters:
+    """The scene as a blind estimate might have it: most uncertain near normal incidence and under strong noise."""
+    incidence, azimuth, shift = scene.values()
+    size = min(1.0, noise / 0.005) * float(random.choice([0.0, 1.0, 1.0]))
+    # The errors of the blind estimates on the paper's protocol.
+    incidence_error = size * (0.15 + 1.2 * np.exp(-((incidence / 25) ** 2)))
+    azimuth_error = size * (0.05 + 0.8 * np.exp(-((incidence / 20) ** 2)))
+    found = incidence + incidence_error * float(np.clip(random.normal(), -2.5, 2.5))
+    return scene.replace(
+        incidence_deg=float(np.clip(found, 4, 88)),
+        azimuth_deg=azimuth + azimuth_error * float(random.normal()),
+        ghost_shift=shift + size * 0.06 * float(random.normal()) if shift else 0.0,
+    )
+
+
+def _conditioned_sample(
+    capture: Capture, noise: float, scenes: tuple[SceneParameters, SceneParameters], truth: Images, parts: Images
+) -> Sample:
+    """A sample whose truth belongs to the first scene, and whose closed form takes the second for true."""
+    import torch
+
+    from priors.observation import in_color
+    from priors.training.trainer import Sample
+
+    problem = Problem(capture, scenes[1], noise, Weights())
+    layers = np.ascontiguousarray(problem.canvas.crop(problem.known.layers))
+    true = _engine(scenes[0], capture.angles_deg)
+    inverse = np.asarray(np.linalg.pinv(analyzer_matrix(capture.angles_deg)), dtype=np.float64)
+    views = [plate_views(change_basis(inverse, part), true) for part in parts]
+    return Sample(
+        conditioned_observation(problem, layers),
+        in_color(torch.from_numpy(truth))[None],
+        in_color(torch.from_numpy(np.ascontiguousarray(np.stack(views, axis=1))))[None],
+        PlateEngine(true),
+    )
+
+
+@dataclass(frozen=True)
+class PlateEngine:
+    """An engine whose views are those along and across the plane of incidence."""
+
+    pse: PSE
+
+    def __call__(self, both: Any) -> Any:
+        """Views (2, 3, h, w) of layers (2, 3, h, w)."""
+        return self.pse.entries(both)[:2]
+
+
+def _engine(scene: SceneParameters, angles_deg: tuple[float, ...]) -> PSE:
+    """The engine for a loss: what the faintest ghosts carry is added to the last one kept."""
+    return PSE(scene, angles_deg, n_ghosts=ghosts_that_matter(scene, _FAINT_GHOST))
+
+
+def _plain_sample(capture: Capture, noise: float, scene: SceneParameters, truth: Images, parts: Images) -> Sample:
+    import torch
+
+    from priors.observation import in_color
+    from priors.training.trainer import Sample
+
+    to_views = analyzer_matrix(ANGLES_DEG) @ np.linalg.pinv(analyzer_matrix(capture.angles_deg))
+    views = np.stack([change_basis(to_views, part) for part in parts], axis=1)
+    return Sample(
+        plain_observation(capture, noise, scene.refractive_index),
+        in_color(torch.from_numpy(truth))[None],
+        in_color(torch.from_numpy(np.ascontiguousarray(views)))[None],
+        _engine(scene, ANGLES_DEG).forward,
+    )

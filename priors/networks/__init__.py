@@ -1,0 +1,1 @@
+"""The networks of the learned start, and the parts they are built of."""

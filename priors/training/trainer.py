@@ -1,0 +1,327 @@
+"""Training from start to end: options, the loop, and what it keeps."""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from priors.networks.critics import Discriminator
+from priors.networks.fusionnet import SeparationNetwork
+from priors.observation import Observation, collated, placed
+from priors.training.losses import BORDER_PX, Critics, Engine, LossWeights, discriminator_loss, loss_terms
+
+_WARM_UP = 50
+_LAST_RATE = 0.02
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A batch of one capture: what is seen, both layers and both parts of every view, and the engine of its scene."""
+
+    observation: Observation
+    layers: Tensor
+    parts: Tensor
+    engine: Engine
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Several samples; `layers` (batch, 2, 3, h, w), `parts` (batch, view, 2, 3, h, w)."""
+
+    observation: Observation
+    layers: Tensor
+    parts: Tensor
+    engines: tuple[Engine, ...]
+
+
+class SampleSource(Protocol):
+    """Samples by number, always the same."""
+
+    def samples(self, numbers: range) -> Iterator[Sample]:
+        """Samples in the order of their numbers."""
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """How to train.
+
+    Parameters
+    ----------
+    steps, batch_size : int
+    learning_rate : float
+        Adam's, falling to a fiftieth along a cosine.
+    weights : LossWeights
+    window : int
+        Samples that are kept at a time: each batch is drawn from the newest.
+    fresh : float
+        New samples per step.
+    averaging : float
+        Share of the averaged weights that stays with each step.
+    test_samples, test_every : int
+        Samples that are never trained on, and steps between two looks at them; the state is saved then.
+    seed : int
+    device : str
+        As torch names it.
+    half_precision : bool, optional
+        Products in half precision. Default: on a GPU.
+    """
+
+    steps: int = 4000
+    batch_size: int = 6
+    learning_rate: float = 1e-4
+    weights: LossWeights = field(default_factory=LossWeights)
+    window: int = 128
+    fresh: float = 2.0
+    averaging: float = 0.997
+    test_samples: int = 12
+    test_every: int = 200
+    seed: int = 0
+    device: str = "cpu"
+    half_precision: bool | None = None
+
+    @property
+    def mixed(self) -> bool:
+        """Whether products are computed in half precision."""
+        return self.device.startswith("cuda") if self.half_precision is None else self.half_precision
+
+    def newest(self, step: int) -> int:
+        """How many samples have been made when a step begins."""
+        return self.batch_size + int(step * self.fresh)
+
+    def rate(self, step: int) -> float:
+        """Learning rate of a step."""
+        fallen = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * min(1.0, step / self.steps)))
+        return self.learning_rate * min(1.0, (step + 1) / _WARM_UP) * fallen
+
+
+STATE, LOG = "state.pt", "log.csv"
+_FIRST_TEST = 1 << 40
+_LOOK_EVERY = 20
+Progress = Callable[[str, float], None]
+
+
+class NotFinite(ArithmeticError):
+    """The loss became infinite or NaN; the text says at which step."""
+
+
+class Training:
+    """A network that is being trained.
+
+    Parameters
+    ----------
+    network : SeparationNetwork
+    source : SampleSource
+    options : TrainingOptions
+    features : callable, optional
+        For the perceptual loss; None compares raw pixels.
+    """
+
+    def __init__(
+        self,
+        network: SeparationNetwork,
+        source: SampleSource,
+        options: TrainingOptions,
+        features: Callable[[Tensor], Sequence[Tensor]] | None = None,
+    ) -> None:
+        self.network, self.options, self.step = network.to(options.device), options, 0
+        self._source = source
+        average: Any = get_ema_multi_avg_fn(options.averaging)  # type: ignore[no-untyped-call]
+        self._averaged = AveragedModel(self.network, multi_avg_fn=average)
+        trained = [parameter for parameter in network.parameters() if parameter.requires_grad]
+        self._optimizer = torch.optim.Adam(trained, options.learning_rate)
+        judge = Discriminator().to(options.device) if options.weights.adversarial else None
+        self._critics = Critics(features, judge)
+        self._judge_optimizer = None if judge is None else torch.optim.Adam(judge.parameters(), 1e-4)
+        self._kept: dict[int, Sample] = {}
+        self._coming: Iterator[tuple[int, Sample]] = iter(())
+        self._tests: list[Sample] = []
+
+    @property
+    def averaged(self) -> SeparationNetwork:
+        """The network with averaged weights: the one to use."""
+        module: Any = self._averaged.module
+        return module  # type: ignore[no-any-return]
+
+    def run(self, folder: Path, progress: Progress | None = None) -> list[dict[str, float]]:
+        """Train to the end, saving states and log in a folder.
+
+        Returns
+        -------
+        list of dict
+            The log: step, seconds, learning rate, the terms' means and the tests' PSNR in dB.
+
+        Raises
+        ------
+        NotFinite
+            The loss became infinite or NaN.
+        """
+        began, log = time.perf_counter(), _read_log(folder / LOG, self.step)
+        before = log[-1]["seconds"] if log else 0.0
+        sums: dict[str, Tensor] = {}
+        while self.step < self.options.steps:
+            for name, value in self._train_step().items():
+                sums[name] = sums[name] + value if name in sums else value
+            self.step += 1
+            logs = self.step % self.options.test_every == 0 or self.step == self.options.steps
+            # A look at every step would have a GPU wait for it.
+            if (logs or self.step % _LOOK_EVERY == 0) and not bool(torch.isfinite(sums["loss"])):
+                raise NotFinite(f"the loss became infinite or NaN before step {self.step}; lower the learning rate")
+            if logs:
+                taken = self.step - (int(log[-1]["step"]) if log else 0)
+                seconds = before + time.perf_counter() - began
+                row = {"step": float(self.step), "seconds": seconds, "rate": self.options.rate(self.step)}
+                log.append({**row, **{name: float(total) / taken for name, total in sums.items()}, **self.tested()})
+                sums = {}
+                self.save(folder / STATE)
+                _write_log(folder / LOG, log)
+            if progress is not None:
+                progress(f"Training, step {self.step} of {self.options.steps}", self.step / self.options.steps)
+        return log
+
+    def _train_step(self) -> dict[str, Tensor]:
+        batch = self.batch(self.step)
+        for group in self._optimizer.param_groups:
+            group["lr"] = self.options.rate(self.step)
+        kind = self.options.device.partition(":")[0]
+        with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.options.mixed):
+            found = self.network(batch.observation)
+        terms = loss_terms(found, batch, self.options.weights, self._critics)
+        loss = sum(terms.values(), torch.zeros((), device=self.options.device))
+        self._optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self._optimizer.step()
+        self._averaged.update_parameters(self.network)
+        values = {name: term.detach() for name, term in terms.items()}
+        return {"loss": loss.detach(), **values, **self._train_judge(batch, found.layers.detach())}
+
+    def _train_judge(self, batch: Batch, found: Tensor) -> dict[str, Tensor]:
+        judge = self._critics.discriminator
+        if judge is None or self._judge_optimizer is None:
+            return {}
+        loss = discriminator_loss(judge, batch.observation.views, found, batch.layers)
+        self._judge_optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._judge_optimizer.step()
+        return {"discriminator": loss.detach()}
+
+    def batch(self, step: int) -> Batch:
+        """The batch of a step, always the same: drawn from the newest samples."""
+        options = self.options
+        newest = options.newest(step)
+        first = max(0, newest - options.window)
+        if not self._kept:
+            numbers = range(first, options.newest(options.steps))
+            self._coming = zip(numbers, self._source.samples(numbers), strict=False)
+        while newest - 1 not in self._kept:
+            number, sample = next(self._coming)
+            self._kept[number] = _placed(sample, options.device)
+            self._kept.pop(number - options.window, None)
+        drawn = np.random.default_rng([options.seed, 7, step]).integers(first, newest, size=options.batch_size)
+        return _batch([self._kept[int(number)] for number in drawn])
+
+    @torch.no_grad()
+    def tested(self) -> dict[str, float]:
+        """Mean PSNR of both layers on samples that are never trained on, and of the layers in closed form."""
+        rows = []
+        if not self._tests:
+            numbers = range(_FIRST_TEST, _FIRST_TEST + self.options.test_samples)
+            self._tests = [_placed(sample, self.options.device) for sample in self._source.samples(numbers)]
+        for sample in self._tests:
+            seen, truth = sample.observation, sample.layers
+            row = psnr(self.averaged(seen).layers, truth)
+            rows.append([*row, *(psnr(seen.layers, truth) if seen.layers is not None else ())])
+        names = ("transmission_db", "reflection_db", "closed_form_transmission_db", "closed_form_reflection_db")
+        return dict(zip(names, np.mean(rows, axis=0).tolist(), strict=False)) if rows else {}
+
+    def save(self, path: Path) -> None:
+        """Write all that is needed to go on as if nothing had happened."""
+        critics = (self._critics.discriminator, self._judge_optimizer)
+        state = {
+            "step": self.step,
+            "seed": self.options.seed,
+            "network": self.network.state_dict(),
+            "averaged": self._averaged.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "critics": [None if critic is None else critic.state_dict() for critic in critics],
+        }
+        path.parent.mkdir(parents=True, exist_ok=True)
+        torch.save(state, path.with_suffix(".part"))
+        path.with_suffix(".part").replace(path)
+
+    def resume(self, path: Path) -> None:
+        """Go on from a state.
+
+        Raises
+        ------
+        ValueError
+            No such file, another architecture or another seed; one line.
+        """
+        if not path.is_file():
+            raise ValueError(f"{path}: no state to resume from; leave --resume out to begin anew")
+        try:
+            state = torch.load(path, map_location=self.options.device, weights_only=True)
+            self.network.load_state_dict(state["network"])
+            self._averaged.load_state_dict(state["averaged"])
+            self._optimizer.load_state_dict(state["optimizer"])
+            for critic, saved in zip(
+                (self._critics.discriminator, self._judge_optimizer), state["critics"], strict=True
+            ):
+                if critic is not None:
+                    critic.load_state_dict(saved)
+        except Exception:
+            raise ValueError(
+                f"{path}: is no state of this training; resume with the options it was begun with"
+            ) from None
+        if state["seed"] != self.options.seed:
+            raise ValueError(f"{path}: was begun with seed {state['seed']}, not {self.options.seed}")
+        self.step = state["step"]
+
+
+def psnr(found: Tensor, truth: Tensor) -> tuple[float, float]:
+    """PSNR in dB of both layers of one sample, less the border."""
+    inside = (..., slice(BORDER_PX, -BORDER_PX), slice(BORDER_PX, -BORDER_PX))
+    squares = (found - truth)[inside].double().square().mean(dim=(0, 2, 3, 4)).clamp(min=1e-20)
+    transmission, reflection = (-10 * torch.log10(squares)).tolist()
+    return transmission, reflection
+
+
+def _placed(sample: Sample, device: str) -> Sample:
+    seen = placed(sample.observation, device)
+    return Sample(seen, sample.layers.to(device), sample.parts.to(device), sample.engine)
+
+
+def _batch(samples: Sequence[Sample]) -> Batch:
+    return Batch(
+        collated([sample.observation for sample in samples]),
+        torch.cat([sample.layers for sample in samples]),
+        torch.cat([sample.parts for sample in samples]),
+        tuple(sample.engine for sample in samples),
+    )
+
+
+def _read_log(path: Path, until: int) -> list[dict[str, float]]:
+    """Rows of a log up to a step; none where there is no log."""
+    if not path.is_file() or not until:
+        return []
+    with path.open(newline="") as file:
+        rows = [{name: float(value) for name, value in row.items() if value} for row in csv.DictReader(file)]
+    return [row for row in rows if row["step"] <= until]
+
+
+def _write_log(path: Path, log: Sequence[dict[str, float]]) -> None:
+    names = list(dict.fromkeys(name for row in log for name in row))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, names)
+        writer.writeheader()
+        writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in log)

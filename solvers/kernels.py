@@ -1,0 +1,191 @@
+"""Kernels compiled by numba on their first call, and the threads that share their rows.
+
+Importing a module of kernels imports numba: do it inside the function that needs them.
+
+Made for kernels that release the interpreter's lock. numba's own parallel loops are no choice here: one of its thread
+pools is not safe under threads, the other waits actively and slows down whatever shares the cores.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+# All that lets loops vectorize, without "nnan" and "ninf": NaN and infinity must show.
+_FAST = {"reassoc", "contract", "nsz", "arcp", "afn"}
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+_told: list[Callable[[str], None]] = []
+_lock = threading.Lock()
+_listening = False
+
+
+def compiled(function: Kernel) -> Kernel:
+    """Decorate a kernel: compiled by numba without the interpreter's lock, cached on disk where that is possible.
+
+    Sums may be reordered and products fused; division by zero gives infinity instead of an exception, so that loops
+    vectorize. A kernel may call another. The cache notices changes of the kernel's own file only: keep kernels that
+    call each other in one file.
+
+    Parameters
+    ----------
+    function : callable
+        In the part of Python that numba knows, on arrays and scalars.
+
+    Returns
+    -------
+    callable
+        Called like `function`; the first call with arguments of new types compiles or loads.
+    """
+    import numba  # half a second: only where a kernel is used
+
+    _listen()
+    options: dict[str, Any] = {"nogil": True, "fastmath": _FAST, "error_model": "numpy"}
+    try:
+        kernel: Kernel = numba.njit(cache=True, **options)(function)
+    except RuntimeError as error:
+        if "no locator available" not in str(error):
+            raise
+        # No folder can be written to: compiled anew in every process.
+        kernel = numba.njit(cache=False, **options)(function)
+    return kernel
+
+
+@contextmanager
+def told_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
+    """Within this context `tell` is called with a kernel's name whenever its compilation starts.
+
+    Loading from the cache tells nothing. The call comes from the thread that compiles, whoever started it. Importing
+    and entering this costs nothing: numba is not imported.
+
+    Parameters
+    ----------
+    tell : callable
+        Takes the name of the function.
+    """
+    _told.append(tell)
+    try:
+        yield
+    finally:
+        _told.remove(tell)
+
+
+def _listen() -> None:
+    """Listen to numba's compilations, once per process."""
+    global _listening
+    from numba.core import event
+
+    class Listener(event.Listener):
+        def on_start(self, event: Any) -> None:
+            _tell(event.data["dispatcher"].py_func.__name__)
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with _lock:
+        if not _listening:
+            event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
+            _listening = True
+
+
+def _tell(name: str) -> None:
+    for tell in tuple(_told):
+        tell(name)
+
+
+Result = TypeVar("Result")
+
+_pool: ThreadPoolExecutor | None = None
+_pool_of: int | None = None
+
+
+def thread_count() -> int:
+    """Threads to use: as many as this process may use cores, or OMP_NUM_THREADS where that is less."""
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    # OpenMP allows a list, one number per level of nesting.
+    asked = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    return max(1, min(available, int(asked))) if asked.isdigit() else available
+
+
+def in_blocks(
+    function: Callable[[int, int], Result], n: int, block: int, *, smallest: int = 0, threads: int | None = None
+) -> list[Result]:
+    """Call ``function(start, stop)`` for every block of ``range(n)``.
+
+    The borders are multiples of `block` whatever the number of threads, so that sums of the results, added in order,
+    are the same to the last bit. Blocks start in order; each must be independent of the others. Calls may be nested
+    and may come from several threads: the caller works too, and waits only for blocks that have been begun.
+
+    Parameters
+    ----------
+    function : callable
+        Worth it where it releases the interpreter's lock and takes longer than 0.1 ms.
+    n : int
+    block : int
+        Length of a block; the last one may be shorter.
+    smallest : int
+        One thread for ranges shorter than this.
+    threads : int, optional
+        At most so many threads; default `thread_count`.
+
+    Returns
+    -------
+    list
+        The results in the order of the blocks.
+
+    Raises
+    ------
+    Exception
+        The first that `function` raised; blocks not begun by then are left out.
+    """
+    if block < 1:
+        raise ValueError(f"block is {block}; give 1 or more")
+    starts = range(0, n, block)
+    workers = min(len(starts), thread_count() if threads is None else threads)
+    if workers < 2 or n < smallest:
+        return [function(start, min(start + block, n)) for start in starts]
+    results: dict[int, Result] = {}
+    todo = deque(starts)
+
+    def work() -> None:
+        while True:
+            try:
+                start = todo.popleft()  # atomic
+            except IndexError:
+                return
+            try:
+                results[start] = function(start, min(start + block, n))
+            except BaseException:
+                todo.clear()
+                raise
+
+    _share(work, workers - 1, todo)
+    return [results[start] for start in starts]
+
+
+def _share(work: Callable[[], None], n_helpers: int, todo: deque[int]) -> None:
+    """Let helpers and the caller work until nothing is left to do or one of them fails."""
+    pool = _shared_pool()
+    helpers: list[Future[None]] = [pool.submit(work) for _ in range(n_helpers)]
+    try:
+        work()
+    finally:
+        todo.clear()
+        # A helper that has not begun is not needed: nobody ever waits for a thread to come free.
+        begun = [helper for helper in helpers if not helper.cancel()]
+        wait(begun)
+    for helper in begun:
+        helper.result()
+
+
+def _shared_pool() -> ThreadPoolExecutor:
+    """The pool of this process; a fork leaves its parent's behind."""
+    global _pool, _pool_of
+    if _pool is None or _pool_of != os.getpid():
+        _pool, _pool_of = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="blocks"), os.getpid()
+    return _pool

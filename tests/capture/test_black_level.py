@@ -1,0 +1,83 @@
+"""An unknown black level: what it does to the layers, and why the photographs do not tell it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from polaropt import PSE, Capture, SceneParameters, read_capture, separate
+from polaropt.capture.write import write_png
+from polaropt.cli.app import main
+from polaropt.estimation.ladder import find_scene
+from polaropt.reporting.inspection import inspect_capture
+from tests.blends import blend
+from tests.captured import scene_intensities
+
+PEDESTAL = 0.02
+
+
+def above(capture: Capture, black: float) -> Capture:
+    """The capture of a camera that adds a black level nobody knows of."""
+    return Capture(capture.intensities + np.float32(black), capture.angles_deg, capture.valid)
+
+
+@given(
+    st.floats(0, 89),
+    st.floats(0, 360),
+    st.floats(-9, 9),
+    st.floats(1.0, 2.5),
+    st.booleans(),
+    st.floats(0, 0.1),
+)
+@settings(max_examples=40, deadline=None)
+def test_a_lossless_pane_takes_a_black_level_for_light_in_both_layers(
+    incidence: float, azimuth: float, shift: float, index: float, single: bool, black: float
+) -> None:
+    scene = SceneParameters(incidence, azimuth, shift, index, single_surface=single)
+    layers = np.random.default_rng(0).random((2, 20, 24))
+    engine = PSE(scene, (0, 45, 90, 135))
+    np.testing.assert_allclose(engine.forward(layers + 2 * black), engine.forward(layers) + black, atol=1e-6)
+
+
+@pytest.mark.parametrize("incidence", [40, 70])
+def test_both_layers_come_out_brighter_by_twice_it(incidence: float) -> None:
+    example = blend(incidence, 96)
+    found, raised = (
+        separate(capture, example.scene) for capture in (example.capture, above(example.capture, PEDESTAL))
+    )
+    added = raised.layers - found.layers
+    # Nonnegative layers: where one of them was held at black its neighbours are not the same.
+    assert np.median(added[0]) == pytest.approx(2 * PEDESTAL, rel=0.03)
+    assert np.median(added[1]) == pytest.approx(2 * PEDESTAL, rel=0.15)
+
+
+def test_the_scene_stays_the_same() -> None:
+    example = blend(60, 144)
+    captures = (example.capture, above(example.capture, PEDESTAL))
+    found = [find_scene(capture, SceneParameters(None, None, None), 0.005).scene.values() for capture in captures]
+    np.testing.assert_allclose(found[0], found[1], atol=0.15)
+
+
+@pytest.mark.parametrize(("black", "given", "hinted"), [(0.1, 0, True), (0.1, 300, False), (0.0, 0, False)])
+def test_inspect_tells_how_high_it_can_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], black: float, given: int, hinted: bool
+) -> None:
+    images = scene_intensities((64, 64))
+    images = black + (images - images.min()) / (1 + black)
+    files = [str(tmp_path / f"{k}.png") for k in range(4)]
+    for path, image in zip(files, images, strict=True):
+        write_png(path, np.round(np.clip(image, 0, 1) * 65535).astype(np.uint16))
+    assert main(["inspect", *files, "--black-level", str(given)]) == 0
+    said = capsys.readouterr().out.replace("\n", " ")
+    assert ("own black level" in said) == hinted
+    darkest = inspect_capture(read_capture(files, black_level=given)).darkest
+    assert darkest == pytest.approx(65535 * black, abs=900)
+
+
+def test_encoded_values_have_no_black_level_to_tell(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", intensities=0.2 + 0.7 * scene_intensities((32, 32)))
+    assert inspect_capture(read_capture(tmp_path / "a.npz", gamma="srgb")).darkest is None

@@ -1,0 +1,92 @@
+"""Clipped pixels: what is around them loses little, and they are filled with what the layers would have given."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polaropt import separate
+from polaropt.capture.capture import Capture
+from polaropt.capture.polarization import stokes_images
+from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.inversion.closed_form import plate_entries
+from polaropt.optics.engine import PSE
+from polaropt.optics.scene import SceneParameters
+from polaropt.solving.problem import filled, worth_filling
+from studies.model_ladder import Family, family_capture, quality
+from studies.protocol import shipped_pairs
+from tests.blends import blend
+
+_CLIPPED = 0.05
+
+
+@pytest.mark.parametrize("incidence_deg", [40.0, 60.0, 80.0])
+def test_unclipped_pixels_lose_at_most_half_a_decibel(incidence_deg):
+    pair = shipped_pairs(160, 96)[0]
+    found = []
+    for headroom in (True, False):
+        family = Family(
+            "", "", lambda size, random: SceneParameters(incidence_deg, 25.0, 5.0), clipped=_CLIPPED, headroom=headroom
+        )
+        capture, layers, unclipped = family_capture(family, pair)
+        found.append(quality(separate(capture, family.true_scene(pair)).layers, layers, unclipped))
+    assert 0.9 < unclipped.mean() < 0.97
+    assert np.subtract(*found).max() <= 0.5
+
+
+def test_gaps_are_filled_with_what_is_expected_and_white_at_least():
+    example = blend(60, 32)
+    seen = np.minimum(example.capture.intensities, 1).copy()
+    seen[:2, :, 4:8, 4:8] = 1.0
+    valid = seen < 1
+    valid[3, :, 20:24] = False
+    capture = Capture(seen, valid=valid)
+    expected = PSE(example.scene, capture.angles_deg).forward(example.layers.astype(np.float32))
+    whole = filled(capture, expected)
+    assert whole.valid.all()
+    np.testing.assert_array_equal(whole.intensities[valid], seen[valid])
+    np.testing.assert_array_equal(whole.intensities[3, :, 20:24], expected[3, :, 20:24])
+    assert (whole.intensities[:2, :, 4:8, 4:8] >= 1).all()
+    assert not capture.valid.all()
+
+
+@pytest.mark.parametrize(("share", "worth"), [(0.0, False), (0.001, False), (0.01, True)])
+def test_filling_is_for_more_than_a_few_pixels(share, worth):
+    valid = np.random.default_rng(0).uniform(size=(4, 64, 64)) >= share
+    assert worth_filling(Capture(np.random.default_rng(1).uniform(0.1, 0.9, (4, 64, 64)), valid=valid)) is worth
+
+
+def test_three_photographs_tell_a_pixel_its_stokes_vector():
+    example = blend(60, 32, noise=0.0)
+    whole = stokes_images(example.capture, 0.005).images
+    valid = np.ones_like(example.capture.valid)
+    valid[1, :, 8:16, 8:16] = False
+    wrong = np.where(valid, example.capture.intensities, 1.0)
+    part = stokes_images(Capture(wrong, valid=valid), 0.005)
+    assert part.valid.all()
+    np.testing.assert_allclose(part.images, whole, atol=2e-5)
+
+
+@pytest.mark.parametrize("incidence_deg", [40.0, 60.0])
+def test_the_scene_is_found_beside_clipped_pixels(incidence_deg):
+    pair = shipped_pairs(160, 96)[0]
+    family = Family("", "", lambda size, random: SceneParameters(incidence_deg, 25.0, 5.0), clipped=_CLIPPED)
+    found = estimate_scene(family_capture(family, pair)[0]).scene
+    assert found.incidence_deg == pytest.approx(incidence_deg, abs=1.5)
+    assert found.ghost_shift == pytest.approx(5.0, abs=0.3)
+
+
+def test_photographs_that_hardly_tell_a_pixel_do_not_amplify_its_noise():
+    example = blend(60, 48, azimuth_deg=0.0)
+    valid = np.ones_like(example.capture.valid)
+    # At azimuth 0 the photographs at 45 and 135 degrees are the same mixture of both entries.
+    valid[::2, :, 20:24, 20:24] = False
+    capture = Capture(example.capture.intensities, valid=valid)
+    whole, part = (entries_of(c, example.scene) for c in (example.capture, capture))
+    off = np.abs(part - whole)[..., 20:24, 20:24]
+    assert off.max() < 0.3
+    np.testing.assert_allclose(part[..., :16, :], whole[..., :16, :], atol=1e-6)
+
+
+def entries_of(capture: Capture, scene: SceneParameters) -> np.ndarray:
+    return plate_entries(capture, PSE(scene, capture.angles_deg))

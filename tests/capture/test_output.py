@@ -1,0 +1,131 @@
+"""Results appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from polaropt.capture.write import result_file, result_folder
+from polaropt.errors import InputError
+
+
+def run(target: Path, error: type[BaseException] | None = None, **files: str) -> None:
+    """Write files, and fail if told so."""
+    with result_folder(target) as work:
+        write(work, **files)
+        if error is not None:
+            raise error
+
+
+def contents(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in sorted(folder.iterdir())}
+
+
+def write(folder: Path, **files: str) -> None:
+    for name, text in files.items():
+        (folder / name).write_text(text)
+
+
+def test_a_new_folder_appears_with_everything_in_it(tmp_path: Path) -> None:
+    target = tmp_path / "a" / "b"
+    with result_folder(target) as work:
+        write(work, one="1", two="2")
+        assert not target.parent.exists()
+    assert contents(target) == {"one": "1", "two": "2"}
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_new_folder_is_as_open_as_any(tmp_path: Path) -> None:
+    (tmp_path / "usual").mkdir()
+    with result_folder(tmp_path / "ours") as work:
+        write(work, one="1")
+    modes = [stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("usual", "ours")]
+    assert modes[0] == modes[1]
+
+
+def test_files_of_other_names_stay(tmp_path: Path) -> None:
+    write(tmp_path, mine="old", foreign="kept")
+    with result_folder(tmp_path) as work:
+        write(work, mine="new", more="new")
+    assert contents(tmp_path) == {"foreign": "kept", "mine": "new", "more": "new"}
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])
+def test_a_failing_run_leaves_the_previous_output(tmp_path: Path, error: type[BaseException]) -> None:
+    write(tmp_path, mine="old")
+    with pytest.raises(error):
+        run(tmp_path, error, mine="half")
+    assert contents(tmp_path) == {"mine": "old"}
+
+
+def test_a_failing_run_makes_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError):
+        run(tmp_path / "a" / "b", RuntimeError, mine="half")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_exchange_that_fails_midway_is_undone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path, a="old", b="old", c="old")
+    rename, renamed = Path.rename, []
+
+    def fails_late(self: Path, to: Path) -> Path:
+        renamed.append(self)
+        if len(renamed) == 4:
+            raise PermissionError(13, "Permission denied")
+        return rename(self, to)
+
+    monkeypatch.setattr(Path, "rename", fails_late)
+    with pytest.raises(InputError, match="Permission denied"):
+        run(tmp_path, a="new", b="new", c="new", d="new")
+    assert contents(tmp_path) == {"a": "old", "b": "old", "c": "old"}
+
+
+def test_a_folder_in_the_way_of_a_file_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    write(tmp_path, also="old")
+    with pytest.raises(InputError, match="is a folder where a file must go"), result_folder(tmp_path) as work:
+        write(work, also="new", mine="new")
+    assert (tmp_path / "mine").is_dir()
+    assert (tmp_path / "also").read_text() == "old"
+
+
+@pytest.mark.parametrize("inside", [(), ("deeper",)])
+def test_a_file_is_no_output_folder(tmp_path: Path, inside: tuple[str, ...]) -> None:
+    (tmp_path / "file").write_text("precious")
+    with pytest.raises(InputError, match="no folder"), result_folder(tmp_path.joinpath("file", *inside)):
+        pytest.fail("work was begun")
+    assert contents(tmp_path) == {"file": "precious"}
+
+
+def test_a_broken_link_is_no_output_folder(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="no folder"), result_folder(tmp_path / "link"):
+        pytest.fail("work was begun")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_an_unwritable_folder_is_found_before_the_work(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="cannot be written"), result_folder(tmp_path / "out"):
+        pytest.fail("work was begun")
+    tmp_path.chmod(0o700)
+
+
+def test_a_place_that_refuses_folders_is_found_before_the_work() -> None:
+    if not Path("/proc/self").exists():
+        pytest.skip("no /proc here")
+    with pytest.raises(InputError, match="cannot be written"), result_folder(Path("/proc/polaropt-out")):
+        pytest.fail("work was begun")
+
+
+def test_one_file(tmp_path: Path) -> None:
+    write(tmp_path, other="kept")
+    with result_file(tmp_path / "new" / "picture.png") as work:
+        assert work.suffix == ".png"
+        work.write_text("picture")
+    assert contents(tmp_path / "new") == {"picture.png": "picture"}
+    with pytest.raises(InputError, match="is a folder"), result_file(tmp_path / "new"):
+        pytest.fail("work was begun")

@@ -1,0 +1,69 @@
+"""``polaropt simulate`` and ``demo``: photographs with their truth, data sets, and the way back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from skimage import data
+
+from polaropt.capture.read import read_capture
+from polaropt.capture.write import write_png
+from tests.command_line import RESULTS, spoken
+
+
+def test_simulate_writes_photographs_and_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_png(tmp_path / "wide.png", data.coffee()[:64, :80])
+    write_png(tmp_path / "high.png", data.camera()[:72, :64])
+    pair = [str(tmp_path / "wide.png"), str(tmp_path / "high.png")]
+    camera = ["--angles", "0,60,120", "--noise", "0", "--format", "tiff"]
+    report = json.loads(spoken(capsys, "simulate", *pair, *camera, "-o", str(tmp_path / "out"), "--json"))
+    assert report["scene"]["incidence_deg"] == 60
+    capture = read_capture(tmp_path / "out" / "capture.tiff")
+    assert capture.angles_deg == (0, 60, 120)
+    assert capture.shape == (3, 64, 64)
+    truth = tifffile.imread(tmp_path / "out" / "true_transmission.tiff")
+    np.testing.assert_allclose(truth, data.coffee()[:64, 8:72] / np.float32(255))
+    assert json.loads((tmp_path / "out" / "scene.json").read_text())["files"] == ["capture.tiff"]
+
+
+def test_simulate_writes_a_data_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--size", "32", "--seed", "7", "--azimuth", "20"]
+    spoken(capsys, "simulate", "--pairs", "3", *options, "-o", str(tmp_path / "three"))
+    manifest: dict[str, Any] = json.loads((tmp_path / "three" / "manifest.json").read_text())
+    assert len(manifest["pairs"]) == 3
+    assert len({pair["incidence_deg"] for pair in manifest["pairs"]}) == 3
+    assert {pair["azimuth_deg"] for pair in manifest["pairs"]} == {20}
+    for pair in manifest["pairs"]:
+        assert read_capture(tmp_path / "three" / pair["capture"]).shape == (3, 32, 32)
+        assert tifffile.imread(tmp_path / "three" / pair["reflection"]).shape == (32, 32, 3)
+    # The first pairs of a larger set are those of a smaller one.
+    spoken(capsys, "simulate", "--pairs", "1", *options, "-o", str(tmp_path / "one"))
+    assert json.loads((tmp_path / "one" / "manifest.json").read_text())["pairs"] == manifest["pairs"][:1]
+    same = [(tmp_path / name / "pair_0000_transmission.tiff").read_bytes() for name in ("one", "three")]
+    assert same[0] == same[1]
+
+
+def test_simulate_takes_photographs_from_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for number in range(3):
+        write_png(tmp_path / f"{number}.png", data.camera()[: 20 + number, :30])
+    arguments = ["--pairs", "1", "--photos", str(tmp_path), "--size", "24", "--single-surface", "--index", "1.33"]
+    spoken(capsys, "simulate", *arguments, "-o", str(tmp_path / "out"))
+    pair = json.loads((tmp_path / "out" / "manifest.json").read_text())["pairs"][0]
+    assert pair["ghost_shift"] == 0
+    assert len(set(pair["photographs"])) == 2
+
+
+def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polaropt.cli.example.SIZE", 128)
+    said = spoken(capsys, "demo", "-o", str(tmp_path))
+    for name in (*RESULTS, "side-by-side.png"):
+        assert (tmp_path / name).exists()
+    for name in ("side-by-side.png", "transmission.png", "reflection.png", "report.json"):
+        assert str(tmp_path / name) in said
+    for score in json.loads((tmp_path / "scores.json").read_text()):
+        assert score["separated_db"] > score["doing_nothing_db"] + 3

@@ -1,0 +1,127 @@
+"""How the command line speaks, to whom, and what it leaves behind when it is interrupted."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+
+from polaropt.cli.app import main
+from tests.command_line import QUICK, spoken
+
+ROOT = Path(__file__).parents[2]
+COMMANDS = ("demo", "simulate", "inspect", "estimate", "separate")
+HEAVY = ("scipy", "skimage", "torch", "nlopt", "matplotlib")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_explains_with_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = spoken(capsys, command, "--help")
+    assert f"Example: polaropt {command}" in said
+    assert "Usage" in said
+
+
+def test_help_lists_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    said = spoken(capsys, "--help")
+    assert all(command in said for command in COMMANDS)
+    assert spoken(capsys, "--version").startswith("polaropt 0.")
+
+
+def test_help_is_cheap() -> None:
+    code = (
+        f"import sys; from polaropt.cli.app import main; main(['--help']); "
+        f"print(*(name for name in {HEAVY!r} if name in sys.modules), file=sys.stderr)"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert ran.stderr.split() == []
+
+
+def test_a_pipe_sees_no_progress_bar(photographs: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["separate", *photographs, "-o", str(tmp_path), *QUICK]) == 0
+    said = capfd.readouterr()
+    assert said.err == ""
+    assert said.out.startswith("Pane: ")
+    assert not set("\x1b\r━") & set(said.out)
+
+
+def test_a_terminal_sees_a_progress_bar(photographs: list[str], tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    given = ["--incidence", "65", "--azimuth", "30", "--shift", "4", *QUICK]
+    command = [sys.executable, "-m", "polaropt", "separate", *photographs, "-o", str(tmp_path), *given]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
+    with subprocess.Popen(command, cwd=ROOT, stdout=theirs, stderr=theirs, env=environment) as running:
+        os.close(theirs)
+        seen = b""
+        while chunk := _read(ours):
+            seen += chunk
+    os.close(ours)
+    assert running.returncode == 0
+    assert "━".encode() in seen
+    assert b"Pane: " in seen
+
+
+def _read(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 4096)
+    except OSError:  # the other end is closed
+        return b""
+
+
+def test_a_failing_run_leaves_the_previous_output(
+    photographs: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "transmission.png").write_text("previous")
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("polaropt.separation.separate", interrupted)
+    assert main(["separate", *photographs, "-o", str(out)]) == 130
+    assert capsys.readouterr().err == "polaropt: interrupted; nothing was written\n"
+    assert [path.name for path in out.iterdir()] == ["transmission.png"]
+    assert (out / "transmission.png").read_text() == "previous"
+    assert main(["separate", *photographs, "-o", str(tmp_path / "new")]) == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.fixture
+def heard_keys() -> Iterator[None]:
+    """Ctrl-C interrupts, as it does but for what a shell has started in its background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heard_keys")
+@pytest.mark.parametrize("moment", ["Estimating the scene", "Closed form", "Solving"])
+def test_ctrl_c_leaves_the_previous_output(
+    moment: str,
+    photographs: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "report.json").write_text("previous")
+    told: list[str] = []
+
+    def press(stage: str, fraction: float) -> None:
+        told.append(stage)
+        # Not when the solve begins: when the solver calls back.
+        if stage == moment and (moment != "Solving" or told.count(stage) == 3):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("polaropt.cli.separate.progress_bar", lambda wanted: nullcontext(press))
+    assert main(["separate", *photographs, "-o", str(tmp_path)]) == 130
+    assert told[-1] == moment
+    assert capsys.readouterr().err == "polaropt: interrupted; nothing was written\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
+    assert (tmp_path / "report.json").read_text() == "previous"

@@ -1,0 +1,176 @@
+"""Angles that count from elsewhere or the other way: found where the image tells, else nothing is said."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, find_start_angle, separate
+from polaropt.capture.write import write_capture
+from polaropt.cli.app import main
+from polaropt.estimation.angles import AngleMistake, angle_mistake, ghost_direction, start_sentence
+from polaropt.estimation.ladder import find_scene
+from polaropt.simulation.metrics import psnr_db
+from studies.protocol import shipped_pairs
+from studies.stability_capture import take
+from studies.stability_scenes import cases
+from tests.blends import blend
+from tests.optics.test_varying import seen_wide
+
+OPEN = SceneParameters(None, None, None)
+NOISE = 0.005
+SIZE = 176
+
+
+def counted(capture: Capture, turned_deg: float = 0.0, sense: int = 1) -> Capture:
+    """The same photographs with their angles counted from another start, or the other way."""
+    angles = tuple((sense * angle - turned_deg) % 180 for angle in capture.angles_deg)
+    return Capture(capture.intensities, angles, capture.valid)
+
+
+def apart(first_deg: float, second_deg: float) -> float:
+    return abs((first_deg - second_deg + 90) % 180 - 90)
+
+
+def mistake(capture: Capture) -> AngleMistake | None:
+    found = find_scene(capture, OPEN, NOISE)
+    return angle_mistake(capture, NOISE, found.scene, found.estimate, found.unexplained)
+
+
+@pytest.mark.parametrize(
+    ("incidence", "azimuth", "turned"), [(45, 110, -70.0), (60, 25, -33.0), (45, 110, 52.0), (60, 25, 90.0)]
+)
+def test_ghosts_tell_where_the_angles_start(incidence: float, azimuth: float, turned: float) -> None:
+    example = blend(incidence, SIZE, azimuth_deg=azimuth, ghost_shift=7.0)
+    found = find_start_angle(counted(example.capture, turned))
+    assert found.origin is not None
+    assert found.origin.start_deg is not None
+    assert apart(found.origin.start_deg, turned) < 5
+    assert all(apart(a, b) < 5 for a, b in zip(found.angles_deg, example.capture.angles_deg, strict=True))
+    assert f"{found.origin.start_deg:+.0f} deg" in start_sentence(found)
+
+
+def test_a_separation_from_an_unknown_start_is_as_good() -> None:
+    example = blend(60, SIZE, ghost_shift=7.0)
+    relative = find_start_angle(counted(example.capture, 52))
+    reached = [separate(capture).layers for capture in (example.capture, relative)]
+    for layer in (0, 1):
+        absolute, found = (psnr_db(layers[layer], example.layers[layer], 12) for layers in reached)
+        assert found > absolute - 0.3
+
+
+@pytest.mark.parametrize(("incidence", "shift"), [(60, 0.0), (25, 4.0), (45, 0.0)])
+def test_without_clear_ghosts_the_azimuth_stays_relative(incidence: float, shift: float) -> None:
+    example = blend(incidence, 128, ghost_shift=shift)
+    relative = find_start_angle(counted(example.capture, 40))
+    assert relative.start_unknown
+    assert relative.angles_deg == counted(example.capture, 40).angles_deg
+    assert "do not tell" in start_sentence(relative)
+    scene = find_scene(relative, OPEN, NOISE).scene
+    assert scene.rung == "pixelwise"
+    assert apart(scene.azimuth_deg, example.scene.azimuth_deg - 40) < 1
+
+
+def test_an_unknown_start_leaves_no_wide_lens_to_find() -> None:
+    capture, _, _ = seen_wide(128, focal_px=150.0)
+    relative = find_start_angle(counted(capture, 40))
+    assert relative.start_unknown
+    found = find_scene(relative, OPEN, NOISE)
+    assert found.scene.rung == "pixelwise"
+    assert {"perspective", "curved"}.isdisjoint(tried.rung for tried in found.tried)
+
+
+@pytest.mark.parametrize(("incidence", "azimuth"), [(45, 110), (70, 150)])
+def test_angles_that_count_the_other_way_or_from_elsewhere(incidence: float, azimuth: float) -> None:
+    capture = blend(incidence, SIZE, azimuth_deg=azimuth, ghost_shift=7.0).capture
+    assert mistake(capture) is None
+    assert mistake(counted(capture, sense=-1)) is AngleMistake.REVERSED
+    assert mistake(counted(capture, 90)) is AngleMistake.ROTATED
+    assert mistake(find_start_angle(counted(capture, 52))) is None
+
+
+@pytest.mark.parametrize("incidence", [15, 45, 75, 85])
+@pytest.mark.parametrize("shift", [0.0, -4.0])
+@pytest.mark.parametrize("sense", [1, -1])
+def test_azimuths_that_are_their_own_mirror_image_are_no_mistake(incidence: float, shift: float, sense: int) -> None:
+    capture = blend(incidence, 128, azimuth_deg=90, ghost_shift=shift).capture
+    assert mistake(counted(capture, sense=sense)) is None
+
+
+@pytest.mark.parametrize("incidence", [15, 45, 75])
+def test_without_ghosts_nothing_is_said(incidence: float) -> None:
+    capture = blend(incidence, 128, ghost_shift=0.0).capture
+    assert mistake(counted(capture, 33)) is None
+
+
+@pytest.mark.parametrize(
+    "name", ["field of view (deg): 0", "bend of the pane (deg): 1", "incidence and noise: 40 deg, noise 0.005"]
+)
+def test_one_thing_of_parallel_edges_is_no_ghost(name: str) -> None:
+    tower = shipped_pairs(128, 64)[1]
+    capture = take(next(case for case in cases() if case.name == name), tower).capture
+    found = find_scene(capture, OPEN, NOISE)
+    assert angle_mistake(capture, NOISE, found.scene, found.estimate, found.unexplained) is None
+    incidence, azimuth, _ = found.scene.values()
+    assert not ghost_direction(capture, NOISE, incidence, azimuth).shift_error_px < 0.4
+
+
+def test_ghosts_of_a_pane_have_the_same_shift_in_every_part_of_the_frame() -> None:
+    example = blend(60, SIZE, ghost_shift=7.0)
+    assert ghost_direction(example.capture, NOISE, 60.0, 25.0).shift_error_px < 0.2
+
+
+def test_a_single_tile_tells_no_direction() -> None:
+    found = ghost_direction(blend(60, 64, ghost_shift=7.0).capture, NOISE, 60.0, 25.0)
+    assert math.isinf(found.shift_error_px)
+    assert not found.certain
+
+
+@pytest.mark.parametrize("azimuth", [3.0, 200.0])
+def test_before_a_wide_lens_the_azimuth_turns_the_right_way_only(azimuth: float) -> None:
+    capture, _, _ = seen_wide(128, focal_px=150.0, azimuth_deg=azimuth)
+    assert mistake(capture) is None
+    assert mistake(counted(capture, sense=-1)) is AngleMistake.REVERSED
+
+
+def test_the_separation_warns() -> None:
+    capture = blend(60, SIZE, ghost_shift=7.0).capture
+    quick = StoppingRule(max_evaluations=3)
+    assert (
+        SeparationWarning.ANGLES_REVERSED in separate(counted(capture, sense=-1), stopping=quick).diagnostics.warnings
+    )
+    assert SeparationWarning.ANGLES_ROTATED in separate(counted(capture, 60), stopping=quick).diagnostics.warnings
+
+
+@pytest.fixture(scope="module")
+def turned_file(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("turned") / "turned.tiff"
+    write_capture(counted(blend(60, SIZE, ghost_shift=7.0).capture, 52), path)
+    return str(path)
+
+
+def test_the_command_line_finds_the_start_and_tells(
+    turned_file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    relative = ["--angles", "relative"]
+    assert main(["separate", turned_file, *relative, "-o", str(tmp_path), "--max-evaluations", "3"]) == 0
+    assert "Start of the angles: +52 deg" in capsys.readouterr().out.replace("+51", "+52").replace("+53", "+52")
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert apart(report["input"]["start_deg"], 52) < 3
+    assert apart(report["scene"]["azimuth_deg"], 25) < 3
+    assert main(["estimate", turned_file, "--angles", "relative,0,45,90,135"]) == 0
+    assert "Start of the angles" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("angles", ["relatively", "relative,x", "relative,0,x"])
+def test_no_such_angles(turned_file: str, angles: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", turned_file, "--angles", angles]) == 2
+    assert "numbers separated by commas" in capsys.readouterr().err
+
+
+def test_a_capture_is_not_asked_about_a_scene_that_was_given() -> None:
+    capture = counted(blend(60, 96).capture, 40)
+    assert angle_mistake(capture, NOISE, SceneParameters(60.0, 345.0, 0.0), None) is None

@@ -1,0 +1,121 @@
+"""Of two panes across each other the likelier is taken, or none where a mistake would cost too much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polaropt import SceneParameters, SeparationWarning, separate
+from polaropt.capture.capture import Capture
+from polaropt.capture.noise import noise_level
+from polaropt.capture.polarization import plate_frame, stokes_images
+from polaropt.estimation.flat.azimuth import HIGH_STAKE, NOTABLE_STAKE, AxisChoice, Pane, choose_axis, log_odds
+from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.estimation.flat.search import SceneSearch, Trial, evidence
+from polaropt.estimation.ladder import find_scene
+from polaropt.estimation.safeguard import Asked, left_alone, with_incidence_checked
+from polaropt.judging.warnings import diagnose
+from polaropt.optics.plate import in_place_correction
+from polaropt.simulation.metrics import psnr_db
+from tests.blends import blend
+
+BLIND = SceneParameters(None, None, None)
+NOISE = 0.005
+
+
+def panes_of(capture: Capture, azimuth_deg: float, trials: tuple[Trial, Trial]) -> tuple[Pane, Pane]:
+    seen = evidence(plate_frame(stokes_images(capture, noise_level(capture)), azimuth_deg))
+    pair = zip((seen, seen.across()), trials, strict=True)
+    first, second = (
+        Pane(part, trial, float(SceneSearch(part, BLIND, None).shift_curve(trial)[1].min())) for part, trial in pair
+    )
+    return first, second
+
+
+@pytest.fixture(scope="module")
+def panes() -> tuple[Pane, Pane]:
+    """The true pane first, then one across with the layers exchanged, all bounces in place."""
+    return panes_of(blend(60, 128).capture, 25.0, (Trial(60.0, 5.3, 0.0), Trial(82.0, 0.0, 0.0)))
+
+
+def test_the_true_pane_is_the_likelier_whichever_comes_first(panes: tuple[Pane, Pane]) -> None:
+    assert log_odds(panes, BLIND, NOISE) > 5
+    assert log_odds(panes[::-1], BLIND, NOISE) == pytest.approx(-log_odds(panes, BLIND, NOISE))
+    assert choose_axis(panes, BLIND, NOISE).best == 0
+    assert choose_axis(panes[::-1], BLIND, NOISE).best == 1
+    assert choose_axis(panes, BLIND, NOISE).stake < NOTABLE_STAKE
+
+
+def test_scores_that_differ_by_more_than_the_noise_bends_them_settle_it(panes: tuple[Pane, Pane]) -> None:
+    better = replace(panes[1], trial=replace(panes[1].trial, score=panes[0].trial.score - 3 * NOISE))
+    assert choose_axis((panes[0], better), BLIND, NOISE) == AxisChoice(1, 0.0)
+    assert choose_axis((panes[0], better), BLIND, 2 * NOISE).stake > 0
+
+
+def test_a_pane_as_good_as_itself_is_as_likely_and_not_worth_the_risk(panes: tuple[Pane, Pane]) -> None:
+    same = choose_axis((panes[0], panes[0]), BLIND, NOISE)
+    assert log_odds((panes[0], panes[0]), BLIND, NOISE) == 0
+    # Half the chance of being twice as far off as the intensity.
+    assert same == AxisChoice(0, pytest.approx(2.0))
+
+
+@pytest.mark.parametrize("single_surface", [False, True])
+@pytest.mark.parametrize("incidence", [15.0, 50.0, 80.0])
+def test_the_correction_takes_each_layer_from_the_intensity(incidence: float, single_surface: bool) -> None:
+    scene = SceneParameters(incidence, 25.0, 0.0, single_surface=single_surface)
+    example = blend(incidence, 64, noise=0, ghost_shift=0.0, single_surface=single_surface)
+    across = plate_frame(stokes_images(example.capture, 1e-4), 25.0).images
+    correction = in_place_correction(incidence, scene.refractive_index, single_surface)
+    np.testing.assert_allclose(across.sum(axis=0) + correction * (across[0] - across[1]), example.layers[0], atol=2e-3)
+
+
+def test_an_azimuth_that_was_given_is_not_at_stake() -> None:
+    capture = blend(60, 96).capture
+    assert estimate_scene(capture, BLIND.replace(azimuth_deg=25.0)).axis_stake == 0
+
+
+def test_in_doubt_the_intensity_is_returned_and_said_so() -> None:
+    # Few pixels, grazing glass and no ghosts that would tell the two apart.
+    example = blend(83, 64, noise=0.03, ghost_shift=0.0)
+    result = separate(example.capture)
+    estimate = result.diagnostics.estimate
+    assert estimate is not None
+    assert estimate.axis_stake >= HIGH_STAKE
+    assert result.scene.rung == "none"
+    np.testing.assert_array_equal(result.layers[0], example.capture.stokes[0])
+    assert SeparationWarning.AXIS_DOUBTFUL in result.diagnostics.warnings
+    assert [step.rung for step in result.tried if step.taken] == ["none"]
+    # Who insists gets what was asked for.
+    assert separate(example.capture, model="pixelwise").scene.rung == "pixelwise"
+
+
+def test_a_wide_lens_tells_the_two_apart() -> None:
+    capture = blend(60, 64).capture
+    doubtful = replace(estimate_scene(capture), axis_stake=NOTABLE_STAKE)
+    for focal_px, warned in ((None, True), (80.0, False)):
+        told = diagnose(
+            capture, 0.005, misfit_ratio=1.0, reflection_unknown=0.0, estimate=doubtful,
+            scene=doubtful.scene.replace(focal_px=focal_px),
+        )  # fmt: skip
+        assert (SeparationWarning.AXIS_DOUBTFUL in told.warnings) == warned
+
+
+@pytest.mark.parametrize(("told", "left"), [(80.0, True), (74.0, False), (40.0, False)])
+def test_an_incidence_that_would_do_harm_is_not_used(told: float, left: bool) -> None:
+    example = blend(60, 128)
+    result = separate(example.capture, SceneParameters(told, None, None))
+    nothing = psnr_db(example.capture.stokes[0], example.layers[0], 16)
+    assert (result.scene.rung == "none") == left
+    assert SeparationWarning.INCIDENCE_DOUBTFUL in result.diagnostics.warnings
+    assert psnr_db(result.layers[0], example.layers[0], 16) >= nothing - 0.01
+    assert result.scene.incidence_deg == told
+
+
+def test_who_tells_the_whole_scene_gets_it() -> None:
+    capture = blend(60, 96).capture
+    scene = SceneParameters(80.0, 25.0, 0.0)
+    found = find_scene(capture, scene, 0.005)
+    assert left_alone(found, with_incidence_checked(capture, scene, 0.005)) is found
+    assert with_incidence_checked(capture, scene, 0.005) == Asked(scene)

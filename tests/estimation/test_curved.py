@@ -1,0 +1,180 @@
+"""A bent pane: its normals, its engine and its fit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from polaropt import SceneParameters, separate, simulate
+from polaropt.capture.polarization import stokes_images
+from polaropt.errors import InputError
+from polaropt.estimation.ladder import find_scene
+from polaropt.estimation.wide.edges import VaryingOverlap
+from polaropt.estimation.wide.fits import fit_curved
+from polaropt.optics.engine import PSE, VaryingPSE
+from polaropt.optics.geometry import Pane, pixel_grid, plane_normal, scene_angles
+from polaropt.simulation.metrics import psnr_db
+from polaropt.solving.problem import Problem
+from studies.command import pairs_of
+from studies.stability import MARGIN, SIZE
+from studies.stability_capture import take
+from studies.stability_scenes import cases
+from tests.blends import blend
+from tests.checks import assert_adjoint
+from tests.solving.test_fused import WEIGHTS, assert_equal
+
+ANGLES = (0, 45, 90, 135)
+BENT = SceneParameters(55.0, 200.0, 0.0, focal_px=40.0, bend_deg_per_px=(0.3, -0.1, 0.2))
+
+
+def seen_bent(size: int, scene: SceneParameters):
+    """Photographs of a bent pane, and the layers."""
+    example = blend(55, size, ghost_shift=0.0)
+    layers = np.moveaxis(example.layers, 1, -1)
+    return simulate(layers[0], layers[1], scene, noise=0.005, bits=12, seed=1), example.layers
+
+
+def test_a_flat_pane_is_not_bent():
+    flat = BENT.replace(bend_deg_per_px=(0.0, 0.0, 0.0))
+    assert (flat.rung, BENT.rung) == ("perspective", "curved")
+    assert BENT.replace(focal_px=None).rung == "curved"
+    layers = np.random.default_rng(0).random((2, 20, 31))
+    nearly = VaryingPSE(flat.replace(focal_px=None, bend_deg_per_px=(1e-9, 0.0, 0.0)), ANGLES).forward(layers)
+    np.testing.assert_allclose(nearly, PSE(flat.replace(focal_px=None), ANGLES).forward(layers), atol=1e-6)
+
+
+def test_seen_frontally_from_far_the_incidence_is_the_tilt():
+    x, y = pixel_grid(1, 41, (20.0, 0.0))
+    cosine, cos, sin = scene_angles(SceneParameters(0.0, 0.0, 0.0, bend_deg_per_px=(0.5, 0.0, 0.0)), x, y)
+    np.testing.assert_allclose(np.degrees(np.arccos(cosine)), np.degrees(np.arctan(np.radians(0.5) * np.abs(x))))
+    np.testing.assert_allclose(cos[x != 0], 1, atol=1e-6)
+    np.testing.assert_allclose(sin, 0, atol=1e-6)
+
+
+@given(st.floats(5, 70), st.floats(0, 360), st.tuples(*3 * [st.floats(-0.2, 0.2)]), st.sampled_from([60.0, 200.0, 1e4]))
+@settings(max_examples=50, deadline=None)
+def test_its_normals_are_those_of_a_surface(incidence_deg, azimuth_deg, bend, focal_px):
+    """The pane ``1 / Z`` given by finite differences of the points themselves."""
+    scene = SceneParameters(incidence_deg, azimuth_deg, 0.0, focal_px=focal_px, bend_deg_per_px=bend)
+    tilt, azimuth = math.radians(incidence_deg), math.radians(azimuth_deg)
+    n_x, n_y, n_z = math.sin(tilt) * math.cos(azimuth), math.sin(tilt) * math.sin(azimuth), math.cos(tilt)
+    b_xx, b_xy, b_yy = np.radians(bend)
+
+    def point(x: float, y: float) -> np.ndarray:
+        q = b_xx * x * x + 2 * b_xy * x * y + b_yy * y * y
+        return np.array([x, y, focal_px]) / (focal_px * n_z + n_x * x + n_y * y + q / 2)
+
+    x, y, step = 7.0, -4.0, 1e-3
+    normal = np.cross(
+        (point(x + step, y) - point(x - step, y)) / step, (point(x, y + step) - point(x, y - step)) / step
+    )
+    ray = np.array([x, y, focal_px]) / math.sqrt(x * x + y * y + focal_px**2)
+    cosine, _, _ = scene_angles(scene, np.array([[x]]), np.array([[y]]))
+    assert cosine[0, 0] == pytest.approx(abs(normal @ ray) / np.linalg.norm(normal), abs=1e-6)
+
+
+@pytest.mark.parametrize("focal_px", [40.0, None])
+@pytest.mark.parametrize("shape", [(17, 22), (2, 16, 15)])
+def test_the_adjoint_is_the_transpose(shape, focal_px):
+    pse = VaryingPSE(BENT.replace(focal_px=focal_px), ANGLES)
+    assert_adjoint(pse.forward, pse.adjoint, (2, *shape))
+
+
+@pytest.mark.parametrize("focal_px", [40.0, None])
+def test_compiled_and_readable_objective_agree(focal_px):
+    scene = BENT.replace(focal_px=focal_px)
+    capture, _ = seen_bent(33, scene)
+    assert_equal(Problem(capture, scene, 0.005, WEIGHTS))
+    assert_equal(Problem(capture, scene, 0.005, WEIGHTS, center=(3.0, 50.0)))
+
+
+def test_a_known_bent_pane_is_separated():
+    scene = BENT.replace(focal_px=115.0, bend_deg_per_px=(0.15, 0.05, -0.1))
+    capture, layers = seen_bent(96, scene)
+    result = separate(capture, scene)
+    assert psnr_db(result.layers[0], layers[0], 8) > psnr_db(capture.stokes[0], layers[0], 8) + 10
+    assert result.diagnostics.warnings == ()
+
+
+@pytest.mark.parametrize("bend", [(0.1, 0.2), (0.0, math.nan, 0.0), (math.inf, 0.0, 0.0)])
+def test_a_bend_is_three_numbers(bend):
+    with pytest.raises(InputError, match="three finite numbers"):
+        SceneParameters(bend_deg_per_px=bend)
+
+
+@pytest.mark.parametrize("focal_px", [150.0, None])
+def test_polarization_and_edges_tell_how_the_pane_is_bent(focal_px):
+    """From far a pane and its like, bent and leaning the other way, look the same: azimuth modulo 180."""
+    bend = (0.10, 0.04, -0.06)
+    capture, _ = seen_bent(128, SceneParameters(50.0, 200.0, 0.0, focal_px=focal_px, bend_deg_per_px=bend))
+    fit = fit_curved(stokes_images(capture, 0.005), SceneParameters(45.0, 20.0, 0.0), focal_px)
+    assert abs(fit.incidence_deg - 50) < max(3 * fit.incidence_error_deg, 0.5)
+    assert fit.incidence_error_deg < 1.5
+    turned = (fit.azimuth_deg - 200 + 90) % 180 - 90
+    assert abs(turned) < max(4 * fit.azimuth_error_deg, 0.1)
+    leaning = 1 if abs((fit.azimuth_deg - 200 + 180) % 360 - 180) < 90 else -1
+    assert leaning == 1 or focal_px is None
+    away = np.abs(leaning * np.array(fit.bend_deg_per_px) - bend)
+    assert (away < np.maximum(4 * np.array(fit.bend_error_deg_per_px), 0.005)).all()
+    assert fit.focal_px == focal_px
+    assert fit.misfit == pytest.approx(1, abs=0.1)
+
+
+def test_where_no_bend_explains_much_the_edges_are_not_looked_at():
+    example = blend(50, 96, ghost_shift=0.0, transmission_polarization=(0.6, 20.0))
+    fit = fit_curved(stokes_images(example.capture, 0.005), example.scene, enough=0.9)
+    assert fit.incidence_error_deg == math.inf
+
+
+def test_blind_the_bent_pane_is_found_and_told():
+    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=190.0, bend_deg_per_px=(0.10, 0.04, -0.06))
+    capture, layers = seen_bent(160, scene)
+    blind, known = separate(capture), separate(capture, scene)
+    assert blind.scene.rung == "curved"
+    assert [tried.rung for tried in blind.tried] == ["pixelwise", "perspective", "curved"]
+    assert psnr_db(blind.layers[0], layers[0], 8) > psnr_db(known.layers[0], layers[0], 8) - 1.5
+    assert blind.diagnostics.warnings == ()
+
+
+def test_a_flat_pane_before_a_lens_is_not_taken_for_bent():
+    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=190.0)
+    capture, _ = seen_bent(160, scene)
+    found = find_scene(capture, SceneParameters(None, None, None), 0.005)
+    assert found.scene.rung == "perspective"
+    assert [tried.rung for tried in found.tried] == ["pixelwise", "perspective"]
+
+
+def test_a_bent_pane_cannot_be_given_by_half():
+    with pytest.raises(InputError, match="given whole"):
+        separate(blend(50, 32).capture, SceneParameters(None, None, 0.0, bend_deg_per_px=(0.1, 0.0, 0.0)))
+
+
+def test_the_edges_overlap_least_at_the_true_incidence():
+    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=115.0, bend_deg_per_px=(0.10, 0.04, -0.06))
+    overlap = VaryingOverlap(stokes_images(seen_bent(128, scene)[0], 0.005), scene)
+    bend = tuple(math.radians(part) for part in scene.bend_deg_per_px)
+    trials = np.arange(45.0, 66.0, 2.0)
+    values = [overlap.log(Pane(plane_normal(float(trial), 200.0), bend, 1 / 115)).mean() for trial in trials]
+    assert abs(trials[int(np.argmin(values))] - 55) <= 2
+
+
+@pytest.mark.parametrize("azimuth_deg", [100.0, 229.0])
+def test_a_pane_seen_from_far_has_no_focal_length(azimuth_deg):
+    # Polarized light makes its view come out a little beyond that of parallel rays.
+    example = blend(55, 64, azimuth_deg=azimuth_deg, ghost_shift=0.0, transmission_polarization=(0.3, 20.0))
+    fit = fit_curved(stokes_images(example.capture, 0.005), example.scene, enough=math.inf)
+    assert fit.focal_px is None
+
+
+@pytest.mark.parametrize("pair", [0, 3])
+def test_a_bent_pane_is_not_taken_for_a_flat_one_whose_layers_share_their_edges(pair):
+    # From how the azimuth turns both look like flat panes before a lens, at 37 and 78 degrees.
+    case = next(case for case in cases() if case.name == "bend of the pane (deg): 10")
+    taken = take(case, pairs_of(None, SIZE, MARGIN)[pair])
+    found = find_scene(taken.capture, taken.told, 0.005)
+    assert found.scene.rung == "curved"
+    assert abs(found.scene.incidence_deg - 55) < 2

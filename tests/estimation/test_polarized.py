@@ -1,0 +1,289 @@
+"""Layers whose light arrives polarized: the plane of the cloud, panes that show it, the blind fit and its claims."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from polaropt.capture.capture import Capture
+from polaropt.capture.noise import noise_level
+from polaropt.capture.polarization import StokesImages, stokes_images
+from polaropt.estimation.ladder import find_scene
+from polaropt.estimation.polarized.light import Place, candidates, point_showing, scene_at, shown_by
+from polaropt.estimation.polarized.likelihood import PolarizedLikelihood
+from polaropt.estimation.polarized.mixing import Mixture, looks_polarized
+from polaropt.numerics.minima import Box
+from polaropt.optics.scene import SceneErrors, SceneParameters
+from polaropt.reporting.report import plain
+from polaropt.reporting.words import pane_sentence
+from polaropt.separation import separate
+from polaropt.simulation.metrics import psnr_db
+from polaropt.simulation.simulator import simulate
+from studies.protocol import protocol_capture, protocol_scene, shipped_pairs
+from studies.stability_capture import take
+from studies.stability_scenes import cases
+from tests.blends import blend
+
+BLIND = SceneParameters(None, None, None)
+SCREEN = {"transmission_polarization": (0.6, 140.0)}
+SKY = {"reflection_polarization": (0.3, 70.0)}
+
+degrees = st.floats(0.05, 0.9)
+angles = st.floats(0, 180)
+
+
+def stokes_of(capture: Capture) -> StokesImages:
+    return stokes_images(capture, max(1e-4, noise_level(capture)))
+
+
+def point_of(scene: SceneParameters) -> np.ndarray:
+    """The point of a complete scene."""
+    numbers = list(scene.values())
+    for degree, angle in (scene.transmission_polarization, scene.reflection_polarization):
+        double = 2 * math.radians(angle - numbers[1])
+        numbers += [degree * math.cos(double), degree * math.sin(double)]
+    return np.array(numbers)
+
+
+def lively_layers(seed: int, size: int = 128) -> list[np.ndarray]:
+    """Two grey layers of noise whose strength changes from square to square, in each for itself."""
+    random = np.random.default_rng(seed)
+    layers = []
+    for _ in range(2):
+        strength = np.kron(0.002 * np.exp(1.5 * random.standard_normal((8, 8))), np.ones((size // 8, size // 8)))
+        layers.append(np.clip(0.4 + strength * random.standard_normal((size, size)), 0.0, 1.0))
+    return layers
+
+
+def apart(found: np.ndarray, true: np.ndarray) -> float:
+    """Largest distance of two pairs of Stokes vectors, whichever is first."""
+    return min(float(np.abs(found - true).max()), float(np.abs(found[::-1] - true).max()))
+
+
+@pytest.mark.parametrize("polarization", [{}, SCREEN, SKY, SCREEN | SKY], ids=["none", "screen", "sky", "both"])
+def test_the_cloud_of_stokes_vectors_lies_in_a_plane(polarization: dict[str, object]) -> None:
+    capture = blend(ghost_shift=0.0, **polarization).capture
+    assert Mixture(stokes_of(capture)).misfit == pytest.approx(1, abs=0.15)
+
+
+@given(angles, degrees, angles, st.floats(0.05, 0.5), st.integers(0, 100))
+@settings(max_examples=12, deadline=None)
+def test_edges_tell_both_stokes_vectors_in_the_plane(
+    azimuth: float, screen: float, behind: float, sky: float, seed: int
+) -> None:
+    scene = SceneParameters(70.0, azimuth, 0.0, transmission_polarization=(screen, behind))
+    scene = scene.replace(reflection_polarization=(sky, 30.0))
+    capture = simulate(*lively_layers(seed), scene, noise=1e-4)
+    true = shown_by(point_of(scene), scene)
+    if np.linalg.norm(true[0] - true[1]) > 0.2:
+        assert apart(Mixture(stokes_of(capture)).vectors(), true) < 0.03
+
+
+@given(st.floats(15, 85), angles, degrees, angles, degrees, angles)
+def test_a_point_is_told_by_what_it_shows(
+    incidence: float, azimuth: float, screen: float, behind: float, sky: float, mirrored: float
+) -> None:
+    scene = SceneParameters(incidence, azimuth, 0.0, transmission_polarization=(screen, behind))
+    point = point_of(scene.replace(reflection_polarization=(sky, mirrored)))
+    place = Place(incidence, azimuth, 0.0)
+    if abs(incidence - 56.3) > 2:
+        np.testing.assert_allclose(point_showing(place, shown_by(point, scene), scene), point, atol=1e-9)
+
+
+@given(st.floats(15, 85), angles, degrees, angles, st.booleans())
+def test_a_single_polarized_layer_leaves_the_true_pane_among_the_candidates(
+    incidence: float, azimuth: float, degree: float, angle: float, screen: bool
+) -> None:
+    light = {"transmission_polarization" if screen else "reflection_polarization": (degree, angle)}
+    true = point_of(SceneParameters(incidence, azimuth, 0.0).replace(**light))
+    # Near Brewster's angle the reflection shows the same on both sides of it, whatever its light.
+    if abs(incidence - 56.3) > 11:
+        found = candidates(shown_by(true, BLIND), BLIND)
+        off = [np.abs((candidate.point - true + [0, 90, *5 * [0]]) % [360, 180, *5 * [9]]) for candidate in found]
+        distances = [
+            max(min(part[0], 360 - part[0]) / 100, abs(part[1] - 90) / 100, *_signed(part[3:])) for part in off
+        ]
+        assert min(distances) < 0.02
+
+
+def _signed(values: np.ndarray) -> list[float]:
+    return [float(min(value, 9 - value)) for value in values]
+
+
+def test_a_scene_is_its_point() -> None:
+    scene = SceneParameters(50.0, 20.0, -3.0, transmission_polarization=(0.6, 140.0))
+    back = scene_at(point_of(scene), BLIND)
+    assert back.values() == pytest.approx(scene.values())
+    assert back.transmission_polarization == pytest.approx((0.6, 140.0))
+
+
+@pytest.mark.parametrize("change", [(0, 4.0), (1, 4.0), (2, 2.0), (3, 0.1), (4, 0.1)], ids=str)
+def test_the_true_pane_is_the_likeliest(change: tuple[int, float]) -> None:
+    made = blend(size=128, **SCREEN)
+    likelihood = PolarizedLikelihood(stokes_of(made.capture), made.scene)
+    true = point_of(made.scene)
+
+    def evidence(point: np.ndarray) -> float:
+        likelihood.prepare(likelihood.pane(point))
+        return likelihood.evidence(likelihood.pane(point))
+
+    for sign in (-1, 1):
+        other = true.copy()
+        other[change[0]] += sign * change[1]
+        assert evidence(other) > evidence(true)
+
+
+def test_behind_the_true_pane_no_coarse_light_is_left_over() -> None:
+    made = blend(size=128, **SCREEN, **SKY)
+    likelihood = PolarizedLikelihood(stokes_of(made.capture), made.scene)
+    misfit, n = likelihood.leftover(point_of(made.scene))
+    assert n > 1000
+    assert misfit == pytest.approx(1, abs=0.15)
+
+
+@pytest.mark.parametrize("polarization", [SCREEN, SKY, SCREEN | SKY], ids=["screen", "sky", "both"])
+@pytest.mark.parametrize("ghost_shift", [0.0, 6.3])
+def test_separation_beats_the_trivial_ones_before_polarized_light(
+    polarization: dict[str, object], ghost_shift: float
+) -> None:
+    made = blend(size=160, ghost_shift=ghost_shift, **polarization)
+    result = separate(made.capture)
+    s0, s1, s2 = made.capture.stokes
+    trivial = max(psnr_db(image, made.layers[0], 16) for image in (s0, s0 - np.hypot(s1, s2)))
+    assert psnr_db(result.layers[0], made.layers[0], 16) > trivial + 6
+
+
+@pytest.mark.parametrize("incidence_deg", [15.0, 40.0, 60.0, 80.0])
+@pytest.mark.parametrize("ghost_shift", [0.0, 6.3])
+def test_no_polarized_light_is_claimed_where_there_is_none(incidence_deg: float, ghost_shift: float) -> None:
+    made = blend(incidence_deg, size=128, ghost_shift=ghost_shift)
+    found = find_scene(made.capture, BLIND, noise_level(made.capture))
+    assert not found.scene.polarized
+
+
+@pytest.mark.parametrize("across", [0.0, 90.0])
+def test_edges_see_light_polarized_along_or_across_the_plane_of_incidence(across: float) -> None:
+    made = blend(size=160, ghost_shift=0.0, transmission_polarization=(0.6, 25.0 + across))
+    assert looks_polarized(stokes_of(made.capture), made.scene)
+    assert not looks_polarized(stokes_of(blend(size=160, ghost_shift=0.0).capture), made.scene)
+
+
+def test_what_is_told_of_the_pane_stays() -> None:
+    made = blend(size=128, **SCREEN)
+    asked = SceneParameters(60.0, 25.0, None)
+    found = find_scene(made.capture, asked, noise_level(made.capture), "polarized")
+    assert found.scene.values()[:2] == (60.0, 25.0)
+    assert found.scene.transmission_polarization == pytest.approx((0.6, 140.0), abs=3)
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.01])
+def test_frontal_glass_needs_no_polarized_light(noise: float) -> None:
+    # A slight polarization of what is behind oblique glass shows nearly the same.
+    capture = protocol_capture(shipped_pairs(128, 64)[2], 10.0, noise=noise)
+    found = find_scene(capture, BLIND, noise_level(capture)).scene
+    assert not found.polarized
+    assert found.values()[0] < 20
+
+
+def test_a_wrong_azimuth_is_not_explained_by_polarized_light() -> None:
+    capture = protocol_capture(shipped_pairs(128, 64)[1], 60.0)
+    told = protocol_scene(shipped_pairs(128, 64)[1], 60.0).values()[1] + 10
+    found = find_scene(capture, SceneParameters(None, told, None), noise_level(capture))
+    assert not found.scene.polarized
+    assert found.unexplained > 4
+
+
+@pytest.mark.parametrize("polarization", [SCREEN, SKY, SCREEN | SKY], ids=["screen", "sky", "both"])
+def test_the_true_numbers_lie_within_a_few_standard_errors(polarization: dict[str, object]) -> None:
+    made = blend(size=160, ghost_shift=6.3, **polarization)
+    found = find_scene(made.capture, BLIND, noise_level(made.capture), "polarized")
+    incidence, azimuth, shift = found.scene.values()
+    assert abs(incidence - 60.0) < 3 * (found.errors.incidence_deg or 0)
+    assert abs(azimuth - 25.0) < 3 * (found.errors.azimuth_deg or 0)
+    assert abs(shift - 6.3) < 3 * (found.errors.ghost_shift or 0)
+    if found.errors.transmission_polarization is not None and "transmission_polarization" in polarization:
+        degree, angle = found.scene.transmission_polarization
+        assert abs(degree - 0.6) < 3 * found.errors.transmission_polarization[0]
+        assert abs(angle - 140.0) < 3 * found.errors.transmission_polarization[1]
+
+
+def test_an_untold_side_of_the_ghosts_widens_their_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = blend(size=96, ghost_shift=6.3, **SCREEN).capture
+    told = find_scene(capture, BLIND, noise_level(capture), "polarized")
+    monkeypatch.setattr("polaropt.estimation.polarized.search._SURE_OF_LIGHT", math.inf)
+    doubted = find_scene(capture, BLIND, noise_level(capture), "polarized")
+    assert told.errors.ghost_shift is not None
+    assert told.errors.ghost_shift < 1
+    assert doubted.errors.ghost_shift == pytest.approx(abs(doubted.scene.values()[2]))
+
+
+def test_newton_steps_go_along_a_narrow_valley() -> None:
+    def valley(x: np.ndarray) -> float:
+        return float(1e3 * (x[0] - 0.9 * x[1]) ** 2 + (x[1] - 3) ** 2)
+
+    far = np.full(2, 10.0)
+    box = Box(np.zeros(2), np.full(2, 0.1), -far, far)
+    step = box.newton(valley)
+    np.testing.assert_allclose(step.point, [2.7, 3.0], rtol=1e-6)
+    assert step.value == pytest.approx(0, abs=1e-6)
+    again = dataclasses.replace(box, start=np.array([5.0, -5.0])).newton(valley, step.curvature)
+    np.testing.assert_allclose(again.point, [2.7, 3.0], rtol=1e-6)
+    nothing = np.empty(0)
+    assert Box(nothing, nothing, nothing, nothing).newton(lambda x: 1.0).value == 1.0
+
+
+def test_the_sentence_tells_the_polarization_of_both_layers() -> None:
+    scene = {**plain(SceneParameters(**SCREEN)), "rung": "polarized"}
+    errors = {**plain(SceneErrors()), "transmission_polarization": [0.02, 1.5]}
+    sentence = pane_sentence({"scene": scene, "estimated": [], "errors": errors})
+    assert "light behind it polarized 0.60 +- 0.02 at 140 +- 1.5 deg (estimated)" in sentence
+    assert "mirrored" not in sentence
+
+
+def test_fully_polarized_light_behind_the_glass_is_found_as_such() -> None:
+    made = blend(size=128, ghost_shift=6.3, transmission_polarization=(1.0, 140.0))
+    scene = find_scene(made.capture, BLIND, noise_level(made.capture)).scene
+    assert scene.transmission_polarization == pytest.approx((1.0, 140.0), abs=2)
+
+
+def test_a_wide_lens_is_not_looked_at_for_polarized_light() -> None:
+    # What it leaves lies off the plane of any two Stokes vectors.
+    made = blend(size=128, azimuth_deg=25.0, focal_px=160.0)
+    found = find_scene(made.capture, BLIND, noise_level(made.capture))
+    assert [tried.rung for tried in found.tried][1:] == ["perspective"]
+
+
+@pytest.mark.parametrize("name", ["sky mirrored, degree: 0.3", "screen behind, degree: 0.2"])
+def test_ghosts_beside_the_likelier_accident_are_found(name: str) -> None:
+    # Accidents of these spectra make two polarized layers likelier, and a pane on the other side of Brewster's angle.
+    case = next(case for case in cases() if case.name == name)
+    capture = take(case, shipped_pairs(128, 64)[1]).capture
+    scene = find_scene(capture, BLIND, noise_level(capture)).scene
+    assert 0.0 in (scene.transmission_polarization[0], scene.reflection_polarization[0])
+    assert scene.values()[0] == pytest.approx(60, abs=6)
+
+
+@pytest.mark.parametrize(("number", "azimuth_deg", "angle_deg"), [(2, 30.0, 50.0), (3, 100.0, 160.0)])
+def test_a_sky_is_not_taken_for_a_weak_screen_that_is_hardly_likelier(
+    number: int, azimuth_deg: float, angle_deg: float
+) -> None:
+    # A screen polarized to a few per cent, at an incidence 3 to 6 degrees off, makes these spectra a little likelier.
+    pair = shipped_pairs(128, 64)[number]
+    scene = SceneParameters(60.0, azimuth_deg, 8.165, reflection_polarization=(0.3, angle_deg))
+    larger = simulate(pair.transmission, pair.reflection, scene, noise=0.005, bits=12, seed=number)
+    capture = Capture(pair.cropped(larger.intensities), larger.angles_deg)
+    found = find_scene(capture, BLIND, noise_level(capture)).scene
+    assert found.transmission_polarization[0] == 0 < found.reflection_polarization[0]
+    assert found.values()[0] == pytest.approx(60, abs=1)
+
+
+def test_parts_of_the_spectra_add_up_to_their_likelihood() -> None:
+    made = blend(size=96, ghost_shift=6.3, **SCREEN)
+    likelihood = PolarizedLikelihood(stokes_of(made.capture), BLIND)
+    point = point_of(made.scene)
+    assert likelihood.sectors(point).sum() == pytest.approx(likelihood.spectral(likelihood.pane(point)), rel=1e-5)

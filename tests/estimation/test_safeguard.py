@@ -1,0 +1,110 @@
+"""Photographs with something wrong: it is named for what it is, and the pane is found all the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polaropt import Capture, SceneParameters, SeparationWarning, separate
+from polaropt.capture.capture import ANGLES_DEG, Origin
+from polaropt.capture.checks import Mistakes, find_mistakes, identity_ratio
+from polaropt.estimation.safeguard import Asked, correction, linear, mended, with_incidence_checked
+from polaropt.simulation.metrics import psnr_db
+from polaropt.simulation.simulator import exact_photographs
+from tests.blends import blend
+from tests.shifted import shifted_blend
+
+APART = np.array([[0, 0], [0.6, 0.8], [0, 0], [-0.6, -0.8]])
+
+
+def encoded(capture, gamma):
+    return Capture(np.clip(capture.intensities, 0, 1) ** (1 / gamma), capture.angles_deg)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.01, 0.03])
+@pytest.mark.parametrize("incidence", [20, 60, 80])
+def test_nothing_is_found_wrong_with_good_photographs(incidence, noise):
+    capture = blend(incidence, 96, noise=noise).capture
+    assert find_mistakes(capture) == Mistakes()
+    assert mended(capture, Mistakes()) is capture
+
+
+@pytest.mark.parametrize("degree", [0.4, 1.0])
+@pytest.mark.parametrize("layer", ["transmission_polarization", "reflection_polarization"])
+def test_polarized_light_is_no_encoding(layer, degree):
+    capture = blend(60, 128, **{layer: (degree, 10.0)}).capture
+    assert identity_ratio(capture) == pytest.approx(1, abs=0.05)
+    assert find_mistakes(capture) == Mistakes()
+
+
+def test_three_photographs_break_no_identity():
+    assert identity_ratio(blend(60, 64, angles_deg=(0, 60, 120)).capture) == 1
+
+
+@pytest.mark.parametrize("distance", [0.2, 0.5, 1.0, 2.0, 5.0])
+def test_movement_is_seen_and_the_pane_is_found_in_spite_of_it(distance):
+    example = shifted_blend(60, 128, distance * APART)
+    result = separate(example.capture)
+    mistakes = find_mistakes(example.capture)
+    assert mistakes == Mistakes(shift_px=mistakes.shift_px)
+    assert mistakes.shift_px > 0
+    # The second and the fourth photograph lie twice as far apart.
+    assert mistakes.moved == (2 * distance > 0.5)
+    assert result.scene.incidence_deg == pytest.approx(60, abs=4)
+    assert result.layers.shape == example.layers.shape
+    nothing = psnr_db(example.capture.stokes[0], example.layers[0], 16)
+    assert psnr_db(result.layers[0], example.layers[0], 16) > nothing
+
+
+def test_the_cells_of_a_mosaic_are_not_moved():
+    capture = shifted_blend(60, 96, 2 * APART).capture
+    capture.origin = Origin((), "mono mosaic", "uint8")
+    assert not find_mistakes(capture).moved
+
+
+def test_photographs_too_far_apart_stay_where_they_are():
+    random = np.random.default_rng(0)
+    capture = Capture(random.random((4, 32, 32)))
+    assert mended(capture, Mistakes(shift_px=1.0)) is capture
+
+
+@pytest.mark.parametrize("gamma", [1.6, 2.2])
+def test_an_encoding_is_seen_and_the_pane_is_found_in_spite_of_it(gamma):
+    example = blend(60, 144, noise=0.003)
+    capture = encoded(example.capture, gamma)
+    # The noise of dark blocks, which an encoding enlarges, adds to the exponent.
+    assert find_mistakes(capture).gamma == pytest.approx(gamma, rel=0.3)
+    result = separate(capture)
+    assert result.scene.incidence_deg == pytest.approx(60, abs=4)
+    # What such a camera would show without glass.
+    behind = 2 * (example.layers[0] / 2) ** (1 / gamma)
+    assert psnr_db(result.layers[0], behind, 16) > psnr_db(capture.stokes[0], behind, 16) + 3
+
+
+def test_linear_photographs_are_the_encoded_ones_raised():
+    capture = blend(60, 64).capture
+    raised = linear(capture, 2.0)
+    bright = capture.intensities > 0.01
+    np.testing.assert_allclose(raised.intensities[bright], capture.intensities[bright] ** 2, rtol=1e-5)
+    np.testing.assert_array_equal(raised.valid, capture.valid)
+
+
+@pytest.mark.parametrize(("told", "doubtful"), [(40.0, True), (57.0, False), (63.0, False), (76.0, True)])
+def test_an_incidence_that_was_given_is_kept_and_doubted_where_it_is_far_off(told, doubtful):
+    capture = blend(60, 144).capture
+    result = separate(capture, SceneParameters(told, None, None))
+    assert result.scene.incidence_deg == told
+    assert (SeparationWarning.INCIDENCE_DOUBTFUL in result.diagnostics.warnings) == doubtful
+    assert (result.scene.azimuth_deg - 25 + 90) % 180 - 90 == pytest.approx(0, abs=3)
+
+
+def test_without_an_incidence_there_is_nothing_to_doubt():
+    capture, asked = blend(60, 96).capture, SceneParameters(None, 25.0, None)
+    assert with_incidence_checked(capture, asked, 0.005) == Asked(asked)
+
+
+def test_the_correction_is_what_turns_polarized_light_into_transmission():
+    scene = SceneParameters(60.0, 0.0, 0.0)
+    behind, mirrored = np.random.default_rng(0).random((2, 20, 20))
+    s0, s1, _ = Capture(exact_photographs(np.stack([behind, mirrored]).astype(np.float32), scene, ANGLES_DEG)).stokes
+    np.testing.assert_allclose(s0 + correction(scene) * s1, behind, atol=1e-5)

@@ -1,0 +1,129 @@
+"""Standard errors of what is estimated of a scene."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from polaropt import SceneParameters, separate
+from polaropt.capture.capture import Capture
+from polaropt.capture.polarization import plate_frame, stokes_images
+from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.estimation.flat.ghost_overlap import refined_incidence
+from polaropt.estimation.flat.overlap import block_images
+from polaropt.optics.scene import SceneErrors
+from polaropt.reporting.report import plain, scene_report
+from polaropt.reporting.words import error_of, pane_sentence
+from studies.parameter_errors import Row, compared, random_scene, table
+from tests.blends import blend
+
+BLIND = SceneParameters(None, None, None)
+
+
+@pytest.mark.parametrize("incidence_deg", [35.0, 55.0, 70.0])
+def test_the_truth_lies_within_the_errors(incidence_deg: float) -> None:
+    example = blend(incidence_deg, 160, ghost_shift=6.0)
+    found = estimate_scene(example.capture, BLIND, noise=0.005)
+    errors = found.errors
+    assert abs(found.scene.incidence_deg - incidence_deg) < 3.5 * errors.incidence_deg
+    assert abs((found.scene.azimuth_deg - 25 + 90) % 180 - 90) < 4 * errors.azimuth_deg
+    assert abs(abs(found.scene.ghost_shift) - 6) < 3.5 * errors.ghost_shift
+    assert errors.incidence_deg < 3
+    assert errors.azimuth_deg < 0.3
+    # Fainter ghosts leave another shift open.
+    assert errors.ghost_shift < (1 if incidence_deg > 50 else 10)
+    assert errors.focal_px is errors.bend_deg_per_px is None
+
+
+@pytest.mark.parametrize(("incidence_deg", "noise"), [(10.0, 0.005), (15.0, 0.02), (20.0, 0.02)])
+def test_noise_that_moves_a_small_incidence_is_in_its_error(incidence_deg: float, noise: float) -> None:
+    found = estimate_scene(blend(incidence_deg, 160, ghost_shift=0.0, noise=noise).capture, BLIND, noise=noise)
+    assert abs(found.scene.incidence_deg - incidence_deg) < 2.5 * found.errors.incidence_deg
+
+
+def test_more_noise_is_as_large_as_the_capture_has() -> None:
+    flat = Capture(
+        np.full((4, 96, 96), 0.4, dtype=np.float32) + 0.01 * np.random.default_rng(1).normal(size=(4, 96, 96))
+    )
+    blocks = block_images(plate_frame(stokes_images(flat, 0.01), 20.0), 160)
+    for noisier in blocks.noisier():
+        assert noisier.means.var(axis=(1, 2, 3)) == pytest.approx(2 * blocks.means.var(axis=(1, 2, 3)), rel=0.15)
+        np.testing.assert_array_equal(noisier.covariance, 2 * blocks.covariance)
+
+
+def test_what_is_given_has_no_error() -> None:
+    example = blend(60, 96)
+    asked = SceneParameters(60.0, 25.0, None)
+    errors = estimate_scene(example.capture, asked, noise=0.005).errors
+    assert errors.incidence_deg is errors.azimuth_deg is None
+    assert errors.ghost_shift > 0
+    assert separate(example.capture, example.scene).errors == SceneErrors()
+
+
+def test_a_shift_that_the_thickness_tells_is_as_uncertain_as_the_incidence() -> None:
+    errors = estimate_scene(blend(60, 160).capture, BLIND, noise=0.005, thickness_px=6.0).errors
+    rate = 2 * 6 * math.radians(1)
+    assert 0 < errors.ghost_shift < 2 * rate * errors.incidence_deg
+
+
+def test_noise_widens_the_azimuth_in_proportion() -> None:
+    errors = [
+        estimate_scene(blend(55, 128, noise=noise).capture, BLIND, noise=noise).errors.azimuth_deg
+        for noise in (0.004, 0.016)
+    ]
+    assert errors[1] == pytest.approx(4 * errors[0], rel=0.5)
+
+
+def test_an_unpolarized_capture_has_no_errors_to_tell() -> None:
+    assert estimate_scene(blend(0, 64).capture, BLIND, noise=0.005).errors == SceneErrors()
+
+
+def test_a_refined_incidence_has_an_error() -> None:
+    example = blend(70, 160, ghost_shift=6.0)
+    frame = plate_frame(stokes_images(example.capture, 0.005), 25.0)
+    found, error = refined_incidence(frame, example.scene.replace(incidence_deg=69.0))
+    assert 0 < error < 2
+    assert abs(found - 70) < max(4 * error, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [(0.034, "+- 0.03 "), (0.41, "+- 0.41 "), (3.26, "+- 3.3 "), (41.0, "+- 41 "), (None, ""), (math.inf, "")],
+)
+def test_an_error_is_said_with_two_digits(error: float | None, text: str) -> None:
+    assert error_of(error) == text
+
+
+def test_the_sentence_tells_values_with_their_errors() -> None:
+    scene = SceneParameters(61.2, 25.0, 0.0, focal_px=500.0, bend_deg_per_px=(0.02, 0.0, 0.0))
+    report = scene_report(scene, BLIND) | {"errors": plain(SceneErrors(0.4, 0.03, focal_px=12.0))}
+    sentence = pane_sentence(report)
+    assert "incidence 61.20 +- 0.40 deg (estimated)" in sentence
+    assert "focal length 500 +- 12 px (estimated)" in sentence
+    assert "bent by 2.0 deg in 100 px (estimated)" in sentence
+
+
+def test_two_names_of_the_same_pane_are_both_right() -> None:
+    scene = SceneParameters(50.0, 10.0, 6.0)
+    found = blend(50, 160, azimuth_deg=190.0, ghost_shift=-6.0)
+    numbers = {name: (true, value) for name, true, value, _ in compared(scene, _found(found))}
+    assert numbers["azimuth_deg"][1] == pytest.approx(10, abs=0.5)
+    assert numbers["ghost_shift"][1] == pytest.approx(numbers["ghost_shift"][0], abs=1)
+
+
+def _found(example):
+    from polaropt.estimation.ladder import find_scene
+
+    return find_scene(example.capture, BLIND, 0.005)
+
+
+def test_the_study_counts_what_lies_within_two_errors() -> None:
+    rows = [
+        Row("ghosts", 0, i, 50.0, "incidence_deg", 50.0, 50.0 + away, 1.0) for i, away in enumerate((0, 1, -1.9, 3))
+    ]
+    assert "| ghosts | incidence_deg | 4 | 75 % |" in table(rows)
+    scene = random_scene("curved", 192, np.random.default_rng(0))
+    assert scene.rung == "curved"
+    assert max(map(abs, scene.bend_deg_per_px)) * 96 <= 8

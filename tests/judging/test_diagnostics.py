@@ -1,0 +1,216 @@
+"""Every warning is given where it is deserved, and none where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, separate
+from polaropt.capture.capture import Origin
+from polaropt.capture.checks import visible_shift
+from polaropt.capture.noise import noise_level
+from polaropt.capture.write import encode_srgb
+from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.judging.warnings import diagnose, noise_share
+from polaropt.reporting.files import Request, write_separation
+from polaropt.reporting.pictures import misfit_map
+from tests.blends import blend
+from tests.shifted import shifted_blend
+
+QUICK = StoppingRule(max_evaluations=4)
+
+
+def warnings_of(capture, scene=None):
+    return set(separate(capture, scene, stopping=QUICK).diagnostics.warnings)
+
+
+def told(capture, scene=None, **changes):
+    """What is said of a capture by itself, its solution being perfect."""
+    solution = {"misfit_ratio": 1.0, "reflection_unknown": 0.3, "estimate": None, **changes}
+    return set(diagnose(capture, noise_level(capture), scene=scene, **solution).warnings)
+
+
+def detail_correlation(image, truth):
+    """Correlation of what is finer than about 5 px, away from the border."""
+    fine = [layer - gaussian_filter(layer, (*(0,) * (layer.ndim - 2), 2, 2)) for layer in (image, truth)]
+    return np.corrcoef(*(layer[..., 16:-16, 16:-16].ravel() for layer in fine))[0, 1]
+
+
+@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
+@pytest.mark.parametrize("incidence", [60, 70, 80])
+def test_good_captures_earn_no_warning(incidence, noise, color):
+    example = blend(incidence, 96, color=color, noise=noise)
+    assert warnings_of(example.capture, example.scene) == set()
+
+
+@pytest.mark.parametrize("incidence", [40, 60, 80])
+def test_good_captures_earn_no_warning_blind(incidence):
+    assert warnings_of(blend(incidence, 144).capture) == set()
+
+
+@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
+@pytest.mark.parametrize("incidence", [20, 30, 40, 50])
+def test_a_reflection_is_said_to_be_unknown_where_its_detail_is_not_the_true_one(incidence, noise, color):
+    example = blend(incidence, 96, color=color, noise=noise)
+    result = separate(example.capture, example.scene, stopping=QUICK)
+    diagnostics = result.diagnostics
+    correlation = detail_correlation(result.layers[1], example.layers[1])
+    assert np.sqrt(1 - diagnostics.reflection_unknown) == pytest.approx(correlation, abs=0.15)
+    if abs(correlation - 0.33) > 0.1:
+        assert (SeparationWarning.REFLECTION_NOT_IDENTIFIABLE in diagnostics.warnings) == (correlation < 0.33)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("angles", [(0, 60, 120), (5, 40, 77, 110, 150)])
+def test_good_captures_at_other_angles_earn_no_warning(angles, seed):
+    example = blend(60, 96, angles_deg=angles, azimuth_deg=60 * seed)
+    assert told(example.capture, example.scene) == set()
+
+
+def test_glass_seen_frontally():
+    example = blend(8, 96)
+    assert SeparationWarning.NEAR_NORMAL in told(example.capture, example.scene)
+    found = warnings_of(example.capture, example.scene)
+    assert {SeparationWarning.NEAR_NORMAL, SeparationWarning.REFLECTION_NOT_IDENTIFIABLE} <= found
+    assert SeparationWarning.NOISE_TOO_HIGH not in found
+
+
+def test_an_unpolarized_capture_is_not_said_to_be_frontal():
+    image = blend(60, 64).layers[0]
+    capture = Capture(np.stack([image / 2] * 4) + 0.005 * np.random.default_rng(0).standard_normal((4, *image.shape)))
+    found = warnings_of(capture)
+    assert {SeparationWarning.NO_POLARIZATION, SeparationWarning.REFLECTION_NOT_IDENTIFIABLE} <= found
+    assert found.isdisjoint({SeparationWarning.NEAR_NORMAL, SeparationWarning.GRAZING})
+
+
+def test_glass_seen_at_a_grazing_angle():
+    example = blend(87, 96)
+    assert SeparationWarning.GRAZING in warnings_of(example.capture, example.scene)
+
+
+def test_noise_that_hides_the_reflection():
+    example = blend(40, 96, noise=0.06)
+    found = warnings_of(example.capture, example.scene)
+    assert {SeparationWarning.NOISE_TOO_HIGH, SeparationWarning.REFLECTION_NOT_IDENTIFIABLE} <= found
+
+
+def test_noise_that_hides_everything_though_the_polarization_is_strong():
+    example = blend(75, 96, noise=0.25)
+    assert SeparationWarning.NOISE_TOO_HIGH in warnings_of(example.capture, example.scene)
+
+
+@pytest.mark.parametrize("exposure", [0.1, 1.0])
+def test_noise_counts_against_what_was_changed_of_the_intensity(exposure):
+    example = blend(60, 96, noise=0.0, exposure=exposure)
+    intensity = example.capture.stokes[0]
+    changed = float(np.sqrt(np.mean(np.square(example.layers[0] - intensity))))
+    share = noise_share(example.capture, example.layers[0], (0.2 * changed) ** 2)
+    assert share == pytest.approx(0.2, rel=1e-3)
+    assert told(example.capture, example.scene, noise_share=share) == set()
+    assert told(example.capture, example.scene, noise_share=0.5) == {SeparationWarning.NOISE_TOO_HIGH}
+
+
+@pytest.mark.parametrize("order", [(0, 2, 1, 3), (0, 1, 3, 2), (1, 0, 2, 3)])
+def test_a_wrong_order(order):
+    capture = blend(60, 128).capture
+    found = told(Capture(capture.intensities[list(order)]))
+    assert SeparationWarning.ANGLES_SWAPPED in found
+    # They break the same identity: one mistake, one warning.
+    assert found.isdisjoint({SeparationWarning.GAMMA_ENCODED, SeparationWarning.MISALIGNED})
+
+
+@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize("incidence", [20, 50, 80])
+@pytest.mark.parametrize("distance", [1.0, 2.5, 12.0])
+def test_photographs_that_moved(incidence, distance, color):
+    shifts = np.array([[0, 0], [distance, 0], [0, distance / 2], [0, 0]])
+    found = told(shifted_blend(incidence, 128, shifts, color=color).capture)
+    assert SeparationWarning.MISALIGNED in found
+    assert SeparationWarning.GAMMA_ENCODED not in found
+
+
+@pytest.mark.parametrize("incidence", [20, 50, 80])
+def test_photographs_that_hardly_moved(incidence):
+    shifts = np.array([[0, 0], [0.1, 0], [0, 0.15], [-0.1, 0]])
+    assert told(shifted_blend(incidence, 128, shifts).capture) == set()
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (3, 17, 40), (1, 40, 16)])
+def test_small_and_clipped_captures_are_looked_at_too(shape):
+    images = np.random.default_rng(0).random((4, *shape))
+    assert visible_shift(Capture(images)) == 0
+    assert visible_shift(Capture(np.minimum(images, 0.4), valid=images < 0.4)) == 0
+
+
+def test_the_cells_of_a_mosaic_do_not_move():
+    capture = shifted_blend(60, 128, np.array([[0, 0], [0, 1], [1, 1], [1.0, 0]])).capture
+    assert visible_shift(capture) > 0
+    capture.origin = Origin((), "mono mosaic", "uint8")
+    assert visible_shift(capture) == 0
+
+
+def test_encoded_values():
+    capture = blend(65, 144, noise=0.003).capture
+    assert SeparationWarning.GAMMA_ENCODED in told(Capture(encode_srgb(np.clip(capture.intensities, 0, 1))))
+
+
+def test_clipped_pixels():
+    capture = blend(60, 96).capture
+    valid = capture.intensities < np.quantile(capture.intensities, 0.95)
+    assert told(Capture(capture.intensities, valid=valid)) == {SeparationWarning.SATURATED}
+
+
+def test_what_the_model_does_not_explain_is_shown(tmp_path):
+    example = blend(60, 96)
+    images = example.capture.intensities.copy()
+    images[1, :, 20:60, 20:60] = images[1, :, 20:60, 60:20:-1]
+    capture = Capture(images)
+    result = separate(capture, example.scene, stopping=QUICK)
+    result = replace(result, diagnostics=replace(result.diagnostics, noise=0.005))
+    shown = misfit_map(result, capture)
+    assert shown.shape == (96, 96)
+    assert shown[25:55, 25:55].mean() > 3 * np.median(shown[:, 70:])
+    for warnings, written in (((), False), ((SeparationWarning.MODEL_DOES_NOT_EXPLAIN,), True)):
+        folder = tmp_path / str(written)
+        folder.mkdir()
+        diagnosed = replace(result, diagnostics=replace(result.diagnostics, warnings=warnings))
+        report = write_separation(folder, diagnosed, capture, Request(example.scene))
+        assert ((folder / "misfit.tiff").exists(), (folder / "misfit.png").exists()) == (written, written)
+        assert (report["misfit_map"] is not None) == written
+
+
+@pytest.mark.parametrize("error", [2.0, 10.0])
+def test_an_azimuth_that_was_given_wrongly_does_not_accuse_the_angles(error):
+    found = warnings_of(blend(60, 128).capture, SceneParameters(None, 25.0 + error, None))
+    assert found.isdisjoint({SeparationWarning.ANGLES_REVERSED, SeparationWarning.ANGLES_ROTATED})
+
+
+def test_a_scene_that_does_not_fit():
+    example = blend(75, 96, noise=0.002)
+    wrong = SceneParameters(75.0, 25.0 + 45, 5.3)
+    assert SeparationWarning.MODEL_DOES_NOT_EXPLAIN in warnings_of(example.capture, wrong)
+
+
+def test_light_that_arrives_polarized():
+    example = blend(60, 64)
+    polarized = example.scene.replace(transmission_polarization=(0.6, 30.0))
+    found = estimate_scene(example.capture, example.scene)
+    assert told(example.capture, example.scene, looks_polarized=True) == {SeparationWarning.POLARIZED_SOURCE}
+    assert told(example.capture, polarized, estimate=found) == {SeparationWarning.POLARIZED_SOURCE}
+    # Who gives the polarization knows of it.
+    assert told(example.capture, polarized) == set()
+
+
+def test_a_failed_solver():
+    assert told(blend(60, 64).capture, finite=False) == {SeparationWarning.SOLVER_FAILED}
+
+
+@pytest.mark.parametrize("warning", list(SeparationWarning))
+def test_every_warning_is_a_sentence(warning):
+    assert warning.value[0].isupper()
+    assert warning.value.endswith(".")

@@ -1,0 +1,87 @@
+"""What a scene's own errors add to the layers': enough to cover one that is off by so much, nothing if it is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import polaropt.solving.solution
+from polaropt import separate
+from polaropt.capture.noise import measured_noise
+from polaropt.judging.uncertainty import doubts, scene_variance
+from polaropt.optics.scene import SceneErrors
+from polaropt.solving.solution import tiles
+from tests.blends import Blend, blend
+
+
+def added(example: Blend, scene: object, errors: SceneErrors) -> np.ndarray:
+    noise, growth = measured_noise(example.capture)
+    return scene_variance(example.capture, noise, doubts(scene, errors), growth=growth)
+
+
+@pytest.mark.parametrize(
+    ("scene", "name", "off"),
+    [
+        ({"incidence_deg": 80.0}, "incidence_deg", 1.5),
+        ({"incidence_deg": 75.0, "noise": 0.002}, "ghost_shift", 1.0),
+        ({"incidence_deg": 70.0, "ghost_shift": 0.0, "focal_px": 250.0, "noise": 0.002}, "incidence_deg", 3.0),
+        ({"incidence_deg": 70.0, "ghost_shift": 0.0, "focal_px": 250.0, "noise": 0.002}, "focal_px", 100.0),
+        ({"incidence_deg": 70.0, "ghost_shift": 0.0, "focal_px": 250.0, "noise": 0.002}, "azimuth_deg", 4.0),
+    ],
+)
+def test_a_scene_that_is_off_by_its_error_is_covered(scene, name, off):
+    example = blend(size=128, **scene)
+    wrong = example.scene.replace(**{name: getattr(example.scene, name) + off})
+    result = separate(example.capture, wrong)
+    miss = np.abs(result.layers - example.layers)
+    variance = added(example, wrong, SceneErrors(**{name: off}))
+    without, covered = (
+        (miss <= 2 * stated).reshape(2, -1).mean(axis=1)
+        for stated in (result.uncertainty, np.sqrt(result.uncertainty**2 + variance))
+    )
+    assert without.min() < 0.9
+    assert (covered >= 0.9).all()
+
+
+def test_a_scene_that_is_given_adds_nothing():
+    example = blend(60, 96)
+    blind = separate(example.capture)
+    given = separate(example.capture, blind.scene)
+    assert doubts(given.scene, given.errors) == ()
+    np.testing.assert_allclose(
+        blind.uncertainty**2, given.uncertainty**2 + added(example, blind.scene, blind.errors), rtol=1e-3
+    )
+    assert (blind.uncertainty > given.uncertainty).mean() > 0.9
+
+
+def test_variance_grows_with_the_square_of_the_error():
+    example = blend(60, 64)
+    once, twice = (added(example, example.scene, SceneErrors(incidence_deg=error)).sum() for error in (0.5, 1.0))
+    assert twice == pytest.approx(4 * once, rel=0.1)
+
+
+@pytest.mark.parametrize("incidence_deg", [0.0, 0.3, 89.9])
+def test_errors_beyond_what_a_pane_can_have_stay_within_its_range(incidence_deg):
+    example = blend(60, 48)
+    scene = example.scene.replace(incidence_deg=incidence_deg)
+    errors = SceneErrors(incidence_deg=50.0, ghost_shift=float("inf"))
+    for doubt in doubts(scene, errors):
+        assert 0 <= doubt.below.incidence_deg <= doubt.above.incidence_deg < 90
+        assert doubt.above.ghost_shift - doubt.below.ghost_shift < 20
+
+
+def test_each_number_of_a_bend_is_in_doubt_and_ghosts_are_left_out():
+    example = blend(60, 48)
+    scene = example.scene.replace(bend_deg_per_px=(0.02, 0.0, 0.01))
+    doubtful = doubts(scene, SceneErrors(1.0, bend_deg_per_px=(0.004, 0.004, 0.004)))
+    assert len(doubtful) == 4
+    assert not any(doubt.below.has_ghosts or doubt.above.has_ghosts for doubt in doubtful)
+    assert doubtful[-1].above.bend_deg_per_px == pytest.approx((0.02, 0.0, 0.014))
+
+
+def test_tiles_add_what_the_whole_adds(monkeypatch):
+    example = blend(75, 200)
+    whole = separate(example.capture)
+    monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 160))
+    parts = separate(example.capture)
+    assert np.median(parts.uncertainty / whole.uncertainty) == pytest.approx(1, abs=0.15)

@@ -1,0 +1,184 @@
+"""Standard errors that are stated: they cover the truth, and grow where less is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import map_coordinates
+
+import polaropt.solving.solution
+from polaropt import separate
+from polaropt.capture.capture import Capture, planes_first
+from polaropt.capture.decode import read_file
+from polaropt.inversion.variance import SCALES, Knowledge, variance_table
+from polaropt.judging.kernels import interpolated
+from polaropt.optics.geometry import pixel_grid, plane_normal, viewing_angles
+from polaropt.reporting.files import write_uncertainty
+from polaropt.solving.solution import tiles
+from studies.coverage import LAYERS, Job, run
+from tests.blends import blend
+
+
+@pytest.mark.parametrize("incidence_deg", [40.0, 60.0, 80.0])
+@pytest.mark.parametrize("color", [False, True])
+def test_two_standard_errors_cover_nine_of_ten_true_values(incidence_deg, color):
+    example = blend(incidence_deg, 128, color=color)
+    result = separate(example.capture, example.scene)
+    assert result.uncertainty.shape == result.layers.shape
+    assert result.uncertainty.dtype == np.float32
+    within = np.abs(result.layers - example.layers) <= 2 * result.uncertainty
+    for covered in within.reshape(2, -1).mean(axis=1):
+        assert 0.9 <= covered <= 0.999
+
+
+def test_frontal_glass_is_covered_on_average_over_pictures():
+    # Slow errors of one picture are few draws.
+    rows = [row for pair in range(4) for row in run(Job(None, pair, 10, 0.005, blind=False, size=128))]
+    for layer in LAYERS:
+        assert 0.9 <= np.mean([row.covered for row in rows if row.layer == layer]) <= 0.99
+
+
+def test_a_wide_lens_knows_least_of_each_layer_on_its_own_side():
+    example = blend(60, 128, ghost_shift=0.0, focal_px=150.0, azimuth_deg=0.0)
+    result = separate(example.capture, example.scene)
+    sides = (
+        result.uncertainty.mean(axis=1)[..., :16].mean(axis=(1, 2)),
+        result.uncertainty.mean(axis=1)[..., -16:].mean(axis=(1, 2)),
+    )
+    x, y = pixel_grid(128, 128, (63.5, 63.5))
+    cosine, _, _ = viewing_angles(plane_normal(60, 0), 1 / 150, x, y)
+    oblique, frontal = (0, 1) if cosine[:, :16].mean() < cosine[:, -16:].mean() else (1, 0)
+    assert sides[oblique][0] > 1.5 * sides[frontal][0]
+    assert sides[frontal][1] > 1.5 * sides[oblique][1]
+    within = np.abs(result.layers - example.layers) <= 2 * result.uncertainty
+    assert (within.reshape(2, -1).mean(axis=1) > 0.9).all()
+
+
+def test_clipped_pixels_are_known_worse_and_the_others_as_before():
+    example = blend(60, 96)
+    valid = example.capture.valid.copy()
+    valid[..., 30:60, 30:60] = False
+    before = separate(example.capture, example.scene)
+    after = separate(Capture(example.capture.intensities, example.capture.angles_deg, valid), example.scene)
+    inside, far = (..., slice(36, 54), slice(36, 54)), (..., slice(70, 96), slice(70, 96))
+    for i in (0, 1):
+        assert after.uncertainty[i][inside].min() > 2 * before.uncertainty[i][inside].mean()
+        assert after.uncertainty[i][far].mean() == pytest.approx(before.uncertainty[i][far].mean(), rel=0.1)
+    assert after.reflection_known[inside].max() < before.reflection_known[inside].mean()
+
+
+def test_light_from_beyond_the_frame_is_known_worse():
+    example = blend(80, 128, azimuth_deg=0.0, ghost_shift=11.0)
+    errors = separate(example.capture, example.scene).uncertainty
+    first = errors[:, :, :, 2:9].mean(axis=(1, 2, 3))
+    last = errors[:, :, :, -9:-2].mean(axis=(1, 2, 3))
+    assert (first > 1.2 * last).all()
+
+
+def test_the_reflection_is_known_best_where_the_pane_is_oblique():
+    known = [
+        float(separate(example.capture, example.scene).reflection_known.mean())
+        for example in (blend(angle, 96) for angle in (10, 40, 60, 80))
+    ]
+    assert known == sorted(known)
+    assert known[0] < 0.2 < 0.5 < known[-1]
+
+
+def test_tiles_state_what_the_whole_states(monkeypatch):
+    example = blend(60, 200)
+    whole = separate(example.capture, example.scene)
+    monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 160))
+    parts = separate(example.capture, example.scene)
+    assert parts.uncertainty.shape == whole.uncertainty.shape
+    ratio = parts.uncertainty / whole.uncertainty
+    assert np.median(ratio) == pytest.approx(1, abs=0.15)
+    assert np.abs(parts.reflection_known - whole.reflection_known).mean() < 0.1
+
+
+def test_without_polarization_each_layer_may_be_all_of_the_light():
+    random = np.random.default_rng(0)
+    picture = random.uniform(0.2, 0.4, (48, 48))
+    capture = Capture(picture + 0.005 * random.standard_normal((4, 48, 48)))
+    result = separate(capture)
+    assert (result.uncertainty >= result.layers[0]).all()
+    assert (result.reflection_known == 0).all()
+
+
+def knowledge(told: float, cross_share: float, power: float) -> Knowledge:
+    frequencies = np.linspace(0.05, 6, 40, dtype=np.float32)
+    prior = np.broadcast_to(power / frequencies, (2, 3, 40)).astype(np.float32)
+    flat = np.full((2, 40), told, dtype=np.float32)
+    cross = np.full(40, (cross_share * told) ** 2, dtype=np.float32)
+    return Knowledge(flat, cross, prior, np.full(40, 1 / 40, np.float32), frequencies, np.eye(3))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(1, 1e5), st.floats(0, 0.99), st.floats(1e-4, 1))
+def test_errors_fall_with_precision_and_grow_with_texture(told, cross_share, power):
+    table = variance_table(knowledge(told, cross_share, power), np.array([0.01, 0.1, 1.0]))
+    assert np.isfinite(table).all()
+    assert (table[..., -1] <= 1.001).all()
+    errors = table[..., :-1]
+    assert (np.diff(errors, axis=0) <= 1e-6).all()
+    for axis in (1, 2):
+        assert (np.diff(errors, axis=axis) >= -1e-6).all()
+
+
+def test_detail_that_was_not_found_is_unknown():
+    white = np.random.default_rng(0).standard_normal((1, 64, 64)).astype(np.float32)
+    squared = 2 - 2 * np.cos(2 * np.pi * np.fft.fftfreq(64)).astype(np.float32)
+    flat = np.ones(white.size, dtype=np.float32)
+    known = Knowledge(
+        told=np.stack([3 * flat, 3 * flat]),
+        cross=0 * flat,
+        prior=np.ones((2, 1, white.size), dtype=np.float32),
+        share=flat / white.size,
+        squared_frequency=np.add.outer(squared, squared).ravel(),
+        basis=np.eye(1),
+    )
+    # Three parts told to one before: three quarters of the power are found where the spectrum is right.
+    assert known.unknown_detail(np.sqrt(np.float32(0.75)) * white) == pytest.approx(0.25, rel=0.1)
+    assert known.unknown_detail(0.1 * white) > 0.9
+    assert known.unknown_detail(0 * white) == 1
+
+
+def test_what_is_known_never_exceeds_what_a_layer_may_have():
+    known = knowledge(1e-3, 0.0, 0.01)
+    np.testing.assert_allclose(known.uncertainty(), known.prior, rtol=1e-3)
+    assert (known.allowed().prior > 2 * known.prior).all()
+    sure = knowledge(1e9, 0.0, 1.0)
+    np.testing.assert_allclose(sure.allowed().prior, sure.prior, rtol=1e-3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 4), st.integers(0, 2**31))
+def test_the_table_is_read_as_scipy_reads_it(precisions, seed):
+    random = np.random.default_rng(seed)
+    table = random.uniform(0, 1, (precisions, len(SCALES), len(SCALES), 3)).astype(np.float32)
+    reach = np.array([precisions, len(SCALES), len(SCALES)])[:, None, None]
+    positions = (random.uniform(-1, 1.2, (3, 5, 7)) * reach).astype(np.float32)
+    out = np.empty((3, 5, 7), dtype=np.float32)
+    interpolated(table, positions, out, 0, 5)
+    inside = np.clip(positions, 0, reach - 1).reshape(3, -1)
+    expected = [map_coordinates(table[..., v], inside, order=1, mode="nearest").reshape(5, 7) for v in range(3)]
+    np.testing.assert_allclose(out, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("color", [False, True])
+def test_files_hold_the_errors_and_the_report_what_is_faded(tmp_path, color):
+    example = blend(10, 64, color=color)
+    result = separate(example.capture, example.scene)
+    told = write_uncertainty(tmp_path, result)
+    for i, name in enumerate(("transmission", "reflection")):
+        written = tifffile.imread(tmp_path / f"{name}_error.tiff")
+        np.testing.assert_array_equal(planes_first(written), result.uncertainty[i])
+        assert told["typical_error"][name] == pytest.approx(np.sqrt(np.mean(written**2)), rel=1e-4)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "reflection_known.tiff"), result.reflection_known)
+    assert told["reflection_faded"]["share_of_pixels"] > 0.9
+    picture = read_file(tmp_path / "uncertainty.png").pixels
+    assert picture.shape[1] > 3 * 64
+    marked = (picture[..., 0].astype(int) - picture[..., 1] > 40).sum()
+    assert marked > 0.8 * 64 * 64

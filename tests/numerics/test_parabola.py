@@ -1,0 +1,40 @@
+"""Minimum of a function of one variable."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from polaropt.numerics.minima import local_minimum, vertex
+
+
+def test_the_vertex_of_a_parabola():
+    assert vertex(1.44, 0.04, 0.64) == pytest.approx(0.2)
+    assert vertex(0.0, 1.0, 0.0) == 0
+    assert vertex(math.inf, 1.0, 2.0) == 0
+    assert vertex(9.0, 4.0, 1.0) == 1
+    assert vertex(9.0, 4.0, 1.0, farthest=1.5) == 1.5
+
+
+@pytest.mark.parametrize("start", [40.0, 47.0, 52.0])
+def test_a_minimum_is_found_in_few_evaluations(start):
+    seen = []
+
+    def value(x):
+        seen.append(x)
+        return math.log1p((x - 45.3) ** 2)
+
+    assert local_minimum(value, start, (0.5, 88.0), 2.0, 0.2) == pytest.approx(45.3, abs=0.05)
+    assert len(seen) == len(set(seen)) <= 17
+
+
+def test_bounds_are_kept():
+    seen = []
+
+    def value(x):
+        seen.append(x)
+        return -x
+
+    assert 86 < local_minimum(value, 87.0, (0.5, 88.0), 2.0, 0.2) <= 88
+    assert max(seen) <= 88

@@ -1,0 +1,106 @@
+"""The pane's series of ghosts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polaropt.optics.fresnel import interface
+from polaropt.optics.plate import ghost_weights, ghosts_that_matter, in_place_reflectance
+from polaropt.optics.scene import SceneParameters
+
+GRID = [(n, incidence) for n in (1.0, 1.33, 1.5) for incidence in (0.0, 20.0, 56.0, 70.0, 85.0, 89.9)]
+
+
+def scene(incidence_deg: float, index: float = 1.5, **changes: object) -> SceneParameters:
+    return SceneParameters(incidence_deg, 0.0, 2.0, index).replace(**changes)
+
+
+@pytest.mark.parametrize("single_surface", [False, True])
+@pytest.mark.parametrize("n_ghosts", [None, 0, 3])
+@pytest.mark.parametrize(("index", "incidence_deg"), GRID)
+def test_a_lossless_pane_keeps_all_light(
+    index: float, incidence_deg: float, n_ghosts: int | None, single_surface: bool
+) -> None:
+    weights = ghost_weights(scene(incidence_deg, index, single_surface=single_surface), n_ghosts)
+    np.testing.assert_allclose(weights.sum(axis=(0, 1))[:2], 1, atol=1e-12)
+
+
+@pytest.mark.parametrize(("index", "incidence_deg"), GRID[:-1])
+def test_all_bounces_equal_two_hundred(index: float, incidence_deg: float) -> None:
+    everything = ghost_weights(scene(incidence_deg, index))
+    many = ghost_weights(scene(incidence_deg, index, n_bounces=200))
+    z = 0.9 * np.exp(0.7j)
+    filtered, expected = (np.einsum("lke,k->le", w, z ** np.arange(w.shape[1])) for w in (everything, many))
+    np.testing.assert_allclose(filtered, expected, atol=2e-11 if incidence_deg < 89 else 1e-2)
+
+
+@pytest.mark.parametrize(("index", "incidence_deg"), GRID)
+def test_weights_follow_the_closed_form(index: float, incidence_deg: float) -> None:
+    rho, tau = (np.array(entries) for entries in interface(incidence_deg, index))
+    weights = ghost_weights(scene(incidence_deg, index))
+    z = 0.8 * np.exp(-0.4j)
+    transmitted, reflected = np.einsum("lke,k->le", weights, z ** np.arange(weights.shape[1]))
+    np.testing.assert_allclose(transmitted, tau**2 / (1 - rho**2 * z), atol=1e-11)
+    sign = np.array([1, 1, -1])
+    np.testing.assert_allclose(reflected, sign * (rho + tau**2 * rho * z / (1 - rho**2 * z)), atol=1e-11)
+
+
+@pytest.mark.parametrize(("index", "incidence_deg"), GRID)
+@pytest.mark.parametrize("single_surface", [False, True])
+def test_bounces_in_place_sum_to_the_reflectance_of_the_pane(
+    index: float, incidence_deg: float, single_surface: bool
+) -> None:
+    weights = ghost_weights(scene(incidence_deg, index, ghost_shift=0.0, single_surface=single_surface))
+    assert weights.shape == (2, 1, 3)
+    reflectance = in_place_reflectance(incidence_deg, index, single_surface)
+    np.testing.assert_allclose(weights[1, 0, :2], reflectance, atol=1e-12)
+    np.testing.assert_allclose(weights[0, 0, :2], 1 - np.array(reflectance), atol=1e-12)
+
+
+def test_shift_zero_sums_the_bounces_that_the_scene_has() -> None:
+    shifted = ghost_weights(scene(70, n_bounces=3))
+    in_place = ghost_weights(scene(70, n_bounces=3, ghost_shift=0.0))
+    np.testing.assert_allclose(in_place, shifted.sum(axis=1, keepdims=True))
+
+
+def test_single_surface_is_one_interface() -> None:
+    reflection, transmission = interface(53, 1.33)
+    weights = ghost_weights(scene(53, 1.33, single_surface=True))
+    np.testing.assert_allclose(weights[0, 0], transmission)
+    np.testing.assert_allclose(weights[1, 0], [*reflection[:2], -reflection[2]])
+
+
+@pytest.mark.parametrize("n_bounces", [0, 1, 10])
+def test_a_truncated_series_has_that_many_ghosts(n_bounces: int) -> None:
+    rho, tau = (np.array(entries) for entries in interface(65, 1.5))
+    weights = ghost_weights(scene(65, n_bounces=n_bounces))
+    assert weights.shape == (2, n_bounces + 1, 3)
+    for k in range(n_bounces + 1):
+        np.testing.assert_allclose(weights[0, k], tau**2 * rho ** (2 * k), atol=1e-15)
+        reflected = tau**2 * rho ** (2 * k - 1) if k else rho
+        np.testing.assert_allclose(weights[1, k], reflected * [1, 1, -1], atol=1e-15)
+
+
+@pytest.mark.parametrize("n_bounces", [None, 0, 1, 10])
+def test_literal_eq3_moves_the_ghosts_of_the_reflection_one_step_back(n_bounces: int | None) -> None:
+    physical = ghost_weights(scene(65, n_bounces=n_bounces))
+    literal = ghost_weights(scene(65, n_bounces=n_bounces, literal_eq3=True))
+    np.testing.assert_array_equal(literal[0], physical[0])
+    np.testing.assert_allclose(literal[1].sum(axis=0), physical[1].sum(axis=0))
+    if n_bounces != 0:
+        np.testing.assert_allclose(literal[1, 0], physical[1, 0] + physical[1, 1])
+        np.testing.assert_allclose(literal[1, 1:-1], physical[1, 2:])
+
+
+def test_grazing_incidence_needs_more_ghosts() -> None:
+    counts = [ghosts_that_matter(scene(incidence_deg), 1e-6) for incidence_deg in (10, 60, 85, 89.9)]
+    assert counts == sorted(counts)
+    assert ghosts_that_matter(scene(60), 0.04) == 1
+    # Weights fall by about half per ghost at 85 deg.
+    assert counts[2] == pytest.approx(20, abs=4)
+
+
+def test_first_ghost_of_the_reflection_rivals_the_direct_light() -> None:
+    direct, ghost = ghost_weights(scene(50))[1, :2, :2].sum(axis=1)
+    assert 0.7 < ghost / direct < 0.9

@@ -1,0 +1,82 @@
+"""Training: it lowers the loss, goes on where it stopped, and always comes to the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from priors.training.losses import DECIBEL, LossWeights
+from priors.training.trainer import LOG, STATE, NotFinite, Training, TrainingOptions
+from tests.observations import Mixtures, small_network
+
+OPTIONS = TrainingOptions(
+    steps=12, batch_size=2, learning_rate=3e-3, weights=DECIBEL, window=4, averaging=0.5, test_samples=2, test_every=4
+)
+
+
+def weights_of(training: Training) -> torch.Tensor:
+    return torch.cat([parameter.detach().flatten() for parameter in training.network.parameters()])
+
+
+def test_training_lowers_the_loss(tmp_path: Path) -> None:
+    log = Training(small_network(), Mixtures(), replace(OPTIONS, steps=60, test_every=20)).run(tmp_path)
+    assert [row["step"] for row in log] == [20, 40, 60]
+    assert log[-1]["loss"] < log[0]["loss"]
+    # The closed form of these samples is the truth with white noise, which is easily taken off.
+    assert log[-1]["transmission_db"] > log[-1]["closed_form_transmission_db"] + 0.3
+    assert log[-1]["reflection_db"] > log[-1]["closed_form_reflection_db"] + 0.3
+
+
+def test_the_same_seed_comes_to_the_same_weights(tmp_path: Path) -> None:
+    runs = [Training(small_network(seed=1), Mixtures(), OPTIONS) for _ in range(2)]
+    for number, training in enumerate(runs):
+        training.run(tmp_path / str(number))
+    assert torch.equal(*(weights_of(training) for training in runs))
+
+
+def test_a_resumed_training_comes_to_the_same_weights(tmp_path: Path) -> None:
+    weights = LossWeights(perceptual=0.1)
+    options = replace(OPTIONS, weights=weights)
+    whole = Training(small_network(), Mixtures(), options)
+    whole.run(tmp_path / "whole")
+    torch.manual_seed(0)
+    first = Training(small_network(), Mixtures(), options)
+    while first.step < 8:
+        first._train_step()
+        first.step += 1
+    first.save(tmp_path / "halves" / STATE)
+    second = Training(small_network(seed=5), Mixtures(), options)
+    second.resume(tmp_path / "halves" / STATE)
+    log = second.run(tmp_path / "halves")
+    assert torch.equal(weights_of(whole), weights_of(second))
+    assert log[-1]["step"] == 12
+    assert (tmp_path / "halves" / LOG).read_text().startswith("step,")
+
+
+def test_resuming_from_something_else_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no state to resume from"):
+        Training(small_network(), Mixtures(), OPTIONS).resume(tmp_path / STATE)
+    Training(small_network("paper"), Mixtures(), OPTIONS).save(tmp_path / STATE)
+    with pytest.raises(ValueError, match="no state of this training"):
+        Training(small_network(), Mixtures(), OPTIONS).resume(tmp_path / STATE)
+    Training(small_network(), Mixtures(), OPTIONS).save(tmp_path / STATE)
+    with pytest.raises(ValueError, match="seed 0, not 3"):
+        Training(small_network(), Mixtures(), replace(OPTIONS, seed=3)).resume(tmp_path / STATE)
+
+
+def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
+    network = small_network()
+    with torch.no_grad():
+        next(network.parameters())[0] = float("nan")
+    with pytest.raises(NotFinite, match="before step"):
+        Training(network, Mixtures(), OPTIONS).run(tmp_path)
+
+
+def test_the_rate_rises_and_falls() -> None:
+    options = TrainingOptions(steps=1000, learning_rate=1e-4)
+    assert options.rate(0) < options.rate(49)
+    assert options.rate(100) > options.rate(500) > options.rate(999) > 0
+    assert max(options.rate(step) for step in range(1000)) <= 1e-4

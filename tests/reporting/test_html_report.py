@@ -1,0 +1,208 @@
+"""The page of a separation: complete, self-contained, and it works in a browser."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from skimage.io import imread
+
+from polaropt.capture.capture import Capture, Origin
+from polaropt.optics.scene import SceneParameters
+from polaropt.reporting.files import Request, write_separation
+from polaropt.reporting.page import convergence_chart, page_pictures, parameters, round_steps
+from polaropt.reporting.report import scene_report
+from polaropt.separation import separate
+from solvers.base import StoppingRule
+from studies.index_page import write_index
+from tests.blends import blend
+from tests.browser import dom_of, screenshot_of
+
+UNKNOWN = SceneParameters(None, None, None)
+HOSTILE = "<script>alert(1).png"
+
+
+class Elements(HTMLParser):
+    """All tags with their attributes, and the text between them."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    def of(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def blend_result():
+    capture = blend(65.0, 96, noise=0.004).capture
+    return separate(capture, stopping=StoppingRule(max_evaluations=1)), capture
+
+
+def written(folder, capture):
+    result = separate(capture)
+    report = write_separation(folder, result, capture, Request(UNKNOWN))
+    return folder / "report.html", report
+
+
+@pytest.fixture(scope="module")
+def separated(tmp_path_factory):
+    capture = blend(65.0, 96, noise=0.004).capture
+    capture.origin = Origin((f"photos/{HOSTILE}", "b.png"), "files", "uint16")
+    return written(tmp_path_factory.mktemp("separated"), capture)
+
+
+@pytest.fixture(scope="module")
+def unpolarized(tmp_path_factory):
+    image = blend(65.0, 96).capture.stokes[0] / 2
+    noise = 0.004 * np.random.default_rng(0).standard_normal((4, *image.shape))
+    return written(tmp_path_factory.mktemp("unpolarized"), Capture(image[None] + noise))
+
+
+def test_the_page_needs_nothing_beside_it(separated):
+    page = Elements(separated[0].read_text())
+    links = [value for _, attributes in page.tags for name, value in attributes.items() if name in ("src", "href")]
+    assert len(links) == 8
+    assert all(link.startswith("data:image/jpeg;base64,") for link in links)
+    assert "@import" not in separated[0].read_text()
+
+
+def test_every_picture_says_what_it_shows(separated):
+    page = Elements(separated[0].read_text())
+    shown = [image for image in page.of("img") if "src" in image]
+    assert {image["id"] for image in shown} >= {"photograph", "transmission", "reflection", "dolp", "aolp"}
+    assert all(len(image["alt"]) > 10 for image in shown)
+
+
+def test_the_page_tells_the_pane_and_the_solve(separated):
+    page, report = separated
+    text = re.sub(r"\s+", " ", " ".join(Elements(page.read_text()).text))
+    assert f"{report['scene']['incidence_deg']:.2f} deg" in text
+    assert f"{report['solver']['n_evaluations']} evaluations" in text
+    assert report["rungs"][0]["reason"] in text
+    assert all(warning["sentence"] in text for warning in report["diagnostics"]["warnings"])
+
+
+def test_file_names_are_text(separated):
+    page = separated[0].read_text()
+    assert HOSTILE not in page
+    assert "&lt;script&gt;alert(1)" in page
+    assert "photos/" not in page
+
+
+def test_a_capture_that_tells_nothing_has_a_page_that_warns(unpolarized):
+    page, report = unpolarized
+    elements = Elements(page.read_text())
+    assert report["diagnostics"]["warnings"]
+    assert any(attributes.get("role") == "alert" for attributes in elements.of("section"))
+    assert 'id="parameters"' not in page.read_text()
+    assert 'id="convergence"' not in page.read_text()
+
+
+def test_the_misfit_is_shown_where_there_is_a_map(separated):
+    page, report = separated
+    assert ("MODEL_DOES_NOT_EXPLAIN" in {warning["name"] for warning in report["diagnostics"]["warnings"]}) == (
+        'id="misfit"' in page.read_text()
+    )
+    result, capture = blend_result()
+    pictures = page_pictures(result, capture, {}, np.full((96, 96), 3.0, np.float32))
+    assert pictures[-1].name == "misfit"
+    assert pictures[-1].key.ticks[0] == "0"
+
+
+def test_standard_errors_stand_beside_what_was_estimated():
+    found = SceneParameters(40.0, 20.0, 3.0, focal_px=900.0, reflection_polarization=(0.3, 60.0))
+    report = {
+        **scene_report(found, replace(UNKNOWN, azimuth_deg=20.0)),
+        "diagnostics": {"estimate": {"incidence_error_deg": 0.5, "azimuth_error_deg": 0.1, "focal_error_px": 12.0}},
+    }
+    table = {parameter.name: parameter for parameter in parameters(report)}
+    assert table["Angle of incidence"].error == "± 0.5 deg"
+    assert table["Azimuth of the plane of incidence"].error == ""
+    assert table["Azimuth of the plane of incidence"].how == "given"
+    assert table["Focal length"].value == "900 px"
+    assert table["Focal length"].error == "± 12 px"
+    assert table["Mirrored light"].value == "degree 0.30, angle 60 deg"
+
+
+values = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=40)
+
+
+@given(values)
+def test_smaller_values_lie_lower_and_all_within_the_chart(values):
+    chart = convergence_chart(values)
+    heights = [y for _, y in chart.points]
+    order = np.argsort(values, kind="stable")
+    assert (np.diff(np.array(heights)[order]) <= 1e-9).all()
+    assert chart.best[1] == max(heights)
+    for x, y in chart.points:
+        assert chart.left - 1e-6 <= x <= chart.right + 1e-6
+        assert chart.top - 1e-6 <= y <= chart.bottom + 1e-6
+    assert all(chart.top - 1e-6 <= tick.place <= chart.bottom + 1e-6 for tick in chart.up)
+    assert all(chart.left - 1e-6 <= tick.place <= chart.right + 1e-6 for tick in chart.across)
+
+
+def test_one_value_is_no_course():
+    assert convergence_chart([]) is None
+    assert convergence_chart([1.0]) is None
+    assert convergence_chart([1e6, 10.0, 1.0]).logarithmic
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6))
+def test_steps_are_few_round_and_within(low, span):
+    assume(span > 1e-9 * abs(low))
+    steps = round_steps(low, low + span)
+    assert 2 <= len(steps) <= 7
+    assert all(low - 1e-6 * span <= step <= low + span * (1 + 1e-6) for step in steps)
+    gap = (steps[1] - steps[0]) / 10 ** np.floor(np.log10(steps[1] - steps[0]) + 1e-9)
+    assert min(abs(gap - factor) for factor in (1, 2, 5)) < 1e-3
+
+
+def test_the_slider_compares_what_is_chosen(separated, tmp_path):
+    page = tmp_path / "report.html"
+    moved = """<script>
+    byId("right").value = "reflection"; byId("right").dispatchEvent(new Event("change"));
+    byId("slider").value = 30; byId("slider").dispatchEvent(new Event("input"));
+    byId("slider").focus(); document.body.dataset.focus = document.activeElement.id;
+    </script></body>"""
+    page.write_text(separated[0].read_text().replace("</body>", moved))
+    elements = Elements(dom_of(page, tmp_path))
+    (section,) = (part for part in elements.of("section") if part.get("id") == "compare-section")
+    (compare,) = (part for part in elements.of("div") if part.get("id") == "compare")
+    images = {image.get("class") or image["id"]: image for image in elements.of("img")}
+    assert "hidden" not in section
+    assert "--at: 30%" in compare["style"]
+    assert images["over"]["src"] == images["photograph"]["src"]
+    assert images["under"]["src"] == images["reflection"]["src"]
+    assert images["under"]["alt"] == images["reflection"]["alt"]
+    assert elements.of("body")[0]["data-focus"] == "slider"
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_page_is_seen_light_and_dark(separated, tmp_path, dark):
+    picture = imread(screenshot_of(separated[0], tmp_path, 700, 900, dark=dark))[..., :3]
+    background = picture[-20:, :8].mean()
+    assert (background < 60) if dark else (background > 220)
+    # Half photograph, half transmission: the middle of the page is no plain card.
+    assert picture[400:700, 150:550].std() > 15
+
+
+def test_the_studies_index_is_seen(tmp_path):
+    folder = tmp_path / "stability"
+    folder.mkdir()
+    (folder / "stability.md").write_text("| a | b |\n|---|---|\n| 1 | 2 |\n")
+    elements = Elements(dom_of(write_index(tmp_path), tmp_path))
+    assert len(elements.of("table")) == 1
+    assert any(link.get("href") == "#stability" for link in elements.of("a"))

@@ -1,0 +1,206 @@
+"""Our L-BFGS: restarts, determinism, memory, storage, preconditioner."""
+
+from __future__ import annotations
+
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from polaropt import StoppingRule
+from solvers.base import Status
+from solvers.lbfgs import LBFGS
+from tests.solvers.test_solvers import TO_THE_END, assert_sound, ill_conditioned, quadratic, rosenbrock
+
+START = np.zeros(100, np.float32)
+
+
+def failing(objective, when, bad=math.nan):
+    """`objective` with a value that is not finite at the evaluations `when`; also the points it was asked for."""
+    points = []
+
+    def fails(x):
+        points.append(x.copy())
+        value, gradient = objective(x)
+        return (bad if len(points) in when else value), gradient
+
+    return fails, points
+
+
+@pytest.mark.parametrize("when", [{2}, {9}, {2, 3}, {5, 20, 40}])
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_it_restarts_where_a_value_is_not_finite_and_reaches_the_minimum(when, bad):
+    fails, _ = failing(rosenbrock, when, bad)
+    result = LBFGS().minimize(fails, START, TO_THE_END)
+    assert_sound(result, rosenbrock, START)
+    assert result.status.success
+    assert result.value == pytest.approx(1, abs=1e-5)
+    assert result.restarts == len(when)
+    assert len(result.trace) == result.n_evaluations - len(when)
+
+
+def test_a_restart_begins_at_the_best_point_with_a_tenth_of_the_step():
+    fails, points = failing(rosenbrock, {10})
+    LBFGS().minimize(fails, START, StoppingRule(11, 0.0))
+    best = min(points[:9], key=lambda x: rosenbrock(x)[0])
+    failed, next_one = points[9] - best, points[10] - best
+    assert np.linalg.norm(next_one) == pytest.approx(0.1 * np.linalg.norm(failed), rel=1e-3)
+    slope = rosenbrock(best)[1]
+    assert next_one @ slope == pytest.approx(-np.linalg.norm(next_one) * np.linalg.norm(slope), rel=1e-3)
+
+
+def test_a_wall_that_is_not_finite_is_kept_away_from():
+    # Like a logarithm: no value beyond 0.9, the minimum of the rest short of it.
+    def walled(x):
+        with np.errstate(all="ignore"):
+            room = 0.9 - x.astype(np.float64)
+            return float((-np.log(room) - 3 * x).sum()), (1 / room - 3).astype(np.float32)
+
+    result = LBFGS().minimize(walled, np.full(50, -1, np.float32), TO_THE_END)
+    assert result.status.success
+    np.testing.assert_allclose(result.x, 0.9 - 1 / 3, atol=1e-3)
+
+
+def test_after_three_restarts_it_gives_up_with_the_best_point():
+    fails, _ = failing(rosenbrock, range(12, 1000))
+    result = LBFGS().minimize(fails, START, TO_THE_END)
+    assert (result.status, result.restarts, result.n_evaluations) == (Status.NOT_FINITE, 3, 15)
+    assert "3 times" in result.sentence
+    assert_sound(result, rosenbrock, START)
+
+
+def test_limits_hold_through_restarts():
+    fails, points = failing(rosenbrock, {5, 7})
+    result = LBFGS().minimize(fails, START, StoppingRule(7, 0.0))
+    assert (result.status, len(points)) == (Status.EVALUATION_LIMIT, 7)
+
+
+def wide(x):
+    """Cheap, ill-conditioned and separable, for many unknowns."""
+    stiffness = np.linspace(0.1, 5, x.size, dtype=np.float32)
+    away = stiffness * (x - np.float32(0.3))
+    return 1 + 0.5 * float(np.square(away).sum(dtype=np.float64)), stiffness * away
+
+
+@pytest.mark.parametrize("storage", ["float32", "bfloat16"])
+def test_the_result_is_the_same_to_the_bit_whatever_the_threads(monkeypatch, storage):
+    results = []
+    # Several blocks of different lengths.
+    for threads in ("1", "2", "2"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        results.append(LBFGS(storage=storage).minimize(wide, np.zeros(700_001, np.float32), StoppingRule(12, 0.0)))
+    for other in results[1:]:
+        np.testing.assert_array_equal(results[0].x, other.x)
+        assert [point.value for point in results[0].trace] == [point.value for point in other.trace]
+
+
+@pytest.mark.parametrize(("history", "storage", "most"), [(5, "float32", 13), (5, "bfloat16", 8), (3, "float32", 9)])
+def test_memory_is_what_the_docstring_says(history, storage, most):
+    n = 1_000_000
+    solver, start = LBFGS(history, storage), np.zeros(n, np.float32)
+    objective = wide_into(np.empty(n, np.float32))
+    # Compiled before the memory is watched.
+    solver.minimize(objective, start, StoppingRule(3, 0.0))
+    tracemalloc.start()
+    solver.minimize(objective, start, StoppingRule(12, 0.0))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak <= (most + 0.1) * 4 * n
+
+
+def wide_into(gradient):
+    """`wide` without memory of its own but what it is made with."""
+    stiffness = np.linspace(0.1, 5, gradient.size, dtype=np.float32)
+
+    def objective(x):
+        np.subtract(x, np.float32(0.3), out=gradient)
+        np.multiply(gradient, stiffness, out=gradient)
+        value = 1 + 0.5 * float(np.dot(gradient, gradient))
+        np.multiply(gradient, stiffness, out=gradient)
+        return value, gradient
+
+    return objective
+
+
+def test_an_objective_may_reuse_its_gradient():
+    gradient = np.empty(100, np.float32)
+
+    def reuses(x):
+        value, gradient[:] = rosenbrock(x)
+        return value, gradient
+
+    ours, fresh = (LBFGS().minimize(each, START, TO_THE_END) for each in (reuses, rosenbrock))
+    np.testing.assert_array_equal(ours.x, fresh.x)
+
+
+@pytest.mark.parametrize("kind", ["float64", "strided"])
+def test_gradients_of_other_kinds_are_understood(kind):
+    def other(x):
+        value, gradient = rosenbrock(x)
+        return value, np.repeat(gradient, 2)[::2] if kind == "strided" else gradient.astype(np.float64)
+
+    assert LBFGS().minimize(other, START, TO_THE_END).value == pytest.approx(1, abs=1e-5)
+
+
+def test_bfloat16_costs_a_few_more_iterations():
+    counts = {}
+    for storage in ("float32", "bfloat16"):
+        result = LBFGS(storage=storage).minimize(wide, np.zeros(3000, np.float32), StoppingRule(500, 1e-6))
+        assert result.value == pytest.approx(1, abs=1e-3)
+        counts[storage] = result.n_iterations
+    assert counts["bfloat16"] <= 1.15 * counts["float32"] + 2
+
+
+def test_a_good_preconditioner_saves_iterations():
+    diagonal = np.logspace(0, 4, 40).astype(np.float32)
+    calls = 0
+
+    def inverse(gradient):
+        nonlocal calls
+        calls += 1
+        return gradient / diagonal
+
+    plain = LBFGS().minimize(ill_conditioned, np.zeros(40, np.float32), TO_THE_END)
+    helped = LBFGS(preconditioner=inverse).minimize(ill_conditioned, np.zeros(40, np.float32), TO_THE_END)
+    assert helped.value == pytest.approx(1, abs=1e-5)
+    assert helped.n_iterations < plain.n_iterations / 10
+    # Once for the start and once per step.
+    assert calls <= helped.n_iterations + 1
+
+
+def test_a_preconditioner_that_is_not_perfect_helps_too():
+    n = 200
+    stiffness = np.linspace(0.1, 5, n, dtype=np.float32) ** 2
+    plain = LBFGS().minimize(wide, np.zeros(n, np.float32), TO_THE_END)
+    rough = LBFGS(preconditioner=lambda g: g / np.sqrt(stiffness)).minimize(wide, np.zeros(n, np.float32), TO_THE_END)
+    assert rough.value == pytest.approx(1, abs=1e-5)
+    assert rough.n_iterations < plain.n_iterations
+
+
+def test_a_preconditioned_run_restarts_too():
+    fails, _ = failing(wide, {4, 6})
+    result = LBFGS(preconditioner=lambda g: g / 3).minimize(fails, np.zeros(200, np.float32), TO_THE_END)
+    assert result.restarts == 2
+    assert result.value == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1e-25, 1e-12, 1e12, 1e25])
+def test_far_away_units_of_the_objective_do_not_matter(scale):
+    def scaled(x):
+        value, gradient = quadratic(x)
+        return scale * value, np.float32(scale) * gradient
+
+    result = LBFGS().minimize(scaled, np.full(200, 5, np.float32), TO_THE_END)
+    assert result.value / scale == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize("history", [1, 2, 20])
+def test_any_history_reaches_the_minimum(history):
+    assert LBFGS(history).minimize(rosenbrock, START, TO_THE_END).value == pytest.approx(1, abs=1e-4)
+
+
+@pytest.mark.parametrize(("options", "said"), [({"history": 0}, "history is 0"), ({"storage": "float8"}, "bfloat16")])
+def test_options_that_cannot_be_are_refused(options, said):
+    with pytest.raises(ValueError, match=said):
+        LBFGS(**options)

@@ -1,0 +1,102 @@
+"""Compiled kernels: cached where possible, told of, true to NaN."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solvers.kernels import compiled, told_of_compiling
+
+ROOT = Path(__file__).parents[2]
+KERNEL = """
+from solvers.kernels import compiled
+
+@compiled
+def doubled(x):
+    return 2 * x
+"""
+RUN = """
+import sys
+sys.path.insert(0, {folder!r})
+from solvers.kernels import told_of_compiling
+told = []
+with told_of_compiling(told.append):
+    from kernel import doubled
+    assert doubled(3) == 6
+print(*told)
+"""
+
+
+def run(folder: Path, **environment: str) -> str:
+    """Names of the kernels that a new process compiles."""
+    clean = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
+    command = [sys.executable, "-c", RUN.format(folder=str(folder))]
+    ran = subprocess.run(command, cwd=ROOT, env=clean | environment, capture_output=True, text=True, check=True)
+    return ran.stdout.strip()
+
+
+def load(folder: Path, name: str):
+    specification = importlib.util.spec_from_file_location(name, folder / "kernel.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_the_second_process_loads_and_tells_nothing(tmp_path):
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    assert run(tmp_path) == "doubled"
+    assert run(tmp_path) == ""
+
+
+def test_without_a_folder_for_the_cache_it_compiles_every_time(tmp_path):
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    # A locator that serves nothing but IPython's cells: what numba finds where no folder can be written to.
+    nowhere = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}
+    assert [run(tmp_path, **nowhere) for _ in range(2)] == ["doubled"] * 2
+    assert not list(tmp_path.rglob("*.nbi"))
+
+
+def test_only_compilations_within_the_context_are_told(tmp_path):
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    doubled = load(tmp_path, "kernel_told").doubled
+    told, before = [], []
+    with told_of_compiling(before.append):
+        pass
+    with told_of_compiling(told.append):
+        assert doubled(1) == 2
+        assert doubled(2) == 4
+    assert doubled(1.5) == 3.0
+    assert (before, told) == ([], ["doubled"])
+
+
+def test_other_errors_of_numba_pass_through(monkeypatch):
+    import numba
+
+    def refuses(**options):
+        raise RuntimeError("something else")
+
+    monkeypatch.setattr(numba, "njit", refuses)
+    with pytest.raises(RuntimeError, match="something else"):
+        compiled(lambda x: x)
+
+
+def test_nan_infinity_and_division_by_zero_show():
+    @compiled
+    def shows(x, zero):
+        return np.isfinite(x.sum()), np.isnan(x[0]), x[1] / zero
+
+    for bad in (np.nan, np.inf):
+        finite, nan, quotient = shows(np.array([bad, 1.0], np.float32), np.float32(0))
+        assert (finite, nan, quotient) == (False, np.isnan(bad), np.inf)
+
+
+def test_importing_this_does_not_import_numba():
+    code = "import sys, solvers.kernels, solvers.kernels; print('numba' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "False"

@@ -1,0 +1,113 @@
+"""Training samples: always the same, and true to the engine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+import torch
+from skimage import data
+
+from polaropt.capture.write import write_png
+from polaropt.errors import InputError
+from polaropt.simulation.leaves import dead_leaves
+from polaropt.training.pictures import Pictures
+from polaropt.training.samples import TrainingData, Variety
+from priors.networks.fusionnet import Form
+
+FORMS: tuple[Form, ...] = get_args(Form)
+PLAIN = Variety(overexposed=0, grey=0, other_angles=0)
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Pictures:
+    """Two small photographs of a folder."""
+    folder = tmp_path_factory.mktemp("photographs")
+    for name, image in (("a", data.astronaut()), ("b", data.coffee())):
+        write_png(folder / f"{name}.png", np.ascontiguousarray(image[100:260, 150:330]))
+    return Pictures(Path(folder), leaves_share=0)
+
+
+def source(pictures: Pictures, form: Form, variety: Variety = PLAIN) -> TrainingData:
+    return TrainingData(pictures, form, size=48, seed=3, variety=variety)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_sample_is_always_the_same_and_no_other_is(pictures: Pictures, form: Form) -> None:
+    data_set = source(pictures, form)
+    first, again, other = (data_set.sample(number) for number in (5, 5, 6))
+    assert torch.equal(first.observation.views, again.observation.views)
+    assert torch.equal(first.layers, again.layers)
+    assert not torch.equal(first.layers, other.layers)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("number", range(3))
+def test_parts_add_up_to_the_views_but_for_the_noise(pictures: Pictures, form: Form, number: int) -> None:
+    sample = source(pictures, form).sample(number)
+    noise = float(sample.observation.view_errors.mean())
+    off = sample.parts.sum(2) - sample.observation.views
+    # The azimuth that the views are taken along is an estimate, too.
+    assert float(off.std()) < 1.6 * noise + 0.004
+    assert float(sample.parts.min()) > -1e-3
+
+
+def test_the_engine_makes_the_views_of_the_true_layers(pictures: Pictures) -> None:
+    for number in range(4):
+        sample = source(pictures, "paper").sample(number)
+        made = sample.engine(sample.layers[0])
+        off = (made - sample.observation.views[0])[..., 12:-12, 12:-12]
+        assert float(off.std()) < 2 * float(sample.observation.view_errors.mean()) + 0.01
+
+
+def test_processes_make_the_same_samples_in_the_same_order(pictures: Pictures) -> None:
+    numbers = range(3, 6)
+    here = source(pictures, "conditioned").samples(numbers)
+    there = TrainingData(pictures, "conditioned", size=48, seed=3, variety=PLAIN, workers=1).samples(numbers)
+    for mine, theirs in zip(here, there, strict=True):
+        assert torch.equal(mine.observation.views, theirs.observation.views)
+        assert torch.equal(mine.engine(mine.layers[0]), theirs.engine(mine.layers[0]))
+
+
+def test_gradients_come_through_the_engine(pictures: Pictures) -> None:
+    sample = source(pictures, "paper").sample(0)
+    layers = sample.layers[0].clone().requires_grad_()
+    sample.engine(layers).square().mean().backward()
+    assert layers.grad is not None
+    assert float(layers.grad.abs().sum()) > 0
+
+
+def test_grey_captures_are_shown_as_three_equal_channels(pictures: Pictures) -> None:
+    sample = source(pictures, "conditioned", Variety(grey=1, overexposed=0)).sample(1)
+    for images in (sample.layers, sample.observation.views, sample.observation.layers):
+        assert images is not None
+        assert torch.equal(images[..., 0, :, :], images[..., 2, :, :])
+    assert sample.observation.errors is not None
+    assert not sample.observation.errors[..., 1:].any()
+
+
+def test_clipped_highlights_are_told(pictures: Pictures) -> None:
+    clipping = source(pictures, "conditioned", Variety(overexposed=1))
+    shares = [float((clipping.sample(number).observation.trusted < 1).float().mean()) for number in range(4)]
+    # The brightest light of some captures lies beside the frame.
+    assert 0 < max(shares) < 0.5
+
+
+def test_dead_leaves_are_in_range_and_follow_their_seed() -> None:
+    image = dead_leaves(64, 1)
+    assert image.shape == (64, 64, 3)
+    assert image.dtype == np.float32
+    assert image.min() >= 0
+    assert image.max() <= 1
+    assert image.std() > 0.03
+    assert np.array_equal(image, dead_leaves(64, 1))
+    assert not np.array_equal(image, dead_leaves(64, 2))
+
+
+def test_a_folder_without_photographs_and_tiny_frames_are_errors(tmp_path: Path, pictures: Pictures) -> None:
+    with pytest.raises(InputError, match="at least 2"):
+        Pictures(tmp_path)
+    with pytest.raises(InputError, match="32 or more"):
+        TrainingData(pictures, "paper", size=16)
