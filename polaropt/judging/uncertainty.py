@@ -16,15 +16,18 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, NoiseModel, noise_classes
 from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
-from polaropt.optics import PSE, SceneErrors, SceneParameters, VaryingPSE
+from polaropt.optics import FIELDS, PSE, Field, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.solving import Piece, Problem, Tile, Weights
 from priors.base import CHROMA_WEIGHT
 from solvers.kernels import in_blocks
 
 Images = NDArray[np.float32]
 
-# Beyond these the layers change no more in proportion, and the engine's ranges end.
-_LARGEST_DEG, _LARGEST_PX = 20.0, 8.0
+# Errors beyond these, by unit, count as these: the layers change no more in proportion, and the engine's ranges end.
+# Set by hand.
+_LARGEST = {"deg": 20.0, "px": 8.0}
+# Standard errors by which the incidence is moved: two are to cover the truth, and towards frontal glass what follows
+# from it soars.
 _COVERING = 2.0
 
 
@@ -92,26 +95,42 @@ def scene_variance(
 
 
 def _moved(scene: SceneParameters, errors: SceneErrors) -> Iterator[Doubt]:
-    """A doubt for each number that was estimated."""
-    incidence, focal = scene.values()[0], scene.focal_px or 0.0
-    # Name, largest error that counts, errors to move by, largest step.
-    limits = (
-        ("incidence_deg", _LARGEST_DEG, _COVERING, min(incidence, 90 - incidence) / 2),
-        ("azimuth_deg", _LARGEST_DEG if scene.varies else 0.0, 1.0, _LARGEST_DEG),
-        ("ghost_shift", _LARGEST_PX, 1.0, _LARGEST_PX),
-        ("transmission_ghost_shift", _LARGEST_PX, 1.0, _LARGEST_PX),
-        ("focal_px", focal, 1.0, focal / 2),
-    )
-    for name, largest, n_errors, farthest in limits:
-        value, error = getattr(scene, name), min(getattr(errors, name) or 0.0, largest)
-        if value is not None and min(error, farthest) > 0:
-            step = min(n_errors * error, farthest)
-            below, above = (scene.replace(**{name: value + sign * step}) for sign in (-1, 1))
+    """A doubt for each number that was estimated, but for the light's polarization, which is taken as exact."""
+    for field in FIELDS:
+        if not field.estimable or len(field.components) > 1:
+            continue
+        value, reach = getattr(scene, field.name), _reach(field, scene)
+        error = min(getattr(errors, field.name) or 0.0, reach.largest)
+        if value is not None and min(error, reach.farthest) > 0:
+            step = min(reach.n_errors * error, reach.farthest)
+            below, above = (scene.replace(**{field.name: value + sign * step}) for sign in (-1, 1))
             yield Doubt(below, above, step / error)
     for i, error in enumerate(errors.bend_deg_per_px or ()):
         if 0 < error < math.inf:
             below, above = (scene.replace(bend_deg_per_px=_bent(scene, i, sign * error)) for sign in (-1, 1))
             yield Doubt(below, above, 1.0)
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """The largest error of a number that counts, how many of them it is moved by, and how far at most."""
+
+    largest: float
+    n_errors: float
+    farthest: float
+
+
+def _reach(field: Field, scene: SceneParameters) -> _Reach:
+    largest = _LARGEST[field.component.unit]
+    if field.name == "incidence_deg":
+        incidence = scene.values()[0]
+        return _Reach(largest, _COVERING, min(incidence, 90 - incidence) / 2)
+    if field.name == "azimuth_deg" and not scene.varies:
+        return _Reach(0.0, 1.0, largest)
+    if field.name == "focal_px":
+        focal = scene.focal_px or 0.0
+        return _Reach(focal, 1.0, focal / 2)
+    return _Reach(largest, 1.0, largest)
 
 
 def _bent(scene: SceneParameters, i: int, more: float) -> tuple[float, ...]:

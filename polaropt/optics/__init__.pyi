@@ -1,9 +1,12 @@
 __all__ = [
+    "FIELDS",
     "FLAT",
     "PSE",
     "SEARCHED",
     "Bend",
+    "Component",
     "Displacements",
+    "Field",
     "Pane",
     "SceneErrors",
     "SceneParameters",
@@ -53,7 +56,10 @@ from .geometry import viewing_angles as viewing_angles
 from .plate import ghosts_that_matter as ghosts_that_matter
 from .plate import in_place_correction as in_place_correction
 from .plate import in_place_reflectance as in_place_reflectance
+from .scene import FIELDS as FIELDS
 from .scene import SEARCHED as SEARCHED
+from .scene import Component as Component
+from .scene import Field as Field
 from .scene import SceneErrors as SceneErrors
 from .scene import SceneParameters as SceneParameters
 from .scene import ghost_step as ghost_step

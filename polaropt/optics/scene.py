@@ -219,3 +219,79 @@ class SceneErrors:
     bend_deg_per_px: tuple[float, float, float] | None = None
     transmission_polarization: tuple[float, float] | None = None
     reflection_polarization: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Component:
+    """One number of a field.
+
+    Attributes
+    ----------
+    unit : str
+        Empty for a plain number.
+    digits : int
+        Decimals that say as much as is ever known of it.
+    words : str
+        What it is in a field of several numbers, such as "degree"; empty in a field of one.
+    period : float or None
+        Values so far apart are the same; None where it is no angle that comes round.
+    """
+
+    unit: str
+    digits: int
+    words: str = ""
+    period: float | None = None
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of `SceneParameters` that holds a physical quantity: how it is called, shown and compared.
+
+    Attributes
+    ----------
+    name : str
+        Of the attribute of `SceneParameters`, and of its standard error in `SceneErrors` where it can be estimated.
+    words : str
+        As a sentence or the head of a table says it, without a capital.
+    label : str
+        The same in a word or two, where all around speaks of the pane.
+    components : tuple of Component
+        One for each of its numbers.
+    """
+
+    name: str
+    words: str
+    label: str
+    components: tuple[Component, ...]
+
+    @property
+    def component(self) -> Component:
+        """The only one of a field that holds a single number."""
+        (only,) = self.components
+        return only
+
+    @property
+    def estimable(self) -> bool:
+        """Whether it can be estimated, and has a standard error then."""
+        return self.name in SceneErrors.__dataclass_fields__
+
+
+_SHIFT_PX = (Component("px", 2),)
+_BEND = tuple(Component("deg/px", 4, part) for part in ("xx", "xy", "yy"))
+# A direction of polarization is an axis: it comes round after half a turn.
+_POLARIZATION = (Component("", 2, "degree"), Component("deg", 0, "angle", period=180.0))
+
+# How many bounces are modelled, and how, is no quantity of the pane and not among them.
+FIELDS = (
+    Field("incidence_deg", "angle of incidence", "incidence", (Component("deg", 2),)),
+    # Half a turn is the same pane with the opposite sign of its shifts; before a lens only a whole turn is the same.
+    Field("azimuth_deg", "azimuth of the plane of incidence", "azimuth", (Component("deg", 2, period=180.0),)),
+    Field("ghost_shift", "ghost shift", "ghost shift", _SHIFT_PX),
+    Field("transmission_ghost_shift", "ghost shift of the transmission", "shift of the transmission", _SHIFT_PX),
+    Field("focal_px", "focal length", "focal length", (Component("px", 0),)),
+    Field("bend_deg_per_px", "bend of the pane", "bend", _BEND),
+    Field("refractive_index", "refractive index", "refractive index", (Component("", 3),)),
+    Field("transmission_polarization", "polarization of the light from behind", "light from behind", _POLARIZATION),
+    Field("reflection_polarization", "polarization of the mirrored light", "mirrored light", _POLARIZATION),
+)
+"""The quantities of a scene in the order in which they are shown."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any, Literal
 
+import numpy as np
 import pytest
 
 from polaropt import InputError, SceneParameters, ghost_step
+from polaropt.optics.scene import FIELDS, SEARCHED, Field, SceneErrors
+from polaropt.optics.stokes import stokes_vector
 
 
 @pytest.mark.parametrize(
@@ -73,3 +77,44 @@ def test_a_scene_knows_whether_its_light_is_polarized() -> None:
     assert not SceneParameters().polarized
     assert SceneParameters(reflection_polarization=(0.1, 0)).polarized
     assert SceneParameters(transmission_polarization=(0.1, 0)).polarized
+
+
+def test_every_quantity_of_a_scene_is_one_row_of_the_table_of_fields() -> None:
+    names = [field.name for field in FIELDS]
+    settings = {"n_bounces", "single_surface", "literal_eq3", "signal"}
+    assert len(set(names)) == len(names)
+    assert set(names) | settings == {field.name for field in dataclasses.fields(SceneParameters)}
+    assert not set(names) & settings
+
+
+def test_what_can_be_estimated_has_a_standard_error() -> None:
+    estimable = {field.name for field in FIELDS if field.estimable}
+    assert estimable == {field.name for field in dataclasses.fields(SceneErrors)}
+    assert set(SEARCHED) <= estimable
+    assert "refractive_index" not in estimable
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
+def test_a_field_has_as_many_components_as_the_scene_has_numbers(field: Field) -> None:
+    value = getattr(SceneParameters(transmission_ghost_shift=1.0, focal_px=500.0), field.name)
+    assert len(field.components) == np.size(value)
+    # The name ends in the unit of what has one of several.
+    unit = {"incidence": "deg", "azimuth": "deg", "focal": "px", "bend": "deg/px"}.get(field.name.split("_")[0])
+    assert unit is None or all(component.unit == unit for component in field.components)
+
+
+def test_fields_are_called_by_words_of_their_own() -> None:
+    for called in ([field.words for field in FIELDS], [field.label for field in FIELDS]):
+        assert len(set(called)) == len(called)
+        assert all(name and name == name.strip() and not name[0].isupper() for name in called)
+    assert all(bool(part.words) == (len(field.components) > 1) for field in FIELDS for part in field.components)
+
+
+def test_angles_that_come_round_are_the_same_after_a_period() -> None:
+    vectors = [stokes_vector(0.4, angle) for angle in (20.0, 200.0)]
+    np.testing.assert_allclose(vectors[0], vectors[1], atol=1e-15)
+    periods = {field.name: [part.period for part in field.components] for field in FIELDS}
+    assert periods["azimuth_deg"] == [180.0]
+    assert periods["transmission_polarization"] == periods["reflection_polarization"] == [None, 180.0]
+    cyclic = {name for name, own in periods.items() if any(own)}
+    assert cyclic == {"azimuth_deg", "transmission_polarization", "reflection_polarization"}
