@@ -26,7 +26,7 @@ from polaropt.inversion import Canvas
 from polaropt.judging import Diagnostics, Uncertainty, diagnose, estimate_uncertainty, noise_share, nothing_told
 from polaropt.optics import PSE, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.progress import Progress, Stages
-from polaropt.solving import How, Solution, Term, Weights, check_start, component_images, solve
+from polaropt.solving import Settings, Solution, Term, Weights, check_start, component_images, solve
 from solvers.base import SolverResult, Status, StoppingRule
 from solvers.kernels import told_of_compiling
 from solvers.registry import get_solver
@@ -53,6 +53,9 @@ class Separation:
     solver : SolverResult
         Its `x` is empty: the layers are what it stands for.
     diagnostics : Diagnostics
+    asked : SceneParameters
+        What was asked for; None in it was estimated.
+    settings : Settings
     seconds, cpu_seconds : dict of str to float
         Time of each stage: elapsed, and of all cores together.
     parts : callable
@@ -68,6 +71,8 @@ class Separation:
     terms: dict[str, Term]
     solver: SolverResult
     diagnostics: Diagnostics
+    asked: SceneParameters
+    settings: Settings
     seconds: dict[str, float]
     cpu_seconds: dict[str, float]
     parts: Callable[[], Images] = field(repr=False)
@@ -168,53 +173,78 @@ def separate(
         Unknown solver or start (the message lists the names), a solver that cannot take so large an image, or a
         parameter outside its range (`InputError`).
     """
+    settings = Settings(
+        model=model,
+        solver=solver,
+        device=device,
+        init=init,
+        robust=robust,
+        weights=weights,
+        stopping=stopping,
+        thickness_px=thickness_px,
+        thickness_kind=thickness_kind,
+    )
+    _check(settings)
+    asked = scene or SceneParameters(None, None, None, refractive_index, single_surface=single_surface)
+    return _separate(capture, asked, settings, Stages(progress))
+
+
+def _check(settings: Settings) -> None:
+    """ValueError where a setting does not exist; InputError where a start lacks a package, or two contradict."""
+    get_solver(settings.solver)
+    check_start(settings.init)
+    if settings.model not in model_names():
+        raise InputError(f"unknown model {settings.model!r}; there are: {', '.join(model_names())}")
+    if settings.device is not None and settings.solver != "torch":
+        raise InputError(f"device {settings.device!r} is for the solver torch, not {settings.solver}")
+
+
+def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stages: Stages) -> Separation:
     from threadpoolctl import threadpool_limits
 
-    minimizer = get_solver(solver)
-    check_start(init)
-    asked = scene or SceneParameters(None, None, None, refractive_index, single_surface=single_surface)
-    if model not in model_names():
-        raise InputError(f"unknown model {model!r}; there are: {', '.join(model_names())}")
-    if device is not None and solver != "torch":
-        raise InputError(f"device {device!r} is for the solver torch, not {solver}")
-    device = device or ("cpu" if solver == "torch" else None)
-    stages = Stages(progress)
     # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
     with threadpool_limits(1, "blas"), told_of_compiling(stages.compiling):
         stages.begin("Measuring the noise", 0.0)
         noise, growth = measured_noise(capture)
-        seen = _Seen(capture, noise, growth, find_mistakes(capture))
+        mistakes = find_mistakes(capture)
         stages.begin("Estimating the scene", 0.02)
-        source, of_source = scene_source(capture, noise, seen.mistakes)
+        source, of_source = scene_source(capture, noise, mistakes)
         checked = with_incidence_checked(source, asked, of_source)
-        seen = replace(seen, doubtful_incidence=checked.doubtful)
         found = find_scene(
-            source, checked.scene, of_source, model, thickness_px=thickness_px, thickness_kind=thickness_kind
+            source,
+            checked.scene,
+            of_source,
+            settings.model,
+            thickness_px=settings.thickness_px,
+            thickness_kind=settings.thickness_kind,
         )
-        if model == "auto":
+        if settings.model == "auto":
             found = left_alone(found, checked)
+        case = _Case(capture, asked, settings, noise, growth, mistakes, checked.doubtful, found)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:
-            return _unseparated(seen, found, estimate, stages)
-        how = How(minimizer, init, weights, stopping, robust, device, growth)
-        solution = solve(capture, found.scene, noise, how, stages)
+            return _unseparated(case, estimate, stages)
+        solution = solve(capture, found.scene, noise, settings, stages, growth=growth)
         stages.begin("Taking stock", 0.97)
-        return _report(seen, found, solution, stages)
+        return _separated(case, solution, stages)
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """A capture, and what was seen of it before anything was estimated."""
+class _Case:
+    """A capture with what was asked of it, and all that is known before it is solved."""
 
     capture: Capture
+    asked: SceneParameters
+    settings: Settings
     noise: float
     growth: NoiseModel
     mistakes: Mistakes
-    doubtful_incidence: bool = False
+    doubtful_incidence: bool
+    found: FoundScene
 
 
-def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) -> Separation:
-    capture, noise = seen.capture, seen.noise
+def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
+    capture, noise, found = case.capture, case.noise, case.found
     diagnostics = diagnose(
         capture,
         noise,
@@ -224,8 +254,8 @@ def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) 
         scene=found.scene,
         unexplained=found.unexplained,
         noise_share=noise_share(capture, solution.layers[0], solution.transmission_variance),
-        mistakes=seen.mistakes,
-        doubtful_incidence=seen.doubtful_incidence,
+        mistakes=case.mistakes,
+        doubtful_incidence=case.doubtful_incidence,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()
@@ -236,7 +266,9 @@ def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) 
         tried=found.tried,
         terms=solution.terms,
         solver=solution.solver,
-        diagnostics=replace(diagnostics, noise_model=seen.growth),
+        diagnostics=replace(diagnostics, noise_model=case.growth),
+        asked=case.asked,
+        settings=case.settings,
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
@@ -246,15 +278,15 @@ def _report(seen: _Seen, found: FoundScene, solution: Solution, stages: Stages) 
             solution.layers,
             noise,
             solution.pieces,
-            seen.growth,
+            case.growth,
             of_scene=found.errors,
         ),
     )
 
 
-def _unseparated(seen: _Seen, found: FoundScene, estimate: SceneEstimate, stages: Stages) -> Separation:
+def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells, and the better guess in doubt."""
-    capture, noise = seen.capture, seen.noise
+    capture, noise, found = case.capture, case.noise, case.found
     intensity = capture.stokes[0]
     diagnostics = diagnose(
         capture,
@@ -262,8 +294,8 @@ def _unseparated(seen: _Seen, found: FoundScene, estimate: SceneEstimate, stages
         misfit_ratio=1.0,
         reflection_unknown=float(not estimate.polarized),
         estimate=estimate,
-        mistakes=seen.mistakes,
-        doubtful_incidence=seen.doubtful_incidence,
+        mistakes=case.mistakes,
+        doubtful_incidence=case.doubtful_incidence,
     )
     stages.end()
     return Separation(
@@ -275,6 +307,8 @@ def _unseparated(seen: _Seen, found: FoundScene, estimate: SceneEstimate, stages
         solver=SolverResult(np.zeros(0, np.float32), 0.0, 0, 0, Status.NOT_RUN, 0.0),
         # Whatever the reason to warn of, no reflection is shown.
         diagnostics=replace(diagnostics, reflection_unknown=1.0),
+        asked=case.asked,
+        settings=case.settings,
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_halves, capture),

@@ -15,9 +15,9 @@ from polaropt.optics import PSE, SceneParameters
 from polaropt.progress import Stages
 from polaropt.solving import (
     Coordinates,
-    How,
     Misfit,
     Problem,
+    Settings,
     Weights,
     build_objective,
     check_start,
@@ -110,8 +110,8 @@ class Variant:
 
     def _kept(self, capture: Capture, scene: SceneParameters, noise: float) -> Solved:
         """From a start that a solve leaves only as far as the photographs say, as `separate` goes there."""
-        how = How(get_solver("lbfgs"), self.init, self.weights, _STOPPING, robust=False, device=None)
-        solution = solve(capture, scene, noise, how, Stages())
+        settings = Settings(init=self.init, weights=self.weights, stopping=_STOPPING)
+        solution = solve(capture, scene, noise, settings, Stages())
         return Solved(solution.layers, solution.solver)
 
 

@@ -14,7 +14,7 @@ from polaropt.capture import Capture, NoiseModel, measured_noise
 from polaropt.estimation import find_scene
 from polaropt.optics import SceneParameters
 from polaropt.progress import Stages
-from polaropt.solving import How, Problem, Solution, Weights, initializers, solve, take_start
+from polaropt.solving import Problem, Settings, Solution, Weights, initializers, solve, take_start
 from solvers.base import StoppingRule
 from solvers.registry import get_solver
 from studies.benchmark_race import GAP, NEAR_DB, Clock
@@ -264,6 +264,6 @@ def _clocks(before: tuple[float, float], times: dict[str, tuple[float, float] | 
 
 def _stopped(scene: _Scene, start: str) -> tuple[Solution, tuple[float, float]]:
     """What `separate` does once the scene is found, and its seconds."""
-    how = How(get_solver("lbfgs"), start, Weights(), StoppingRule(), robust=False, device=None, growth=scene.growth)
     clock = Clock()
-    return solve(scene.capture, scene.scene, scene.noise, how, Stages()), clock.read()
+    solution = solve(scene.capture, scene.scene, scene.noise, Settings(init=start), Stages(), growth=scene.growth)
+    return solution, clock.read()

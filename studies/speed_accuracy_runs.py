@@ -19,9 +19,8 @@ from polaropt.optics import SceneParameters
 from polaropt.progress import Stages
 from polaropt.separation import Separation, separate
 from polaropt.simulation import psnr_db
-from polaropt.solving import How, Solution, Weights, solve
+from polaropt.solving import Settings, Solution, solve
 from solvers.base import MissingPackage
-from solvers.registry import get_solver
 from studies.benchmark_memory import peak_above
 from studies.peer_methods import Layers, NotRun
 from studies.peer_scenes import Sample
@@ -180,9 +179,8 @@ def _find(sample: Sample, rung: str) -> _Found:
 
 def _solve(sample: Sample, found: _Found, way: Way) -> Solution:
     noise, growth = found.noise
-    device = "cpu" if way.solver == "torch" else None
-    how = How(get_solver(way.solver), way.start, Weights(), way.stopping, False, device, growth)
-    return solve(sample.capture, found.scene, noise, how, Stages())
+    settings = Settings(solver=way.solver, init=way.start, stopping=way.stopping)
+    return solve(sample.capture, found.scene, noise, settings, Stages(), growth=growth)
 
 
 def _levels(sample: Sample, layers: Layers) -> dict[str, float]:

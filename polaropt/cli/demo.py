@@ -49,7 +49,7 @@ def _run(work: Path, progress: Progress | None) -> tuple[Example, dict[str, Any]
     from polaropt.capture import read_capture, write_capture, write_png, write_tiff
     from polaropt.cli.example import comparison, make_example, scores
     from polaropt.optics import SceneParameters
-    from polaropt.reporting import Request, write_separation
+    from polaropt.reporting import write_separation
     from polaropt.separation import separate
 
     example = make_example()
@@ -59,7 +59,7 @@ def _run(work: Path, progress: Progress | None) -> tuple[Example, dict[str, Any]
     write_tiff(work / "true_reflection.tiff", example.reflection)
     unknown = SceneParameters(None, None, None)
     result = separate(capture, unknown, progress=progress)
-    report = write_separation(work, result, capture, Request(unknown))
+    report = write_separation(work, result, capture)
     layers = (result.transmission, result.reflection)
     write_png(work / COMPARISON, comparison(example, *layers))
     rated = scores(example, *layers)

@@ -162,7 +162,7 @@ def separate_command(
     with result_folder(folder.output) as work, progress_bar(not (folder.json or folder.quiet)) as progress:
         # Imported after reading, so that an error in the files is told at once.
         photographs = capture.read()
-        from polaropt.reporting import Request, write_separation
+        from polaropt.reporting import write_separation
         from polaropt.separation import separate
 
         result = separate(
@@ -179,17 +179,7 @@ def separate_command(
             robust=solving.robust,
             device=solving.device,
         )
-        request = Request(
-            scene,
-            model=ladder.model,
-            solver=solving.solver,
-            device=solving.device,
-            init=solving.init,
-            robust=solving.robust,
-            weights=weights,
-            stopping=stopping,
-        )
-        report = write_separation(work, result, photographs, request)
+        report = write_separation(work, result, photographs)
     if folder.json:
         say_json({"output": str(folder.output), **report})
     elif not folder.quiet:

@@ -1,6 +1,5 @@
 __all__ = [
     "Picture",
-    "Request",
     "error_of",
     "inspect_capture",
     "inspection_picture",
@@ -12,7 +11,6 @@ __all__ = [
     "write_separation",
 ]
 
-from .files import Request as Request
 from .files import write_separation as write_separation
 from .inspection import inspect_capture as inspect_capture
 from .pictures import Picture as Picture

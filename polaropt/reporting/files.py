@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, linearize, planes_last, write_png, write_png_view, write_tiff
 from polaropt.judging import SeparationWarning
-from polaropt.optics import SceneParameters
 from polaropt.reporting.inspection import Inspection, inspect_capture
 from polaropt.reporting.page import write_html_report
 from polaropt.reporting.pictures import (
@@ -30,8 +29,6 @@ from polaropt.reporting.report import plain, separation_report
 
 if TYPE_CHECKING:
     from polaropt.separation import Separation
-    from polaropt.solving import Weights
-    from solvers.base import StoppingRule
 
 
 """Where less than this share of its detail is told, the reflection shows slow changes only."""
@@ -77,21 +74,7 @@ LAYERS = ("transmission", "reflection")
 _MARK = "ATTENTION: "
 
 
-@dataclass(frozen=True)
-class Request:
-    """What was asked for; None in the scene is estimated, None elsewhere is the default."""
-
-    scene: SceneParameters
-    model: str = "auto"
-    solver: str = "lbfgs"
-    device: str | None = None
-    init: str = "closed-form"
-    robust: bool = False
-    weights: Weights | None = None
-    stopping: StoppingRule | None = None
-
-
-def write_separation(folder: Path, result: Separation, capture: Capture, request: Request) -> dict[str, Any]:
+def write_separation(folder: Path, result: Separation, capture: Capture) -> dict[str, Any]:
     """Write the layers (TIFF linear, PNG to look at), their uncertainty, ``report.json`` and ``report.html``.
 
     Where the model does not explain the photographs, ``misfit.tiff`` and ``misfit.png`` show where.
@@ -102,7 +85,6 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
     result : Separation
     capture : Capture
         What was separated.
-    request : Request
 
     Returns
     -------
@@ -119,8 +101,8 @@ def write_separation(folder: Path, result: Separation, capture: Capture, request
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
     misfit = misfit_map(result, capture) if unexplained else None
     report = {
-        "request": request,
-        **separation_report(result, capture, request.scene),
+        "request": {"scene": result.asked, **plain(result.settings)},
+        **separation_report(result, capture, result.asked),
         "inspection": inspection.as_dict(),
         "attention": attention(inspection, result.diagnostics.warnings),
         "uncertainty": write_uncertainty(folder, result),

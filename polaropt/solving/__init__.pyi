@@ -3,11 +3,11 @@ __all__ = [
     "Frame",
     "FusedMisfit",
     "FusedPenalties",
-    "How",
     "Initializer",
     "Misfit",
     "Piece",
     "Problem",
+    "Settings",
     "Solution",
     "StoppingRule",
     "Term",
@@ -43,8 +43,8 @@ from .observation import plate_views as plate_views
 from .problem import Coordinates as Coordinates
 from .problem import Problem as Problem
 from .problem import component_images as component_images
-from .solution import How as How
 from .solution import Piece as Piece
+from .solution import Settings as Settings
 from .solution import Solution as Solution
 from .solution import StoppingRule as StoppingRule
 from .solution import Tile as Tile

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count, zip_longest
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ from polaropt.solving.kept_start import KeptStart
 from polaropt.solving.objective import Term, Weights
 from polaropt.solving.problem import Coordinates, Problem
 from polaropt.solving.starts import is_kept, take_start
-from solvers.base import Solver, SolverResult, Status, StopSolving, TooLarge, TracePoint
+from solvers.base import SolverResult, Status, StopSolving, TooLarge, TracePoint
 from solvers.base import StoppingRule as StoppingRule  # part of this wing's face
+from solvers.registry import get_solver
 
 # An image with no longer side is solved in one piece.
 LARGEST_TILE = 800
@@ -91,7 +92,9 @@ class Piece:
 
 Images = NDArray[np.float32]
 
+# Fractions of a separation at which its stages begin, for the progress alone: set by hand.
 _CLOSED_FORM, _SOLVING, _TAKING_STOCK = 0.3, 0.4, 0.97
+_REACH = _TAKING_STOCK - _CLOSED_FORM
 # The one that says most of a whole whose tiles ended differently, first.
 _GRAVITY = (
     Status.NOT_FINITE,
@@ -105,30 +108,41 @@ _GRAVITY = (
 
 
 @dataclass(frozen=True)
-class How:
-    """How to solve.
+class Settings:
+    """What a person can set of a separation, but for the scene; described at `polaropt.separate`.
 
     Attributes
     ----------
-    minimizer : Solver
+    model : str
+        Rung of the ladder of scene models, or "auto".
+    solver : str
+        Name of a minimizer.
+    device : str or None
+        Where the solver torch works; None for the CPU.
     init : str
         Name of the start.
+    robust : bool
     weights : Weights
     stopping : StoppingRule
-    robust : bool
-    device : str or None
-        Where the readable objective runs on tensors; None for the compiled one.
-    growth : NoiseModel or None
-        How the noise grows with the light; None where it is the same everywhere.
+    thickness_px : float or None
+        Of the pane; None where the ghost shift is not tied to the incidence.
+    thickness_kind : {"paper", "plate"}
     """
 
-    minimizer: Solver
-    init: str
-    weights: Weights
-    stopping: StoppingRule
-    robust: bool
-    device: str | None
-    growth: NoiseModel | None = None
+    model: str = "auto"
+    solver: str = "lbfgs"
+    device: str | None = None
+    init: str = "closed-form"
+    robust: bool = False
+    weights: Weights = field(default_factory=Weights)
+    stopping: StoppingRule = field(default_factory=StoppingRule)
+    thickness_px: float | None = None
+    thickness_kind: Literal["paper", "plate"] = "paper"
+
+    @property
+    def device_of_tensors(self) -> str | None:
+        """Where the readable objective runs on tensors; None for the compiled one."""
+        return (self.device or "cpu") if self.solver == "torch" else None
 
 
 @dataclass(frozen=True)
@@ -178,8 +192,21 @@ class Place:
     of: int
     center: tuple[float, float]
 
+    @property
+    def reached(self) -> float:
+        """Fraction of the whole separation that is done when this tile begins."""
+        return _CLOSED_FORM + _REACH * self.number / self.of
 
-def solve(capture: Capture, scene: SceneParameters, noise: float, how: How, stages: Stages) -> Solution:
+
+def solve(
+    capture: Capture,
+    scene: SceneParameters,
+    noise: float,
+    settings: Settings,
+    stages: Stages,
+    *,
+    growth: NoiseModel | None = None,
+) -> Solution:
     """Solve for the layers of a capture whose scene is known, in tiles where it is large.
 
     Parameters
@@ -188,8 +215,11 @@ def solve(capture: Capture, scene: SceneParameters, noise: float, how: How, stag
     scene : SceneParameters
         A complete scene.
     noise : float
-    how : How
+    settings : Settings
+        Of them the solver, its start, weights and stopping rule.
     stages : Stages
+    growth : NoiseModel, optional
+        How the noise grows with the light. Default: it is the same everywhere.
 
     Raises
     ------
@@ -199,47 +229,50 @@ def solve(capture: Capture, scene: SceneParameters, noise: float, how: How, stag
     height, width = capture.shape[-2:]
     parts = tiles(height, width)
     middle = ((width - 1) / 2, (height - 1) / 2)
+
+    def solved(part: Capture, place: Place) -> Solution:
+        stages.begin("Closed form", place.reached)
+        problem = Problem(part, scene, noise, settings.weights, settings.robust, place.center, growth=growth)
+        return _solve_tile(problem, settings, stages, place)
+
     if len(parts) == 1:
-        return _solve_tile(capture, scene, noise, how, stages, Place(parts[0], 0, 1, middle))
+        return solved(capture, Place(parts[0], 0, 1, middle))
     colors = capture.shape[0] if capture.color else 1
     layers = np.zeros((2, colors, height, width), dtype=np.float32)
     solutions: list[Solution] = []
     for i, tile in enumerate(parts):
         place = Place(tile, i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
-        found = _solve_tile(capture.part(*tile.where), scene, noise, how, stages, place)
-        layers[:, :, tile.rows, tile.columns] += tile.weights * found.layers
+        solution = solved(capture.part(*tile.where), place)
+        layers[:, :, tile.rows, tile.columns] += tile.weights * solution.layers
         nothing = np.empty(0, dtype=np.float32)
-        solutions.append(replace(found, layers=nothing, canvas_layers=nothing))
+        solutions.append(replace(solution, layers=nothing, canvas_layers=nothing))
     pse = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:])
     return _together(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
 
 
-def _solve_tile(
-    capture: Capture, scene: SceneParameters, noise: float, how: How, stages: Stages, place: Place
-) -> Solution:
+def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Place) -> Solution:
     """One tile, in the time that is its own."""
-    done, share = place.number / place.of, 1 / place.of
-    reach = _TAKING_STOCK - _CLOSED_FORM
-    stages.begin("Closed form", _CLOSED_FORM + reach * done)
-    problem = Problem(capture, scene, noise, how.weights, how.robust, place.center, growth=how.growth)
+    share, stopping = 1 / place.of, settings.stopping
     unknown = problem.known.sampled.unknown_detail(problem.canvas.crop(problem.known.layers[1]))
-    start = take_start(problem, how.init)
-    stages.begin("Setting up", _CLOSED_FORM + reach * done)
-    objective = problem.compiled(start) if how.device is None else problem.readable(start, how.device)
+    start = take_start(problem, settings.init)
+    stages.begin("Setting up", place.reached)
+    device = settings.device_of_tensors
+    objective = problem.compiled(start) if device is None else problem.readable(start, device)
     z = objective.coordinates(start)
-    kept = KeptStart(start, problem, unknown) if is_kept(how.init) else None
+    kept = KeptStart(start, problem, unknown) if is_kept(settings.init) else None
     # A solve of a large image needs the memory.
     del start
-    stages.begin("Solving", _CLOSED_FORM + reach * (done + (_SOLVING - _CLOSED_FORM) * share))
+    stages.begin("Solving", place.reached + _REACH * (_SOLVING - _CLOSED_FORM) * share)
 
     def advance(evaluations: int) -> None:
-        stages.advance((_TAKING_STOCK - _SOLVING) * share * min(1.0, evaluations / how.stopping.max_evaluations))
+        stages.advance((_TAKING_STOCK - _SOLVING) * share * min(1.0, evaluations / stopping.max_evaluations))
 
+    minimizer = get_solver(settings.solver)
     try:
-        result = how.minimizer.minimize(_watched(objective, kept, advance), z, _shared(how.stopping, share))
+        result = minimizer.minimize(_watched(objective, kept, advance), z, _shared(stopping, share))
     except TooLarge as error:
         raise InputError(str(error)) from None
-    stages.begin("Taking stock", _CLOSED_FORM + reach * (done + share))
+    stages.begin("Taking stock", place.reached + _REACH * share)
     layers, terms, result = _ended(objective, result, kept)
     return Solution(
         layers=np.ascontiguousarray(problem.canvas.crop(layers)),

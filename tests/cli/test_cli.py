@@ -81,6 +81,7 @@ def test_a_thickness_ties_the_shift_to_the_incidence(
     given = ["--incidence", "65", "--azimuth", "30", "--thickness-px", "5", "--thickness-kind", "plate"]
     report = json.loads(spoken(capsys, "separate", *photographs, *given, "-o", str(tmp_path), "--json", *QUICK))
     assert abs(report["scene"]["ghost_shift"]) == pytest.approx(3.2, abs=0.01)
+    assert (report["request"]["thickness_px"], report["request"]["thickness_kind"]) == (5, "plate")
 
 
 def test_a_single_surface_has_no_ghosts(

@@ -15,7 +15,7 @@ from polaropt.capture.noise import noise_level
 from polaropt.capture.write import encode_srgb
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.judging.warnings import diagnose, noise_share
-from polaropt.reporting.files import Request, write_separation
+from polaropt.reporting.files import write_separation
 from polaropt.reporting.pictures import misfit_map
 from tests.blends import blend
 from tests.shifted import shifted_blend
@@ -179,7 +179,7 @@ def test_what_the_model_does_not_explain_is_shown(tmp_path):
         folder = tmp_path / str(written)
         folder.mkdir()
         diagnosed = replace(result, diagnostics=replace(result.diagnostics, warnings=warnings))
-        report = write_separation(folder, diagnosed, capture, Request(example.scene))
+        report = write_separation(folder, diagnosed, capture)
         assert ((folder / "misfit.tiff").exists(), (folder / "misfit.png").exists()) == (written, written)
         assert (report["misfit_map"] is not None) == written
 

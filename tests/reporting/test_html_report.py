@@ -14,7 +14,7 @@ from skimage.io import imread
 
 from polaropt.capture.capture import Capture, Origin
 from polaropt.optics.scene import SceneParameters
-from polaropt.reporting.files import Request, write_separation
+from polaropt.reporting.files import write_separation
 from polaropt.reporting.page import convergence_chart, page_pictures, parameters, round_steps
 from polaropt.reporting.report import scene_report
 from polaropt.separation import separate
@@ -53,7 +53,7 @@ def blend_result():
 
 def written(folder, capture):
     result = separate(capture)
-    report = write_separation(folder, result, capture, Request(UNKNOWN))
+    report = write_separation(folder, result, capture)
     return folder / "report.html", report
 
 
