@@ -56,6 +56,8 @@ class Separation:
     asked : SceneParameters
         What was asked for; None in it was estimated.
     settings : Settings
+    n_bounces : int or None
+        Bounces that the solve kept apart, as many as stand out of the noise; None where all lie on each other.
     seconds, cpu_seconds : dict of str to float
         Time of each stage: elapsed, and of all cores together.
     parts : callable
@@ -73,6 +75,7 @@ class Separation:
     diagnostics: Diagnostics
     asked: SceneParameters
     settings: Settings
+    n_bounces: int | None
     seconds: dict[str, float]
     cpu_seconds: dict[str, float]
     parts: Callable[[], Images] = field(repr=False)
@@ -269,6 +272,7 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
         diagnostics=replace(diagnostics, noise_model=case.growth),
         asked=case.asked,
         settings=case.settings,
+        n_bounces=solution.n_bounces,
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
@@ -309,6 +313,7 @@ def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separa
         diagnostics=replace(diagnostics, reflection_unknown=1.0),
         asked=case.asked,
         settings=case.settings,
+        n_bounces=None,
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_halves, capture),

@@ -60,6 +60,8 @@ class PSE:
         self.angles_deg = tuple(float(angle) for angle in angles_deg)
         line = ghost_line(scene, n_ghosts)
         self.weights = line.weights
+        self.n_ghosts = int(line.orders.max())
+        """Ghosts of each layer that are kept."""
         self.displacements = displacements(line, azimuth_deg)
         """(ghosts + 1) times (dx, dy): columns to the right and rows down from the direct image."""
         self._to_frame = frame_matrix(azimuth_deg)

@@ -44,7 +44,7 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
         "input": capture_report(capture),
         **scene_report(result.scene, given, capture.focal_px),
         "errors": plain(result.errors),
-        "n_bounces_kept": _bounces_kept(result, capture),
+        "n_bounces_kept": result.n_bounces,
         "rungs": plain(result.tried),
         "objective": {name: {"raw": plain(term.value), "weight": plain(term.weight)} for name, term in _terms(result)},
         "solver": solver_report(result.solver),
@@ -61,17 +61,6 @@ def _rounded(seconds: Mapping[str, float]) -> dict[str, float]:
 
 def _terms(result: Separation) -> list[tuple[str, Any]]:
     return list(result.terms.items())
-
-
-def _bounces_kept(result: Separation, capture: Capture) -> int | None:
-    """Bounces that the solve kept apart; None where all lie on each other."""
-    from polaropt.optics import bounces_that_show
-
-    scene = result.scene
-    if not (scene.signal and scene.has_ghosts):
-        return None
-    kept = bounces_that_show(scene, result.diagnostics.noise, capture.shape[-2:])
-    return kept if scene.n_bounces is None else scene.n_bounces
 
 
 def scene_report(found: SceneParameters, given: SceneParameters, focal_hint_px: float | None = None) -> dict[str, Any]:

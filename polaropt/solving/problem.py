@@ -165,6 +165,15 @@ class Problem:
         return WhitenedObjective(objective, whitened, place)
 
     @property
+    def n_bounces(self) -> int | None:
+        """Bounces that the engine keeps apart; None where all lie on each other."""
+        if not self.scene.has_ghosts:
+            return None
+        if self.scene.n_bounces is not None:
+            return self.scene.n_bounces
+        return self.pse.n_ghosts if isinstance(self.pse, PSE) else self.pse.n_ghosts(*self.capture.shape[-2:])
+
+    @property
     def misfit_of_noise(self) -> float:
         """Misfit that the true layers have: half of one per trusted value."""
         return 0.5 * float(self.capture.valid.sum())

@@ -169,6 +169,8 @@ class Solution:
         The layers as far as they are known beyond the frame, too.
     pieces : tuple of Piece
         What is known of the layers, tile by tile.
+    n_bounces : int or None
+        Bounces that were kept apart, in the tile that keeps most; None where all lie on each other.
     """
 
     layers: Images
@@ -181,6 +183,7 @@ class Solution:
     canvas: Canvas
     canvas_layers: Images
     pieces: tuple[Piece, ...]
+    n_bounces: int | None
 
 
 @dataclass(frozen=True)
@@ -285,6 +288,7 @@ def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Pla
         canvas=problem.canvas,
         canvas_layers=layers,
         pieces=(Piece(place.tile, problem.known.sampled, problem.pse),),
+        n_bounces=problem.n_bounces,
     )
 
 
@@ -336,6 +340,7 @@ def _together(
         canvas=frame,
         canvas_layers=layers,
         pieces=tuple(piece for solution in solutions for piece in solution.pieces),
+        n_bounces=max((solution.n_bounces for solution in solutions if solution.n_bounces is not None), default=None),
     )
 
 
