@@ -120,7 +120,7 @@ class _Unpolarized(Problem):
 
     def __init__(self, capture: Capture, scene: SceneParameters, noise: float, weights: Weights) -> None:
         mean = np.broadcast_to(capture.intensities.mean(axis=0), capture.intensities.shape)
-        super().__init__(Capture(mean, capture.angles_deg, capture.valid), scene, noise, weights)
+        super().__init__(Capture.of_planes(mean, capture.angles_deg, capture.valid), scene, noise, weights)
 
     def _engine(self, center: tuple[float, float] | None) -> PSE:
         engine = super()._engine(center)

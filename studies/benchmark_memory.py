@@ -123,14 +123,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     scene = polaropt.SceneParameters(*options.scene) if options.scene else None
     archive = np.load(options.file)
     if options.warm:
-        piece = polaropt.Capture(
+        piece = polaropt.Capture.of_planes(
             archive["intensities"][..., :64, :64], archive["angles_deg"], archive["valid"][..., :64, :64]
         )
         polaropt.separate(piece, scene)
         del piece
     _set_back()
     imported = _now_mb()
-    capture = polaropt.Capture(archive["intensities"], archive["angles_deg"], archive["valid"])
+    capture = polaropt.Capture.of_planes(archive["intensities"], archive["angles_deg"], archive["valid"])
     _set_back()
     captured = _now_mb()
     result = polaropt.separate(capture, scene)

@@ -174,11 +174,11 @@ def family_capture(family: Family, pair: Pair) -> tuple[Capture, Layers, Mask]:
         layers, exact = layers * np.float32(exposure), exact * np.float32(exposure)
     noisy = exact + NOISE * np.random.default_rng(pair.number).standard_normal(exact.shape)
     seen = pair.cropped(digitized(noisy, BITS))
-    capture = Capture(seen, ANGLES_DEG)
+    capture = Capture.of_planes(seen, ANGLES_DEG)
     unclipped = capture.valid.all(axis=(0, 1))
     if family.headroom:
         high = pair.cropped(noisy)
-        capture = Capture(np.where(capture.valid, seen, high), ANGLES_DEG, np.ones_like(capture.valid))
+        capture = Capture.of_planes(np.where(capture.valid, seen, high), ANGLES_DEG, np.ones_like(capture.valid))
     return capture, (pair.cropped(layers[0]), pair.cropped(layers[1])), unclipped
 
 

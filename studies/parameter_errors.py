@@ -92,7 +92,7 @@ def scene_rows(kind: str, pair: Pair, turn: int) -> Iterator[Row]:
     size = pair.cropped(pair.transmission).shape[0]
     scene = random_scene(kind, size, np.random.default_rng([pair.number, turn, KINDS.index(kind)]))
     larger = simulate(pair.transmission, pair.reflection, scene, noise=NOISE, bits=BITS, seed=pair.number)
-    capture = Capture(pair.cropped(larger.intensities), larger.angles_deg, pair.cropped(larger.valid))
+    capture = Capture.of_planes(pair.cropped(larger.intensities), larger.angles_deg, pair.cropped(larger.valid))
     found = find_scene(capture, SceneParameters(None, None, None), noise_level(capture), _rung(kind))
     for parameter, true, value, error in compared(scene, found):
         yield Row(kind, pair.number, turn, scene.values()[0], parameter, true, value, error)

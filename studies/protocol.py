@@ -81,7 +81,7 @@ def protocol_capture(pair: Pair, incidence_deg: float, kind: Kind = "paper", noi
     """Photographs of a pair, simulated on the larger frame and cropped."""
     scene = protocol_scene(pair, incidence_deg, kind)
     larger = simulate(pair.transmission, pair.reflection, scene, noise=noise, bits=BITS, seed=pair.number)
-    return Capture(pair.cropped(larger.intensities), larger.angles_deg, pair.cropped(larger.valid))
+    return Capture.of_planes(pair.cropped(larger.intensities), larger.angles_deg, pair.cropped(larger.valid))
 
 
 def truth(pair: Pair) -> tuple[Image, Image]:

@@ -53,7 +53,7 @@ def take(case: Case, pair: Pair) -> Taken:
         layers = 2 * (layers / 2) ** np.float32(1 / taking.gamma)
     photographs = np.maximum(photographs, MOST_NEGATIVE)
     told = case.told(scene)
-    return Taken(Capture(digitized(photographs, taking.bits), ANGLES_DEG), layers, scene, told)
+    return Taken(Capture.of_planes(digitized(photographs, taking.bits), ANGLES_DEG), layers, scene, told)
 
 
 def _scene(case: Case, pair: Pair, random: np.random.Generator) -> SceneParameters:

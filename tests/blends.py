@@ -44,5 +44,5 @@ def blend(
     parameters = SceneParameters(incidence_deg, azimuth_deg, ghost_shift).replace(**scene)
     larger = simulate(images[0], images[1], parameters, angles_deg, noise=noise, shot_noise=shot_noise)
     inside = (..., slice(MARGIN, -MARGIN), slice(MARGIN, -MARGIN))
-    capture = Capture(larger.intensities[inside], angles_deg, larger.valid[inside])
+    capture = Capture.of_planes(larger.intensities[inside], angles_deg, larger.valid[inside])
     return Blend(capture, parameters, np.stack([planes_first(image)[inside] for image in images]))

@@ -40,7 +40,7 @@ def photographed(
     values = clean + noise * np.random.default_rng(seed + 1).standard_normal(clean.shape)
     if bits is not None:
         values = np.round(values * (2**bits - 1)) / (2**bits - 1)
-    return Capture(np.clip(values, -0.009, 1), angles_deg)
+    return Capture.of_planes(np.clip(values, -0.009, 1), angles_deg)
 
 
 def mono_mosaic(images: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ def shifted_blend(
     moved = np.stack([_moved(image, offset) for image, offset in zip(clean, shifts, strict=True)])
     inside = (..., slice(RIM + 16, -RIM - 16), slice(RIM + 16, -RIM - 16))
     seen = exposure * moved[inside] + noise * np.random.default_rng(seed).standard_normal(moved[inside].shape)
-    capture = Capture(np.clip(seen, 0.9 * MOST_NEGATIVE, 1), example.capture.angles_deg)
+    capture = Capture.of_planes(np.clip(seen, 0.9 * MOST_NEGATIVE, 1), example.capture.angles_deg)
     return Blend(capture, example.scene, exposure * example.layers[..., RIM:-RIM, RIM:-RIM])
 
 

@@ -22,7 +22,7 @@ WEIGHTS = Weights(misfit=0.7, gradient_sparsity=1.3, natural_image=0.9, edge_ind
 def problem_of(size: int, color: bool, share: float = 0.0) -> Problem:
     example = blend(60, size, color=color)
     valid = np.random.default_rng(1).random(example.capture.intensities.shape) >= share
-    capture = Capture(example.capture.intensities, example.capture.angles_deg, valid)
+    capture = Capture.of_planes(example.capture.intensities, example.capture.angles_deg, valid)
     return Problem(capture, example.scene, 0.005, WEIGHTS)
 
 

@@ -86,7 +86,7 @@ def test_fields_that_are_given_stay(sixty):
 def test_unpolarized_light_is_returned_as_transmission_with_a_warning():
     image = blend(60, 64).layers[0]
     random = np.random.default_rng(0)
-    capture = Capture(np.stack([image / 2] * 4) + 0.005 * random.standard_normal((4, *image.shape)))
+    capture = Capture.of_planes(np.stack([image / 2] * 4) + 0.005 * random.standard_normal((4, *image.shape)))
     result = separate(capture)
     assert SeparationWarning.NO_POLARIZATION in result.diagnostics.warnings
     np.testing.assert_allclose(result.layers[0], capture.stokes[0])
@@ -129,7 +129,7 @@ def test_water_has_one_surface():
 def test_clipped_pixels_hurt_only_themselves():
     example = blend(60, 64)
     clipped = np.minimum(example.capture.intensities, np.quantile(example.capture.intensities, 0.95))
-    capture = Capture(clipped, example.capture.angles_deg, valid=clipped < clipped.max())
+    capture = Capture.of_planes(clipped, example.capture.angles_deg, valid=clipped < clipped.max())
     untouched = capture.valid.all(axis=0)
     error = []
     for each in (example.capture, capture):

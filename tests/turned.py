@@ -50,5 +50,5 @@ def turned_blend(
             moved[k][plane] = finely_moved_back(images[k][plane], away, -away @ offset)
     inside = (..., slice(rim, -rim), slice(rim, -rim))
     seen = moved[inside] + noise * np.random.default_rng(seed).standard_normal(moved[inside].shape)
-    capture = Capture(np.clip(seen, 0.9 * MOST_NEGATIVE, 1), example.capture.angles_deg)
+    capture = Capture.of_planes(np.clip(seen, 0.9 * MOST_NEGATIVE, 1), example.capture.angles_deg)
     return Turned(capture, motions, example.scene, example.layers[inside])

@@ -85,7 +85,7 @@ def _aligned(capture: Capture, motions: Motions, moved_back: Moved) -> Capture:
     for k in range(len(images)):
         if motions.offsets[k].any() or (motions.matrices[k] != np.eye(2)).any():
             images[k], valid[k] = _moved_back(capture.intensities[k], capture.valid[k], k, moved_back)
-    return Capture(images[..., *frame], capture.angles_deg, valid[..., *frame])
+    return Capture.of_planes(images[..., *frame], capture.angles_deg, valid[..., *frame])
 
 
 def _common_frame(motions: Motions, shape: tuple[int, ...]) -> tuple[slice, slice]:

@@ -92,8 +92,8 @@ class Capture:
 
     Parameters
     ----------
-    intensities : array_like, shape (k, [channel,] h, w)
-        Linear photographs, white = 1, one per polarizer angle.
+    intensities : array_like, shape (k, h, w) or (k, h, w, 3)
+        Linear photographs, white = 1, one per polarizer angle, as image libraries have them: colours last.
     angles_deg : sequence of k floats
         Polarizer angles in degrees, counter-clockwise from the image's x axis.
     valid : array_like of bool, same shape, optional
@@ -101,9 +101,11 @@ class Capture:
 
     Attributes
     ----------
-    intensities : ndarray of float32
+    intensities : ndarray of float32, shape (k, [channel,] h, w)
+        The photographs as planes: unlike those that the constructor takes their channels come first, as they do in
+        `shape`, `stokes`, `PSE.forward` and `Separation.layers`.
     angles_deg : tuple of float
-    valid : ndarray of bool
+    valid : ndarray of bool, shape (k, [channel,] h, w)
     origin : Origin or None
         Where it was read from; None for a capture made in memory.
 
@@ -117,14 +119,40 @@ class Capture:
     def __init__(
         self,
         intensities: ArrayLike,
-        angles_deg: Sequence[float] = (0.0, 45.0, 90.0, 135.0),
+        angles_deg: Sequence[float] = ANGLES_DEG,
         valid: ArrayLike | None = None,
     ) -> None:
-        self.intensities: FloatImages = _float_images(intensities)
+        images = _photographs(intensities)
+        trusted = None if valid is None else np.asarray(valid, dtype=bool)
+        _check_order(images.shape)
+        if trusted is not None:
+            _check_mask(trusted.shape, images.shape)
+        if images.ndim == 4:
+            images = np.moveaxis(images, -1, 1)
+            trusted = None if trusted is None else np.moveaxis(trusted, -1, 1)
+        self._set(images, angles_deg, trusted)
+
+    @classmethod
+    def of_planes(
+        cls, intensities: ArrayLike, angles_deg: Sequence[float] = ANGLES_DEG, valid: ArrayLike | None = None
+    ) -> Capture:
+        """A capture of photographs whose channels come first, (k, [channel,] h, w), as its own attributes are.
+
+        Parameters
+        ----------
+        intensities : array_like, shape (k, h, w) or (k, channel, h, w)
+        angles_deg : sequence of k floats
+        valid : array_like of bool, same shape, optional
+        """
+        capture = cls.__new__(cls)
+        capture._set(_photographs(intensities), angles_deg, None if valid is None else np.asarray(valid, dtype=bool))
+        return capture
+
+    def _set(self, planes: NDArray[Any], angles_deg: Sequence[float], valid: NDArray[np.bool_] | None) -> None:
+        """Check and keep photographs (k, [channel,] h, w)."""
+        self.intensities: FloatImages = np.ascontiguousarray(planes, dtype=np.float32)
         self.angles_deg = _angles(angles_deg)
-        self.valid: NDArray[np.bool_] = (
-            self.intensities < 1 if valid is None else np.ascontiguousarray(valid, dtype=bool)
-        )
+        self.valid: NDArray[np.bool_] = self.intensities < 1 if valid is None else np.ascontiguousarray(valid)
         _check_angles(self.angles_deg)
         _check_shape(self.intensities, self.angles_deg, self.valid)
         _check_values(self.intensities, self.valid)
@@ -172,14 +200,34 @@ class Capture:
         return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"
 
 
-def _float_images(intensities: ArrayLike) -> FloatImages:
+def _photographs(intensities: ArrayLike) -> NDArray[Any]:
     try:
         images = np.asarray(intensities)
     except (TypeError, ValueError):
         raise InputError("the photographs differ in shape; give images of one size") from None
     if images.dtype.kind not in "buif":
         raise InputError(f"photographs hold values of type {images.dtype}; real numbers are needed, white = 1")
-    return np.ascontiguousarray(images, dtype=np.float32)
+    return images
+
+
+def _check_order(shape: tuple[int, ...]) -> None:
+    """InputError for photographs in colour whose channels do not come last."""
+    if len(shape) != 4 or shape[-1] == 3:
+        return
+    if shape[1] == 3:
+        raise InputError(
+            f"photographs have shape {shape}, (angle, 3, height, width); "
+            "give channels last, (angle, height, width, 3): numpy.moveaxis(photographs, 1, -1)"
+        )
+    raise InputError(
+        f"photographs have shape {shape}; expected (angle, height, width), or (angle, height, width, 3) for red, green "
+        "and blue: leave out any other channel"
+    )
+
+
+def _check_mask(valid: tuple[int, ...], intensities: tuple[int, ...]) -> None:
+    if valid != intensities:
+        raise InputError(f"the validity mask has shape {valid}, the photographs {intensities}; make them equal")
 
 
 def _angles(angles_deg: Sequence[float]) -> tuple[float, ...]:
@@ -205,15 +253,13 @@ def _check_angles(angles_deg: tuple[float, ...]) -> None:
 
 def _check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid: NDArray[np.bool_]) -> None:
     if intensities.ndim not in (3, 4):
-        raise InputError(f"photographs have shape {intensities.shape}; expected (angle, [channel,] height, width)")
+        expected = "(angle, height, width) or (angle, height, width, 3)"
+        raise InputError(f"photographs have shape {intensities.shape}; expected {expected}")
     if intensities.shape[0] != len(angles_deg):
         raise InputError(
             f"{intensities.shape[0]} photographs but {len(angles_deg)} polarizer angles; give one angle each"
         )
-    if valid.shape != intensities.shape:
-        raise InputError(
-            f"the validity mask has shape {valid.shape}, the photographs {intensities.shape}; make them equal"
-        )
+    _check_mask(valid.shape, intensities.shape)
     height, width = intensities.shape[-2:]
     if min(height, width) < SMALLEST_SIDE:
         raise InputError(f"images are {width}x{height} px; at least {SMALLEST_SIDE}x{SMALLEST_SIDE} px are needed")

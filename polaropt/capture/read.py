@@ -202,9 +202,10 @@ def read_capture(
     """Read photographs taken through a polarizer.
 
     Several files are one photograph each, in the order of `angles_deg`. One file is a stack if it has several pages
-    (TIFF) or is an npz with an array ``intensities`` (k, [channel,] h, w), and a raw mosaic if it holds a single image.
-    A mosaic becomes one pixel per 2x2 cell (mono, half size) or per 4x4 block (colour, quarter size, the two greens
-    averaged), so that no value is interpolated and the noise stays independent.
+    (TIFF) or is an npz with an array ``intensities``, (k, h, w), (k, h, w, 3) or, as `write_capture` has it,
+    (k, channel, h, w); it is a raw mosaic if it holds a single image. A mosaic becomes one pixel per 2x2 cell (mono,
+    half size) or per 4x4 block (colour, quarter size, the two greens averaged), so that no value is
+    interpolated and the noise stays independent.
 
     Parameters
     ----------
@@ -405,6 +406,6 @@ def _origin(layout: str, content: FileContent, levels: Levels, options: ReaderOp
 def _finished(images: Images, valid: Mask, angles: tuple[float, ...], origin: Origin, gain: float) -> Capture:
     if gain != 1 and orthogonal_pairs(angles) is None:
         raise InputError("a pair gain needs four angles in two orthogonal pairs, such as 0,45,90,135; leave it out")
-    capture = Capture(divide_out_gain(images, angles, gain), angles, valid)
+    capture = Capture.of_planes(divide_out_gain(images, angles, gain), angles, valid)
     capture.origin = replace(origin, pair_gain=gain)
     return capture

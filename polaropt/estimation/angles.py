@@ -111,11 +111,11 @@ def find_start_angle(capture: Capture) -> Capture:
     origin = capture.origin or Origin((), "memory", "")
     left = PolarizedBlocks(stokes_images(capture, noise)).constant_misfit(azimuth)
     if not found.certain or left > _MOST_LEFT:
-        kept = Capture(capture.intensities, capture.angles_deg, capture.valid)
+        kept = Capture.of_planes(capture.intensities, capture.angles_deg, capture.valid)
         kept.origin = replace(origin, start_unknown=True)
         return kept
     angles = tuple((angle + found.start_deg) % 180 for angle in capture.angles_deg)
-    turned = Capture(capture.intensities, angles, capture.valid)
+    turned = Capture.of_planes(capture.intensities, angles, capture.valid)
     turned.origin = replace(origin, start_deg=found.start_deg)
     return turned
 

@@ -68,7 +68,7 @@ def simulate(
     random = np.random.default_rng(seed)
     sigma = np.sqrt(noise**2 + shot_noise * np.maximum(exact, 0)) if shot_noise else noise
     photographs = exact + sigma * random.standard_normal(exact.shape)
-    return Capture(digitized(photographs, bits), angles_deg)
+    return Capture.of_planes(digitized(photographs, bits), angles_deg)
 
 
 def exact_photographs(layers: FloatImages, scene: SceneParameters, angles_deg: Sequence[float]) -> FloatImages:
@@ -124,7 +124,7 @@ def photograph_pair(
     if margin == 0:
         return larger
     inside = (..., slice(margin, -margin), slice(margin, -margin))
-    return Capture(larger.intensities[inside], larger.angles_deg, larger.valid[inside])
+    return Capture.of_planes(larger.intensities[inside], larger.angles_deg, larger.valid[inside])
 
 
 def without_margin(image: Image, margin: int = MARGIN) -> Image:

@@ -160,7 +160,7 @@ class TrainingData:
             gain = np.float32(1 / np.quantile(light, random.uniform(0.95, 0.995)))
             layers, components, light = layers * gain, components * gain, light * gain
         photographs = digitized(light + noise * random.standard_normal(light.shape), _BITS)
-        capture = Capture(self._inside(photographs), angles_deg)
+        capture = Capture.of_planes(self._inside(photographs), angles_deg)
         truth, parts = self._inside(layers), self._inside(components)
         if self._form == "paper":
             return _plain_sample(capture, noise, scene, truth, parts)

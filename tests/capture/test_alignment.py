@@ -70,7 +70,7 @@ def test_clipped_pixels_do_not_matter():
 def test_gains_and_exposures_do_not_matter():
     shifts = HAND / 3
     capture = shifted_blend(60, 128, shifts).capture
-    uneven = Capture(capture.intensities * np.array([1, 0.9, 1.05, 0.8]).reshape(4, 1, 1, 1))
+    uneven = Capture.of_planes(capture.intensities * np.array([1, 0.9, 1.05, 0.8]).reshape(4, 1, 1, 1))
     assert np.abs(measure_shifts(uneven).pixels - shifts).max() < 0.05
 
 

@@ -22,7 +22,7 @@ PEDESTAL = 0.02
 
 def above(capture: Capture, black: float) -> Capture:
     """The capture of a camera that adds a black level nobody knows of."""
-    return Capture(capture.intensities + np.float32(black), capture.angles_deg, capture.valid)
+    return Capture.of_planes(capture.intensities + np.float32(black), capture.angles_deg, capture.valid)
 
 
 @given(

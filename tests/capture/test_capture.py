@@ -14,12 +14,47 @@ from tests.captured import ANGLES, photographed, scene_intensities
 
 
 def test_shapes_and_stokes():
-    capture = Capture(scene_intensities((3, 20, 24)))
+    capture = Capture(np.moveaxis(scene_intensities((3, 20, 24)), 1, -1))
     assert capture.shape == (3, 20, 24)
     assert capture.color
     assert capture.stokes.shape == (3, 3, 20, 24)
     assert capture.intensities.dtype == np.float32
     assert capture.origin is None
+
+
+def test_colours_come_last_in_what_a_capture_takes_and_first_in_what_it_holds():
+    planes = scene_intensities((3, 20, 24)).astype(np.float32)
+    valid = np.random.default_rng(0).random(planes.shape) > 0.1
+    capture = Capture(np.moveaxis(planes, 1, -1), ANGLES, np.moveaxis(valid, 1, -1))
+    same = Capture.of_planes(planes, ANGLES, valid)
+    for one in (capture, same):
+        np.testing.assert_array_equal(one.intensities, planes)
+        np.testing.assert_array_equal(one.valid, valid)
+        assert one.intensities.flags.c_contiguous
+        assert one.valid.flags.c_contiguous
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ((4, 3, 20, 24), r"channels last, \(angle, height, width, 3\)"),
+        ((4, 20, 24, 1), "leave out any other channel"),
+        ((4, 20, 24, 4), "leave out any other channel"),
+        ((4, 1, 20, 24), "leave out any other channel"),
+        ((4, 2, 3, 20, 24), r"expected \(angle, height, width\)"),
+    ],
+)
+def test_another_order_of_channels_is_refused_with_what_to_do(shape, words):
+    images = np.random.default_rng(0).uniform(0.1, 0.9, shape)
+    with pytest.raises(InputError, match=words) as caught:
+        Capture(images)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mask_has_the_order_of_the_photographs():
+    images = np.moveaxis(scene_intensities((3, 20, 24)), 1, -1)
+    with pytest.raises(InputError, match="validity mask"):
+        Capture(images, valid=np.ones((4, 3, 20, 24), dtype=bool))
 
 
 def test_white_is_not_valid_by_default():

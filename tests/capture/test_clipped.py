@@ -40,7 +40,7 @@ def test_gaps_are_filled_with_what_is_expected_and_white_at_least():
     seen[:2, :, 4:8, 4:8] = 1.0
     valid = seen < 1
     valid[3, :, 20:24] = False
-    capture = Capture(seen, valid=valid)
+    capture = Capture.of_planes(seen, valid=valid)
     expected = PSE(example.scene, capture.angles_deg).forward(example.layers.astype(np.float32))
     whole = filled(capture, expected)
     assert whole.valid.all()
@@ -62,7 +62,7 @@ def test_three_photographs_tell_a_pixel_its_stokes_vector():
     valid = np.ones_like(example.capture.valid)
     valid[1, :, 8:16, 8:16] = False
     wrong = np.where(valid, example.capture.intensities, 1.0)
-    part = stokes_images(Capture(wrong, valid=valid), 0.005)
+    part = stokes_images(Capture.of_planes(wrong, valid=valid), 0.005)
     assert part.valid.all()
     np.testing.assert_allclose(part.images, whole, atol=2e-5)
 
@@ -81,7 +81,7 @@ def test_photographs_that_hardly_tell_a_pixel_do_not_amplify_its_noise():
     valid = np.ones_like(example.capture.valid)
     # At azimuth 0 the photographs at 45 and 135 degrees are the same mixture of both entries.
     valid[::2, :, 20:24, 20:24] = False
-    capture = Capture(example.capture.intensities, valid=valid)
+    capture = Capture.of_planes(example.capture.intensities, valid=valid)
     whole, part = (entries_of(c, example.scene) for c in (example.capture, capture))
     off = np.abs(part - whole)[..., 20:24, 20:24]
     assert off.max() < 0.3

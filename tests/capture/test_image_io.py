@@ -146,7 +146,7 @@ def test_npz_gives_a_capture_back_exactly(tmp_path, name):
     capture = CAPTURES[name]
     valid = capture.valid.copy()
     valid[0, ..., 3, 4] = False
-    capture = Capture(capture.intensities, capture.angles_deg, valid)
+    capture = Capture.of_planes(capture.intensities, capture.angles_deg, valid)
     back = read_capture(write_capture(capture, tmp_path / "a.npz"))
     assert back.angles_deg == capture.angles_deg
     np.testing.assert_array_equal(back.intensities, capture.intensities)

@@ -13,7 +13,7 @@ from tests.blends import blend
 
 
 def rounded(capture: Capture, bits: int) -> Capture:
-    return Capture(digitized(capture.intensities, bits).astype(np.float32), capture.angles_deg)
+    return Capture.of_planes(digitized(capture.intensities, bits).astype(np.float32), capture.angles_deg)
 
 
 def test_a_large_capture_is_sampled_all_over() -> None:

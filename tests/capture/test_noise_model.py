@@ -52,7 +52,7 @@ def test_rounding_is_no_shot_noise():
 
 def test_three_photographs_tell_no_growth():
     capture = noisy(0.003, 1e-3)
-    three = Capture(capture.intensities[:3], capture.angles_deg[:3])
+    three = Capture.of_planes(capture.intensities[:3], capture.angles_deg[:3])
     assert noise_model(three, 0.01) == NoiseModel(0.01)
 
 
@@ -73,7 +73,7 @@ def test_the_compiled_misfit_is_the_readable_one(clip, varies):
     example = blend(60, 48, focal_px=90.0, ghost_shift=0.0) if varies else blend(60, 48)
     valid = example.capture.valid.copy()
     valid[:2, :, 10:20, 10:30] &= not clip
-    capture = Capture(example.capture.intensities, example.capture.angles_deg, valid)
+    capture = Capture.of_planes(example.capture.intensities, example.capture.angles_deg, valid)
     problem = Problem(capture, example.scene, 0.005, Weights(), growth=NoiseModel(0.003, 1e-3))
     start = take_start(problem, "closed-form")
     compiled, readable = problem.compiled(start), problem.readable(start)

@@ -28,7 +28,7 @@ SIZE = 176
 def counted(capture: Capture, turned_deg: float = 0.0, sense: int = 1) -> Capture:
     """The same photographs with their angles counted from another start, or the other way."""
     angles = tuple((sense * angle - turned_deg) % 180 for angle in capture.angles_deg)
-    return Capture(capture.intensities, angles, capture.valid)
+    return Capture.of_planes(capture.intensities, angles, capture.valid)
 
 
 def apart(first_deg: float, second_deg: float) -> float:

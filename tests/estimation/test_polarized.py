@@ -276,7 +276,7 @@ def test_a_sky_is_not_taken_for_a_weak_screen_that_is_hardly_likelier(
     pair = shipped_pairs(128, 64)[number]
     scene = SceneParameters(60.0, azimuth_deg, 8.165, reflection_polarization=(0.3, angle_deg))
     larger = simulate(pair.transmission, pair.reflection, scene, noise=0.005, bits=12, seed=number)
-    capture = Capture(pair.cropped(larger.intensities), larger.angles_deg)
+    capture = Capture.of_planes(pair.cropped(larger.intensities), larger.angles_deg)
     found = find_scene(capture, BLIND, noise_level(capture)).scene
     assert found.transmission_polarization[0] == 0 < found.reflection_polarization[0]
     assert found.values()[0] == pytest.approx(60, abs=1)

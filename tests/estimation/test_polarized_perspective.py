@@ -91,7 +91,7 @@ def test_a_fit_tells_where_a_layer_would_have_less_than_no_light() -> None:
     assert fit_polarized_perspective(seen, PLAIN).negative == 0
     angles_deg = made.capture.angles_deg
     behind = VaryingPSE(made.scene, angles_deg).forward(np.stack([made.layers[0], 0 * made.layers[1]]))
-    less = stokes_images(Capture(behind, angles_deg), 0.002).images
+    less = stokes_images(Capture.of_planes(behind, angles_deg), 0.002).images
     images = seen.images.copy()
     images[..., :40, :64] -= 1.3 * less[..., :40, :64]
     fit = fit_polarized_perspective(dataclasses.replace(seen, images=images), PLAIN)

@@ -18,7 +18,7 @@ APART = np.array([[0, 0], [0.6, 0.8], [0, 0], [-0.6, -0.8]])
 
 
 def encoded(capture, gamma):
-    return Capture(np.clip(capture.intensities, 0, 1) ** (1 / gamma), capture.angles_deg)
+    return Capture.of_planes(np.clip(capture.intensities, 0, 1) ** (1 / gamma), capture.angles_deg)
 
 
 @pytest.mark.parametrize("noise", [0.002, 0.01, 0.03])
@@ -106,5 +106,7 @@ def test_without_an_incidence_there_is_nothing_to_doubt():
 def test_the_correction_is_what_turns_polarized_light_into_transmission():
     scene = SceneParameters(60.0, 0.0, 0.0)
     behind, mirrored = np.random.default_rng(0).random((2, 20, 20))
-    s0, s1, _ = Capture(exact_photographs(np.stack([behind, mirrored]).astype(np.float32), scene, ANGLES_DEG)).stokes
+    s0, s1, _ = Capture.of_planes(
+        exact_photographs(np.stack([behind, mirrored]).astype(np.float32), scene, ANGLES_DEG)
+    ).stokes
     np.testing.assert_allclose(s0 + correction(scene) * s1, behind, atol=1e-5)

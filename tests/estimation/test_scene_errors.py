@@ -44,7 +44,7 @@ def test_noise_that_moves_a_small_incidence_is_in_its_error(incidence_deg: float
 
 
 def test_more_noise_is_as_large_as_the_capture_has() -> None:
-    flat = Capture(
+    flat = Capture.of_planes(
         np.full((4, 96, 96), 0.4, dtype=np.float32) + 0.01 * np.random.default_rng(1).normal(size=(4, 96, 96))
     )
     blocks = block_images(plate_frame(stokes_images(flat, 0.01), 20.0), 160)

@@ -104,7 +104,7 @@ def test_masked_pixels_do_not_count(capture: Blend) -> None:
     valid[..., 30:60, 40:90] = False
     valid[0, :, 100:104, 20:24] = False
     intensities[~valid] = 1
-    found = estimate_scene(Capture(intensities, capture.capture.angles_deg, valid))
+    found = estimate_scene(Capture.of_planes(intensities, capture.capture.angles_deg, valid))
     assert_same_scene(found, capture.scene, incidence=2.5)
 
 

@@ -29,7 +29,7 @@ def capture_with_metal(share: float) -> Capture:
     intensities = plain.intensities.copy()
     strip = slice(SIZE // 3, SIZE // 3 + round(share * SIZE))
     intensities[..., strip, :] = metal.intensities[..., strip, :]
-    return Capture(intensities, plain.angles_deg)
+    return Capture.of_planes(intensities, plain.angles_deg)
 
 
 @pytest.mark.parametrize("known", [False, True])

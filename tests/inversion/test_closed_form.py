@@ -33,7 +33,7 @@ def test_a_clipped_photograph_is_made_up_for_by_the_others():
     damaged = example.capture.intensities.copy()
     valid = np.ones(damaged.shape, dtype=bool)
     damaged[1, 0, 5:9, 5:9], valid[1, 0, 5:9, 5:9] = 0.9, False
-    found = plate_entries(Capture(damaged, example.capture.angles_deg, valid), pse)
+    found = plate_entries(Capture.of_planes(damaged, example.capture.angles_deg, valid), pse)
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 

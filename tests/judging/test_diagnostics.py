@@ -82,7 +82,9 @@ def test_glass_seen_frontally():
 
 def test_an_unpolarized_capture_is_not_said_to_be_frontal():
     image = blend(60, 64).layers[0]
-    capture = Capture(np.stack([image / 2] * 4) + 0.005 * np.random.default_rng(0).standard_normal((4, *image.shape)))
+    capture = Capture.of_planes(
+        np.stack([image / 2] * 4) + 0.005 * np.random.default_rng(0).standard_normal((4, *image.shape))
+    )
     found = warnings_of(capture)
     assert {SeparationWarning.NO_POLARIZATION, SeparationWarning.REFLECTION_NOT_IDENTIFIABLE} <= found
     assert found.isdisjoint({SeparationWarning.NEAR_NORMAL, SeparationWarning.GRAZING})
@@ -118,7 +120,7 @@ def test_noise_counts_against_what_was_changed_of_the_intensity(exposure):
 @pytest.mark.parametrize("order", [(0, 2, 1, 3), (0, 1, 3, 2), (1, 0, 2, 3)])
 def test_a_wrong_order(order):
     capture = blend(60, 128).capture
-    found = told(Capture(capture.intensities[list(order)]))
+    found = told(Capture.of_planes(capture.intensities[list(order)]))
     assert SeparationWarning.ANGLES_SWAPPED in found
     # They break the same identity: one mistake, one warning.
     assert found.isdisjoint({SeparationWarning.GAMMA_ENCODED, SeparationWarning.MISALIGNED})
@@ -143,8 +145,8 @@ def test_photographs_that_hardly_moved(incidence):
 @pytest.mark.parametrize("shape", [(16, 16), (3, 17, 40), (1, 40, 16)])
 def test_small_and_clipped_captures_are_looked_at_too(shape):
     images = np.random.default_rng(0).random((4, *shape))
-    assert visible_shift(Capture(images)) == 0
-    assert visible_shift(Capture(np.minimum(images, 0.4), valid=images < 0.4)) == 0
+    assert visible_shift(Capture.of_planes(images)) == 0
+    assert visible_shift(Capture.of_planes(np.minimum(images, 0.4), valid=images < 0.4)) == 0
 
 
 def test_the_cells_of_a_mosaic_do_not_move():
@@ -156,20 +158,20 @@ def test_the_cells_of_a_mosaic_do_not_move():
 
 def test_encoded_values():
     capture = blend(65, 144, noise=0.003).capture
-    assert SeparationWarning.GAMMA_ENCODED in told(Capture(encode_srgb(np.clip(capture.intensities, 0, 1))))
+    assert SeparationWarning.GAMMA_ENCODED in told(Capture.of_planes(encode_srgb(np.clip(capture.intensities, 0, 1))))
 
 
 def test_clipped_pixels():
     capture = blend(60, 96).capture
     valid = capture.intensities < np.quantile(capture.intensities, 0.95)
-    assert told(Capture(capture.intensities, valid=valid)) == {SeparationWarning.SATURATED}
+    assert told(Capture.of_planes(capture.intensities, valid=valid)) == {SeparationWarning.SATURATED}
 
 
 def test_what_the_model_does_not_explain_is_shown(tmp_path):
     example = blend(60, 96)
     images = example.capture.intensities.copy()
     images[1, :, 20:60, 20:60] = images[1, :, 20:60, 60:20:-1]
-    capture = Capture(images)
+    capture = Capture.of_planes(images)
     result = separate(capture, example.scene, stopping=QUICK)
     result = replace(result, diagnostics=replace(result.diagnostics, noise=0.005))
     shown = misfit_map(result, capture)

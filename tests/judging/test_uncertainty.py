@@ -62,7 +62,7 @@ def test_clipped_pixels_are_known_worse_and_the_others_as_before():
     valid = example.capture.valid.copy()
     valid[..., 30:60, 30:60] = False
     before = separate(example.capture, example.scene)
-    after = separate(Capture(example.capture.intensities, example.capture.angles_deg, valid), example.scene)
+    after = separate(Capture.of_planes(example.capture.intensities, example.capture.angles_deg, valid), example.scene)
     inside, far = (..., slice(36, 54), slice(36, 54)), (..., slice(70, 96), slice(70, 96))
     for i in (0, 1):
         assert after.uncertainty[i][inside].min() > 2 * before.uncertainty[i][inside].mean()

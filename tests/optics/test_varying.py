@@ -129,7 +129,7 @@ def test_they_agree_where_there_are_ghosts(ghost_shift, options):
 def test_they_agree_with_masked_pixels_outliers_and_an_axis_off_the_middle():
     capture, _, scene = seen_wide(33, focal_px=40.0)
     valid = np.random.default_rng(1).random(capture.intensities.shape) > 0.3
-    masked = Capture(capture.intensities, ANGLES, valid)
+    masked = Capture.of_planes(capture.intensities, ANGLES, valid)
     assert_equal(Problem(masked, scene, 0.005, WEIGHTS, center=(3.0, 50.0)))
     assert_equal(Problem(masked, scene, 0.005, WEIGHTS, robust=True, center=(3.0, 50.0)))
 

@@ -68,7 +68,7 @@ def separated(tmp_path_factory):
 def unpolarized(tmp_path_factory):
     image = blend(65.0, 96).capture.stokes[0] / 2
     noise = 0.004 * np.random.default_rng(0).standard_normal((4, *image.shape))
-    return written(tmp_path_factory.mktemp("unpolarized"), Capture(image[None] + noise))
+    return written(tmp_path_factory.mktemp("unpolarized"), Capture.of_planes(image[None] + noise))
 
 
 def test_the_page_needs_nothing_beside_it(separated):

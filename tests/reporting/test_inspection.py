@@ -145,7 +145,7 @@ def test_every_capture_can_be_inspected(count, shape, exposure, levels, seed):
     images = exposure * np.random.default_rng(seed).random((count, *shape)) ** 4
     images = np.round(np.clip(images, 0, 1) * levels) / levels
     images[:, ..., 3, 3], images[:, ..., 3, 4] = 0, 0.5
-    it = inspect_capture(Capture(images, [180 * k / count for k in range(count)]))
+    it = inspect_capture(Capture.of_planes(images, [180 * k / count for k in range(count)]))
     json.dumps(it.as_dict(), allow_nan=False)
     assert all(sentence.endswith(".") for sentence in it.sentences())
     assert it.noise > 0

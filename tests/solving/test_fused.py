@@ -55,7 +55,7 @@ def test_compiled_and_readable_objective_agree(color, ghost_shift):
 def test_they_agree_where_pixels_are_masked(share):
     example = blend(60, 32)
     valid = np.random.default_rng(1).random(example.capture.intensities.shape) > share
-    capture = Capture(example.capture.intensities, example.capture.angles_deg, valid)
+    capture = Capture.of_planes(example.capture.intensities, example.capture.angles_deg, valid)
     assert_equal(Problem(capture, example.scene, 0.005, WEIGHTS))
 
 

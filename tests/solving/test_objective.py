@@ -80,7 +80,7 @@ def test_masked_pixels_have_no_say():
     damaged[2, :, 10:14, 10:14] = 0.95
     values = []
     for intensities in (example.capture.intensities, damaged):
-        capture = Capture(intensities, example.capture.angles_deg, valid)
+        capture = Capture.of_planes(intensities, example.capture.angles_deg, valid)
         pse = PSE(example.scene, capture.angles_deg)
         misfit = Misfit(capture, pse, canvas_for(pse, 32, 32), 0.005)
         layers = np.full((2, 3, *canvas_for(pse, 32, 32).shape), 0.4, dtype=np.float32)

@@ -57,7 +57,7 @@ def test_a_tile_may_show_nothing_at_all(small_tiles, level):
     example = blend(60, 200)
     intensities = example.capture.intensities.copy()
     intensities[..., :, 96:] = level
-    result = separate(Capture(intensities, example.capture.angles_deg), example.scene)
+    result = separate(Capture.of_planes(intensities, example.capture.angles_deg), example.scene)
     assert np.isfinite(result.layers).all()
     seen = slice(8, 60)
     assert psnr_db(result.layers[0][..., seen], example.layers[0][..., seen]) > 30
