@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import MOST_NEGATIVE, SMALLEST_SIDE, Capture, FloatImages, Origin
+from polaropt.capture.capture import MOST_NEGATIVE, SMALLEST_SIDE, Capture, FloatImages
 from polaropt.capture.registration import (
     Matrix,
     Motions,
@@ -53,29 +52,26 @@ def align(capture: Capture) -> Capture:
         motions = turns.motions
         aligned = _aligned(capture, motions, _turned_back(motions))
         rotations, scales = tuple(map(float, motions.rotations_deg)), tuple(map(float, motions.scales))
-        return _with_origin(aligned, capture, motions.offsets, turns.error, rotations, scales)
+        return _with_motions(aligned, motions.offsets, turns.error, rotations, scales)
     if not shifts.certain:
         return capture
     motions = Motions.of_shifts(shifts.pixels)
-    return _with_origin(_aligned(capture, motions, _shifted_back(motions)), capture, shifts.pixels, shifts.error)
+    return _with_motions(_aligned(capture, motions, _shifted_back(motions)), shifts.pixels, shifts.error)
 
 
-def _with_origin(
+def _with_motions(
     aligned: Capture,
-    capture: Capture,
     offsets: Matrix,
     error: float,
     rotations: tuple[float, ...] = (),
     scales: tuple[float, ...] = (),
 ) -> Capture:
-    aligned.origin = replace(
-        capture.origin or Origin((), "memory", ""),
+    return aligned.with_origin(
         shifts_px=tuple((float(down), float(right)) for down, right in offsets),
         shift_error_px=error,
         rotations_deg=rotations,
         scales=scales,
     )
-    return aligned
 
 
 def _aligned(capture: Capture, motions: Motions, moved_back: Moved) -> Capture:
@@ -85,7 +81,7 @@ def _aligned(capture: Capture, motions: Motions, moved_back: Moved) -> Capture:
     for k in range(len(images)):
         if motions.offsets[k].any() or (motions.matrices[k] != np.eye(2)).any():
             images[k], valid[k] = _moved_back(capture.intensities[k], capture.valid[k], k, moved_back)
-    return Capture.of_planes(images[..., *frame], capture.angles_deg, valid[..., *frame])
+    return Capture.of_planes(images[..., *frame], capture.angles_deg, valid[..., *frame], capture.origin)
 
 
 def _common_frame(motions: Motions, shape: tuple[int, ...]) -> tuple[slice, slice]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -39,9 +39,9 @@ class Origin:
     ----------
     files : tuple of str
     layout : str
-        "files", "stack", "mono mosaic" or "color mosaic".
+        "files", "stack", "mono mosaic" or "color mosaic"; "memory" for a capture that was read from nowhere.
     sample_type : str
-        Type of the values in the file, such as "uint16".
+        Type of the values in the file, such as "uint16"; empty for "memory".
     black_level, white_level : float
         Values that became 0 and 1, in the file's units.
     pair_gain : float
@@ -68,9 +68,9 @@ class Origin:
         Where they start, if the ghosts told it; it is added in the capture's angles.
     """
 
-    files: tuple[str, ...]
-    layout: str
-    sample_type: str
+    files: tuple[str, ...] = ()
+    layout: str = "memory"
+    sample_type: str = ""
     black_level: float = 0.0
     white_level: float = 1.0
     pair_gain: float = 1.0
@@ -87,6 +87,7 @@ class Origin:
     start_deg: float | None = None
 
 
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Capture:
     """Photographs of one scene through glass, behind a linear polarizer at several angles.
 
@@ -109,12 +110,23 @@ class Capture:
     origin : Origin or None
         Where it was read from; None for a capture made in memory.
 
+    Notes
+    -----
+    A capture does not change; `replace` and `with_origin` make another one. Its arrays are shared and must not be
+    written to: they are not marked as read-only, for which kernels would be compiled a second time.
+
     Raises
     ------
     InputError
         Wrong shape, fewer than 3 or two equal angles, NaN, values below -1 % of white, an image smaller than
         16 px, a constant capture, or one that is clipped everywhere.
     """
+
+    # `dataclasses.replace` would give planes to a constructor that takes colours last: it is refused.
+    intensities: FloatImages = field(init=False)
+    angles_deg: tuple[float, ...] = field(init=False)
+    valid: NDArray[np.bool_] = field(init=False)
+    origin: Origin | None = field(init=False)
 
     def __init__(
         self,
@@ -130,11 +142,15 @@ class Capture:
         if images.ndim == 4:
             images = np.moveaxis(images, -1, 1)
             trusted = None if trusted is None else np.moveaxis(trusted, -1, 1)
-        self._set(images, angles_deg, trusted)
+        self._take(images, angles_deg, trusted, None)
 
     @classmethod
     def of_planes(
-        cls, intensities: ArrayLike, angles_deg: Sequence[float] = ANGLES_DEG, valid: ArrayLike | None = None
+        cls,
+        intensities: ArrayLike,
+        angles_deg: Sequence[float] = ANGLES_DEG,
+        valid: ArrayLike | None = None,
+        origin: Origin | None = None,
     ) -> Capture:
         """A capture of photographs whose channels come first, (k, [channel,] h, w), as its own attributes are.
 
@@ -143,20 +159,56 @@ class Capture:
         intensities : array_like, shape (k, h, w) or (k, channel, h, w)
         angles_deg : sequence of k floats
         valid : array_like of bool, same shape, optional
+        origin : Origin, optional
         """
         capture = cls.__new__(cls)
-        capture._set(_photographs(intensities), angles_deg, None if valid is None else np.asarray(valid, dtype=bool))
+        trusted = None if valid is None else np.asarray(valid, dtype=bool)
+        capture._take(_photographs(intensities), angles_deg, trusted, origin)
         return capture
 
-    def _set(self, planes: NDArray[Any], angles_deg: Sequence[float], valid: NDArray[np.bool_] | None) -> None:
-        """Check and keep photographs (k, [channel,] h, w)."""
-        self.intensities: FloatImages = np.ascontiguousarray(planes, dtype=np.float32)
-        self.angles_deg = _angles(angles_deg)
-        self.valid: NDArray[np.bool_] = self.intensities < 1 if valid is None else np.ascontiguousarray(valid)
-        _check_angles(self.angles_deg)
-        _check_shape(self.intensities, self.angles_deg, self.valid)
-        _check_values(self.intensities, self.valid)
-        self.origin: Origin | None = None
+    def _take(
+        self, planes: NDArray[Any], angles_deg: Sequence[float], valid: NDArray[np.bool_] | None, origin: Origin | None
+    ) -> None:
+        """Keep photographs (k, [channel,] h, w) that pass all checks."""
+        intensities = np.ascontiguousarray(planes, dtype=np.float32)
+        trusted = intensities < 1 if valid is None else np.ascontiguousarray(valid)
+        self._keep(intensities, _angles(angles_deg), trusted, origin)
+        _check_values(intensities, trusted)
+
+    def _keep(
+        self, intensities: FloatImages, angles_deg: tuple[float, ...], valid: NDArray[np.bool_], origin: Origin | None
+    ) -> None:
+        """Keep planes of the right shape, whatever their values."""
+        _check_angles(angles_deg)
+        _check_shape(intensities, angles_deg, valid)
+        kept = {"intensities": intensities, "angles_deg": angles_deg, "valid": valid, "origin": origin}
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
+
+    def replace(
+        self,
+        *,
+        intensities: FloatImages | None = None,
+        angles_deg: Sequence[float] | None = None,
+        valid: NDArray[np.bool_] | None = None,
+        origin: Origin | None = None,
+    ) -> Capture:
+        """The same capture but for what is given, photographs as planes (k, [channel,] h, w).
+
+        The values are not checked again: they may be such as no camera gives (all clipped, beyond white).
+        """
+        other = object.__new__(type(self))
+        other._keep(
+            self.intensities if intensities is None else np.ascontiguousarray(intensities, dtype=np.float32),
+            self.angles_deg if angles_deg is None else _angles(angles_deg),
+            self.valid if valid is None else np.ascontiguousarray(valid),
+            self.origin if origin is None else origin,
+        )
+        return other
+
+    def with_origin(self, **changes: Any) -> Capture:
+        """The same capture, of which other facts are known: `changes` are attributes of `Origin`."""
+        return self.replace(origin=replace(self.origin or Origin(), **changes))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -189,12 +241,8 @@ class Capture:
 
     def part(self, rows: slice, columns: slice) -> Capture:
         """A part of the frame, which need not be a capture that makes sense by itself (all clipped, all black)."""
-        part = object.__new__(Capture)
-        part.intensities = np.ascontiguousarray(self.intensities[..., rows, columns])
-        part.angles_deg = self.angles_deg
-        part.valid = np.ascontiguousarray(self.valid[..., rows, columns])
-        part.origin = self.origin
-        return part
+        part = (..., rows, columns)
+        return self.replace(intensities=self.intensities[part], valid=self.valid[part])
 
     def __repr__(self) -> str:
         return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"

@@ -272,8 +272,7 @@ def read_capture(
     assert capture.origin is not None
     layout = "files" if len(files) > 1 else capture.origin.layout
     focal = _focal_px(content, capture, options)
-    capture.origin = replace(capture.origin, files=files, layout=layout, focal_px=focal)
-    return capture
+    return capture.with_origin(files=files, layout=layout, focal_px=focal)
 
 
 def _focal_px(content: FileContent, capture: Capture, options: ReaderOptions) -> float | None:
@@ -406,6 +405,4 @@ def _origin(layout: str, content: FileContent, levels: Levels, options: ReaderOp
 def _finished(images: Images, valid: Mask, angles: tuple[float, ...], origin: Origin, gain: float) -> Capture:
     if gain != 1 and orthogonal_pairs(angles) is None:
         raise InputError("a pair gain needs four angles in two orthogonal pairs, such as 0,45,90,135; leave it out")
-    capture = Capture.of_planes(divide_out_gain(images, angles, gain), angles, valid)
-    capture.origin = replace(origin, pair_gain=gain)
-    return capture
+    return Capture.of_planes(divide_out_gain(images, angles, gain), angles, valid, replace(origin, pair_gain=gain))

@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Origin, StokesImages, noise_level, plate_frame, stokes_images
+from polaropt.capture import Capture, StokesImages, noise_level, plate_frame, stokes_images
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.rung import SCATTERS, noise_misfit
@@ -108,16 +108,11 @@ def find_start_angle(capture: Capture) -> Capture:
     noise = noise_level(capture)
     incidence, azimuth, _ = estimate_scene(capture, _OPEN.replace(ghost_shift=0.0), noise=noise).scene.values()
     found = ghost_direction(capture, noise, incidence, azimuth)
-    origin = capture.origin or Origin((), "memory", "")
     left = PolarizedBlocks(stokes_images(capture, noise)).constant_misfit(azimuth)
     if not found.certain or left > _MOST_LEFT:
-        kept = Capture.of_planes(capture.intensities, capture.angles_deg, capture.valid)
-        kept.origin = replace(origin, start_unknown=True)
-        return kept
+        return capture.with_origin(start_unknown=True)
     angles = tuple((angle + found.start_deg) % 180 for angle in capture.angles_deg)
-    turned = Capture.of_planes(capture.intensities, angles, capture.valid)
-    turned.origin = replace(origin, start_deg=found.start_deg)
-    return turned
+    return capture.replace(angles_deg=angles).with_origin(start_deg=found.start_deg)
 
 
 def start_sentence(capture: Capture) -> str:

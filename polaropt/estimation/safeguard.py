@@ -112,7 +112,5 @@ def correction(scene: SceneParameters) -> float:
 def linear(capture: Capture, gamma: float) -> Capture:
     """Photographs raised to a power; what noise has left below black stays there."""
     images = np.sign(capture.intensities) * np.abs(capture.intensities) ** np.float32(gamma)
-    raised = Capture.of_planes(np.maximum(images, MOST_NEGATIVE), capture.angles_deg, capture.valid)
-    if capture.origin is not None:
-        raised.origin = replace(capture.origin, raw_noise=None)
-    return raised
+    raised = capture.replace(intensities=np.maximum(images, MOST_NEGATIVE))
+    return raised if capture.origin is None else raised.with_origin(raw_noise=None)

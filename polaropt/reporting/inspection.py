@@ -277,7 +277,7 @@ def inspect_capture(capture: Capture) -> Inspection:
 
 
 def _darkest(capture: Capture) -> float | None:
-    origin = capture.origin or Origin((), "memory", "")
+    origin = capture.origin or Origin()
     if origin.gamma is not None:
         return None
     step = max(1, round(math.sqrt(capture.intensities.size / _MOST_SAMPLES)))

@@ -39,10 +39,8 @@ def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
     seen = capture.intensities
     expected = expected.reshape(seen.shape)
     values = np.where(seen >= 1, np.maximum(expected, seen), expected)
-    whole = capture.part(slice(None), slice(None))
-    whole.intensities = np.where(capture.valid, seen, values).astype(np.float32)
-    whole.valid = np.ones_like(capture.valid)
-    return whole
+    whole = np.where(capture.valid, seen, values).astype(np.float32)
+    return capture.replace(intensities=whole, valid=np.ones_like(capture.valid))
 
 
 Images = NDArray[np.float32]

@@ -9,7 +9,6 @@ import pytest
 
 from polaropt import Capture, InputError, align, separate
 from polaropt.capture.alignment import alignment_sentence
-from polaropt.capture.capture import Origin
 from polaropt.capture.registration import measure_shifts
 from polaropt.cli.app import main
 from polaropt.simulation.metrics import psnr_db
@@ -76,8 +75,7 @@ def test_gains_and_exposures_do_not_matter():
 
 def test_only_what_all_photographs_show_is_kept_and_told():
     example = shifted_blend(60, 128, HAND)
-    example.capture.origin = Origin(("a.png",), "stack", "uint16", white_level=4095)
-    aligned = align(example.capture)
+    aligned = align(example.capture.with_origin(files=("a.png",), layout="stack", white_level=4095))
     # The first photograph stays; the others lie 12.6 px up to 8.3 px down, 7.2 px left to 9.7 px right of it.
     assert aligned.shape == (3, 128 - 13 - 9, 128 - 8 - 10)
     np.testing.assert_array_equal(aligned.intensities[0], example.capture.intensities[0, :, 13:-9, 8:-10])

@@ -1,5 +1,7 @@
 """Captures refuse what cannot be photographs, and their noise and gain are measured right."""
 
+import dataclasses
+import pickle
 import time
 
 import numpy as np
@@ -8,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polaropt import Capture, InputError
+from polaropt.capture.capture import Origin
 from polaropt.capture.noise import noise_level, quantization_step, redundancy_residual
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of
 from tests.captured import ANGLES, photographed, scene_intensities
@@ -32,6 +35,36 @@ def test_colours_come_last_in_what_a_capture_takes_and_first_in_what_it_holds():
         np.testing.assert_array_equal(one.valid, valid)
         assert one.intensities.flags.c_contiguous
         assert one.valid.flags.c_contiguous
+
+
+def test_a_capture_does_not_change():
+    capture = Capture(scene_intensities())
+    with pytest.raises(AttributeError):
+        capture.origin = Origin()
+    with pytest.raises(AttributeError):
+        capture.intensities = capture.intensities
+    # It would give planes to a constructor that takes colours last.
+    with pytest.raises((TypeError, ValueError)):
+        dataclasses.replace(capture, angles_deg=(0, 30, 60, 90))
+    again = pickle.loads(pickle.dumps(capture.with_origin(files=("a.png",))))
+    np.testing.assert_array_equal(again.intensities, capture.intensities)
+    assert again.origin == Origin(("a.png",))
+
+
+def test_another_capture_is_made_of_one():
+    capture = Capture(np.moveaxis(scene_intensities((3, 20, 24)), 1, -1)).with_origin(files=("a.png",))
+    turned = capture.replace(angles_deg=(10, 55, 100, 145)).with_origin(start_deg=10.0)
+    assert turned.angles_deg == (10.0, 55.0, 100.0, 145.0)
+    assert turned.origin == Origin(("a.png",), start_deg=10.0)
+    assert turned.intensities is capture.intensities
+    assert (capture.origin, capture.angles_deg) == (Origin(("a.png",)), ANGLES)
+    with pytest.raises(InputError, match="photographs but"):
+        capture.replace(angles_deg=(0, 60, 120))
+    with pytest.raises(InputError, match="validity mask"):
+        capture.replace(valid=np.ones((4, 20, 24), dtype=bool))
+    # A part need not be a capture that makes sense by itself.
+    black = capture.replace(intensities=0 * capture.intensities)
+    assert black.part(slice(2, 18), slice(0, 16)).shape == (3, 16, 16)
 
 
 @pytest.mark.parametrize(

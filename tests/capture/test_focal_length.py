@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from polaropt import Capture, InputError, SceneParameters, read_capture
-from polaropt.capture.capture import Origin
 from polaropt.capture.focal_length import exif_of_picture, focal_from_exif, focal_from_view
 from polaropt.cli.app import main
 from polaropt.estimation.ladder import find_scene
@@ -128,14 +127,9 @@ def test_two_focal_lengths_are_one_too_many(tmp_path: Path, capsys: pytest.Captu
     assert "give one of them" in capsys.readouterr().err
 
 
-def told(capture: Capture, focal_px: float) -> Capture:
-    capture.origin = Origin((), "memory", "", focal_px=focal_px)
-    return capture
-
-
 def test_a_wide_lens_uses_what_the_camera_told_and_says_so() -> None:
     capture, _, scene = seen_wide(128, focal_px=150.0)
-    found = find_scene(told(capture, 150.0), SceneParameters(None, None, None), 0.005).scene
+    found = find_scene(capture.with_origin(focal_px=150.0), SceneParameters(None, None, None), 0.005).scene
     assert found.focal_px == 150.0
     assert found.incidence_deg == pytest.approx(scene.incidence_deg, abs=1.0)
     assert "focal_px" not in scene_report(found, SceneParameters(None, None, None), found.focal_px)["estimated"]
@@ -143,12 +137,12 @@ def test_a_wide_lens_uses_what_the_camera_told_and_says_so() -> None:
 
 def test_a_wrong_one_is_not_believed() -> None:
     capture, _, _ = seen_wide(128, focal_px=150.0)
-    found = find_scene(told(capture, 450.0), SceneParameters(None, None, None), 0.005)
+    found = find_scene(capture.with_origin(focal_px=450.0), SceneParameters(None, None, None), 0.005)
     assert found.scene.focal_px == pytest.approx(150, rel=0.2)
     assert any("does not fit" in tried.reason for tried in found.tried)
 
 
 def test_a_lens_that_sees_little_stays_on_the_lower_rung() -> None:
     example = blend(60, 96)
-    found = find_scene(told(example.capture, 3000.0), SceneParameters(None, None, None), 0.005).scene
+    found = find_scene(example.capture.with_origin(focal_px=3000.0), SceneParameters(None, None, None), 0.005).scene
     assert found.focal_px is None

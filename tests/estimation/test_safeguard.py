@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polaropt import Capture, SceneParameters, SeparationWarning, separate
-from polaropt.capture.capture import ANGLES_DEG, Origin
+from polaropt.capture.capture import ANGLES_DEG
 from polaropt.capture.checks import Mistakes, find_mistakes, identity_ratio
 from polaropt.estimation.safeguard import Asked, correction, linear, mended, with_incidence_checked
 from polaropt.simulation.metrics import psnr_db
@@ -58,7 +58,7 @@ def test_movement_is_seen_and_the_pane_is_found_in_spite_of_it(distance):
 
 def test_the_cells_of_a_mosaic_are_not_moved():
     capture = shifted_blend(60, 96, 2 * APART).capture
-    capture.origin = Origin((), "mono mosaic", "uint8")
+    capture = capture.with_origin(layout="mono mosaic", sample_type="uint8")
     assert not find_mistakes(capture).moved
 
 

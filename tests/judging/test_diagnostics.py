@@ -9,7 +9,6 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, separate
-from polaropt.capture.capture import Origin
 from polaropt.capture.checks import visible_shift
 from polaropt.capture.noise import noise_level
 from polaropt.capture.write import encode_srgb
@@ -152,7 +151,7 @@ def test_small_and_clipped_captures_are_looked_at_too(shape):
 def test_the_cells_of_a_mosaic_do_not_move():
     capture = shifted_blend(60, 128, np.array([[0, 0], [0, 1], [1, 1], [1.0, 0]])).capture
     assert visible_shift(capture) > 0
-    capture.origin = Origin((), "mono mosaic", "uint8")
+    capture = capture.with_origin(layout="mono mosaic", sample_type="uint8")
     assert visible_shift(capture) == 0
 
 

@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from skimage.io import imread
 
-from polaropt.capture.capture import Capture, Origin
+from polaropt.capture.capture import Capture
 from polaropt.optics.scene import SceneParameters
 from polaropt.reporting.files import write_separation
 from polaropt.reporting.page import convergence_chart, page_pictures, parameters, round_steps
@@ -60,7 +60,7 @@ def written(folder, capture):
 @pytest.fixture(scope="module")
 def separated(tmp_path_factory):
     capture = blend(65.0, 96, noise=0.004).capture
-    capture.origin = Origin((f"photos/{HOSTILE}", "b.png"), "files", "uint16")
+    capture = capture.with_origin(files=(f"photos/{HOSTILE}", "b.png"), layout="files", sample_type="uint16")
     return written(tmp_path_factory.mktemp("separated"), capture)
 
 
