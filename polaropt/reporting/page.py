@@ -286,14 +286,14 @@ _RUNGS = {
     "curved": "a bent pane before a wide lens",
     "polarized": "a flat pane, light that arrives polarized",
 }
-# Name in the scene, words, unit, digits, and the name of the standard error in the estimate.
+# Name in the scene, words, unit, digits.
 _NUMBERS = (
-    ("incidence_deg", "Angle of incidence", "deg", 2, "incidence_error_deg"),
-    ("azimuth_deg", "Azimuth of the plane of incidence", "deg", 2, "azimuth_error_deg"),
-    ("ghost_shift", "Ghost shift", "px", 2, "ghost_shift_error_px"),
-    ("transmission_ghost_shift", "Ghost shift of the transmission", "px", 2, "transmission_ghost_shift_error_px"),
-    ("focal_px", "Focal length", "px", 0, "focal_error_px"),
-    ("refractive_index", "Refractive index", "", 3, "refractive_index_error"),
+    ("incidence_deg", "Angle of incidence", "deg", 2),
+    ("azimuth_deg", "Azimuth of the plane of incidence", "deg", 2),
+    ("ghost_shift", "Ghost shift", "px", 2),
+    ("transmission_ghost_shift", "Ghost shift of the transmission", "px", 2),
+    ("focal_px", "Focal length", "px", 0),
+    ("refractive_index", "Refractive index", "", 3),
 )
 _LIGHT = (("transmission_polarization", "Light from behind"), ("reflection_polarization", "Mirrored light"))
 
@@ -356,22 +356,27 @@ def parameters(report: dict[str, Any]) -> list[Parameter]:
     scene = report["scene"]
     if not scene["signal"]:
         return []
-    errors = report["diagnostics"]["estimate"] or {}
+    errors = report["errors"]
     found = [
         Parameter(
             words,
             _with_unit(f"{scene[name]:.{digits}f}", unit),
-            _error(errors.get(error), unit) if name in report["estimated"] else "",
+            _error(errors.get(name), unit),
             "estimated" if name in report["estimated"] else "given",
         )
-        for name, words, unit, digits, error in _NUMBERS
+        for name, words, unit, digits in _NUMBERS
         if scene.get(name) is not None
     ]
     if scene["single_surface"]:
         found = [parameter for parameter in found if not parameter.name.startswith("Ghost shift")]
         found.append(Parameter("Back face", "none", "", "given"))
     return found + [
-        Parameter(words, f"degree {scene[name][0]:.2f}, angle {scene[name][1]:.0f} deg", "", "polarized on arrival")
+        Parameter(
+            words,
+            f"degree {scene[name][0]:.2f}, angle {scene[name][1]:.0f} deg",
+            ", ".join(map(_error, errors[name] or (), ("", "deg"))),
+            "polarized on arrival",
+        )
         for name, words in _LIGHT
         if scene[name][0] > 0
     ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -13,10 +12,10 @@ from hypothesis import strategies as st
 from skimage.io import imread
 
 from polaropt.capture.capture import Capture
-from polaropt.optics.scene import SceneParameters
+from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.files import write_separation
 from polaropt.reporting.page import convergence_chart, page_pictures, parameters, round_steps
-from polaropt.reporting.report import scene_report
+from polaropt.reporting.report import plain, scene_report
 from polaropt.separation import separate
 from solvers.base import StoppingRule
 from studies.index_page import write_index
@@ -124,10 +123,8 @@ def test_the_misfit_is_shown_where_there_is_a_map(separated):
 
 def test_standard_errors_stand_beside_what_was_estimated():
     found = SceneParameters(40.0, 20.0, 3.0, focal_px=900.0, reflection_polarization=(0.3, 60.0))
-    report = {
-        **scene_report(found, replace(UNKNOWN, azimuth_deg=20.0)),
-        "diagnostics": {"estimate": {"incidence_error_deg": 0.5, "azimuth_error_deg": 0.1, "focal_error_px": 12.0}},
-    }
+    errors = SceneErrors(incidence_deg=0.5, focal_px=12.0, reflection_polarization=(0.021, 3.0))
+    report = {**scene_report(found, UNKNOWN.replace(azimuth_deg=20.0)), "errors": plain(errors)}
     table = {parameter.name: parameter for parameter in parameters(report)}
     assert table["Angle of incidence"].error == "± 0.5 deg"
     assert table["Azimuth of the plane of incidence"].error == ""
@@ -135,6 +132,15 @@ def test_standard_errors_stand_beside_what_was_estimated():
     assert table["Focal length"].value == "900 px"
     assert table["Focal length"].error == "± 12 px"
     assert table["Mirrored light"].value == "degree 0.30, angle 60 deg"
+    assert table["Mirrored light"].error == "± 0.021, ± 3 deg"
+
+
+def test_the_page_states_the_standard_errors_of_the_report(separated):
+    page, report = separated
+    text = re.sub(r"\s+", " ", " ".join(Elements(page.read_text()).text))
+    assert report["estimated"] == ["incidence_deg", "azimuth_deg", "ghost_shift"]
+    for name, unit in (("incidence_deg", "deg"), ("azimuth_deg", "deg"), ("ghost_shift", "px")):
+        assert f"± {report['errors'][name]:.2g} {unit}" in text
 
 
 values = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=40)
