@@ -14,7 +14,6 @@ __all__ = [
     "PlateFrame",
     "StokesImages",
     "align",
-    "alignment_sentence",
     "block_means",
     "encode_srgb",
     "find_mistakes",
@@ -46,7 +45,6 @@ __all__ = [
 ]
 
 from .alignment import align as align
-from .alignment import alignment_sentence as alignment_sentence
 from .capture import ANGLES_DEG as ANGLES_DEG
 from .capture import MOST_NEGATIVE as MOST_NEGATIVE
 from .capture import SMALLEST_SIDE as SMALLEST_SIDE

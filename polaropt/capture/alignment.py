@@ -144,19 +144,3 @@ def _fourier_moved(plane: FloatImages, offset: Matrix) -> FloatImages:
     spectrum = rfft2(np.pad(plane, padding, mode="symmetric"))
     moved: FloatImages = irfft2(fourier_shift(spectrum, offset, n=sides[1]), s=sides)
     return moved[_MIRRORED : _MIRRORED + plane.shape[0], _MIRRORED : _MIRRORED + plane.shape[1]]
-
-
-def alignment_sentence(capture: Capture) -> str:
-    """What was moved, for people."""
-    if capture.origin is None or not capture.origin.shifts_px:
-        return "Aligned: the photographs lie on each other as they are; nothing was moved."
-    moves = ", ".join(
-        f"({down:+.2f}, {right:+.2f})".replace("+0.00", "0").replace("-0.00", "0")
-        for down, right in capture.origin.shifts_px
-    )
-    told = f"Aligned: photographs moved back by (down, right) px {moves}, known to {capture.origin.shift_error_px:.2g}"
-    if not capture.origin.rotations_deg:
-        return f"{told}."
-    turns = ", ".join(f"{angle:+.2f}" for angle in capture.origin.rotations_deg[1:])
-    growth = ", ".join(f"{100 * (scale - 1):+.2f}" for scale in capture.origin.scales[1:])
-    return f"{told}; turned back by {turns} deg clockwise and scaled back by {growth} % against the first."

@@ -72,6 +72,8 @@ def _as_dicts(scores: tuple[Score, Score]) -> list[dict[str, Any]]:
 
 
 def _sentences(example: Example, report: dict[str, Any], scores: tuple[Score, Score], folder: Path) -> list[str]:
+    from polaropt.reporting import marked, report_attention
+
     found = report["scene"]
     incidence, azimuth, shift = example.scene.values()
     lines = [
@@ -82,7 +84,7 @@ def _sentences(example: Example, report: dict[str, Any], scores: tuple[Score, Sc
         f"PSNR            {'photograph':>10} {'separated':>10}",
         *(f"  {score.layer:13} {score.doing_nothing_db:8.1f} {score.separated_db:10.1f} dB" for score in scores),
         f"{report['solver']['n_evaluations']} evaluations, {sum(report['seconds'].values()):.1f} s",
-        *(f"ATTENTION: {warning['sentence']}" for warning in report["diagnostics"]["warnings"]),
+        *marked(report_attention(report)),
         "",
         "Look at:",
         f"  {folder / COMPARISON}  photographs, separated layers and truth",

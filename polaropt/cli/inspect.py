@@ -10,11 +10,9 @@ import typer
 
 from polaropt.cli.command import progress_bar, say, say_json
 from polaropt.cli.options import CaptureOptions, LadderOptions, PaneOptions, SpeechOptions
-from polaropt.reporting import error_of
 
 if TYPE_CHECKING:
     from polaropt.capture import Capture
-    from polaropt.estimation import FoundScene
 
 
 @dataclass(frozen=True)
@@ -38,18 +36,18 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, speech: Spe
     Size, depth, noise, gain of the two polarizer pairs, saturation and polarization; whether the values look
     gamma-encoded and whether two files look swapped. What needs attention is marked ATTENTION.
     """
-    from polaropt.reporting import inspect_capture
+    from polaropt.reporting import inspect_capture, inspection_sentences
 
     photographs = capture.read()
     inspection = inspect_capture(photographs)
     if picture.output is not None:
         _write_picture(photographs, picture.output)
-    said = [*capture.told(photographs), *inspection.sentences()]
+    sentences = [*capture.preparation(photographs), *inspection_sentences(inspection)]
     if speech.json:
         written = [] if picture.output is None else [str(picture.output)]
-        say_json({**inspection.as_dict(), "sentences": said, "written": written})
+        say_json({**inspection.as_dict(), "sentences": sentences, "written": written})
         return
-    say(*said)
+    say(*sentences)
     if picture.output is not None:
         say(f"Written: {picture.output}")
 
@@ -72,6 +70,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
     """
     from polaropt.capture import noise_level
     from polaropt.estimation import find_scene
+    from polaropt.reporting import estimate_sentences, plain, scene_report
 
     scene = pane.scene()
     ladder.check()
@@ -90,46 +89,9 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         )
     hint = photographs.focal_px
     if speech.json:
-        from polaropt.reporting import plain, scene_report
-
         polarized = found.estimate is None or found.estimate.polarized
-        told = {"errors": plain(found.errors), "rungs": plain(found.tried), "polarized": polarized}
-        say_json({**scene_report(found.scene, scene, hint), **told})
+        basis = {"errors": plain(found.errors), "rungs": plain(found.tried), "polarized": polarized}
+        say_json({**scene_report(found.scene, scene, hint), **basis})
         return
-    say(*capture.told(photographs), *estimate_sentences(found, pane, hint))
-
-
-def estimate_sentences(found: FoundScene, pane: PaneOptions, focal_hint_px: float | None = None) -> list[str]:
-    """The scene, line by line, and what it rests on."""
-    from polaropt.optics import largest_turn
-
-    incidence, azimuth, shift = found.scene.values()
-    lines = [
-        f"incidence  {incidence:7.2f} deg  {error_of(found.errors.incidence_deg)}{_source(pane.incidence)}",
-        f"azimuth    {azimuth:7.2f} deg  {error_of(found.errors.azimuth_deg)}{_source(pane.azimuth)}",
-    ]
-    if found.scene.focal_px is not None:
-        told = found.scene.focal_px in (pane.focal_px, focal_hint_px)
-        source = "(given)" if told else "(estimated)"
-        lines.append(f"focal      {found.scene.focal_px:7.0f} px   {error_of(found.errors.focal_px)}{source}")
-    if found.scene.bent:
-        lines.append(f"bend       {100 * largest_turn(found.scene.bend_deg_per_px):7.1f} deg  in 100 px (estimated)")
-    if found.scene.varies:
-        lines.append("incidence and azimuth change over the picture; those above are at its middle")
-    elif pane.single_surface:
-        lines.append("a single surface, without ghosts")
-    else:
-        lines.append(f"shift      {shift:7.2f} px   {error_of(found.errors.ghost_shift)}{_shift_source(pane)}")
-    lines.append(f"index      {pane.index:7.2f}      (given or assumed)")
-    lines += [f"rung       {tried.rung}: {'taken' if tried.taken else 'left'}. {tried.reason}" for tried in found.tried]
-    if found.estimate is not None and not found.estimate.polarized:
-        lines.append("ATTENTION: the light is not polarized beyond the noise; these numbers mean nothing.")
-    return lines
-
-
-def _source(given: float | None) -> str:
-    return "(estimated)" if given is None else "(given)"
-
-
-def _shift_source(pane: PaneOptions) -> str:
-    return _source(pane.shift) if pane.thickness_px is None else "(from the thickness)"
+    sentences = estimate_sentences(found, scene, hint, from_thickness=pane.thickness_px is not None)
+    say(*capture.preparation(photographs), *sentences)

@@ -311,15 +311,9 @@ class CaptureOptions:
         if self.field_of_view_deg is not None and pane.focal_px is not None:
             raise InputError("--field-of-view-deg and --focal-px both set the focal length; give one of them")
 
-    def told(self, capture: Capture) -> list[str]:
+    def preparation(self, capture: Capture) -> list[str]:
         """What aligning and looking for the start of the angles did to a capture that was read, where asked for."""
-        sentences = []
-        if self.align:
-            from polaropt.capture import alignment_sentence
+        from polaropt.reporting import alignment_sentence, start_sentence
 
-            sentences.append(alignment_sentence(capture))
-        if self.angles.startswith(_RELATIVE):
-            from polaropt.estimation import start_sentence
-
-            sentences.append(start_sentence(capture))
-        return sentences
+        sentences = [alignment_sentence(capture)] if self.align else []
+        return [*sentences, start_sentence(capture)] if self.angles.startswith(_RELATIVE) else sentences

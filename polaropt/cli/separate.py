@@ -11,7 +11,6 @@ import typer
 from polaropt.cli.command import progress_bar, say, say_json
 from polaropt.cli.options import CaptureOptions, LadderOptions, PaneOptions
 from polaropt.errors import InputError
-from polaropt.reporting import pane_sentence
 
 if TYPE_CHECKING:
     from polaropt.solving import Weights
@@ -162,7 +161,7 @@ def separate_command(
     with result_folder(folder.output) as work, progress_bar(not (folder.json or folder.quiet)) as progress:
         # Imported after reading, so that an error in the files is told at once.
         photographs = capture.read()
-        from polaropt.reporting import write_separation
+        from polaropt.reporting import report_sentences, write_separation
         from polaropt.separation import separate
 
         result = separate(
@@ -183,7 +182,7 @@ def separate_command(
     if folder.json:
         say_json({"output": str(folder.output), **report})
     elif not folder.quiet:
-        say(*capture.told(photographs), *report_sentences(report, folder.output))
+        say(*capture.preparation(photographs), *report_sentences(report, folder.output))
 
 
 def parse_weights(text: str) -> Weights:
@@ -211,36 +210,3 @@ def _factor(name: str, text: str) -> float:
         return float(text)
     except ValueError:
         raise InputError(f"--weights: {name} is {text!r}; give a factor, 0 for off, such as {name}=2") from None
-
-
-def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
-    """The report in a few lines."""
-    solver = report["solver"]
-    seconds = sum(report["seconds"].values())
-    lines = [
-        pane_sentence(report),
-        f"Solver: {solver['n_evaluations']} evaluations, {seconds:.1f} s altogether. {solver['sentence']}",
-    ]
-    lines += [f"ATTENTION: {text}" for text in report["attention"]]
-    lines += [f"ATTENTION: {warning['sentence']}" for warning in report["diagnostics"]["warnings"]]
-    lines.append(f"Written to {folder}:")
-    lines.append("  transmission.tiff, reflection.tiff  linear values")
-    exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in ("transmission", "reflection"))
-    lines.append(f"  transmission.png, reflection.png    to look at: sRGB of {exposures} times the linear values")
-    lines.append("  transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png")
-    lines.append(f"                                      {_uncertainty_sentence(report['uncertainty'])}")
-    if report["misfit_map"] is not None:
-        lines.append(
-            "  misfit.tiff, misfit.png             where the pane does not explain the photographs, in units of noise"
-        )
-    lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
-    lines.append("  report.html                         the result as a page, with pictures and warnings")
-    return lines
-
-
-def _uncertainty_sentence(told: dict[str, Any]) -> str:
-    typical, faded = told["typical_error"], told["reflection_faded"]["share_of_pixels"]
-    return (
-        f"standard errors, typically {typical['transmission']:.2g} and {typical['reflection']:.2g}; "
-        f"the reflection's detail is unknown in {100 * faded:.0f} % of the picture"
-    )

@@ -11,14 +11,12 @@ __all__ = [
     "left_alone",
     "model_names",
     "scene_source",
-    "start_sentence",
     "with_incidence_checked",
 ]
 
 from .angles import AngleMistake as AngleMistake
 from .angles import angle_mistake as angle_mistake
 from .angles import find_start_angle as find_start_angle
-from .angles import start_sentence as start_sentence
 from .flat.azimuth import NOTABLE_STAKE as NOTABLE_STAKE
 from .flat.estimate import SceneEstimate as SceneEstimate
 from .flat.estimate import estimate_scene as estimate_scene

@@ -115,16 +115,6 @@ def find_start_angle(capture: Capture) -> Capture:
     return capture.replace(angles_deg=angles).with_origin(start_deg=found.start_deg)
 
 
-def start_sentence(capture: Capture) -> str:
-    """What was found, for people."""
-    if capture.origin is None or capture.origin.start_deg is None:
-        return (
-            "Start of the angles: the photographs do not tell it (no double images of a clear direction). The azimuth "
-            "counts from the filter's start, and double images are not modelled."
-        )
-    return f"Start of the angles: {capture.origin.start_deg:+.0f} deg from horizontal, as the double images tell."
-
-
 def ghost_direction(capture: Capture, noise: float, incidence_deg: float, azimuth_deg: float) -> GhostDirection:
     """Search the direction of ghosts freely.
 

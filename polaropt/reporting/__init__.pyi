@@ -1,12 +1,17 @@
 __all__ = [
     "Picture",
-    "error_of",
+    "alignment_sentence",
+    "estimate_sentences",
     "inspect_capture",
     "inspection_picture",
-    "pane_sentence",
+    "inspection_sentences",
+    "marked",
     "plain",
+    "report_attention",
+    "report_sentences",
     "scene_report",
     "side_by_side",
+    "start_sentence",
     "viewing_exposure",
     "write_separation",
 ]
@@ -19,5 +24,10 @@ from .pictures import side_by_side as side_by_side
 from .pictures import viewing_exposure as viewing_exposure
 from .report import plain as plain
 from .report import scene_report as scene_report
-from .words import error_of as error_of
-from .words import pane_sentence as pane_sentence
+from .words import alignment_sentence as alignment_sentence
+from .words import estimate_sentences as estimate_sentences
+from .words import inspection_sentences as inspection_sentences
+from .words import marked as marked
+from .words import report_attention as report_attention
+from .words import report_sentences as report_sentences
+from .words import start_sentence as start_sentence

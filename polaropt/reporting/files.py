@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from dataclasses import replace
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +11,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, linearize, planes_last, write_png, write_png_view, write_tiff
 from polaropt.judging import SeparationWarning
-from polaropt.reporting.inspection import Inspection, inspect_capture
+from polaropt.reporting.inspection import inspect_capture
 from polaropt.reporting.page import write_html_report
 from polaropt.reporting.pictures import (
     FADED,
@@ -26,12 +23,10 @@ from polaropt.reporting.pictures import (
     viewing_exposure,
 )
 from polaropt.reporting.report import plain, separation_report
+from polaropt.reporting.words import attention
 
 if TYPE_CHECKING:
     from polaropt.separation import Separation
-
-
-"""Where less than this share of its detail is told, the reflection shows slow changes only."""
 
 
 def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
@@ -71,7 +66,6 @@ def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
 
 
 LAYERS = ("transmission", "reflection")
-_MARK = "ATTENTION: "
 
 
 def write_separation(folder: Path, result: Separation, capture: Capture) -> dict[str, Any]:
@@ -121,15 +115,3 @@ def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:
     write_tiff(folder / "misfit.tiff", misfit)
     write_png(folder / "misfit.png", np.round(255 * np.clip(misfit / MISFIT_WHITE, 0, 1)).astype(np.uint8))
     return {"unit": "standard deviations of the noise", "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}
-
-
-def attention(inspection: Inspection, warnings: Iterable[Enum]) -> list[str]:
-    """What an inspection says that a person must look at, and that the separation's warnings do not say already."""
-    told: dict[str, Any] = {"dolp_95": 1.0}
-    names = {warning.name for warning in warnings}
-    if "GAMMA_ENCODED" in names:
-        told["looks_encoded"] = False
-    if "MISALIGNED" in names:
-        told["visible_shift_px"] = 0.0
-    sentences = replace(inspection, **told).sentences()
-    return [sentence.partition(_MARK)[2] for sentence in sentences if _MARK in sentence]

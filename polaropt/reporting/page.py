@@ -23,6 +23,7 @@ from polaropt.reporting.pictures import (
     uncertainty_panels,
     viewing_exposure,
 )
+from polaropt.reporting.words import report_attention
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -335,7 +336,7 @@ def write_html_report(
         names=names,
         report=report,
         pane=_RUNGS.get(report["scene"]["rung"], report["scene"]["rung"]),
-        warnings=[*report["attention"], *(warning["sentence"] for warning in report["diagnostics"]["warnings"])],
+        warnings=report_attention(report),
         pictures=pictures,
         comparable=[picture for picture in pictures if picture.comparable],
         parameters=parameters(report),

@@ -187,6 +187,7 @@ def _column(panel: Picture, title: str, key: Picture | None, ticks: tuple[str, .
 
 
 FADED = 0.2
+"""Where less than this share of its detail is known, the reflection shows slow changes only."""
 
 _WHITE = 0.99
 _LARGEST_PANEL = 800

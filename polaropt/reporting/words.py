@@ -1,9 +1,234 @@
-"""The pane's numbers in a sentence."""
+"""What is said to people of a capture, a scene and a separation: the only place that makes sentences of them."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from polaropt.capture import PLAUSIBLE_GAIN, Capture
+from polaropt.judging import SeparationWarning
+from polaropt.optics import SceneParameters, largest_turn
+from polaropt.reporting.inspection import Inspection
+from polaropt.reporting.report import scene_report
+
+if TYPE_CHECKING:
+    from polaropt.estimation import FoundScene
+
+
+_LAYOUTS = {
+    "files": "one file per angle",
+    "stack": "a stack",
+    "mono mosaic": "a mono mosaic, one pixel per 2x2 cell",
+    "color mosaic": "a colour mosaic, one pixel per 4x4 block",
+    "memory": "made in memory",
+}
+# Share of white below which the brightest value asks whether white lies lower. Set by hand: 12 bits in a file
+# of 16 end at 0.0625.
+_DIM_BRIGHTEST = 0.1
+# Share of white from which the darkest value may be a black level. Set by hand: about one level of 8 bits.
+_LEAST_BLACK = 0.004
+# Degree of polarization that nothing is below in a capture worth separating. Set by hand.
+_WEAK_DOLP = 0.02
+# Share of pixels from which a shorter exposure is advised. Set by hand.
+_MUCH_SATURATED = 0.05
+
+Subject = Literal[
+    "size", "values", "black", "noise", "saturation", "polarization", "gain", "encoding", "order", "position"
+]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What an inspection says of one subject: the fact, and what a person must look at; either may be empty."""
+
+    subject: Subject
+    fact: str = ""
+    attention: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """Both in one line."""
+        return " ".join(filter(None, (self.fact, *marked(filter(None, [self.attention])))))
+
+
+def marked(sentences: Iterable[str]) -> Iterator[str]:
+    """Sentences that need attention, marked as such."""
+    return (f"ATTENTION: {sentence}" for sentence in sentences)
+
+
+def capture_findings(inspection: Inspection) -> tuple[Finding, ...]:
+    """All that there is to say of a capture, subject by subject."""
+    findings = (
+        _size(inspection),
+        _values(inspection),
+        _black(inspection),
+        Finding(
+            "noise", f"The noise of one photograph is {100 * inspection.noise:.2g} % of white (standard deviation)."
+        ),
+        _saturation(inspection),
+        _polarization(inspection),
+        _gain(inspection),
+        _encoding(inspection),
+        _order(inspection),
+        _position(inspection),
+    )
+    return tuple(finding for finding in findings if finding.sentence)
+
+
+def inspection_sentences(inspection: Inspection) -> list[str]:
+    """One line per subject; what needs attention is marked."""
+    return [finding.sentence for finding in capture_findings(inspection)]
+
+
+def attention(inspection: Inspection, warnings: Collection[SeparationWarning]) -> list[str]:
+    """What an inspection says that a person must look at, and that the separation's warnings do not say already."""
+    # How weak the polarization is the separation measures against the noise.
+    repeated: set[Subject] = {"polarization"}
+    if SeparationWarning.GAMMA_ENCODED in warnings:
+        repeated.add("encoding")
+    if SeparationWarning.MISALIGNED in warnings:
+        repeated.add("position")
+    findings = capture_findings(inspection)
+    return [finding.attention for finding in findings if finding.attention and finding.subject not in repeated]
+
+
+def _size(it: Inspection) -> Finding:
+    angles = ", ".join(f"{angle:g}" for angle in it.angles_deg)
+    kind = "grey" if it.channels == 1 else f"{it.channels} channels"
+    return Finding(
+        "size",
+        f"{len(it.angles_deg)} photographs of {it.width}x{it.height} px, {kind}, polarizer at {angles} degrees "
+        f"({_LAYOUTS.get(it.layout, it.layout)}).",
+    )
+
+
+def _values(it: Inspection) -> Finding:
+    grid = "continuous" if it.grey_levels is None else f"about {it.grey_levels} grey levels from black to white"
+    if it.sample_type:
+        levels = f"black is {it.black_level:g}, white {it.white_level:g}"
+        fact = f"Values are stored as {it.sample_type}, {grid}; {levels}."
+    else:
+        fact = f"Values are {grid}."
+    if it.brightest >= _DIM_BRIGHTEST:
+        return Finding("values", fact)
+    return Finding(
+        "values",
+        fact,
+        f"the brightest value is {100 * it.brightest:.2g} % of white; "
+        "if the camera clips earlier, give its white level (4095 for 12 bits).",
+    )
+
+
+def _black(it: Inspection) -> Finding:
+    """The black level cannot be measured: what it adds, a pane takes for twice as much light in both layers."""
+    if not it.sample_type or it.darkest is None or it.black_level != 0 or it.darkest < _LEAST_BLACK * it.white_level:
+        return Finding("black")
+    return Finding(
+        "black",
+        f"Hardly anything is darker than {it.darkest:.4g}. Part of that may be the camera's own black level, "
+        "which photographs do not tell: give it if you know it (black level); else both layers come out brighter by "
+        "twice it.",
+    )
+
+
+def _noise(it: Inspection) -> Finding:
+    return Finding("noise", f"The noise of one photograph is {100 * it.noise:.2g} % of white (standard deviation).")
+
+
+def _saturation(it: Inspection) -> Finding:
+    if it.saturated_share == 0:
+        return Finding("saturation", "Nothing is saturated.")
+    advice = "; a shorter exposure would help" if it.saturated_share > _MUCH_SATURATED else ""
+    share = f"{100 * it.saturated_share:.2g} % of the pixels are saturated at one angle or more"
+    return Finding("saturation", f"{share}{advice}.")
+
+
+def _polarization(it: Inspection) -> Finding:
+    fact = f"Degree of polarization: median {it.dolp_median:.2f}, 95 % below {it.dolp_95:.2f}."
+    if it.dolp_95 < _WEAK_DOLP:
+        return Finding("polarization", fact, "the light is hardly polarized; there is little to separate by.")
+    angle = f"Angle of polarization: {it.aolp_deg:.0f} degrees, spread {it.aolp_spread_deg:.0f}."
+    return Finding("polarization", f"{fact} {angle}")
+
+
+def _gain(it: Inspection) -> Finding:
+    if it.pair_gain is None:
+        return Finding("gain")
+    low, high = PLAUSIBLE_GAIN
+    if not low <= it.pair_gain <= high:
+        return Finding(
+            "gain",
+            attention=f"the 45/135 pair is {it.pair_gain:.3f} times as bright as the 0/90 pair, too far from 1 for a "
+            "sensor; check the order of the files, their exposure and the black level.",
+        )
+    done = "divided out" if it.pair_gain_removed != 1 else "left as it is"
+    return Finding("gain", f"The 45/135 pair is {it.pair_gain:.3f} times as bright as the 0/90 pair ({done}).")
+
+
+def _encoding(it: Inspection) -> Finding:
+    measured = "" if it.gamma_exponent is None else f"measured exponent {it.gamma_exponent:.2f} +- {it.gamma_error:.2f}"
+    hint = f"file format: {it.encoding_hint}" if it.encoding_hint else ""
+    reasons = "; ".join(filter(None, (measured, hint)))
+    if it.looks_encoded:
+        return Finding(
+            "encoding",
+            attention=f"the values look gamma-encoded ({reasons}); if they are, read them with gamma srgb or 2.2.",
+        )
+    if it.looks_encoded is False:
+        return Finding("encoding", f"The values are linear ({measured}).")
+    if it.swapped_deg or it.visible_shift_px:
+        return Finding("encoding")
+    because = f" ({reasons})" if reasons else ""
+    return Finding("encoding", f"Whether the values are gamma-encoded cannot be told{because}.")
+
+
+def _order(it: Inspection) -> Finding:
+    if it.swapped_deg:
+        pairs = ", or ".join(f"{a:g} and {b:g}" for a, b in it.swapped_deg)
+        return Finding("order", attention=f"photographs look swapped: {pairs} degrees; check the order of the files.")
+    if len(it.angles_deg) == 3:
+        return Finding("order", "With three angles a wrong order of the files cannot be seen.")
+    return Finding("order")
+
+
+def _position(it: Inspection) -> Finding:
+    if it.visible_shift_px == 0:
+        return Finding("position")
+    return Finding(
+        "position",
+        attention=f"photographs look shifted against each other, by about {it.visible_shift_px:.1f} px; "
+        "read them with align.",
+    )
+
+
+def alignment_sentence(capture: Capture) -> str:
+    """What aligning moved, turned and scaled."""
+    origin = capture.origin
+    if origin is None or not origin.shifts_px:
+        return "Aligned: the photographs lie on each other as they are; nothing was moved."
+    moves = ", ".join(
+        f"({down:+.2f}, {right:+.2f})".replace("+0.00", "0").replace("-0.00", "0") for down, right in origin.shifts_px
+    )
+    shifts = f"Aligned: photographs moved back by (down, right) px {moves}, known to {origin.shift_error_px:.2g}"
+    if not origin.rotations_deg:
+        return f"{shifts}."
+    turns = ", ".join(f"{angle:+.2f}" for angle in origin.rotations_deg[1:])
+    growth = ", ".join(f"{100 * (scale - 1):+.2f}" for scale in origin.scales[1:])
+    return f"{shifts}; turned back by {turns} deg clockwise and scaled back by {growth} % against the first."
+
+
+def start_sentence(capture: Capture) -> str:
+    """Where the polarizer's angles start, if only the steps between them were known."""
+    if capture.origin is None or capture.origin.start_deg is None:
+        return (
+            "Start of the angles: the photographs do not tell it (no double images of a clear direction). The azimuth "
+            "counts from the filter's start, and double images are not modelled."
+        )
+    return f"Start of the angles: {capture.origin.start_deg:+.0f} deg from horizontal, as the double images tell."
+
 
 _NUMBERS = (
     ("incidence_deg", "incidence", "deg"),
@@ -41,8 +266,6 @@ def pane_sentence(report: dict[str, Any]) -> str:
         error = error_of(report["errors"]["focal_px"])
         parts.append(f"focal length {scene['focal_px']:.0f} {error}px ({_source('focal_px', estimated)})")
     if any(scene["bend_deg_per_px"]):
-        from polaropt.optics import largest_turn
-
         turn = 100 * largest_turn(scene["bend_deg_per_px"])
         parts.append(f"bent by {turn:.1f} deg in 100 px ({_source('bend_deg_per_px', estimated)})")
     parts += [_light(report, name, word) for name, word in _LIGHT if scene[name][0]]
@@ -57,6 +280,92 @@ def _light(report: dict[str, Any], name: str, word: str) -> str:
     return f"{word} {degree:.2f} {error_of(of_degree)}at {angle:.0f} {error_of(of_angle)}deg ({source})"
 
 
+def estimate_sentences(
+    found: FoundScene, given: SceneParameters, focal_hint_px: float | None = None, *, from_thickness: bool = False
+) -> list[str]:
+    """The scene, line by line, and what it rests on.
+
+    Parameters
+    ----------
+    found : FoundScene
+    given : SceneParameters
+        What was asked for; None in it was estimated.
+    focal_hint_px : float, optional
+        Focal length that the camera told.
+    from_thickness : bool
+        Whether the ghost shift follows from the incidence and a thickness that was given.
+    """
+    estimated = scene_report(found.scene, given, focal_hint_px)["estimated"]
+    sources = {name: f"({_source(name, estimated)})" for name in ("incidence_deg", "azimuth_deg", "focal_px")}
+    incidence, azimuth, shift = found.scene.values()
+    lines = [
+        f"incidence  {incidence:7.2f} deg  {error_of(found.errors.incidence_deg)}{sources['incidence_deg']}",
+        f"azimuth    {azimuth:7.2f} deg  {error_of(found.errors.azimuth_deg)}{sources['azimuth_deg']}",
+    ]
+    if found.scene.focal_px is not None:
+        error = error_of(found.errors.focal_px)
+        lines.append(f"focal      {found.scene.focal_px:7.0f} px   {error}{sources['focal_px']}")
+    if found.scene.bent:
+        lines.append(f"bend       {100 * largest_turn(found.scene.bend_deg_per_px):7.1f} deg  in 100 px (estimated)")
+    if found.scene.varies:
+        lines.append("incidence and azimuth change over the picture; those above are at its middle")
+    elif given.single_surface:
+        lines.append("a single surface, without ghosts")
+    else:
+        source = "from the thickness" if from_thickness else _source("ghost_shift", estimated)
+        lines.append(f"shift      {shift:7.2f} px   {error_of(found.errors.ghost_shift)}({source})")
+    lines.append(f"index      {given.refractive_index:7.2f}      (given or assumed)")
+    lines += [f"rung       {tried.rung}: {'taken' if tried.taken else 'left'}. {tried.reason}" for tried in found.tried]
+    if found.estimate is not None and not found.estimate.polarized:
+        lines += marked(["the light is not polarized beyond the noise; these numbers mean nothing."])
+    return lines
+
+
+def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
+    """A separation in a few lines, and what was written.
+
+    Parameters
+    ----------
+    report : dict
+        As ``report.json``.
+    folder : Path
+        Where the files are.
+    """
+    solver = report["solver"]
+    seconds = sum(report["seconds"].values())
+    exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in ("transmission", "reflection"))
+    lines = [
+        pane_sentence(report),
+        f"Solver: {solver['n_evaluations']} evaluations, {seconds:.1f} s altogether. {solver['sentence']}",
+        *marked(report_attention(report)),
+        f"Written to {folder}:",
+        "  transmission.tiff, reflection.tiff  linear values",
+        f"  transmission.png, reflection.png    to look at: sRGB of {exposures} times the linear values",
+        "  transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png",
+        f"                                      {_uncertainty_sentence(report['uncertainty'])}",
+    ]
+    if report["misfit_map"] is not None:
+        lines.append(
+            "  misfit.tiff, misfit.png             where the pane does not explain the photographs, in units of noise"
+        )
+    lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
+    lines.append("  report.html                         the result as a page, with pictures and warnings")
+    return lines
+
+
+def report_attention(report: dict[str, Any]) -> list[str]:
+    """All that a person must look at, of the capture and of the separation, in ``report.json``."""
+    return [*report["attention"], *(warning["sentence"] for warning in report["diagnostics"]["warnings"])]
+
+
+def _uncertainty_sentence(uncertainty: dict[str, Any]) -> str:
+    typical, faded = uncertainty["typical_error"], uncertainty["reflection_faded"]["share_of_pixels"]
+    return (
+        f"standard errors, typically {typical['transmission']:.2g} and {typical['reflection']:.2g}; "
+        f"the reflection's detail is unknown in {100 * faded:.0f} % of the picture"
+    )
+
+
 def error_of(error: float | None) -> str:
     """A standard error to be said after its value, two digits of it; nothing where there is none."""
     if error is None or not math.isfinite(error):
@@ -65,5 +374,5 @@ def error_of(error: float | None) -> str:
     return f"+- {error:.{min(digits, 2)}f} "
 
 
-def _source(name: str, estimated: list[str]) -> str:
+def _source(name: str, estimated: Collection[str]) -> str:
     return "estimated" if name in estimated else "given"

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from polaropt import Capture, InputError, align, separate
-from polaropt.capture.alignment import alignment_sentence
 from polaropt.capture.registration import measure_shifts
 from polaropt.cli.app import main
+from polaropt.reporting.words import alignment_sentence
 from polaropt.simulation.metrics import psnr_db
 from tests.blends import blend
 from tests.shifted import shifted_blend

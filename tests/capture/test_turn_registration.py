@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polaropt import Capture, SeparationWarning, align, separate
-from polaropt.capture.alignment import alignment_sentence
 from polaropt.capture.checks import visible_shift
 from polaropt.capture.registration import Motions, corners, finely_moved_back, measure_shifts, measure_turns
 from polaropt.cli.app import main
 from polaropt.judging.warnings import diagnose
+from polaropt.reporting.words import alignment_sentence
 from polaropt.simulation.metrics import psnr_db
 from tests.blends import blend
 from tests.turned import Turned, similarities, turned_blend

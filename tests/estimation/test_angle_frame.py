@@ -11,8 +11,9 @@ import pytest
 from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, find_start_angle, separate
 from polaropt.capture.write import write_capture
 from polaropt.cli.app import main
-from polaropt.estimation.angles import AngleMistake, angle_mistake, ghost_direction, start_sentence
+from polaropt.estimation.angles import AngleMistake, angle_mistake, ghost_direction
 from polaropt.estimation.ladder import find_scene
+from polaropt.reporting.words import start_sentence
 from polaropt.simulation.metrics import psnr_db
 from studies.protocol import shipped_pairs
 from studies.stability_capture import take

@@ -14,6 +14,7 @@ from polaropt.capture.checks import fit_gamma, swapped_photographs
 from polaropt.capture.write import encode_srgb, write_png
 from polaropt.reporting.inspection import inspect_capture
 from polaropt.reporting.pictures import aolp_colors, inspection_picture
+from polaropt.reporting.words import inspection_sentences
 from tests.captured import ANGLES, mono_mosaic, photographed, scene_intensities
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real_polar"
@@ -34,7 +35,7 @@ def test_a_plain_capture_is_described():
     assert it.swapped_deg == ()
     assert it.aolp_deg == pytest.approx(20, abs=3)
     assert 0.1 < it.dolp_median < it.dolp_95 <= 1
-    assert not any("ATTENTION" in sentence for sentence in it.sentences())
+    assert not any("ATTENTION" in sentence for sentence in inspection_sentences(it))
 
 
 def test_the_report_is_plain_json():
@@ -65,7 +66,7 @@ def test_unpolarized_light_tells_no_gamma():
     it = inspect_capture(Capture(images))
     assert it.looks_encoded is None
     assert it.swapped_deg == ()
-    assert any("cannot be told" in sentence for sentence in it.sentences())
+    assert any("cannot be told" in sentence for sentence in inspection_sentences(it))
 
 
 @pytest.mark.parametrize("order", list(permutations(range(4))))
@@ -75,7 +76,7 @@ def test_swapped_photographs_are_seen_where_the_pairs_change(order):
     assert bool(found) == ({order[0], order[2]} not in ({0, 2}, {1, 3}))
     if order == (0, 2, 1, 3):
         assert (1, 2) in found
-        assert any("45 and 90" in sentence for sentence in inspect_capture(capture).sentences())
+        assert any("45 and 90" in sentence for sentence in inspection_sentences(inspect_capture(capture)))
 
 
 def test_with_five_angles_a_swap_is_seen():
@@ -90,14 +91,14 @@ def test_three_angles_are_described_too():
     it = inspect_capture(photographed((64, 64), (0, 60, 120)))
     assert it.pair_gain is None
     assert it.looks_encoded is None
-    assert any("three angles" in sentence for sentence in it.sentences())
+    assert any("three angles" in sentence for sentence in inspection_sentences(it))
 
 
 def test_saturation_is_counted_at_any_angle():
     capture = photographed((64, 64), exposure=1.4)
     it = inspect_capture(capture)
     assert it.saturated_share == np.mean(~capture.valid.all(axis=0)) > 0.05
-    assert any("saturated" in sentence and "shorter exposure" in sentence for sentence in it.sentences())
+    assert any("saturated" in sentence and "shorter exposure" in sentence for sentence in inspection_sentences(it))
 
 
 def test_what_the_file_tells_is_told(tmp_path):
@@ -113,7 +114,7 @@ def test_a_dark_capture_asks_for_the_white_level(tmp_path):
     files = [tmp_path / f"{k}.png" for k in range(4)]
     for path, image in zip(files, scene_intensities(), strict=True):
         write_png(path, np.round(4000 * image).astype(np.uint16))
-    assert any("white level" in sentence for sentence in inspect_capture(read_capture(files)).sentences())
+    assert any("white level" in sentence for sentence in inspection_sentences(inspect_capture(read_capture(files))))
 
 
 @pytest.mark.parametrize("shape", [(16, 17), (3, 40, 50), (2, 40, 50), (40, 1300)])
@@ -147,7 +148,7 @@ def test_every_capture_can_be_inspected(count, shape, exposure, levels, seed):
     images[:, ..., 3, 3], images[:, ..., 3, 4] = 0, 0.5
     it = inspect_capture(Capture.of_planes(images, [180 * k / count for k in range(count)]))
     json.dumps(it.as_dict(), allow_nan=False)
-    assert all(sentence.endswith(".") for sentence in it.sentences())
+    assert all(sentence.endswith(".") for sentence in inspection_sentences(it))
     assert it.noise > 0
 
 
