@@ -7,7 +7,10 @@ __all__ = [
     "Component",
     "Displacements",
     "Field",
+    "GhostSeries",
+    "GhostSum",
     "Pane",
+    "Plate",
     "SceneErrors",
     "SceneParameters",
     "VaryingPSE",
@@ -20,6 +23,7 @@ __all__ = [
     "engine_for",
     "frame_matrix",
     "ghost_step",
+    "ghost_sum",
     "ghosts_that_matter",
     "in_place_correction",
     "in_place_reflectance",
@@ -28,6 +32,7 @@ __all__ = [
     "largest_turn",
     "pixel_grid",
     "plane_normal",
+    "plate_at",
     "scene_angles",
     "shown_stokes",
     "stokes_from_intensities",
@@ -40,7 +45,6 @@ from .engine import Displacements as Displacements
 from .engine import VaryingPSE as VaryingPSE
 from .engine import bounces_that_show as bounces_that_show
 from .engine import engine_for as engine_for
-from .engine import in_place_weights as in_place_weights
 from .engine import shown_stokes as shown_stokes
 from .fresnel import brewster_angle_deg as brewster_angle_deg
 from .fresnel import interface as interface
@@ -53,9 +57,15 @@ from .geometry import pixel_grid as pixel_grid
 from .geometry import plane_normal as plane_normal
 from .geometry import scene_angles as scene_angles
 from .geometry import viewing_angles as viewing_angles
+from .plate import GhostSeries as GhostSeries
+from .plate import GhostSum as GhostSum
+from .plate import Plate as Plate
+from .plate import ghost_sum as ghost_sum
 from .plate import ghosts_that_matter as ghosts_that_matter
 from .plate import in_place_correction as in_place_correction
 from .plate import in_place_reflectance as in_place_reflectance
+from .plate import in_place_weights as in_place_weights
+from .plate import plate_at as plate_at
 from .scene import FIELDS as FIELDS
 from .scene import SEARCHED as SEARCHED
 from .scene import Component as Component

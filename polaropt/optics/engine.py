@@ -18,9 +18,8 @@ import numpy as np
 from array_api_compat import array_namespace, is_numpy_namespace, is_torch_namespace
 from numpy.typing import NDArray
 
-from polaropt.optics.fresnel import interface_images
 from polaropt.optics.geometry import pixel_grid, scene_angles
-from polaropt.optics.plate import GhostLine, ghost_line, ghosts_that_matter, ghosts_until
+from polaropt.optics.plate import GhostLine, ghost_line, ghosts_that_matter, ghosts_until, plate_images
 from polaropt.optics.scene import SceneParameters
 from polaropt.optics.shift import PaddedFrame, Shift, zeros
 from polaropt.optics.stokes import analyzer_matrix, as_floating, change_basis, frame_matrix, stokes_vector
@@ -367,8 +366,8 @@ def ghosts_seen(
 ) -> int:
     """Ghosts that carry more than `share` of the light somewhere in images of this shape."""
     cosine = scene_angles(scene, *pixel_grid(*shape, _center_of(center, *shape)))[0]
-    steepest = interface_images(np.atleast_1d(max(float(cosine.min()), _GRAZING)), scene.refractive_index)[0]
-    return min(_MOST_GHOSTS, ghosts_until(float(steepest[:2].max()), share))
+    steepest = plate_images(np.atleast_1d(max(float(cosine.min()), _GRAZING)), scene)
+    return min(_MOST_GHOSTS, ghosts_until(float(steepest.rho[:2].max()), share))
 
 
 def _center_of(center: tuple[float, float] | None, height: int, width: int) -> tuple[float, float]:
@@ -392,26 +391,13 @@ def _mixtures(
 
 def _rows_of_mixtures(scene: SceneParameters, n_ghosts: int, x: Planes, y: Planes) -> NDArray[np.float32]:
     cosine, cos, sin = scene_angles(scene, x, y)
-    entries = interface_images(np.maximum(cosine, _GRAZING), scene.refractive_index)
-    weights = ghost_line(scene, n_ghosts, entries).weights
+    weights = ghost_line(scene, n_ghosts, plate_images(np.maximum(cosine, _GRAZING), scene)).weights
     incoming = (scene.transmission_polarization, scene.reflection_polarization)
     mixtures = [
         shown_stokes(np.moveaxis(weight, 1, 0), stokes_vector(*light), cos, sin)
         for weight, light in zip(weights, incoming, strict=True)
     ]
     return np.stack(mixtures, axis=1).astype(np.float32)
-
-
-def in_place_weights(cosine: Planes, refractive_index: float, single_surface: bool) -> tuple[Planes, Planes]:
-    """Diagonal entries (3, ...) of the whole pane for transmitted and reflected light, all bounces in place."""
-    rho, tau = interface_images(cosine, refractive_index)
-    if single_surface:
-        transmitted, reflected = tau, rho
-    else:
-        beyond = tau * tau / (1 - rho * rho)
-        transmitted, reflected = beyond, rho + beyond * rho
-    # A mirror image is described as an ideal mirror shows it, which flips the reflection's s2' entry.
-    return transmitted, reflected * np.array([1.0, 1.0, -1.0])[:, None, None]
 
 
 def shown_stokes(weights: Planes, light: NDArray[np.float64], cos: Planes, sin: Planes) -> Planes:

@@ -14,10 +14,12 @@ from polaropt.capture.capture import Capture
 from polaropt.capture.noise import noise_level
 from polaropt.capture.polarization import StokesImages, stokes_images
 from polaropt.estimation.ladder import find_scene
-from polaropt.estimation.polarized.light import Place, candidates, point_showing, scene_at, shown_by
+from polaropt.estimation.polarized.kernels import pane_vectors
+from polaropt.estimation.polarized.light import Place, candidates, pane_light, point_showing, scene_at, shown_by
 from polaropt.estimation.polarized.likelihood import PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture, looks_polarized
 from polaropt.numerics.minima import Box
+from polaropt.optics.plate import plate_at
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.report import plain
 from polaropt.reporting.words import pane_sentence
@@ -287,3 +289,14 @@ def test_parts_of_the_spectra_add_up_to_their_likelihood() -> None:
     likelihood = PolarizedLikelihood(stokes_of(made.capture), BLIND)
     point = point_of(made.scene)
     assert likelihood.sectors(point).sum() == pytest.approx(likelihood.spectral(likelihood.pane(point)), rel=1e-5)
+
+
+@pytest.mark.parametrize("changes", [{}, {"n_bounces": 0}, {"single_surface": True}])
+def test_the_kernel_sums_ghosts_as_the_plate_does(changes):
+    scene = SceneParameters(72.0, 0.0, 4.0, **changes)
+    phase = np.linspace(0, 6, 9)
+    vectors = np.empty((phase.size, 2, 3, 2), np.float32)
+    pane_vectors(np.eye(3), pane_light(72.0, scene), np.cos(phase), np.sin(phase), vectors)
+    series = plate_at(72.0, scene).at(np.exp(-1j * phase[:, None]))
+    expected = np.stack([np.broadcast_to(layer, (phase.size, 3)) for layer in series], axis=1)
+    np.testing.assert_allclose(vectors[..., 0] + 1j * vectors[..., 1], expected, atol=1e-6)

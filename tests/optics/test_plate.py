@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from polaropt.optics.fresnel import interface
-from polaropt.optics.plate import ghost_weights, ghosts_that_matter, in_place_reflectance
+from polaropt.optics.fresnel import interface, interface_images
+from polaropt.optics.plate import (
+    Plate,
+    ghost_sum,
+    ghost_weights,
+    ghosts_that_matter,
+    in_place_reflectance,
+    plate_at,
+)
 from polaropt.optics.scene import SceneParameters
 
 GRID = [(n, incidence) for n in (1.0, 1.33, 1.5) for incidence in (0.0, 20.0, 56.0, 70.0, 85.0, 89.9)]
@@ -104,3 +113,64 @@ def test_grazing_incidence_needs_more_ghosts() -> None:
 def test_first_ghost_of_the_reflection_rivals_the_direct_light() -> None:
     direct, ghost = ghost_weights(scene(50))[1, :2, :2].sum(axis=1)
     assert 0.7 < ghost / direct < 0.9
+
+
+PLATES = [{}, {"n_bounces": 0}, {"n_bounces": 3}, {"single_surface": True}, {"literal_eq3": True}]
+Z = 0.8 * np.exp(-0.4j)
+
+
+@pytest.mark.parametrize("changes", PLATES)
+@pytest.mark.parametrize(("index", "incidence_deg"), GRID)
+def test_the_series_are_the_sum_of_their_ghosts(index: float, incidence_deg: float, changes: dict[str, Any]) -> None:
+    plate = plate_at(incidence_deg, scene(incidence_deg, index, **changes))
+    weights = plate.weights(2000)
+    expected = np.einsum("lke,k->le", weights, Z ** np.arange(weights.shape[1]))
+    np.testing.assert_allclose(np.stack(plate.at(Z)), expected, atol=1e-12)
+    np.testing.assert_allclose(np.stack(plate.in_place()), weights.sum(axis=1), atol=1e-12)
+    np.testing.assert_allclose(np.stack(plate.at(1.0)), np.stack(plate.in_place()), atol=1e-12)
+
+
+@pytest.mark.parametrize("changes", [{}, {"n_bounces": 0}, {"single_surface": True}])
+@pytest.mark.parametrize("incidence_deg", [0.0, 40.0, 70.0, 85.0])
+def test_all_forms_of_the_series_agree(incidence_deg: float, changes: dict[str, Any]) -> None:
+    plate = plate_at(incidence_deg, scene(incidence_deg, **changes))
+    cleared = plate.cleared()
+    layers = zip(cleared[:2], plate.series, plate.at(Z), plate.in_place(), strict=True)
+    for (a, b), series, expected, in_place in layers:
+        np.testing.assert_allclose((a + b * Z) / (1 - cleared.ratio * Z), expected[:2], atol=1e-15)
+        np.testing.assert_allclose(series.direct + series.ghost * Z / (1 - series.ratio * Z), expected, atol=1e-15)
+        np.testing.assert_allclose(series.in_place, in_place, atol=1e-14)
+
+
+def test_ghosts_of_a_frequency_are_summed_in_real_arithmetic() -> None:
+    phase, ratio = np.linspace(0, 6, 25), 0.4
+    z = np.exp(-1j * phase)
+    ghosts = ghost_sum(ratio, np.cos(phase), np.sin(phase))
+    np.testing.assert_allclose(ghosts.real + 1j * ghosts.imag, z / (1 - ratio * z), atol=1e-15)
+    np.testing.assert_allclose(ghosts.squared, np.abs(z / (1 - ratio * z)) ** 2, atol=1e-14)
+
+
+def test_entries_may_be_those_of_every_pixel() -> None:
+    cosine = np.cos(np.radians([[20.0, 50.0], [70.0, 85.0]]))
+    plate = Plate(*interface_images(cosine, 1.5))
+    for place in np.ndindex(cosine.shape):
+        alone = plate_at(float(np.degrees(np.arccos(cosine[place]))), scene(0))
+        for images, entries in zip(plate.at(Z), alone.at(Z), strict=True):
+            np.testing.assert_allclose(images[:, *place], entries, atol=1e-13)
+        np.testing.assert_allclose(plate.weights(4)[..., *place], alone.weights(4), atol=1e-13)
+
+
+@pytest.mark.parametrize("incidence_deg", [10.0, 45.0, 75.0])
+def test_two_plates_in_place_reflect_as_stokes_found(incidence_deg: float) -> None:
+    """Systems add as R = R_1 + T_1^2 R_2 / (1 - R_1 R_2), and m clear plates reflect 2 m R / (1 + (2 m - 1) R)."""
+    rho = np.array(interface(incidence_deg, 1.5).reflection[:2])
+    transmitted, reflected = (part[:2] for part in plate_at(incidence_deg, scene(incidence_deg)).in_place())
+    both = reflected + transmitted**2 * reflected / (1 - reflected**2)
+    np.testing.assert_allclose(both, 4 * rho / (1 + 3 * rho), atol=1e-15)
+
+
+def test_grazing_incidence_cancels_nothing() -> None:
+    transmitted, reflected = plate_at(89.99999999999999, scene(89.99999999999999)).in_place()
+    assert np.isfinite(transmitted).all()
+    np.testing.assert_allclose(np.abs(reflected), 1)
+    assert (transmitted > 0).all()

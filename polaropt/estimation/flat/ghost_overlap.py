@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
 from polaropt.numerics import block_mean, frequencies, grid_sums, left_out, minimum_error, vertex
-from polaropt.optics import SceneParameters, interface
+from polaropt.optics import Plate, SceneParameters, interface
 
 Images = NDArray[np.float32]
 
@@ -150,8 +150,7 @@ class _Wiener:
         (seen_par, seen_perp), radius2 = self._seen[part], self._radius2[part]
         z_r = self._z_r[part]
         z_t = z_r if self._z_t is self._z_r else self._z_t[part]
-        reflectances = interface(incidence_deg, self._refractive_index).reflection[:2]
-        par, perp = (_transfer(np.float32(reflectance), z_t, z_r) for reflectance in reflectances)
+        par, perp = _transfer(incidence_deg, self._refractive_index, z_t, z_r)
         p = self._levels[:, None, None]
         (n_par, n_cross), (_, n_perp) = self._noise
         # Everything in units of 1 / |omega|^2.
@@ -165,11 +164,14 @@ class _Wiener:
         return found
 
 
-def _transfer(reflectance: np.float32, z_t: Spectrum, z_r: Spectrum) -> Spectrum:
-    """What the pane passes and mirrors (layer, h, w) of one polarization; a polarizer takes half of it."""
-    through: Spectrum = (1 - reflectance) ** 2 / 2 / (1 - reflectance**2 * z_t)
-    returning = through if z_r is z_t else (1 - reflectance) ** 2 / 2 / (1 - reflectance**2 * z_r)
-    return np.stack([through, reflectance / 2 + reflectance * z_r * returning])
+def _transfer(incidence_deg: float, refractive_index: float, z_t: Spectrum, z_r: Spectrum) -> Spectrum:
+    """What the pane passes and mirrors, (entry, layer, h, w): a polarizer takes half of each."""
+    rho = np.array(interface(incidence_deg, refractive_index).reflection[:2], np.float32)[:, None, None]
+    plate = Plate(rho, 1 - rho)
+    transmitted, reflected = plate.at(z_r)
+    if z_t is not z_r:
+        transmitted, _ = plate.at(z_t)
+    return np.asarray(np.stack([transmitted, reflected], axis=1) / 2, np.complex64)
 
 
 def _squared(values: Spectrum) -> Images:

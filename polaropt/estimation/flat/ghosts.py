@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
 from polaropt.numerics import frequencies
-from polaropt.optics import SceneParameters, interface
+from polaropt.optics import GhostSeries, GhostSum, Plate, SceneParameters, ghost_sum, interface
 
 Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -228,8 +228,6 @@ def _opponent(images: Images) -> Images:
     return turned
 
 
-_Light = tuple[Images, Images]
-
 _RADIAL_KNOTS = 3
 _DEGREES_OF_FREEDOM = np.float32(4)
 _FIRST_ROUNDS = 12
@@ -261,14 +259,6 @@ class _Hermitian(NamedTuple):
         product: Images = self.par * self.perp
         least: Images = np.maximum(product - self.real**2 - self.imag**2, _LEAST_DETERMINANT * product)
         return least
-
-
-class _Series(NamedTuple):
-    """``z / (1 - R^2 z)``: real part, imaginary part and squared size."""
-
-    real: Images
-    imag: Images
-    size: Images
 
 
 class _Products(NamedTuple):
@@ -380,12 +370,12 @@ class ShiftLikelihood:
         """Outer products of the transfer functions of reflection and transmission: incidences times shifts."""
         phase = shifts.astype(np.float32)[:, None] * self._along
         cosine, sine = np.cos(phase), np.sin(phase)
-        found = [interface(float(incidence), self._scene.refractive_index).reflection[:2] for incidence in incidences]
-        par, perp = np.array(found, np.float32).T[:, :, None, None]
-        series = _series(par**2, cosine, sine), _series(perp**2, cosine, sine)
-        layers = zip(_light(par, self._scene), _light(perp, self._scene), strict=True)
+        faces = [interface(float(incidence), self._scene.refractive_index).reflection[:2] for incidence in incidences]
+        rho = np.array(faces, np.float32).T[:, :, None, None]
+        layers = Plate(rho, 1 - rho, self._scene.single_surface, self._scene.n_bounces).series
+        ghosts = [ghost_sum(ratio, cosine, sine) for ratio in layers[0].ratio]
         coherence = self._coherence(shifts)[:, None]
-        reflection, transmission = (_outer(*light, *series, coherence).flattened() for light in layers)
+        transmission, reflection = (_outer(layer, ghosts, coherence).flattened() for layer in layers)
         return reflection, transmission
 
     def _fitted(self, products: _Products, levels: Images, rounds: int) -> Images:
@@ -422,29 +412,13 @@ def _spectral_shapes(along: Matrix, across: Matrix, n_radii: int, n_directions: 
     return shapes.astype(np.float32)
 
 
-def _series(square: Images, cosine: Images, sine: Images) -> _Series:
-    """The series of ghosts from R^2 and the phase of z."""
-    size = np.asarray(1 / (1 + square * (square - 2 * cosine)), np.float32)
-    real: Images = (cosine - square) * size
-    return _Series(real, -sine * size, size)
-
-
-def _light(reflectance: Images, scene: SceneParameters) -> tuple[_Light, _Light]:
-    """What of reflection and transmission comes directly, and the factor of the series of their ghosts."""
-    if scene.single_surface:
-        return (reflectance, np.zeros_like(reflectance)), (1 - reflectance, np.zeros_like(reflectance))
-    through: Images = (1 - reflectance) ** 2
-    ghosts = through * reflectance * np.float32(scene.n_bounces != 0)
-    return (reflectance, ghosts), (through, ghosts * reflectance)
-
-
-def _outer(light_par: _Light, light_perp: _Light, par: _Series, perp: _Series, coherence: Images) -> _Hermitian:
+def _outer(layer: GhostSeries, ghosts: Sequence[GhostSum], coherence: Images) -> _Hermitian:
     """Outer product of direct light plus ghosts, which the window tells apart from it as far as they are shifted."""
-    (d_par, g_par), (d_perp, g_perp) = light_par, light_perp
+    (d_par, d_perp), (g_par, g_perp), (par, perp) = layer.direct, layer.ghost, ghosts
     both, of_par, of_perp = g_par * g_perp, coherence * d_perp * g_par, coherence * d_par * g_perp
     return _Hermitian(
-        d_par**2 + (2 * coherence * d_par * g_par) * par.real + g_par**2 * par.size,
-        d_perp**2 + (2 * coherence * d_perp * g_perp) * perp.real + g_perp**2 * perp.size,
+        d_par**2 + (2 * coherence * d_par * g_par) * par.real + g_par**2 * par.squared,
+        d_perp**2 + (2 * coherence * d_perp * g_perp) * perp.real + g_perp**2 * perp.squared,
         d_par * d_perp + both * (par.real * perp.real + par.imag * perp.imag) + of_par * par.real + of_perp * perp.real,
         both * (par.imag * perp.real - par.real * perp.imag) + of_par * par.imag - of_perp * perp.imag,
     )

@@ -17,7 +17,7 @@ from polaropt.capture import PlateFrame
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap
 from polaropt.estimation.flat.ghosts import ShiftLikelihood
 from polaropt.numerics import local_minimum, vertex
-from polaropt.optics import SceneParameters, interface
+from polaropt.optics import SceneParameters, plate_at
 
 Curve = NDArray[np.float64]
 
@@ -102,7 +102,8 @@ def own_shifts(frame: PlateFrame, likelihood: ShiftLikelihood, scene: SceneParam
         The same where one shift does, or where the transmission's ghosts are too faint to tell.
     """
     incidence, _, shift = scene.values()
-    if interface(incidence, scene.refractive_index).reflection[1] ** 2 < _LEAST_LIGHT:
+    transmission, _ = plate_at(incidence, scene).series
+    if transmission.ratio[1] < _LEAST_LIGHT:
         return scene
     scanner = _Scanner(likelihood, incidence, np.arange(-math.floor(most), math.floor(most) + 1.0))
     pair = _likeliest(scanner, shift)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
 from polaropt.numerics import block_mean, grid_sums, left_out
-from polaropt.optics import SceneParameters, interface
+from polaropt.optics import SceneParameters, plate_at
 
 Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -268,22 +268,21 @@ class EdgeOverlap:
 
     def _factors(self, incidence_deg: float) -> Matrix:
         """Weights (layer, copy, entry) that leave one layer of two: [0] reflection, [1] transmission."""
-        (r_p, r_s, _), (t_p, t_s, _) = interface(incidence_deg, self._scene.refractive_index)
-        if self._scene.single_surface or self._scene.n_bounces == 0:
-            if not self._scene.single_surface:
-                t_p, t_s = t_p * t_p, t_s * t_s
-            return np.array([[[t_s, -t_p]], [[-r_s, r_p]]])
-        # Coefficients of 1, z and z^2: eliminating one layer multiplies by the other's factor, and by (1 - R^2 z).
-        reflection = [_times((t_s**2, 0.0), r_p), _times((-(t_p**2), 0.0), r_s)]
-        transmission = [_times((-r_s, r_s * (2 * r_s - 1)), r_p), _times((r_p, r_p * (1 - 2 * r_p)), r_s)]
-        factors = np.array([reflection, transmission]).swapaxes(1, 2)
+        cleared = plate_at(incidence_deg, self._scene).cleared()
+        layers = zip((cleared.transmission, cleared.reflection), (1, -1), strict=True)
+        # Eliminating one layer multiplies by the other's factor, and by the denominator.
+        factors = np.array([_elimination(layer, cleared.ratio, sign) for layer, sign in layers])
         return factors.sum(axis=1, keepdims=True) if self._in_place else factors
 
 
-def _times(line: tuple[float, float], reflectance: float) -> tuple[float, float, float]:
-    """Coefficients in z of ``(a + b z) (1 - R^2 z)``."""
-    (a, b), square = line, reflectance * reflectance
-    return a, b - a * square, -b * square
+def _elimination(layer: tuple[Matrix, Matrix], ratio: Matrix, sign: int) -> Matrix:
+    """Coefficients (1, z and z^2; par and perp) of what takes a layer ``c_0 + c_1 z`` out of the photographs.
+
+    Each is multiplied by what the other shows of the layer, and by its own denominator ``1 - ratio z``.
+    """
+    swapped, signs = [part[::-1] for part in layer], np.array([sign, -sign])
+    a, b = (signs * part for part in swapped)
+    return np.stack([a, b - a * ratio, -b * ratio])
 
 
 def _scale(copies: Images, share: Images | None, step: Step, size: int) -> _Scale:

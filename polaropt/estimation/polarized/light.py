@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.optics import SceneParameters, brewster_angle_deg, frame_matrix, interface
+from polaropt.optics import GhostSeries, SceneParameters, brewster_angle_deg, frame_matrix, plate_at
 
 Point = NDArray[np.float64]
 Values = NDArray[np.float64]
@@ -40,19 +40,13 @@ class Candidate:
 
 def pane_light(incidence_deg: float, scene: SceneParameters) -> Values:
     """Direct light, first ghost and ratio of ghosts of each layer and entry, (2, 3, 3); unpolarized light is 1."""
-    reflection, transmission = interface(incidence_deg, scene.refractive_index)
-    rho, tau = np.array(reflection), np.array(transmission)
-    ratio = rho * rho
-    if scene.single_surface:
-        return np.stack([[tau, 0 * tau, 0 * tau], [rho, 0 * rho, 0 * rho]]).swapaxes(1, 2)
-    through = tau * tau * (scene.n_bounces != 0)
-    return np.stack([[tau * tau, through * ratio, ratio], [rho, through * rho, ratio]]).swapaxes(1, 2)
+    layers = plate_at(incidence_deg, scene).series
+    return np.stack([np.stack(layer, axis=-1) for layer in layers])
 
 
 def in_place(light: Values) -> Values:
     """All ghosts of `pane_light` summed in place, (2, 3)."""
-    total: Values = light[..., 0] + light[..., 1] / (1 - light[..., 2])
-    return total
+    return np.asarray(GhostSeries(*np.moveaxis(light, -1, 0)).in_place)
 
 
 def entering_light(point: Point) -> Values:
