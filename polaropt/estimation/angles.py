@@ -20,7 +20,7 @@ from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross
 from polaropt.estimation.rung import SCATTERS, noise_misfit
 from polaropt.estimation.wide.blocks import PolarizedBlocks
 from polaropt.estimation.wide.fits import fit_perspective
-from polaropt.numerics import jackknife_error, vertex
+from polaropt.numerics import grid_minimum, jackknife_error
 from polaropt.optics import SceneParameters
 
 Curve = NDArray[np.float64]
@@ -171,8 +171,7 @@ def _refined(spectra: CrossSpectra, incidence_deg: float, ghost_shift: float, di
     shifts = ghost_shift + _FINE_SHIFTS
     turned = [spectra.with_ghosts_along(direction_deg + turn) for turn in _FINE_DEG]
     misfit = np.array([ShiftLikelihood(part, _OPEN).misfit(incidence_deg, shifts).min() for part in turned])
-    best = min(max(int(np.argmin(misfit)), 1), misfit.size - 2)
-    return direction_deg + float(_FINE_DEG[best] + 2.5 * vertex(*misfit[best - 1 : best + 2]))
+    return direction_deg + grid_minimum(_FINE_DEG, misfit)
 
 
 def _shift_error(spectra: CrossSpectra, incidence_deg: float) -> float:
@@ -180,8 +179,7 @@ def _shift_error(spectra: CrossSpectra, incidence_deg: float) -> float:
     shifts = []
     for part in spectra.left_out():
         misfit = ShiftLikelihood(part, _OPEN).misfit(incidence_deg, _SHIFTS, rounds=_ROUNDS)
-        best = min(max(int(np.argmin(misfit)), 1), misfit.size - 2)
-        shifts.append(_SHIFTS[best] + vertex(*misfit[best - 1 : best + 2]))
+        shifts.append(grid_minimum(_SHIFTS, misfit))
     return jackknife_error(np.array(shifts))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.numerics import tukey_window
 from polaropt.optics import PSE, VaryingPSE
 
 Images = NDArray[np.float32]
@@ -75,8 +76,8 @@ class Canvas:
 
     def window(self) -> Images:
         """Weights (H, W) that fall smoothly to zero over the margins."""
-        rows = _fading(self.height, self.top, self.bottom)
-        columns = _fading(self.width, self.left, self.right)
+        rows = tukey_window(self.height, self.top, self.bottom)
+        columns = tukey_window(self.width, self.left, self.right)
         return (rows[:, None] * columns[None, :]).astype(np.float32)
 
 
@@ -124,10 +125,3 @@ def _between(before: Images, after: Images, n: int) -> Images:
 def _sinh_ratio(k: NDArray[np.float64], t: NDArray[np.int_], d: int) -> Images:
     """sinh(k t) / sinh(k d) for 0 <= t <= d, without overflow."""
     return (np.exp(k * (t - d)) * np.expm1(-2 * k * t) / np.expm1(-2 * k * d)).astype(np.float32)
-
-
-def _fading(inside: int, before: int, after: int) -> NDArray[np.float64]:
-    def ramp(n: int) -> NDArray[np.float64]:
-        return 0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n) if n else np.ones(0)
-
-    return np.concatenate([ramp(before), np.ones(inside), ramp(after)[::-1]])

@@ -6,19 +6,26 @@ __all__ = [
     "each_plane",
     "fill_gaps",
     "frequencies",
+    "grid_minimum",
     "grid_sums",
+    "hann_autocorrelation",
+    "hann_window",
     "in_color",
     "jackknife_error",
     "left_out",
+    "local_minima",
     "local_minimum",
+    "middle",
     "minimum_error",
     "opponent_basis",
     "squared_frequencies",
+    "tukey_window",
     "vertex",
 ]
 
 from .blocks import block_mean as block_mean
 from .blocks import fill_gaps as fill_gaps
+from .blocks import middle as middle
 from .color import Basis as Basis
 from .color import in_color as in_color
 from .color import opponent_basis as opponent_basis
@@ -27,9 +34,14 @@ from .jackknife import jackknife_error as jackknife_error
 from .jackknife import left_out as left_out
 from .jackknife import minimum_error as minimum_error
 from .minima import Box as Box
+from .minima import grid_minimum as grid_minimum
+from .minima import local_minima as local_minima
 from .minima import local_minimum as local_minimum
 from .minima import vertex as vertex
 from .spectrum import column_multiplicity as column_multiplicity
 from .spectrum import each_plane as each_plane
 from .spectrum import frequencies as frequencies
+from .spectrum import hann_autocorrelation as hann_autocorrelation
+from .spectrum import hann_window as hann_window
 from .spectrum import squared_frequencies as squared_frequencies
+from .spectrum import tukey_window as tukey_window

@@ -1,4 +1,4 @@
-"""Means over blocks of pixels, and gaps filled from the blocks around them."""
+"""Means over blocks of pixels, gaps filled from the blocks around them, and the middle of a frame."""
 
 from __future__ import annotations
 
@@ -49,3 +49,10 @@ def block_mean(images: Images, size: int, partial: bool = False) -> Images:
         return block_mean(block_mean(images, 2), size // 2)
     inside = images[..., : rows * size, : columns * size]
     return np.asarray(inside.reshape(*images.shape[:-2], rows, size, columns, size).mean(axis=(-3, -1)), np.float32)
+
+
+def middle(images: Images, most: int) -> Images:
+    """Images (..., h, w) cut to at most so many pixels a side around their middle."""
+    height, width = images.shape[-2:]
+    top, left = (max(0, (side - most) // 2) for side in (height, width))
+    return images[..., top : top + most, left : left + most]

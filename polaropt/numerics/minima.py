@@ -53,6 +53,20 @@ def vertex(before: float, here: float, after: float, farthest: float = 1.0) -> f
 
 Values = NDArray[np.float64]
 
+
+def grid_minimum(points: Values, values: Values) -> float:
+    """Where values at equally spaced points are least, by the parabola through the least of them and its neighbours."""
+    best = min(max(int(np.argmin(values)), 1), points.size - 2)
+    return float(points[best] + (points[1] - points[0]) * vertex(*values[best - 1 : best + 2]))
+
+
+def local_minima(values: Values) -> NDArray[np.bool_]:
+    """Which values have none below them beside them along the last axis; at its ends values merely fall."""
+    inside = values[..., 1:-1]
+    minima = (inside <= values[..., :-2]) & (inside < values[..., 2:])
+    return np.pad(minima, [(0, 0)] * (values.ndim - 1) + [(1, 1)])
+
+
 _TOLERANCE = 0.02
 _SHARES = (1.0, 0.5, 0.25, 0.1)
 """Of a Newton step that are tried."""

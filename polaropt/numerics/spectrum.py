@@ -1,4 +1,4 @@
-"""Frequencies of real two-dimensional transforms, and how often half a spectrum stands for the whole."""
+"""Frequencies of real two-dimensional transforms, how often half a spectrum stands for the whole, and windows."""
 
 from __future__ import annotations
 
@@ -36,3 +36,30 @@ def column_multiplicity(width: int) -> NDArray[np.float64]:
     if width % 2 == 0:
         twice[-1] = 1
     return twice
+
+
+def hann_window(length: int) -> NDArray[np.float64]:
+    """Hann's window of so many samples, none of them zero, so that its zeros lie a sample beyond each end."""
+    return np.hanning(length + 2)[1:-1]
+
+
+def hann_autocorrelation(lag: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Autocorrelation of Hann's window at lags in units of its length, 1 at lag 0."""
+    lag = np.minimum(np.abs(lag), 1)
+    bulk: NDArray[np.float64] = (1 - lag) * (2 + np.cos(2 * np.pi * lag)) / 3
+    return bulk + np.sin(2 * np.pi * lag) / (2 * np.pi)
+
+
+def tukey_window(inside: int, before: int, after: int) -> NDArray[np.float64]:
+    """Tukey's window: ones, with half a cosine's rise from zero before and its fall behind.
+
+    Parameters
+    ----------
+    inside, before, after : int
+        Samples of each of the three parts.
+    """
+
+    def rise(n: int) -> NDArray[np.float64]:
+        return 0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n) if n else np.ones(0)
+
+    return np.concatenate([rise(before), np.ones(inside), rise(after)[::-1]])

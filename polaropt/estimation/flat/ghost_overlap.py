@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
-from polaropt.numerics import block_mean, frequencies, grid_sums, left_out, minimum_error, vertex
+from polaropt.numerics import (
+    block_mean,
+    frequencies,
+    grid_sums,
+    left_out,
+    middle,
+    minimum_error,
+    tukey_window,
+    vertex,
+)
 from polaropt.optics import Plate, SceneParameters, interface
 
 Images = NDArray[np.float32]
@@ -113,7 +122,7 @@ class _Wiener:
     def __init__(self, frame: PlateFrame, scene: SceneParameters) -> None:
         from scipy.fft import rfft2
 
-        images = block_mean(_middle(frame.images).mean(axis=1), _HALF)
+        images = block_mean(middle(frame.images, _SIDE).mean(axis=1), _HALF)
         self._shape: tuple[int, int] = images.shape[-2:]
         images -= images.mean(axis=(-2, -1), keepdims=True)
         images *= np.outer(*(fading(side) for side in self._shape))
@@ -181,14 +190,5 @@ def _squared(values: Spectrum) -> Images:
 
 def fading(side: int) -> Images:
     """One inside, falling to zero at both ends."""
-    distance = np.minimum(np.arange(side), np.arange(side)[::-1]) + 0.5
     reach = min(_FADED, max(1, side // 8))
-    fading: Images = (0.5 - 0.5 * np.cos(np.pi * np.minimum(distance / reach, 1))).astype(np.float32)
-    return fading
-
-
-def _middle(images: Images) -> Images:
-    """The middle of large pictures: enough edges, and bounded time."""
-    height, width = images.shape[-2:]
-    top, left = (max(0, (side - _SIDE) // 2) for side in (height, width))
-    return images[..., top : top + _SIDE, left : left + _SIDE]
+    return tukey_window(side - 2 * reach, reach, reach).astype(np.float32)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
-from polaropt.numerics import frequencies
+from polaropt.numerics import column_multiplicity, frequencies, hann_autocorrelation, hann_window
 from polaropt.optics import GhostSeries, GhostSum, Plate, SceneParameters, ghost_sum, interface
 
 Images = NDArray[np.float32]
@@ -128,8 +128,8 @@ class CrossSpectra:
     def coherence(self, shifts: Matrix) -> Images:
         """Share of its light that a tile's window has in common with itself one ghost shift further."""
         direction = math.radians(self.azimuth_deg if self.ghosts_deg is None else self.ghosts_deg)
-        common = _hann_autocorrelation(shifts * math.cos(direction) / self.tile)
-        return (common * _hann_autocorrelation(shifts * math.sin(direction) / self.tile)).astype(np.float32)
+        common = hann_autocorrelation(shifts * math.cos(direction) / self.tile)
+        return (common * hann_autocorrelation(shifts * math.sin(direction) / self.tile)).astype(np.float32)
 
 
 def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
@@ -137,7 +137,7 @@ def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
     from scipy.fft import rfft2
 
     side = min(tile, *frame.images.shape[-2:])
-    profile = np.hanning(side + 2)[1:-1]
+    profile = hann_window(side)
     window = np.outer(profile, profile)
     window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)
     share = window / np.sum(window)
@@ -157,13 +157,6 @@ def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
     return _usable(Bands(par, perp, cross, counts), side, frame)
 
 
-def _hann_autocorrelation(lag: Matrix) -> Matrix:
-    """Normalized autocorrelation of a Hann window at a lag in units of its length."""
-    lag = np.minimum(np.abs(lag), 1)
-    bulk: Matrix = (1 - lag) * (2 + np.cos(2 * np.pi * lag)) / 3
-    return bulk + np.sin(2 * np.pi * lag) / (2 * np.pi)
-
-
 def _power(spectra: NDArray[np.complex64]) -> Images:
     """Power of spectra (channel, ...), summed over the channels."""
     parts = spectra.view(np.float32).reshape(*spectra.shape, 2)
@@ -176,10 +169,7 @@ def _usable(sums: Bands, side: int, frame: PlateFrame) -> CrossSpectra:
     azimuth = math.radians(frame.azimuth_deg)
     along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
     across = columns * math.sin(azimuth) + rows * math.cos(azimuth)
-    multiplicity = np.full(along.shape, 2, np.float32)
-    multiplicity[:, 0] = 1
-    if side % 2 == 0:
-        multiplicity[:, -1] = 1
+    multiplicity = np.broadcast_to(column_multiplicity(side).astype(np.float32), along.shape)
     radius: Matrix = np.hypot(columns, rows)
     # The window leaks the lowest frequencies; interpolation, in an eye or a computer, spoils the highest.
     use = (radius > _LOWEST_CYCLES * 2 * np.pi / side) & (radius < _HIGHEST)

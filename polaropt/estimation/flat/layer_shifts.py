@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from polaropt.capture import PlateFrame
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap
 from polaropt.estimation.flat.ghosts import ShiftLikelihood
-from polaropt.numerics import local_minimum, vertex
+from polaropt.numerics import grid_minimum, local_minima, local_minimum
 from polaropt.optics import SceneParameters, plate_at
 
 Curve = NDArray[np.float64]
@@ -60,7 +60,7 @@ class _Scanner:
         of_r = np.stack([np.full(n, pair.reflection), np.full(n, -pair.reflection), self.grid])
         flat = self.likelihood.misfit(self.incidence_deg, of_r.ravel(), _FIRST_ROUNDS, of_t.ravel())
         misfit = flat.reshape(3, n)
-        misfit = np.where(_least_around(misfit) & (np.abs(of_r) >= _LEAST_REFLECTION_SHIFT), misfit, np.inf)
+        misfit = np.where(local_minima(misfit) & (np.abs(of_r) >= _LEAST_REFLECTION_SHIFT), misfit, np.inf)
         best = np.unravel_index(int(np.argmin(misfit)), misfit.shape)
         return _Pair(float(of_t[best]), float(of_r[best])), float(misfit[best])
 
@@ -75,10 +75,10 @@ class _Scanner:
         for _ in range(2):
             of_t = pair.transmission + _FINE
             misfit = self.likelihood.misfit(self.incidence_deg, np.full(of_t.size, pair.reflection), 4, of_t)
-            pair = _Pair(_least(of_t, misfit), pair.reflection)
+            pair = _Pair(grid_minimum(of_t, misfit), pair.reflection)
             of_r = pair.reflection + _FINE
             misfit = self.likelihood.misfit(self.incidence_deg, of_r, 4, np.full(of_r.size, pair.transmission))
-            pair = _Pair(pair.transmission, _least(of_r, misfit))
+            pair = _Pair(pair.transmission, grid_minimum(of_r, misfit))
         return pair
 
 
@@ -151,16 +151,3 @@ def _score(frame: PlateFrame, scanner: _Scanner, scene: SceneParameters, pair: _
     overlap = LayerOverlap(frame, shifted, scanner.incidence_deg)
     near = (scanner.incidence_deg + step for step in (-_NEAR_DEG, 0.0, _NEAR_DEG))
     return misfit + _OVERLAP_WEIGHT * math.log(min(overlap.at(x) for x in near if x < _BOUNDS_DEG[1]))
-
-
-def _least_around(values: Curve) -> NDArray[np.bool_]:
-    """Local minima along the last axis; at its ends values merely fall."""
-    inside = values[..., 1:-1]
-    minima = (inside <= values[..., :-2]) & (inside < values[..., 2:])
-    return np.pad(minima, [(0, 0)] * (values.ndim - 1) + [(1, 1)])
-
-
-def _least(shifts: Curve, misfit: Curve) -> float:
-    """Vertex of the parabola through the least of some equally spaced values and its neighbours."""
-    best = min(max(int(np.argmin(misfit)), 1), shifts.size - 2)
-    return float(shifts[best] + (shifts[1] - shifts[0]) * vertex(*misfit[best - 1 : best + 2]))

@@ -19,7 +19,7 @@ from polaropt.estimation.flat.errors import incidence_error, shift_errors
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.layer_shifts import own_shifts
 from polaropt.estimation.flat.overlap import BlockImages, EdgeOverlap, block_images
-from polaropt.numerics import local_minimum, vertex
+from polaropt.numerics import grid_minimum, local_minima, local_minimum
 from polaropt.optics import SceneParameters, ghost_step, interface
 
 Curve = NDArray[np.float64]
@@ -224,8 +224,7 @@ class SceneSearch:
         """The trial's shift between the grid's points, none where it gains too little; then the incidence."""
         shifts = trial.ghost_shift + _FINE_SHIFTS
         misfit = self._likelihood.misfit(trial.incidence_deg, shifts)
-        best = min(max(int(np.argmin(misfit)), 1), shifts.size - 2)
-        shift = float(shifts[best] + (shifts[1] - shifts[0]) * vertex(*misfit[best - 1 : best + 2]))
+        shift = grid_minimum(shifts, misfit)
         near = self._near(trial.incidence_deg)
         without, with_ghosts = self._likelihood.misfit(near, [0.0, shift], rounds=_CLOSELY).min(axis=0)
         gain = (without - with_ghosts) / self._least_gain(trial.incidence_deg)
@@ -281,8 +280,7 @@ class SceneSearch:
 
 def _minima(values: Curve) -> list[int]:
     """Indices of local minima, least first: not at the ends, where values merely fall, unless there is nothing else."""
-    inside = values[1:-1]
-    minima = 1 + np.flatnonzero((inside <= values[:-2]) & (inside < values[2:]))
+    minima = np.flatnonzero(local_minima(values))
     return [int(i) for i in minima[np.argsort(values[minima])]] or [int(np.argmin(values))]
 
 

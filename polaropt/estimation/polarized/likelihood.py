@@ -19,7 +19,7 @@ from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghost_overlap import coarse_overlap, fading
 from polaropt.estimation.polarized.kernels import Seen, explain, pane_vectors
 from polaropt.estimation.polarized.light import AZIMUTH, INCIDENCE, SHIFT, Point, entering_light, in_place, pane_light
-from polaropt.numerics import block_mean, frequencies, opponent_basis
+from polaropt.numerics import block_mean, column_multiplicity, frequencies, middle, opponent_basis
 from polaropt.optics import SceneParameters, frame_matrix
 
 Images = NDArray[np.float32]
@@ -78,7 +78,7 @@ class PolarizedLikelihood:
 
         self._scene = scene
         self._whiten = np.linalg.inv(np.linalg.cholesky(stokes.covariance / _HALF**2))
-        images = block_mean(_middle(stokes.images), _HALF)
+        images = block_mean(middle(stokes.images, _SIDE), _HALF)
         basis = opponent_basis(images.shape[1])
         images = np.einsum("ij,dc,jcyx->idyx", self._whiten, basis, images)
         self._shape: tuple[int, int] = images.shape[-2:]
@@ -228,13 +228,6 @@ class _Part:
         return np.asarray(levels.astype(np.float32) @ self.shapes)
 
 
-def _middle(images: Images) -> Images:
-    """The middle of large pictures: enough edges, and bounded time."""
-    height, width = images.shape[-2:]
-    top, left = (max(0, (side - _SIDE) // 2) for side in (height, width))
-    return images[..., top : top + _SIDE, left : left + _SIDE]
-
-
 def _sectors(direction: Values, radius: Values) -> list[NDArray[np.intp]]:
     """Indices of the frequencies of each of some directions and bands, about as many in each band."""
     bands = np.digitize(radius, np.quantile(radius, np.linspace(0, 1, _SECTOR_BANDS + 1)[1:-1]))
@@ -246,11 +239,9 @@ def _sectors(direction: Values, radius: Values) -> list[NDArray[np.intp]]:
 def _seen(spectra: NDArray[np.complex64], rows: Values, columns: Values, shape: tuple[int, int]) -> tuple[Seen, Images]:
     """What is seen at all frequencies, and the shapes of natural spectra: a power law in bands and orientations."""
     radius, lowest = np.hypot(rows, columns), 2 * np.pi / max(shape)
-    weight = np.full((shape[0], shape[1] // 2 + 1), 2.0)
-    weight[:, 0] = 1
-    if shape[1] % 2 == 0:
-        weight[:, -1] = 1
-    weight = weight.ravel() * ((radius > _LOWEST_CYCLES * lowest) & (radius < _HIGHEST))
+    weight = np.tile(column_multiplicity(shape[1]), shape[0]) * (
+        (radius > _LOWEST_CYCLES * lowest) & (radius < _HIGHEST)
+    )
     radius = np.maximum(radius, lowest)
     position = np.log(radius / lowest) / math.log(math.sqrt(2) * math.pi / lowest) * (_BANDS - 1)
     bands = np.maximum(0, 1 - np.abs(position - np.arange(_BANDS)[:, None]))

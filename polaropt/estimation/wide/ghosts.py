@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages, plate_frame
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
-from polaropt.numerics import vertex
+from polaropt.numerics import grid_minimum
 from polaropt.optics import SceneParameters, pixel_grid, scene_angles
 
 Curve = NDArray[np.float64]
@@ -71,9 +71,9 @@ def likeliest_shift(stokes: StokesImages, scene: SceneParameters) -> VaryingShif
     most = math.floor(min(_MOST_SHIFT, min(stokes.images.shape[-2:]) / 6))
     # At the ends of a grid misfits merely fall.
     grid = np.arange(-most, most + 1.0)
-    shift = _least(grid[1:-1], quick.misfit(grid, _ROUNDS)[1:-1])
+    shift = grid_minimum(grid[1:-1], quick.misfit(grid, _ROUNDS)[1:-1])
     fine = round(shift) + _FINE
-    shift = _least(fine, quick.misfit(fine, _ROUNDS))
+    shift = grid_minimum(fine, quick.misfit(fine, _ROUNDS))
     closely = _Together([(ShiftLikelihood(part.spectra, pane, _DETAIL), part.incidence_deg) for part in parts])
     without, with_ghosts = closely.misfit(np.array([0.0, shift]), _CLOSELY)
     return VaryingShift(shift, float(without - with_ghosts))
@@ -89,12 +89,6 @@ class _Together:
         """Mean over the parts."""
         curves = [likelihood.misfit(incidence, shifts, rounds) for likelihood, incidence in self.parts]
         return np.asarray(np.mean(curves, axis=0))
-
-
-def _least(shifts: Curve, misfit: Curve) -> float:
-    """Vertex of the parabola through the least of some equally spaced values and its neighbours."""
-    i = min(max(int(np.argmin(misfit)), 1), shifts.size - 2)
-    return float(shifts[i] + (shifts[1] - shifts[0]) * vertex(*misfit[i - 1 : i + 2]))
 
 
 def _parts(stokes: StokesImages, scene: SceneParameters) -> Iterator[_Part]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
-from polaropt.numerics.minima import local_minimum, vertex
+from polaropt.numerics.minima import grid_minimum, local_minima, local_minimum, vertex
 
 
 def test_the_vertex_of_a_parabola():
@@ -38,3 +39,16 @@ def test_bounds_are_kept():
 
     assert 86 < local_minimum(value, 87.0, (0.5, 88.0), 2.0, 0.2) <= 88
     assert max(seen) <= 88
+
+
+def test_the_minimum_of_values_on_a_grid_lies_between_its_points():
+    points = np.arange(-3.0, 4.0) / 2
+    assert grid_minimum(points, (points - 0.3) ** 2) == pytest.approx(0.3)
+    # Values that merely fall tell no minimum: the last point that has two neighbours.
+    assert grid_minimum(points, points) == points[1]
+
+
+def test_local_minima_lie_inside():
+    values = np.array([[0.0, 2, 1, 1, 3, 0], [3, 1, 2, 2, 2, 5]])
+    expected = [[False, False, False, True, False, False], [False, True, False, False, True, False]]
+    np.testing.assert_array_equal(local_minima(values), expected)
