@@ -8,16 +8,23 @@ pools is not safe under threads, the other waits actively and slows down whateve
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from numbers import Number
+from pathlib import Path
 from typing import Any, TypeVar
 
 # All that lets loops vectorize, without "nnan" and "ninf": NaN and infinity must show.
 _FAST = {"reassoc", "contract", "nsz", "arcp", "afn"}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+# Attribute of a kernel's function in which its stamp stands, for the kernels that call it.
+_STAMP = "_kernel_stamp"
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 _told: list[Callable[[str], None]] = []
@@ -29,13 +36,13 @@ def compiled(function: Kernel) -> Kernel:
     """Decorate a kernel: compiled by numba without the interpreter's lock, cached on disk where that is possible.
 
     Sums may be reordered and products fused; division by zero gives infinity instead of an exception, so that loops
-    vectorize. A kernel may call another. The cache notices changes of the kernel's own file only: keep kernels that
-    call each other in one file.
+    vectorize. A kernel may call another, also of another file: what is cached counts until one of these files changes.
 
     Parameters
     ----------
     function : callable
-        In the part of Python that numba knows, on arrays and scalars.
+        In the part of Python that numba knows, on arrays and scalars. Kernels, numbers and named tuples of other files
+        are imported by name, before it.
 
     Returns
     -------
@@ -45,15 +52,49 @@ def compiled(function: Kernel) -> Kernel:
     import numba  # half a second: only where a kernel is used
 
     _listen()
-    options: dict[str, Any] = {"nogil": True, "fastmath": _FAST, "error_model": "numpy"}
+    stamp = _stamp(function)
+    function.__dict__[_STAMP] = stamp
     try:
-        kernel: Kernel = numba.njit(cache=True, **options)(function)
+        kernel: Kernel = numba.njit(cache=True, fastmath=_FAST, **_OPTIONS)(function)
     except RuntimeError as error:
         if "no locator available" not in str(error):
             raise
         # No folder can be written to: compiled anew in every process.
-        kernel = numba.njit(cache=False, **options)(function)
+        kernel = numba.njit(cache=False, fastmath=_FAST, **_OPTIONS)(function)
+    else:
+        _renew_with(stamp, kernel)
     return kernel
+
+
+def _stamp(function: Callable[..., Any]) -> str:
+    """Digest of all that a kernel is compiled from: its file, the kernels, numbers and tuples that its file imports."""
+    digest = hashlib.sha256(repr([*sorted(_FAST), _OPTIONS]).encode())
+    path = Path(inspect.getfile(function))
+    digest.update(path.read_bytes() if path.is_file() else function.__code__.co_code)
+    for name, value in sorted(function.__globals__.items()):
+        called: Any = getattr(value, "py_func", None)
+        stamp = getattr(called, _STAMP, None)
+        if stamp is not None and called.__globals__ is not function.__globals__:
+            digest.update(f"{name}: {stamp}".encode())
+        elif isinstance(value, Number) or (isinstance(value, tuple) and all(isinstance(v, Number) for v in value)):
+            digest.update(f"{name}: {value!r}".encode())
+        elif isinstance(value, type) and hasattr(value, "_fields"):
+            digest.update(f"{name}: {value._fields}".encode())
+    return digest.hexdigest()
+
+
+def _renew_with(stamp: str, kernel: Any) -> None:
+    """Take what is cached of a kernel as it is only where it was compiled from the same sources.
+
+    numba looks at the kernel's own file, although the machine code of the kernels that it calls goes into its own.
+    """
+    from numba.core.caching import IndexDataCacheFile
+
+    cache = kernel._cache
+    made_of: Any = IndexDataCacheFile
+    cache._cache_file = made_of(
+        cache_path=cache.cache_path, filename_base=cache._impl.filename_base, source_stamp=stamp
+    )
 
 
 @contextmanager

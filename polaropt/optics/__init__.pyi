@@ -16,7 +16,6 @@ __all__ = [
     "VaryingPSE",
     "analyzer_matrix",
     "bent_normal",
-    "bounces_that_show",
     "brewster_angle_deg",
     "change_basis",
     "dolp_aolp",
@@ -43,7 +42,6 @@ __all__ = [
 from .engine import PSE as PSE
 from .engine import Displacements as Displacements
 from .engine import VaryingPSE as VaryingPSE
-from .engine import bounces_that_show as bounces_that_show
 from .engine import engine_for as engine_for
 from .engine import shown_stokes as shown_stokes
 from .fresnel import brewster_angle_deg as brewster_angle_deg

@@ -33,10 +33,10 @@ print(*told)
 """
 
 
-def run(folder: Path, **environment: str) -> str:
-    """Names of the kernels that a new process compiles."""
+def run(folder: Path, program: str = RUN, **environment: str) -> str:
+    """Names of the kernels that a new process compiles, and what else its program prints."""
     clean = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
-    command = [sys.executable, "-c", RUN.format(folder=str(folder))]
+    command = [sys.executable, "-c", program.format(folder=str(folder))]
     ran = subprocess.run(command, cwd=ROOT, env=clean | environment, capture_output=True, text=True, check=True)
     return ran.stdout.strip()
 
@@ -52,6 +52,72 @@ def test_the_second_process_loads_and_tells_nothing(tmp_path):
     (tmp_path / "kernel.py").write_text(KERNEL)
     assert run(tmp_path) == "doubled"
     assert run(tmp_path) == ""
+
+
+BASE = """
+from typing import NamedTuple
+from solvers.kernels import compiled
+
+FACTOR = 2
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+@compiled
+def scaled(x):
+    return 1.0 * x
+"""
+MIDDLE = """
+from solvers.kernels import compiled
+from base import scaled
+
+@compiled
+def passed(x):
+    return scaled(x)
+"""
+KERNEL_OF_OTHERS = """
+from solvers.kernels import compiled
+from base import FACTOR, Pair
+from middle import passed
+
+@compiled
+def inner(pair):
+    return pair.first + FACTOR * passed(pair.second)
+
+@compiled
+def outer(pair):
+    return inner(pair)
+"""
+RUN_OF_OTHERS = """
+import sys
+sys.path.insert(0, {folder!r})
+from solvers.kernels import told_of_compiling
+told = []
+with told_of_compiling(told.append):
+    from kernel import Pair, outer
+    print(outer(Pair(first=10.0, second=1.0)))
+print(*told)
+"""
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "value"),
+    [
+        ("base.py", "1.0 * x", "5.0 * x", 20.0),
+        ("base.py", "FACTOR = 2", "FACTOR = 3", 13.0),
+        ("base.py", "first: float\n    second: float", "second: float\n    first: float", 12.0),
+        ("middle.py", "scaled(x)", "-scaled(x)", 8.0),
+    ],
+)
+def test_a_change_in_another_file_that_a_kernel_is_made_of_compiles_it_anew(tmp_path, file, old, new, value):
+    for name, text in (("base.py", BASE), ("middle.py", MIDDLE), ("kernel.py", KERNEL_OF_OTHERS)):
+        (tmp_path / name).write_text(text)
+    assert run(tmp_path, RUN_OF_OTHERS).splitlines()[0] == "12.0"
+    assert run(tmp_path, RUN_OF_OTHERS).splitlines() == ["12.0"]
+    (tmp_path / file).write_text((tmp_path / file).read_text().replace(old, new))
+    assert run(tmp_path, RUN_OF_OTHERS).splitlines()[0] == str(value)
+    assert run(tmp_path, RUN_OF_OTHERS).splitlines() == [str(value)]
 
 
 def test_without_a_folder_for_the_cache_it_compiles_every_time(tmp_path):

@@ -1,7 +1,7 @@
 """Compiled passes over rows: from layers to whitened residuals of the plate's entries, and back.
 
 Shapes: roots (kind, entry, entry), kinds (channel, h, w) or empty where all pixels are of one kind, data (entry,
-channel, h, w). Other files' kernels build on these: clear their caches (``__pycache__``) after a change here.
+channel, h, w).
 """
 
 from __future__ import annotations
