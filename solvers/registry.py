@@ -9,7 +9,7 @@ from solvers.base import MissingPackage, Solver
 
 # Module, class, the package it needs and the extra that brings it ("": a dependency of polaropt itself).
 _BACKENDS = {
-    "casadi": ("solvers.casadi_ipopt", "CasadiIPOPT", "casadi", ""),
+    "casadi": ("solvers.casadi_ipopt", "CasadiIPOPT", "casadi", "casadi"),
     "lbfgs": ("solvers.lbfgs", "LBFGS", "numba", ""),
     "nlopt": ("solvers.nlopt_lbfgs", "NLoptLBFGS", "nlopt", ""),
     "scipy": ("solvers.scipy_lbfgs", "ScipyLBFGSB", "scipy", ""),

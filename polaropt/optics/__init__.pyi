@@ -27,6 +27,7 @@ __all__ = [
     "in_place_correction",
     "in_place_reflectance",
     "in_place_weights",
+    "incidence_trace",
     "interface",
     "largest_turn",
     "pixel_grid",
@@ -50,6 +51,7 @@ from .geometry import FLAT as FLAT
 from .geometry import Bend as Bend
 from .geometry import Pane as Pane
 from .geometry import bent_normal as bent_normal
+from .geometry import incidence_trace as incidence_trace
 from .geometry import largest_turn as largest_turn
 from .geometry import pixel_grid as pixel_grid
 from .geometry import plane_normal as plane_normal

@@ -45,9 +45,9 @@ def pixel_grid(height: int, width: int, center: tuple[float, float]) -> tuple[Pl
 
 
 def bent_normal(normal: Any, bend: Bend, vergence: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
-    """Normal of a bent pane, of any length, for pixels x to the right and y up.
+    """Normal of a bent pane, of any length, for pixels x to the right and y up; linear in normal and bend together.
 
-    Plain arithmetic: numbers, arrays and symbols alike.
+    Plain arithmetic: numbers and arrays, real and complex.
 
     Parameters
     ----------
@@ -92,10 +92,22 @@ def scene_angles(scene: SceneParameters, x: Plane, y: Plane) -> tuple[Plane, Pla
     return Pane(plane_normal(incidence_deg, azimuth_deg), bend, vergence).angles(x, y)
 
 
+def incidence_trace(normal: Any, vergence: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    """Trace of the plane of incidence on the image, (x, y) of the length that the normal has across the line of sight.
+
+    Linear in the normal; parameters as for `viewing_angles`.
+    """
+    n_x, n_y, n_z = normal
+    x, y = x * vergence, y * vergence
+    squared = x * x + y * y + 1
+    along = n_x * x + n_y * y + n_z
+    return n_x - along * x / squared, n_y - along * y / squared
+
+
 def viewing_angles(normal: Any, vergence: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
     """Cosine of the incidence, and cosine and sine of twice the azimuth, for pixels x to the right and y up.
 
-    Plain arithmetic: numbers, arrays and symbols alike.
+    Plain arithmetic: numbers and arrays, real and complex.
 
     Parameters
     ----------
@@ -107,10 +119,10 @@ def viewing_angles(normal: Any, vergence: Any, x: Any, y: Any) -> tuple[Any, Any
         From the principal point, in pixels.
     """
     n_x, n_y, n_z = normal
+    w_x, w_y = incidence_trace(normal, vergence, x, y)
     x, y = x * vergence, y * vergence
     squared = x * x + y * y + 1
     along = n_x * x + n_y * y + n_z
-    w_x, w_y = n_x - along * x / squared, n_y - along * y / squared
     # Never quite 0: where the pane is seen frontally there is no plane of incidence.
     energy = w_x * w_x + w_y * w_y + 1e-12
     cosine = along / (squared * (n_x * n_x + n_y * n_y + n_z * n_z)) ** 0.5

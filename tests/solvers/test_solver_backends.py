@@ -48,7 +48,7 @@ def test_too_many_unknowns_are_refused_before_anything_runs(name):
 
 @pytest.mark.parametrize(
     ("name", "wanted"),
-    [("casadi", "casadi"), ("torch", "'polaropt[torch]'"), ("lbfgs", "numba"), ("nlopt", "nlopt")],
+    [("casadi", "'polaropt[casadi]'"), ("torch", "'polaropt[torch]'"), ("lbfgs", "numba"), ("nlopt", "nlopt")],
 )
 def test_a_missing_package_is_named_with_the_way_to_install_it(monkeypatch, name, wanted):
     monkeypatch.setattr(solvers.registry, "find_spec", lambda package: None)

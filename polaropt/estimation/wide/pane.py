@@ -1,22 +1,22 @@
-"""How a pane stands, from the light polarized across its plane of incidence: IPOPT with exact derivatives and bounds.
+"""How a pane stands, from the light polarized across its plane of incidence: bounded least squares.
 
 A pane is a point of six numbers: incidence and azimuth at the middle, half the longer side over the focal length, and
 the three of its bend, angles in radians and lengths in units of half the longer side, so that all are of one order.
-Programs are built once for a number of blocks; the blocks come in as parameters.
+
+A block's polarized light has a main axis; what of it lies across another one goes with the sine of the angle between
+the two (in Stokes' plane), plus what no axis explains. Only the sine is fitted: the rest is the same for all panes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.optics import bent_normal, viewing_angles
+from polaropt.optics import FLAT, bent_normal, incidence_trace, viewing_angles
 
 Values = NDArray[np.float64]
 Numbers = tuple[int, ...]
@@ -38,7 +38,12 @@ _LOW = np.array([np.radians(0.5), -2 * np.pi, 0.5 / LONGEST, *3 * [-_MOST_BENT]]
 _BEYOND = -0.3
 _HIGH = np.array([_STEEPEST, 4 * np.pi, 0.5 / SHORTEST, *3 * [_MOST_BENT]])
 _LEAST_CURVATURE = 1e-12
-_OPTIONS = {"print_level": 0, "sb": "yes", "tol": 1e-7, "mu_init": 1e-3, "max_iter": 100}
+# Of cost and numbers, relative: panes are the same to four digits. Only those that fit nowhere need more evaluations.
+_TOLERANCE, _MOST_EVALUATIONS = 1e-12, 50
+# A step so small that its square vanishes beside 1: imaginary, it gives derivatives without a difference.
+_IMAGINARY_STEP = 1e-30
+# Of second derivatives by differences, in radians and the like: errors of its square beside 1.
+_REAL_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -89,16 +94,37 @@ def fitted(blocks: PolarizedBlocks, start: Values, free: Numbers, prior: Prior =
         Which of the six numbers are fitted; the others stay.
     prior : Prior
     """
-    program, chosen = _program(blocks.places.shape[1], free), list(free)
+    from scipy.optimize import least_squares
+
+    chosen, axes, root = list(free), _main_axes(blocks), _root(prior.precision)
     low, high = _LOW.copy(), _HIGH
     if set(BEND) <= set(free):
         low[VIEW] = _BEYOND
     low, high = low[chosen], high[chosen]
-    start_there = np.clip(start[chosen], low, high)
-    found = program.solver(x0=start_there, p=_told(blocks, start, prior), lbx=low, ubx=high)
-    point = start.copy()
-    point[chosen] = np.asarray(found["x"]).ravel()
-    return point
+
+    def at(numbers: Values) -> Values:
+        point = start.copy()
+        point[chosen] = numbers
+        return point
+
+    def residuals(numbers: Values) -> Values:
+        point = at(numbers)
+        return np.concatenate([_across(point, blocks.places, axes), root @ (point - prior.mean)])
+
+    def slopes(numbers: Values) -> Values:
+        return np.concatenate([_slopes(at(numbers), free, blocks.places, axes), root[:, chosen]])
+
+    found = least_squares(
+        residuals,
+        np.clip(start[chosen], low, high),
+        slopes,
+        (low, high),
+        ftol=_TOLERANCE,
+        xtol=_TOLERANCE,
+        gtol=_TOLERANCE,
+        max_nfev=_MOST_EVALUATIONS,
+    )
+    return at(found.x)
 
 
 def with_errors(blocks: PolarizedBlocks, point: Values, free: Numbers, prior: Prior = NOTHING) -> PaneFit:
@@ -107,13 +133,13 @@ def with_errors(blocks: PolarizedBlocks, point: Values, free: Numbers, prior: Pr
     From curvature and scatter of the gradient between parts of the frame (a block jackknife's limit): so residuals that
     are larger than the noise, or alike in neighbouring blocks, widen it as much as they matter.
     """
-    program, chosen = _program(blocks.places.shape[1], free), list(free)
-    curvature, gradients = program.curvature(point[chosen], _told(blocks, point, prior))
-    parts = blocks.grouped(np.asarray(gradients))
+    chosen, axes = list(free), _main_axes(blocks)
+    curvature = _curvature(point, free, blocks.places, axes)
+    parts = blocks.grouped(_gradients(point, free, blocks.places, axes))
     scatter = parts.T @ parts * len(parts) / max(1, len(parts) - 1)
-    told = _at_least_noise(np.asarray(curvature), scatter)
+    told = _at_least_noise(curvature, scatter)
     known = prior.precision[np.ix_(chosen, chosen)]
-    inverse = np.linalg.pinv(np.asarray(curvature) + known, hermitian=True)
+    inverse = np.linalg.pinv(curvature + known, hermitian=True)
     covariance = np.zeros((N_NUMBERS, N_NUMBERS))
     covariance[np.ix_(chosen, chosen)] = inverse @ (told + known) @ inverse
     return PaneFit(point, covariance)
@@ -132,46 +158,82 @@ def _at_least_noise(curvature: Values, scatter: Values) -> Values:
     return whitened
 
 
-def _told(blocks: PolarizedBlocks, point: Values, prior: Prior) -> Values:
-    """The program's parameters: numbers that stay, the prior and the blocks."""
-    told = [point, prior.mean, prior.precision, blocks.places, blocks.moments]
-    return np.concatenate([part.ravel() for part in told])
+def _root(precision: Values) -> Values:
+    """A matrix whose square, transposed times itself, is a precision."""
+    sizes, axes = np.linalg.eigh(precision)
+    return np.asarray(np.sqrt(np.maximum(sizes, 0))[:, None] * axes.T)
 
 
-@dataclass(frozen=True)
-class _Program:
-    """The minimizer, and curvature (free, free) and gradients (blocks, free) of the misfit's half sum of squares."""
+def _main_axes(blocks: PolarizedBlocks) -> Values:
+    """Main axis of each block's (s1, s2), (2, m), as long as the root of the most that a pane may leave across."""
+    s11, s12, s22 = blocks.moments
+    length, angle = np.sqrt(np.hypot(s11 - s22, 2 * s12)), np.arctan2(2 * s12, s11 - s22) / 2
+    return np.stack([length * np.cos(angle), length * np.sin(angle)])
 
-    solver: Any
-    curvature: Any
+
+def _across(point: Any, places: Values, axes: Values) -> Any:
+    """What a pane leaves of each block's main axis across the plane of incidence, (m,)."""
+    cos, sin = _turn(point, places)
+    return cos * axes[1] - sin * axes[0]
 
 
-@lru_cache(maxsize=8)
-def _program(n_blocks: int, free: Numbers) -> _Program:
-    casadi = import_module("casadi")
-    unknown = casadi.MX.sym("unknown", len(free))
-    n, m = N_NUMBERS, N_NUMBERS**2
-    told = casadi.MX.sym("told", 2 * n + m + 5 * n_blocks)
-    fixed, mean, precision, rest = casadi.vertsplit(told, [0, n, 2 * n, 2 * n + m, told.numel()])
-    point = [unknown[free.index(i)] if i in free else fixed[i] for i in range(N_NUMBERS)]
-    halves = _half_squares(point, *casadi.vertsplit(rest, n_blocks))
-    misfit = casadi.sum1(halves)
-    away = casadi.vertcat(*point) - mean
-    # Per block, so that tolerances mean the same for all numbers of them.
-    objective = (misfit + casadi.bilin(casadi.reshape(precision, n, n), away, away) / 2) / n_blocks
-    told_ipopt = {"print_time": False, "error_on_fail": False, "ipopt": _OPTIONS}
-    solver = casadi.nlpsol("pane", "ipopt", {"x": unknown, "p": told, "f": objective}, told_ipopt)
-    curvature, _ = casadi.hessian(misfit, unknown)
-    return _Program(
-        solver, casadi.Function("curvature", [unknown, told], [curvature, casadi.jacobian(halves, unknown)])
+def _turn(point: Any, places: Values) -> tuple[Any, Any]:
+    """Cosine and sine of twice the azimuth in each block; of complex numbers, too."""
+    view = point[VIEW]
+    _, cos, sin = viewing_angles(bent_normal(_normal(point), tuple(point[3:]), view, *places), view, *places)
+    return cos, sin
+
+
+def _normal(point: Any) -> tuple[Any, Any, Any]:
+    """At the middle."""
+    incidence, azimuth = point[:2]
+    across = np.sin(incidence)
+    return across * np.cos(azimuth), across * np.sin(azimuth), np.cos(incidence)
+
+
+def _slopes(point: Values, free: Numbers, places: Values, axes: Values) -> Values:
+    """Derivatives (m, free) of what lies across.
+
+    The trace of the plane of incidence is linear in the normal, and that in the bend: how the trace moves is the trace
+    of how the normal moves. The view alone acts otherwise.
+    """
+    view, nowhere = point[VIEW], (0.0, 0.0, 0.0)
+    normal, bend = _normal(point), tuple(point[3:])
+
+    def trace(normal: Any, bend: Any) -> tuple[Any, Any]:
+        return incidence_trace(bent_normal(normal, bend, view, *places), view, *places)
+
+    incidence, azimuth = point[[INCIDENCE, AZIMUTH]]
+    tilted = np.cos(incidence) * np.cos(azimuth), np.cos(incidence) * np.sin(azimuth), -np.sin(incidence)
+    turned = -np.sin(incidence) * np.sin(azimuth), np.sin(incidence) * np.cos(azimuth), 0.0
+    moves = {INCIDENCE: (tilted, FLAT), AZIMUTH: (turned, FLAT)}
+    moves |= {number: (nowhere, tuple(part)) for number, part in zip(BEND, np.eye(3), strict=True)}
+    w_x, w_y = trace(normal, bend)
+    cos, sin = _turn(point, places)
+    # What lies across changes with twice the azimuth.
+    rate = -2 * (sin * axes[1] + cos * axes[0]) / (w_x * w_x + w_y * w_y + 1e-12)
+    slopes = np.empty((places.shape[1], len(free)))
+    for column, number in enumerate(free):
+        if number == VIEW:
+            moved = [*point[:VIEW], view + 1j * _IMAGINARY_STEP, *bend]
+            slopes[:, column] = _across(moved, places, axes).imag / _IMAGINARY_STEP
+        else:
+            t_x, t_y = trace(*moves[number])
+            slopes[:, column] = rate * (w_x * t_y - w_y * t_x)
+    return slopes
+
+
+def _gradients(point: Values, free: Numbers, places: Values, axes: Values) -> Values:
+    """Gradient (m, free) of half the square of what each block has across."""
+    return np.asarray(_across(point, places, axes)[:, None] * _slopes(point, free, places, axes))
+
+
+def _curvature(point: Values, free: Numbers, places: Values, axes: Values) -> Values:
+    """Second derivatives (free, free) of half the sum of squares across."""
+    moves = _REAL_STEP * np.eye(N_NUMBERS)[list(free)]
+    after, before = (
+        np.array([_gradients(point + sign * move, free, places, axes).sum(axis=0) for move in moves])
+        for sign in (1, -1)
     )
-
-
-def _half_squares(point: list[Any], x: Any, y: Any, s11: Any, s12: Any, s22: Any) -> Any:
-    """Half the square of what each block's light has across the plane of incidence, symbolically."""
-    casadi = import_module("casadi")
-    incidence, azimuth, view, *bend = point
-    across = casadi.sin(incidence)
-    normal = across * casadi.cos(azimuth), across * casadi.sin(azimuth), casadi.cos(incidence)
-    _, cos, sin = viewing_angles(bent_normal(normal, tuple(bend), view, x, y), view, x, y)
-    return (cos * cos * s22 - 2 * cos * sin * s12 + sin * sin * s11) / 2
+    curvature = (after - before) / (2 * _REAL_STEP)
+    return np.asarray(curvature + curvature.T) / 2

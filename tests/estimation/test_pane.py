@@ -1,4 +1,4 @@
-"""Exact local fits of how a pane stands, and the errors they tell."""
+"""Local fits of how a pane stands, and the errors they tell."""
 
 from __future__ import annotations
 
@@ -76,6 +76,31 @@ def test_a_prior_draws_what_the_light_does_not_tell():
     fit = with_errors(blocks, fitted(blocks, TRUE, free, prior), free, prior)
     np.testing.assert_allclose(fit.point, prior.mean, atol=1e-4)
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), 1e-6, rtol=0.1)
+
+
+@pytest.mark.parametrize("free", [(INCIDENCE, AZIMUTH), (INCIDENCE, AZIMUTH, VIEW), (INCIDENCE, AZIMUTH, VIEW, *BEND)])
+def test_the_light_across_grows_from_the_minimum_as_the_covariance_says(free):
+    blocks = seen(TRUE, noise=1e-3)
+    prior = Prior(TRUE, np.diag([1.0, 1.0, 10.0, 10.0, 10.0, 10.0]))
+    fit = with_errors(blocks, fitted(blocks, TRUE, free, prior), free, prior)
+
+    def cost(point):
+        incidence, azimuth = np.degrees(point[:2])
+        focal, bend = blocks.half_px / point[VIEW], tuple(point[3:] / blocks.half_px)
+        return blocks.n * blocks.misfit(incidence, azimuth, focal, bend) + prior.distance(point)
+
+    # In no direction is the error less than what the curvature makes it: there, one error off, the sum grows by 1.
+    sizes, directions = np.linalg.eigh(fit.covariance[np.ix_(free, free)])
+    for size, direction in zip(sizes, directions.T, strict=True):
+        step = np.zeros(6)
+        step[list(free)] = np.sqrt(size) * direction
+        rise = (cost(fit.point + step) + cost(fit.point - step)) / 2 - cost(fit.point)
+        assert rise > 0.95
+
+
+def test_light_that_is_not_polarized_leaves_a_pane_where_it_is():
+    dark = StokesImages(np.zeros((3, 3, SIZE, SIZE), np.float32), np.eye(3), np.ones((3, SIZE, SIZE), dtype=bool))
+    np.testing.assert_array_equal(fitted(PolarizedBlocks(dark), TRUE, (INCIDENCE, AZIMUTH, VIEW)), TRUE)
 
 
 def test_residuals_alike_in_neighbouring_blocks_widen_the_errors():
