@@ -13,6 +13,7 @@ from polaropt.cli.command import Progress, progress_bar, say, say_json
 
 if TYPE_CHECKING:
     from polaropt.cli.example import Example, Score
+    from polaropt.optics import Field
 
 
 COMPARISON = "side-by-side.png"
@@ -72,15 +73,17 @@ def _as_dicts(scores: tuple[Score, Score]) -> list[dict[str, Any]]:
 
 
 def _sentences(example: Example, report: dict[str, Any], scores: tuple[Score, Score], folder: Path) -> list[str]:
+    from polaropt.optics import FIELDS, SEARCHED
     from polaropt.reporting import marked, report_attention
 
-    found = report["scene"]
-    incidence, azimuth, shift = example.scene.values()
+    def row(field: Field) -> str:
+        (component,) = field.components
+        found, true = report["scene"][field.name], getattr(example.scene, field.name)
+        return f"  {field.label:13} {found:9.{component.digits}f} {true:9.{component.digits}f} {component.unit}"
+
     lines = [
         f"Pane            {'found':>9} {'true':>9}",
-        f"  incidence     {found['incidence_deg']:9.2f} {incidence:9.2f} deg",
-        f"  azimuth       {found['azimuth_deg']:9.2f} {azimuth:9.2f} deg",
-        f"  ghost shift   {found['ghost_shift']:9.2f} {shift:9.2f} px",
+        *(row(field) for field in FIELDS if field.name in SEARCHED),
         f"PSNR            {'photograph':>10} {'separated':>10}",
         *(f"  {score.layer:13} {score.doing_nothing_db:8.1f} {score.separated_db:10.1f} dB" for score in scores),
         f"{report['solver']['n_evaluations']} evaluations, {sum(report['seconds'].values()):.1f} s",

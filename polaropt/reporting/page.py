@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, block_means, encode_srgb, planes_last
+from polaropt.optics import Component
 from polaropt.reporting.pictures import (
     MISFIT_WHITE,
     aolp_colors,
@@ -23,7 +24,7 @@ from polaropt.reporting.pictures import (
     uncertainty_panels,
     viewing_exposure,
 )
-from polaropt.reporting.words import report_attention
+from polaropt.reporting.words import report_attention, shown_fields, source_of
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -287,16 +288,6 @@ _RUNGS = {
     "curved": "a bent pane before a wide lens",
     "polarized": "a flat pane, light that arrives polarized",
 }
-# Name in the scene, words, unit, digits.
-_NUMBERS = (
-    ("incidence_deg", "Angle of incidence", "deg", 2),
-    ("azimuth_deg", "Azimuth of the plane of incidence", "deg", 2),
-    ("ghost_shift", "Ghost shift", "px", 2),
-    ("transmission_ghost_shift", "Ghost shift of the transmission", "px", 2),
-    ("focal_px", "Focal length", "px", 0),
-    ("refractive_index", "Refractive index", "", 3),
-)
-_LIGHT = (("transmission_polarization", "Light from behind"), ("reflection_polarization", "Mirrored light"))
 
 
 @dataclass(frozen=True)
@@ -357,38 +348,30 @@ def parameters(report: dict[str, Any]) -> list[Parameter]:
     scene = report["scene"]
     if not scene["signal"]:
         return []
-    errors = report["errors"]
-    found = [
+    rows = [
         Parameter(
-            words,
-            _with_unit(f"{scene[name]:.{digits}f}", unit),
-            _error(errors.get(name), unit),
-            "estimated" if name in report["estimated"] else "given",
+            field.words[0].upper() + field.words[1:],
+            ", ".join(map(_number, field.components, _as_list(scene[field.name]))),
+            ", ".join(map(_error, field.components, _as_list(report["errors"].get(field.name)))),
+            source_of(field.name, report["estimated"]),
         )
-        for name, words, unit, digits in _NUMBERS
-        if scene.get(name) is not None
+        for field in shown_fields(scene)
     ]
-    if scene["single_surface"]:
-        found = [parameter for parameter in found if not parameter.name.startswith("Ghost shift")]
-        found.append(Parameter("Back face", "none", "", "given"))
-    return found + [
-        Parameter(
-            words,
-            f"degree {scene[name][0]:.2f}, angle {scene[name][1]:.0f} deg",
-            ", ".join(map(_error, errors[name] or (), ("", "deg"))),
-            "polarized on arrival",
-        )
-        for name, words in _LIGHT
-        if scene[name][0] > 0
-    ]
+    return [*rows, Parameter("Back face", "none", "", "given")] if scene["single_surface"] else rows
 
 
-def _error(error: float | None, unit: str) -> str:
-    return "" if error is None else _with_unit(f"± {error:.2g}", unit)
+def _as_list(value: Any) -> list[float]:
+    if value is None:
+        return []
+    return list(value) if isinstance(value, list | tuple) else [value]
 
 
-def _with_unit(number: str, unit: str) -> str:
-    return f"{number} {unit}".strip()
+def _number(component: Component, value: float) -> str:
+    return " ".join(filter(None, (component.words, f"{value:.{component.digits}f}", component.unit)))
+
+
+def _error(component: Component, error: float) -> str:
+    return f"± {error:.2g} {component.unit}".rstrip()
 
 
 @lru_cache(maxsize=1)

@@ -11,10 +11,10 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import polaropt
+from polaropt.optics import FIELDS, Field, SceneParameters
 
 if TYPE_CHECKING:
     from polaropt.capture import Capture
-    from polaropt.optics import SceneParameters
     from polaropt.separation import Separation
     from solvers.base import SolverResult
 
@@ -65,19 +65,23 @@ def _terms(result: Separation) -> list[tuple[str, Any]]:
 
 def scene_report(found: SceneParameters, given: SceneParameters, focal_hint_px: float | None = None) -> dict[str, Any]:
     """The scene's parameters, and the names of those that were estimated; not so a focal length the camera told."""
-    from polaropt.optics import SEARCHED
-
-    estimated = [name for name in SEARCHED if getattr(given, name) is None]
+    estimated = [field.name for field in FIELDS if field.estimable and _added(field, found, given)]
     if found.single_surface and "ghost_shift" in estimated:
         estimated.remove("ghost_shift")
-    for name in ("focal_px", "transmission_ghost_shift"):
-        if getattr(found, name) is not None and getattr(given, name) is None:
-            estimated.append(name)
-    if found.bent and not given.bent:
-        estimated.append("bend_deg_per_px")
     if found.focal_px == focal_hint_px and "focal_px" in estimated:
         estimated.remove("focal_px")
     return {"scene": {"rung": found.rung, **plain(found)}, "estimated": estimated}
+
+
+def _added(field: Field, found: SceneParameters, given: SceneParameters) -> bool:
+    return is_set(field, getattr(found, field.name)) and not is_set(field, getattr(given, field.name))
+
+
+def is_set(field: Field, value: Any) -> bool:
+    """Whether a scene says something of a field: zeros say flat, and unpolarized, whatever the angle."""
+    if len(field.components) == 1:
+        return value is not None
+    return any(number for component, number in zip(field.components, value, strict=True) if component.period is None)
 
 
 def capture_report(capture: Capture) -> dict[str, Any]:

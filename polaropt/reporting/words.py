@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from polaropt.capture import PLAUSIBLE_GAIN, Capture
 from polaropt.judging import SeparationWarning
-from polaropt.optics import SceneParameters, largest_turn
+from polaropt.optics import FIELDS, Field, SceneParameters, largest_turn
 from polaropt.reporting.inspection import Inspection
-from polaropt.reporting.report import scene_report
+from polaropt.reporting.report import is_set, scene_report
 
 if TYPE_CHECKING:
     from polaropt.estimation import FoundScene
@@ -230,16 +230,20 @@ def start_sentence(capture: Capture) -> str:
     return f"Start of the angles: {capture.origin.start_deg:+.0f} deg from horizontal, as the double images tell."
 
 
-_NUMBERS = (
-    ("incidence_deg", "incidence", "deg"),
-    ("azimuth_deg", "azimuth", "deg"),
-    ("ghost_shift", "ghost shift", "px"),
-    ("transmission_ghost_shift", "of the transmission", "px"),
-)
-_LIGHT = (
-    ("transmission_polarization", "light behind it polarized"),
-    ("reflection_polarization", "mirrored light polarized"),
-)
+def shown_fields(scene: Mapping[str, Any]) -> list[Field]:
+    """Fields that say something of a scene as in ``report.json``: not what it lacks."""
+    varies = scene["focal_px"] is not None or any(scene["bend_deg_per_px"])
+    absent: set[str] = set()
+    if scene["single_surface"]:
+        absent = {"ghost_shift", "transmission_ghost_shift"}
+    elif varies and not scene["ghost_shift"]:
+        absent = {"ghost_shift"}
+    return [field for field in FIELDS if field.name not in absent and is_set(field, scene[field.name])]
+
+
+def source_of(name: str, estimated: Collection[str]) -> str:
+    """Where the value of a field comes from, in a word."""
+    return "estimated" if name in estimated else "given"
 
 
 def pane_sentence(report: dict[str, Any]) -> str:
@@ -250,34 +254,37 @@ def pane_sentence(report: dict[str, Any]) -> str:
     report : dict
         As ``report.json``.
     """
-    scene, estimated = report["scene"], report["estimated"]
+    scene = report["scene"]
     if not scene["signal"]:
         return "Not separated: the intensity is returned as transmission."
-    varies = scene["focal_px"] is not None or any(scene["bend_deg_per_px"])
-    parts = [
-        f"{word} {scene[name]:.2f} {error_of(report['errors'][name])}{unit} ({_source(name, estimated)})"
-        for name, word, unit in _NUMBERS
-        if scene[name] is not None
-        and not (name == "ghost_shift" and (scene["single_surface"] or (varies and not scene[name])))
-    ]
-    if varies:
-        parts.insert(2, "both changing over the picture")
-    if scene["focal_px"] is not None:
-        error = error_of(report["errors"]["focal_px"])
-        parts.append(f"focal length {scene['focal_px']:.0f} {error}px ({_source('focal_px', estimated)})")
-    if any(scene["bend_deg_per_px"]):
-        turn = 100 * largest_turn(scene["bend_deg_per_px"])
-        parts.append(f"bent by {turn:.1f} deg in 100 px ({_source('bend_deg_per_px', estimated)})")
-    parts += [_light(report, name, word) for name, word in _LIGHT if scene[name][0]]
-    return f"Pane: {', '.join(parts)}, refractive index {scene['refractive_index']:g}."
+    parts = {field.name: _phrase(field, report) for field in shown_fields(scene)}
+    if scene["focal_px"] is not None or any(scene["bend_deg_per_px"]):
+        parts["azimuth_deg"] += ", both changing over the picture"
+    return f"Pane: {', '.join(parts.values())}."
 
 
-def _light(report: dict[str, Any], name: str, word: str) -> str:
-    """Degree and angle at which a layer's light arrives polarized."""
-    (degree, angle), errors = report["scene"][name], report["errors"][name]
-    of_degree, of_angle = errors or (None, None)
-    source = "given" if errors is None else "estimated"
-    return f"{word} {degree:.2f} {error_of(of_degree)}at {angle:.0f} {error_of(of_angle)}deg ({source})"
+def _phrase(field: Field, report: dict[str, Any]) -> str:
+    """A field's words, numbers, errors and source."""
+    amount = _amount(field, report["scene"][field.name], report["errors"].get(field.name))
+    source = source_of(field.name, report["estimated"])
+    if field.name == "bend_deg_per_px":
+        return f"bent by {amount} ({source})"
+    if len(field.components) > 1:
+        return f"{field.label} polarized {amount} ({source})"
+    return f"{field.label} {amount} ({source})"
+
+
+def _amount(field: Field, value: Any, error: Any) -> str:
+    """Numbers of a field with their standard errors, where there are any, and units."""
+    if field.name == "bend_deg_per_px":
+        return f"{100 * largest_turn(value):.1f} deg in 100 px"
+    errors = error if isinstance(error, list | tuple) else [error] * len(field.components)
+    values = value if isinstance(value, list | tuple) else [value]
+    parts = (
+        f"{number:.{component.digits}f} {error_of(of_number)}{component.unit}".strip()
+        for component, number, of_number in zip(field.components, values, errors, strict=True)
+    )
+    return " at ".join(parts)
 
 
 def estimate_sentences(
@@ -295,27 +302,24 @@ def estimate_sentences(
     from_thickness : bool
         Whether the ghost shift follows from the incidence and a thickness that was given.
     """
-    estimated = scene_report(found.scene, given, focal_hint_px)["estimated"]
-    sources = {name: f"({_source(name, estimated)})" for name in ("incidence_deg", "azimuth_deg", "focal_px")}
-    incidence, azimuth, shift = found.scene.values()
-    lines = [
-        f"incidence  {incidence:7.2f} deg  {error_of(found.errors.incidence_deg)}{sources['incidence_deg']}",
-        f"azimuth    {azimuth:7.2f} deg  {error_of(found.errors.azimuth_deg)}{sources['azimuth_deg']}",
-    ]
-    if found.scene.focal_px is not None:
-        error = error_of(found.errors.focal_px)
-        lines.append(f"focal      {found.scene.focal_px:7.0f} px   {error}{sources['focal_px']}")
-    if found.scene.bent:
-        lines.append(f"bend       {100 * largest_turn(found.scene.bend_deg_per_px):7.1f} deg  in 100 px (estimated)")
+    report = scene_report(found.scene, given, focal_hint_px)
+    sources = {field.name: source_of(field.name, report["estimated"]) for field in FIELDS}
+    sources["refractive_index"] = "given or assumed"
+    if from_thickness:
+        sources["ghost_shift"] = "from the thickness"
+    fields = shown_fields(report["scene"])
+    heads = max(len(field.label) for field in fields)
+    lines = []
+    for field in fields:
+        amount = _amount(field, getattr(found.scene, field.name), getattr(found.errors, field.name, None))
+        lines.append(f"{field.label:{heads}}  {amount} ({sources[field.name]})")
     if found.scene.varies:
         lines.append("incidence and azimuth change over the picture; those above are at its middle")
     elif given.single_surface:
         lines.append("a single surface, without ghosts")
-    else:
-        source = "from the thickness" if from_thickness else _source("ghost_shift", estimated)
-        lines.append(f"shift      {shift:7.2f} px   {error_of(found.errors.ghost_shift)}({source})")
-    lines.append(f"index      {given.refractive_index:7.2f}      (given or assumed)")
-    lines += [f"rung       {tried.rung}: {'taken' if tried.taken else 'left'}. {tried.reason}" for tried in found.tried]
+    lines += [
+        f"{'rung':{heads}}  {tried.rung}: {'taken' if tried.taken else 'left'}. {tried.reason}" for tried in found.tried
+    ]
     if found.estimate is not None and not found.estimate.polarized:
         lines += marked(["the light is not polarized beyond the noise; these numbers mean nothing."])
     return lines
@@ -372,7 +376,3 @@ def error_of(error: float | None) -> str:
         return ""
     digits = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 2
     return f"+- {error:.{min(digits, 2)}f} "
-
-
-def _source(name: str, estimated: Collection[str]) -> str:
-    return "estimated" if name in estimated else "given"

@@ -138,7 +138,8 @@ def test_a_wide_lens_is_found_and_told(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_estimate(photographs: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     lines = spoken(capsys, "estimate", *photographs).splitlines()
-    assert [line.split()[0] for line in lines] == ["incidence", "azimuth", "shift", "index", "rung"]
+    heads = ["incidence", "azimuth", "ghost shift", "refractive index", "rung"]
+    assert [line.split("  ")[0] for line in lines] == heads
     assert all("estimated" in line for line in lines[:3])
     report = json.loads(spoken(capsys, "estimate", *photographs, "--json", "--azimuth", "30"))
     assert report["scene"]["incidence_deg"] == pytest.approx(65, abs=5)

@@ -242,8 +242,8 @@ def test_newton_steps_go_along_a_narrow_valley() -> None:
 def test_the_sentence_tells_the_polarization_of_both_layers() -> None:
     scene = {**plain(SceneParameters(**SCREEN)), "rung": "polarized"}
     errors = {**plain(SceneErrors()), "transmission_polarization": [0.02, 1.5]}
-    sentence = pane_sentence({"scene": scene, "estimated": [], "errors": errors})
-    assert "light behind it polarized 0.60 +- 0.02 at 140 +- 1.5 deg (estimated)" in sentence
+    sentence = pane_sentence({"scene": scene, "estimated": ["transmission_polarization"], "errors": errors})
+    assert "light from behind polarized 0.60 +- 0.02 at 140 +- 1.5 deg (estimated)" in sentence
     assert "mirrored" not in sentence
 
 

@@ -131,8 +131,9 @@ def test_standard_errors_stand_beside_what_was_estimated():
     assert table["Azimuth of the plane of incidence"].how == "given"
     assert table["Focal length"].value == "900 px"
     assert table["Focal length"].error == "± 12 px"
-    assert table["Mirrored light"].value == "degree 0.30, angle 60 deg"
-    assert table["Mirrored light"].error == "± 0.021, ± 3 deg"
+    assert table["Polarization of the mirrored light"].value == "degree 0.30, angle 60 deg"
+    assert table["Polarization of the mirrored light"].error == "± 0.021, ± 3 deg"
+    assert table["Polarization of the mirrored light"].how == "estimated"
 
 
 def test_the_page_states_the_standard_errors_of_the_report(separated):

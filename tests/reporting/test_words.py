@@ -4,9 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
+from polaropt.estimation.ladder import FoundScene
 from polaropt.judging.warnings import SeparationWarning
+from polaropt.optics.scene import FIELDS, SceneErrors, SceneParameters
 from polaropt.reporting.inspection import inspect_capture
-from polaropt.reporting.words import attention, capture_findings, inspection_sentences
+from polaropt.reporting.page import parameters
+from polaropt.reporting.report import plain, scene_report
+from polaropt.reporting.words import (
+    attention,
+    capture_findings,
+    estimate_sentences,
+    inspection_sentences,
+    pane_sentence,
+)
 from tests.captured import photographed
 
 PLAIN = inspect_capture(photographed((64, 64), noise=0.003))
@@ -44,3 +56,45 @@ def test_what_a_warning_of_the_separation_says_is_not_said_again() -> None:
     assert attention(bad, warned) == ["photographs look swapped: 0 and 45 degrees; check the order of the files."]
     # How weak the polarization is the separation measures against the noise.
     assert len(attention(bad, ())) == 3
+
+
+OPEN = SceneParameters(None, None, None)
+# What a field of each kind can hold, and what is said of it.
+FULL = SceneParameters(
+    incidence_deg=61.2,
+    azimuth_deg=25.0,
+    ghost_shift=4.0,
+    refractive_index=1.333,
+    transmission_ghost_shift=3.0,
+    focal_px=900.0,
+    bend_deg_per_px=(0.02, 0.0, 0.0),
+    transmission_polarization=(0.6, 140.0),
+    reflection_polarization=(0.3, 60.0),
+)
+
+
+def test_every_quantity_of_the_scene_is_said_everywhere() -> None:
+    report = {**scene_report(FULL, OPEN), "errors": plain(SceneErrors(incidence_deg=0.4))}
+    assert report["estimated"] == [field.name for field in FIELDS if field.estimable]
+    sentence, lines = pane_sentence(report), estimate_sentences(FoundScene(FULL, None, ()), OPEN)
+    assert len(parameters(report)) == len(FIELDS)
+    for field in FIELDS:
+        assert ("bent by" if field.name == "bend_deg_per_px" else field.label) in sentence
+        assert any(line.startswith(field.label) for line in lines)
+    assert "incidence 61.20 +- 0.40 deg (estimated)" in sentence
+    assert "refractive index 1.333 (given)" in sentence
+
+
+@pytest.mark.parametrize(
+    ("scene", "absent"),
+    [
+        (SceneParameters(50.0, 10.0, 0.0, single_surface=True), "ghost shift"),
+        (SceneParameters(50.0, 10.0, 0.0, focal_px=500.0), "ghost shift"),
+        (SceneParameters(50.0, 10.0, 3.0, reflection_polarization=(0.0, 60.0)), "mirrored light"),
+    ],
+)
+def test_what_a_scene_lacks_is_said_nowhere(scene: SceneParameters, absent: str) -> None:
+    report = {**scene_report(scene, OPEN), "errors": plain(SceneErrors())}
+    assert absent not in pane_sentence(report)
+    assert not any(absent in row.name.lower() for row in parameters(report))
+    assert not any(line.startswith(absent) for line in estimate_sentences(FoundScene(scene, None, ()), OPEN))
