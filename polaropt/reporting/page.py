@@ -176,11 +176,13 @@ def _gradient(colors: Pixels) -> str:
     return f"linear-gradient(to right, {stops})"
 
 
+# Of the chart, in the units of its drawing.
 _WIDTH, _HEIGHT = 640, 260
 _LEFT, _RIGHT, _TOP, _BOTTOM = 84, 16, 14, 44
-_MOST_MARKERS = 60
+# Evaluations up to which each has a dot; more run into one another.
+_MOST_DOTS = 60
 _TICKS = 5
-# Values over more than this ratio need a logarithmic axis.
+# Largest value over least from which the axis is logarithmic; set by hand.
 _WIDE = 20.0
 
 
@@ -200,14 +202,12 @@ class Chart:
     ----------
     points : tuple of (float, float)
         x and y of each evaluation.
-    best : (float, float)
-        Of the least value.
     across, up : tuple of Tick
+        The first and last of each are the ends of what is drawn.
     logarithmic : bool
     """
 
     points: tuple[tuple[float, float], ...]
-    best: tuple[float, float]
     across: tuple[Tick, ...]
     up: tuple[Tick, ...]
     logarithmic: bool
@@ -224,9 +224,9 @@ class Chart:
         return " ".join(f"{x:.1f},{y:.1f}" for x, y in self.points)
 
     @property
-    def markers(self) -> tuple[tuple[float, float], ...]:
+    def dots(self) -> tuple[tuple[float, float], ...]:
         """Points to mark: all where they are few."""
-        return self.points if len(self.points) <= _MOST_MARKERS else ()
+        return self.points if len(self.points) <= _MOST_DOTS else ()
 
 
 def convergence_chart(values: Sequence[float]) -> Chart | None:
@@ -239,44 +239,30 @@ def convergence_chart(values: Sequence[float]) -> Chart | None:
     """
     if len(values) < 2:
         return None
-    least, most = min(values), max(values)
-    logarithmic = least > 0 and most > _WIDE * least
-    of = math.log10 if logarithmic else float
-    low, high = of(least), of(most)
-    span = (high - low) or abs(high) or 1.0
-    last = len(values) - 1
+    heights = np.asarray(values, dtype=np.float64)
+    logarithmic = bool(heights.min() > 0 and heights.max() > _WIDE * heights.min())
+    heights = np.log(heights) if logarithmic else heights
+    low, high = float(heights.min()), float(heights.max())
 
-    def x(i: float) -> float:
-        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * i / last
+    def x(count: float) -> float:
+        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * (count - 1) / (len(values) - 1)
 
-    def y(value: float) -> float:
-        return _HEIGHT - _BOTTOM - (_HEIGHT - _BOTTOM - _TOP) * (of(value) - low) / span
+    def y(height: float) -> float:
+        return _HEIGHT - _BOTTOM - (_HEIGHT - _BOTTOM - _TOP) * (height - low) / ((high - low) or 1.0)
 
-    points = tuple((x(i), y(value)) for i, value in enumerate(values))
-    levels = [10**level for level in round_steps(low, high)] if logarithmic else round_steps(low, high)
-    counts = [count for count in round_steps(1, len(values)) if count == int(count)]
+    # From the least to the largest value itself, which rounded ticks would leave to be guessed.
+    levels = np.unique(np.linspace(low, high, _TICKS))
+    counts = np.unique(np.linspace(1, len(values), _TICKS).round())
     return Chart(
-        points=points,
-        best=points[list(values).index(least)],
-        across=tuple(Tick(x(count - 1), f"{count:g}") for count in counts),
-        up=tuple(Tick(y(level), _said(level)) for level in levels),
+        points=tuple((x(count), y(height)) for count, height in enumerate(heights.tolist(), 1)),
+        across=tuple(Tick(x(count), f"{count:g}") for count in counts.tolist()),
+        up=tuple(Tick(y(level), _label(math.exp(level) if logarithmic else level)) for level in levels.tolist()),
         logarithmic=logarithmic,
     )
 
 
-def _said(level: float) -> str:
-    return f"{level:,.0f}" if 1000 <= abs(level) < 1e8 else f"{level:.4g}"
-
-
-def round_steps(low: float, high: float) -> list[float]:
-    """About five round numbers from `low` to `high`, 1, 2 or 5 times a power of ten apart."""
-    if high <= low:
-        return [low]
-    rough = (high - low) / _TICKS
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough * (1 - 1e-9))
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [k * step for k in range(first, last + 1)]
+def _label(value: float) -> str:
+    return f"{value:,.0f}" if 1000 <= abs(value) < 1e8 else f"{value:.4g}"
 
 
 _TEMPLATE = "report_template.html"
