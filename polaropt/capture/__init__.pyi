@@ -30,7 +30,6 @@ __all__ = [
     "planes_first",
     "planes_last",
     "plate_frame",
-    "quantization_step",
     "read_capture",
     "read_file",
     "result_file",
@@ -69,7 +68,6 @@ from .noise import measured_noise as measured_noise
 from .noise import noise_classes as noise_classes
 from .noise import noise_level as noise_level
 from .noise import noise_of_blocks as noise_of_blocks
-from .noise import quantization_step as quantization_step
 from .pair_gain import PLAUSIBLE_GAIN as PLAUSIBLE_GAIN
 from .pair_gain import block_means as block_means
 from .pair_gain import orthogonal_pairs as orthogonal_pairs

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.capture.noise import redundancy_residual
-from polaropt.capture.pair_gain import Floats, orthogonal_pairs, trusted_blocks
+from polaropt.capture.pair_gain import Floats, orthogonal_pairs, redundancy_residual, trusted_blocks
 from polaropt.capture.registration import (
     Images,
     Mask,
@@ -25,6 +24,7 @@ from polaropt.capture.registration import (
     middle,
     products,
 )
+from polaropt.numerics import MAD_TO_SIGMA
 
 _FEWEST_BLOCKS = 50
 _ENOUGH_BLOCKS = 3000
@@ -146,7 +146,7 @@ def _robust_regression(columns: Floats, values: Floats, expected: tuple[float, .
         error = float(np.sqrt(np.linalg.inv(normal)[0, 0]))
         residual = values - columns @ weights
         variance = float(np.mean(residual[kept] ** 2))
-        kept = np.abs(residual) <= 3 * max(1.4826 * float(np.median(np.abs(residual))), 1e-9)
+        kept = np.abs(residual) <= 3 * max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), 1e-9)
     return weights, error
 
 
@@ -271,7 +271,6 @@ def _band(images: Images) -> Images:
 
 
 _LEAST_SHIFT_PX, _MOVED_PX = 0.3, 0.5
-_MAD_TO_SIGMA = 1.4826
 _SAMPLE = 2**15
 # Spread of the residual over its robust spread: 1 for noise, more where edges or bright places break the identity.
 _HARDLY_BROKEN, _BROKEN = 1.02, 1.15
@@ -331,7 +330,7 @@ def identity_ratio(capture: Capture) -> float:
         return 1.0
     residual = redundancy_residual(samples, capture.angles_deg)
     residual = residual - np.median(residual, axis=-1, keepdims=True)
-    robust = _MAD_TO_SIGMA * float(np.median(np.abs(residual)))
+    robust = MAD_TO_SIGMA * float(np.median(np.abs(residual)))
     return float(np.sqrt(np.mean(np.square(residual, dtype=np.float64)))) / robust if robust > 0 else 1.0
 
 

@@ -5,21 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.capture.pair_gain import BLOCK, divide_out_gain, orthogonal_pairs, pair_gain_of, plausible, trusted_blocks
-from polaropt.optics import analyzer_matrix
+from polaropt.capture.pair_gain import (
+    BLOCK,
+    divide_out_gain,
+    orthogonal_pairs,
+    pair_gain_of,
+    plausible,
+    redundancy_residual,
+    trusted_blocks,
+)
+from polaropt.numerics import quantization_step, robust_spread, second_differences
 
-_MAD_TO_SIGMA = 1.4826
 _LEAST = 1e-6
 _ENOUGH_SAMPLES = 1000
 _FEWEST_SAMPLES = 100
-_SAMPLE = 65536
-_COARSEST_STEP, _FEWEST_LEVELS = 1 / 14, 8
 _PILE = 5e-4
 # In steps of the grey levels: below, the noise is rounding, which does not look normal.
 ROUNDED = 0.5
@@ -67,27 +71,6 @@ def noise_level(capture: Capture, seen: Redundancy | None = None) -> float:
     else:
         spread = robust_spread((seen or redundancy(capture)).residual, step / 2)
     return float(max(_LEAST, spread, step / np.sqrt(12)))
-
-
-def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:
-    """What is left of k > 3 photographs beyond a Stokes vector, in orthonormal combinations (k - 3, ...).
-
-    White noise of standard deviation sigma in the photographs has the same sigma here.
-    """
-    left, _, _ = np.linalg.svd(analyzer_matrix(angles_deg))
-    return np.tensordot(left[:, 3:].T.astype(intensities.dtype), intensities, axes=1)
-
-
-def quantization_step(intensities: NDArray[np.float32]) -> float:
-    """Distance of the grey levels (white = 1), 0 for values that lie on no grid."""
-    levels = np.unique(intensities[0].ravel()[:: max(1, intensities[0].size // _SAMPLE)])
-    if levels.size < _FEWEST_LEVELS:
-        return 0.0
-    gaps = np.diff(levels.astype(np.float64))
-    step = float(np.median(gaps[gaps <= 1.5 * np.quantile(gaps, 0.1)]))
-    off_grid = np.abs(gaps / step - np.round(gaps / step))
-    on_grid = float(np.mean(off_grid < 0.1)) > 0.9 and step > 2e-6
-    return step if on_grid and step < _COARSEST_STEP else 0.0
 
 
 def redundancy(capture: Capture) -> Redundancy:
@@ -145,18 +128,12 @@ def _noise_of_three_photographs(capture: Capture, step: float) -> float:
     Light of two unpolarized layers has no s2 in the pane's frame: three photographs are then combinations of two
     pictures, and one combination holds noise alone.
     """
-    detail = _second_differences(capture.intensities)
+    detail = second_differences(capture.intensities)
     trusted = _trusted(capture.intensities, capture.valid)[..., 1:-1, 1:-1]
     samples = detail[:, trusted if trusted.any() else np.ones_like(trusted)]
     small = np.abs(samples).max(axis=0) <= np.quantile(np.abs(samples).max(axis=0), 0.9)
     _, directions = np.linalg.eigh(np.cov(samples[:, small].astype(np.float64)))
     return robust_spread(np.tensordot(directions[:, 0].astype(np.float32), samples, axes=1), step / 6)
-
-
-def _second_differences(images: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Mixed second differences in both directions (Immerkaer 1996), scaled so that white noise keeps its sigma."""
-    down = images[..., :-2, :] - 2 * images[..., 1:-1, :] + images[..., 2:, :]
-    return np.asarray((down[..., :-2] - 2 * down[..., 1:-1] + down[..., 2:]) / np.float32(6))
 
 
 def _trusted(intensities: NDArray[np.float32], all_valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -181,29 +158,6 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     both[..., :, 1:] &= rows[..., :, :-1]
     both[..., :, :-1] &= rows[..., :, 1:]
     return both
-
-
-def robust_spread(values: NDArray[np.float32], step: float) -> float:
-    """Robust standard deviation of values on a grid of `step`.
-
-    On a coarse grid the median deviation is a whole number of steps; a uniform jitter of one step fills the gaps, and
-    its variance is taken off again. Where quantization itself is most of the noise the values are far from normal: the
-    standard deviation without outliers is the better measure there.
-    """
-    center = float(np.median(values))
-    jitter = np.random.default_rng(0).uniform(-0.5, 0.5, values.shape).astype(np.float32) * np.float32(step)
-    jittered = values + jitter if step > 0 else values
-    sigma = _MAD_TO_SIGMA * float(np.median(np.abs(jittered - np.float32(center))))
-    if sigma < 2 * step:
-        sigma = _clipped_deviation(jittered, center, sigma)
-    return float(np.sqrt(max(0.0, sigma**2 - step**2 / 12)))
-
-
-def _clipped_deviation(values: NDArray[np.float32], center: float, sigma: float) -> float:
-    for _ in range(4):
-        kept = values[np.abs(values - np.float32(center)) <= 3.5 * sigma]
-        sigma = float(np.sqrt(np.mean(np.square(kept - np.float32(center), dtype=np.float64))))
-    return sigma
 
 
 Floats = NDArray[np.float64]

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.optics import analyzer_matrix
+
 Floats = NDArray[np.floating[Any]]
 Pairs = tuple[tuple[int, int], tuple[int, int]]
 
@@ -56,6 +58,15 @@ def trusted_blocks(intensities: Floats, valid: NDArray[np.bool_], block: int = B
         return means.reshape(len(means), 0)
     bright_enough = bright > _DARK * np.quantile(bright, 0.99)
     return means[:, whole & bright_enough & (means.min(axis=0) > 0)]
+
+
+def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:
+    """What is left of k > 3 photographs beyond a Stokes vector, in orthonormal combinations (k - 3, ...).
+
+    White noise of standard deviation sigma in the photographs has the same sigma here.
+    """
+    left, _, _ = np.linalg.svd(analyzer_matrix(angles_deg))
+    return np.tensordot(left[:, 3:].T.astype(intensities.dtype), intensities, axes=1)
 
 
 def pair_gain_of(

@@ -1,4 +1,5 @@
 __all__ = [
+    "MAD_TO_SIGMA",
     "Basis",
     "Box",
     "block_mean",
@@ -18,6 +19,9 @@ __all__ = [
     "middle",
     "minimum_error",
     "opponent_basis",
+    "quantization_step",
+    "robust_spread",
+    "second_differences",
     "squared_frequencies",
     "tukey_window",
     "vertex",
@@ -38,6 +42,10 @@ from .minima import grid_minimum as grid_minimum
 from .minima import local_minima as local_minima
 from .minima import local_minimum as local_minimum
 from .minima import vertex as vertex
+from .robust import MAD_TO_SIGMA as MAD_TO_SIGMA
+from .robust import quantization_step as quantization_step
+from .robust import robust_spread as robust_spread
+from .robust import second_differences as second_differences
 from .spectrum import column_multiplicity as column_multiplicity
 from .spectrum import each_plane as each_plane
 from .spectrum import frequencies as frequencies

@@ -17,10 +17,10 @@ from polaropt.capture import (
     noise_level,
     orthogonal_pairs,
     pair_gain_of,
-    quantization_step,
     swapped_photographs,
     visible_shift,
 )
+from polaropt.numerics import quantization_step
 from polaropt.optics import stokes_from_intensities
 
 _SUMMARY_BLOCK = 2

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from polaropt import Capture, InputError
 from polaropt.capture.capture import Origin
-from polaropt.capture.noise import noise_level, quantization_step, redundancy_residual
-from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of
+from polaropt.capture.noise import noise_level
+from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, redundancy_residual
+from polaropt.numerics import quantization_step
 from tests.captured import ANGLES, photographed, scene_intensities
 
 
