@@ -10,10 +10,9 @@ from polaropt.capture import MOST_NEGATIVE, Capture, Mistakes, align, noise_leve
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.estimation.ladder import FoundScene, Tried
-from polaropt.optics import SceneParameters, in_place_correction
+from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_correction
 
 _MUCH_CORRECTION = 1 / 3
-_LEAST_DEG, _MOST_DEG = 0.5, 89.0
 _SURE = 2.0
 _PLAIN = ("pixelwise", "ghosts")
 
@@ -79,7 +78,7 @@ def _overcorrected(asked: SceneParameters, found: SceneEstimate) -> bool:
     The plain intensity is the whole correction off; more than twice that correction is further off on the other side.
     """
     incidence, error = found.scene.incidence_deg or 0.0, _SURE * (found.errors.incidence_deg or 0.0)
-    near = np.clip(np.linspace(incidence - error, incidence + error, 5), _LEAST_DEG, _MOST_DEG)
+    near = np.clip(np.linspace(incidence - error, incidence + error, 5), *INCIDENCE_LIMITS_DEG)
     return correction(asked) > 2 * max(correction(found.scene.replace(incidence_deg=float(angle))) for angle in near)
 
 
@@ -105,7 +104,7 @@ def left_alone(found: FoundScene, asked: Asked) -> FoundScene:
 
 def correction(scene: SceneParameters) -> float:
     """What is taken off the intensity for each unit of polarized light, all bounces in place."""
-    incidence = max(_LEAST_DEG, scene.incidence_deg or 0.0)
+    incidence = max(INCIDENCE_LIMITS_DEG[0], scene.incidence_deg or 0.0)
     return in_place_correction(incidence, scene.refractive_index, scene.single_surface)
 
 

@@ -1,6 +1,9 @@
 __all__ = [
     "FIELDS",
     "FLAT",
+    "GHOST_SHIFT_SEARCH_PX",
+    "INCIDENCE_LIMITS_DEG",
+    "INCIDENCE_SEARCH_DEG",
     "PSE",
     "SEARCHED",
     "Bend",
@@ -29,6 +32,7 @@ __all__ = [
     "in_place_weights",
     "incidence_trace",
     "interface",
+    "largest_search_shift",
     "largest_turn",
     "pixel_grid",
     "plane_normal",
@@ -67,12 +71,16 @@ from .plate import in_place_reflectance as in_place_reflectance
 from .plate import in_place_weights as in_place_weights
 from .plate import plate_at as plate_at
 from .scene import FIELDS as FIELDS
+from .scene import GHOST_SHIFT_SEARCH_PX as GHOST_SHIFT_SEARCH_PX
+from .scene import INCIDENCE_LIMITS_DEG as INCIDENCE_LIMITS_DEG
+from .scene import INCIDENCE_SEARCH_DEG as INCIDENCE_SEARCH_DEG
 from .scene import SEARCHED as SEARCHED
 from .scene import Component as Component
 from .scene import Field as Field
 from .scene import SceneErrors as SceneErrors
 from .scene import SceneParameters as SceneParameters
 from .scene import ghost_step as ghost_step
+from .scene import largest_search_shift as largest_search_shift
 from .stokes import analyzer_matrix as analyzer_matrix
 from .stokes import change_basis as change_basis
 from .stokes import dolp_aolp as dolp_aolp

@@ -12,6 +12,19 @@ from polaropt.optics.fresnel import refraction_angle
 
 SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
 
+# Where a scene's numbers are looked for and worked with; what they may be at all is checked by `SceneParameters`. All
+# set by hand.
+INCIDENCE_SEARCH_DEG = (0.5, 88.0)
+"""Incidences among which that of a pane is searched. At 0.5 degrees glass polarizes 1e-5 of the light that
+it passes and 1e-4 of what it mirrors, less than any noise; from 88 on it passes less than a tenth."""
+INCIDENCE_LIMITS_DEG = (0.5, 89.5)
+"""Incidences at which one that is given or extrapolated is worked with. Frontally and at grazing incidence both
+polarizations are reflected alike, and what polarized light takes off the intensity diverges."""
+GHOST_SHIFT_SEARCH_PX = 24.0
+"""Largest ghost shift that is searched, either way."""
+_SHIFTS_PER_FRAME = 6.0
+"""A frame is at least so many shifts wide: farther ghosts would be told by few edges."""
+
 Rung = Literal["none", "pixelwise", "ghosts", "perspective", "curved", "polarized"]
 
 
@@ -197,6 +210,11 @@ def ghost_step(
     if kind == "plate":
         return 2 * thickness_px * math.tan(refracted) * math.cos(math.radians(incidence_deg))
     raise InputError(f"unknown kind of ghost step {kind!r}; use 'paper' or 'plate'")
+
+
+def largest_search_shift(side: float) -> float:
+    """Largest ghost shift that is searched in a frame whose shorter side has so many pixels."""
+    return min(GHOST_SHIFT_SEARCH_PX, side / _SHIFTS_PER_FRAME)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from polaropt import InputError, SceneParameters, ghost_step
-from polaropt.optics.scene import FIELDS, SEARCHED, Field, SceneErrors
+from polaropt.optics.scene import (
+    FIELDS,
+    GHOST_SHIFT_SEARCH_PX,
+    INCIDENCE_LIMITS_DEG,
+    INCIDENCE_SEARCH_DEG,
+    SEARCHED,
+    Field,
+    SceneErrors,
+    largest_search_shift,
+)
 from polaropt.optics.stokes import stokes_vector
 
 
@@ -118,3 +127,13 @@ def test_angles_that_come_round_are_the_same_after_a_period() -> None:
     assert periods["transmission_polarization"] == periods["reflection_polarization"] == [None, 180.0]
     cyclic = {name for name, own in periods.items() if any(own)}
     assert cyclic == {"azimuth_deg", "transmission_polarization", "reflection_polarization"}
+
+
+def test_what_is_searched_lies_within_what_can_be_worked_with() -> None:
+    assert 0 < INCIDENCE_LIMITS_DEG[0] <= INCIDENCE_SEARCH_DEG[0]
+    assert INCIDENCE_SEARCH_DEG[1] <= INCIDENCE_LIMITS_DEG[1] < 90
+
+
+def test_in_small_frames_only_near_ghosts_are_searched() -> None:
+    assert largest_search_shift(60) == 10
+    assert largest_search_shift(4000) == GHOST_SHIFT_SEARCH_PX

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood
 from polaropt.estimation.flat.search import Evidence, Trial
 from polaropt.numerics import block_mean, jackknife_error
-from polaropt.optics import SceneParameters, in_place_correction
+from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_correction
 
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
@@ -119,7 +119,6 @@ def _wiener_gain(power: Images, radius2: Images, noise: float) -> Images:
 _AS_FOUND, _AT_BEST, _OF_SCORE = 0.5, 1.5, 2.0
 # Noise levels by which scores differ where the search is not mistaken: so it was in all of these scenes.
 _SETTLED = 2.0
-_LEAST_DEG, _MOST_DEG = 0.5, 89.5
 HIGH_STAKE, NOTABLE_STAKE = 0.5, 0.25
 """Stakes from which on the intensity is the safer guess, and from which on a gain of less than 6 dB is expected."""
 
@@ -203,7 +202,8 @@ def log_odds(panes: tuple[Pane, Pane], scene: SceneParameters, noise: float) -> 
 
 
 def _incidence(pane: Pane) -> float:
-    return min(max(pane.trial.incidence_deg, _LEAST_DEG), _MOST_DEG)
+    lowest, highest = INCIDENCE_LIMITS_DEG
+    return min(max(pane.trial.incidence_deg, lowest), highest)
 
 
 def _likelier(panes: tuple[Pane, Pane], scene: SceneParameters) -> tuple[float, float]:

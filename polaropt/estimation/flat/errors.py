@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood
 from polaropt.estimation.flat.overlap import BlockImages, EdgeOverlap
 from polaropt.numerics import jackknife_error, local_minimum, minimum_error
-from polaropt.optics import SceneParameters
+from polaropt.optics import INCIDENCE_LIMITS_DEG, INCIDENCE_SEARCH_DEG, SceneParameters
 
 Values = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ _STEP_DEG, _STEP_PX = 1.5, 0.25
 _NOISY_DEG = 25.0
 # What moves in proportion to the noise's standard deviation moves by so much less when its variance doubles.
 _EXTRAPOLATED = 1 / (math.sqrt(2) - 1)
-_LIMITS_DEG, _TOLERANCE_DEG = (0.5, 88.0), 0.2
+_TOLERANCE_DEG = 0.2
 # Measured on 120 scenes of photographs that no figure is taken of: without these, 85 and 76 % of the true values lie
 # within two errors. Ghosts are told by spectra, whose model is nearly a tenth of a pixel off.
 _WIDER, _LEAST_DEG = 1.3, 0.15
@@ -47,7 +47,7 @@ def incidence_error(
     incidence_deg : float
         Where their overlap is least.
     """
-    step = min(_STEP_DEG, (89.5 - incidence_deg) / 2, incidence_deg / 2)
+    step = min(_STEP_DEG, (INCIDENCE_LIMITS_DEG[1] - incidence_deg) / 2, incidence_deg / 2)
     overlaps = overlap_of(blocks).left_out
     error = minimum_error([overlaps(incidence_deg + shift) for shift in (-step, 0.0, step)], step)
     if incidence_deg >= _NOISY_DEG:
@@ -61,7 +61,7 @@ def _noise_bias(overlap_of: Callable[[BlockImages], EdgeOverlap], blocks: BlockI
     See Cook and Stefanski, Simulation-extrapolation estimation in parametric measurement error models (1994).
     """
     minima = [
-        local_minimum(overlap_of(noisier).joint, incidence_deg, _LIMITS_DEG, _STEP_DEG, _TOLERANCE_DEG)
+        local_minimum(overlap_of(noisier).joint, incidence_deg, INCIDENCE_SEARCH_DEG, _STEP_DEG, _TOLERANCE_DEG)
         for noisier in blocks.noisier()
     ]
     return _EXTRAPOLATED * math.sqrt(np.mean(np.square(np.array(minima) - incidence_deg)))

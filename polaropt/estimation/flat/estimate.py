@@ -18,7 +18,7 @@ from polaropt.estimation.flat.azimuth import HIGH_STAKE, Pane, choose_axis, prin
 from polaropt.estimation.flat.errors import widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
-from polaropt.optics import SceneErrors, SceneParameters
+from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneErrors, SceneParameters
 
 _POLARIZED_SNR = 10.0
 _LEAST_NOISE = 1e-4
@@ -219,6 +219,6 @@ def _tied(errors: SceneErrors, found: SceneParameters, thickness: Thickness) -> 
     if errors.ghost_shift is None or errors.incidence_deg is None:
         return errors
     incidence = found.values()[0]
-    near = (max(0.0, incidence - errors.incidence_deg), min(89.0, incidence + errors.incidence_deg))
+    near = (max(0.0, incidence - errors.incidence_deg), min(INCIDENCE_LIMITS_DEG[1], incidence + errors.incidence_deg))
     steps = [thickness.step(angle, found.refractive_index) for angle in near]
     return replace(errors, ghost_shift=abs(steps[1] - steps[0]) / 2)

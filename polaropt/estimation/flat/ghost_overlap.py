@@ -23,7 +23,7 @@ from polaropt.numerics import (
     tukey_window,
     vertex,
 )
-from polaropt.optics import Plate, SceneParameters, interface
+from polaropt.optics import INCIDENCE_LIMITS_DEG, Plate, SceneParameters, interface
 
 Images = NDArray[np.float32]
 
@@ -60,7 +60,7 @@ def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> tuple[float,
     """
     start, _, _ = scene.values()
     overlap = LayerOverlap(frame, scene, start)
-    step = min(_STEP_DEG, (89.5 - start) / 2)
+    step = min(_STEP_DEG, (INCIDENCE_LIMITS_DEG[1] - start) / 2)
     parts = [overlap.parts(start + shift) for shift in (-step, 0.0, step)]
     before, here, after = (float(_normalized(part.sum(axis=-1))) for part in parts)
     error = minimum_error([_normalized(left_out(part)) for part in parts], step)

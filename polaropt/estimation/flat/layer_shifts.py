@@ -17,7 +17,7 @@ from polaropt.capture import PlateFrame
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap
 from polaropt.estimation.flat.ghosts import ShiftLikelihood
 from polaropt.numerics import grid_minimum, local_minima, local_minimum
-from polaropt.optics import SceneParameters, plate_at
+from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, plate_at
 
 Curve = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ _LEAST_GAIN, _OVERLAP_WEIGHT = 5e-3, 0.1
 """The same to be taken, with what a unit of log overlap is worth: twice what chance gains one shift's panes."""
 _HALF_WIDTH_DEG, _NEAR_DEG = 3.6, 1.2
 _STEP_DEG, _TOLERANCE_DEG = 2.0, 0.3
-_BOUNDS_DEG = (30.0, 88.0)
+_BOUNDS_DEG = (30.0, INCIDENCE_SEARCH_DEG[1])
 
 
 class _Pair(NamedTuple):

@@ -20,12 +20,11 @@ from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross
 from polaropt.estimation.flat.layer_shifts import own_shifts
 from polaropt.estimation.flat.overlap import BlockImages, EdgeOverlap, block_images
 from polaropt.numerics import grid_minimum, local_minima, local_minimum
-from polaropt.optics import SceneParameters, ghost_step, interface
+from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, ghost_step, interface, largest_search_shift
 
 Curve = NDArray[np.float64]
 
-INCIDENCE_GRID_DEG: Curve = np.arange(2.0, 89.0, 2.0)
-LOWEST_DEG, HIGHEST_DEG = 0.5, 88.0
+INCIDENCE_GRID_DEG: Curve = np.arange(2.0, INCIDENCE_SEARCH_DEG[1] + 1, 2.0)
 _TRIAL_DEG = (12.0, 25.0, 35.0, 42.0, 48.0, 54.0, 61.0, 68.0, 75.0, 81.0, 86.0)
 _TRIAL_HALF_WIDTH_DEG = 7.5
 _MOST_BLOCKS, _MOST_TRIAL_BLOCKS, _TRIAL_SIZES = 160, 80, 3
@@ -34,7 +33,6 @@ _N_TRIALS = 3
 _N_CANDIDATES = 6
 _OVERLAP_WEIGHT = 0.2
 """Misfit per frequency that a unit of log overlap is worth."""
-_MOST_SHIFT = 24.0
 _TURNS = 4
 _GRAZING_DEG, _GRAZING_PENALTY = 85.5, 0.03
 """Score per degree beyond: panes are hardly ever seen so, and one across, its layers exchanged, looks much alike."""
@@ -199,7 +197,7 @@ class SceneSearch:
         near = _around(trial.incidence_deg, 6, 2)
         start = float(near[np.argmin([overlap.joint(float(x)) for x in near])])
         overlap = self._best_scales(trial, self._seen.fine)
-        incidence = local_minimum(overlap.joint, start, (LOWEST_DEG, HIGHEST_DEG), _STEP_DEG, tolerance_deg)
+        incidence = local_minimum(overlap.joint, start, INCIDENCE_SEARCH_DEG, _STEP_DEG, tolerance_deg)
         return Trial(incidence, trial.ghost_shift, trial.score)
 
     def _best_scales(self, trial: Trial, blocks: BlockImages) -> EdgeOverlap:
@@ -266,7 +264,7 @@ class SceneSearch:
 
     @property
     def _most_shift(self) -> float:
-        return min(_MOST_SHIFT, self._seen.fine.side / 6)
+        return largest_search_shift(self._seen.fine.side)
 
     def _shift_grid(self, incidence_deg: float, spacing: float) -> Curve:
         if not self._open_shift:
@@ -286,7 +284,8 @@ def _minima(values: Curve) -> list[int]:
 
 def _around(incidence_deg: float, half_width: float, spacing: float) -> Curve:
     near = incidence_deg + np.arange(-half_width, half_width + spacing / 2, spacing)
-    return near[(near > LOWEST_DEG) & (near < HIGHEST_DEG)]
+    lowest, highest = INCIDENCE_SEARCH_DEG
+    return near[(near > lowest) & (near < highest)]
 
 
 def _overlap_weight(incidence_deg: float, refractive_index: float) -> float:

@@ -41,7 +41,7 @@ from polaropt.estimation.polarized.light import (
 from polaropt.estimation.polarized.likelihood import PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture
 from polaropt.numerics import Box, jackknife_error, left_out
-from polaropt.optics import SceneErrors, SceneParameters, brewster_angle_deg
+from polaropt.optics import GHOST_SHIFT_SEARCH_PX, SceneErrors, SceneParameters, brewster_angle_deg
 
 Values = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ _LEAST_IN_PLACE = np.array([5.0, 4.0, 0.0, 0.02, 2.0, 0.1, 20.0])
 """Measured on 48 scenes of photographs that no figure is taken of, screens and skies. In place several panes show the
 same, and which of them is the true one is told by what is likely of screens and skies alone."""
 _LEAST_CURVATURE, _FLATTEST, _UNPOLARIZED = 1e-6, 3e-3, 1e-6
-_MOST_DEGREE, _MOST_DEG, _MOST_PX = 1.0, 90.0, 24.0
+_MOST_DEGREE, _MOST_DEG = 1.0, 90.0
 
 
 def polarized_errors(
@@ -77,7 +77,7 @@ def polarized_errors(
     spread = _WIDER * np.sqrt(np.maximum(np.diag(slopes @ covariance @ slopes.T), 0))
     point = point_at(x)
     errors = np.hypot(spread, _LEAST if point[SHIFT] else _LEAST_IN_PLACE)
-    errors[:3] = np.minimum(errors[:3], [_MOST_DEG, _MOST_DEG, _MOST_PX])
+    errors[:3] = np.minimum(errors[:3], [_MOST_DEG, _MOST_DEG, GHOST_SHIFT_SEARCH_PX])
     incidence, azimuth, shift = (float(errors[i]) if i in free else None for i in (INCIDENCE, AZIMUTH, SHIFT))
     return SceneErrors(
         incidence,
@@ -116,8 +116,8 @@ def _numbers(point: Point) -> Values:
     return numbers
 
 
-_MOST_SHIFT, _LEAST_SHIFT, _N_SHIFTS = 24.0, 2.0, 3
-_SHIFTS = np.arange(-_MOST_SHIFT, _MOST_SHIFT + 1)
+_LEAST_SHIFT, _N_SHIFTS = 2.0, 3
+_SHIFTS = np.arange(-GHOST_SHIFT_SEARCH_PX, GHOST_SHIFT_SEARCH_PX + 1)
 _TURNS_DEG = (-9.0, -4.5, 4.5, 9.0)
 _LEAST_GHOST_GAIN, _BLUR_PX = 0.01, 4.0
 """Score that ghosts must gain, more for those so close that they mimic a blur."""
@@ -255,7 +255,7 @@ class Search:
         incidence, azimuth, _ = candidate.point[:3]
         shown = shown_by(candidate.point, asked)
         # Spectra fitted with ghosts far away suit all of them alike.
-        likelihood.prepare(likelihood.pane(_moved(candidate.point, _MOST_SHIFT)))
+        likelihood.prepare(likelihood.pane(_moved(candidate.point, GHOST_SHIFT_SEARCH_PX)))
 
         def likeliest(turns: Sequence[float]) -> Point | None:
             rows = [

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from polaropt.capture import StokesImages, plate_frame
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.numerics import grid_minimum
-from polaropt.optics import SceneParameters, pixel_grid, scene_angles
+from polaropt.optics import SceneParameters, largest_search_shift, pixel_grid, scene_angles
 
 Curve = NDArray[np.float64]
 
 # Parts per side, which overlap by half, and the least side of one in pixels.
 _PARTS = 3
 _LEAST_SIDE = 48
-_MOST_SHIFT = 24.0
 _FINE: Curve = np.arange(-8.0, 8.5) / 8
 _ROUNDS, _CLOSELY = 2, 16
 # Radii and directions of the layers' spectra where misfits with and without ghosts are compared.
@@ -68,7 +67,7 @@ def likeliest_shift(stokes: StokesImages, scene: SceneParameters) -> VaryingShif
     parts = list(_parts(stokes, scene))
     pane = scene.replace(ghost_shift=0.0, focal_px=None, bend_deg_per_px=(0.0, 0.0, 0.0))
     quick = _Together([(ShiftLikelihood(part.spectra, pane), part.incidence_deg) for part in parts])
-    most = math.floor(min(_MOST_SHIFT, min(stokes.images.shape[-2:]) / 6))
+    most = math.floor(largest_search_shift(min(stokes.images.shape[-2:])))
     # At the ends of a grid misfits merely fall.
     grid = np.arange(-most, most + 1.0)
     shift = grid_minimum(grid[1:-1], quick.misfit(grid, _ROUNDS)[1:-1])
