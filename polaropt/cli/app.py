@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import polaropt
-from polaropt.cli.command import add_command, say
+from polaropt.cli.command import INTERRUPTED, Interrupted, add_command, say
 from polaropt.cli.demo import demo_command
 from polaropt.cli.inspect import estimate_command, inspect_command
 from polaropt.cli.separate import separate_command
@@ -17,7 +17,6 @@ from polaropt.cli.study import add_study_command
 from polaropt.cli.train import train_command
 from polaropt.errors import InputError
 
-INTERRUPTED = 130
 WRONG_INPUT = 2
 
 app = typer.Typer(
@@ -71,6 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refuse(str(error))
     except typer.TyperException as error:
         return _refuse(_usage_sentence(error))
+    except Interrupted as interrupted:
+        typer.echo(f"polaropt: interrupted; {interrupted}", err=True)
+        return INTERRUPTED
     if outcome == INTERRUPTED:
         typer.echo("polaropt: interrupted; nothing was written", err=True)
     return outcome if isinstance(outcome, int) else 0

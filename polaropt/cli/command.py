@@ -15,6 +15,13 @@ import typer
 Progress = Callable[[str, float], None]
 Action = Callable[..., None]
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
+
+
+class Interrupted(Exception):
+    """Ctrl-C in a command that writes as it goes; the text says what of it stays."""
+
 
 def add_command(app: typer.Typer, action: Action, example: str) -> None:
     """Register a function of options dataclasses as a command with one flat list of options.

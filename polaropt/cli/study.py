@@ -8,6 +8,7 @@ import sys
 
 import typer
 
+from polaropt.cli.command import INTERRUPTED, Interrupted
 from polaropt.errors import InputError
 
 
@@ -18,7 +19,15 @@ def study_command(context: typer.Context) -> None:
     """
     if importlib.util.find_spec("studies") is None:
         raise InputError("the studies are not installed here; install polaropt with its extra: polaropt[studies]")
-    code = subprocess.run([sys.executable, "-m", "studies", *context.args], check=False).returncode
+    process = subprocess.Popen([sys.executable, "-m", "studies", *context.args])
+    try:
+        code = process.wait()
+    except KeyboardInterrupt:
+        # It has been interrupted, too, and writes what it has.
+        process.wait()
+        code = INTERRUPTED
+    if code == INTERRUPTED:
+        raise Interrupted("what the study has written stays")
     raise typer.Exit(code)
 
 

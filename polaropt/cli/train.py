@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from polaropt.cli.command import progress_bar, say, say_json
+from polaropt.cli.command import Interrupted, progress_bar, say, say_json
 from polaropt.errors import InputError
 
 if TYPE_CHECKING:
@@ -201,6 +201,7 @@ def train_command(network: NetworkOptions, run: RunOptions) -> None:
     """
     _check_installed()
     from polaropt.training import TrainingJob, train
+    from priors.training.trainer import STATE
 
     job = TrainingJob(
         network.output,
@@ -216,12 +217,24 @@ def train_command(network: NetworkOptions, run: RunOptions) -> None:
         features=run.features,
         resume=run.resume,
     )
-    with progress_bar(not network.json) as progress:
-        record = train(job, progress)
+    state = network.output / STATE
+    before = _written(state)
+    try:
+        with progress_bar(not network.json) as progress:
+            record = train(job, progress)
+    except KeyboardInterrupt:
+        if _written(state) == before:
+            raise
+        raise Interrupted(f"{state} holds the last state: the same command with --resume goes on from it") from None
     if network.json:
         say_json({"output": str(network.output), **record})
     else:
         say(*_sentences(record, network.output))
+
+
+def _written(path: Path) -> int | None:
+    """When a file was written, in ns; None where there is none."""
+    return path.stat().st_mtime_ns if path.is_file() else None
 
 
 def _check_installed() -> None:

@@ -79,12 +79,14 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
     Raises
     ------
     InputError
-        Options that cannot be had, a folder without photographs, no state to resume from, or a loss that is no number.
+        Options that cannot be had, a folder without photographs or that cannot be written, no state to resume from, or
+        a loss that is no number.
     """
     import torch
 
     from priors.networks.checkpoint import save_network
-    from priors.training.trainer import STATE, NotFinite, Training
+    from priors.networks.critics import WrongWeights
+    from priors.training.trainer import STATE, NotFinite, Training, WrongState
 
     options = job.options
     _check_device(options.device)
@@ -98,10 +100,19 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
         training = Training(_network(job), source, options, features)
         if job.resume:
             training.resume(job.folder / STATE)
+    except (WrongWeights, WrongState) as error:
+        raise InputError(str(error)) from error
+    try:
         job.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise InputError(f"{job.folder}: cannot be written ({reason}); choose another output folder") from error
+    try:
         log = training.run(job.folder, progress)
-    except (ValueError, NotFinite, RuntimeError) as error:
-        raise InputError(str(error).splitlines()[0]) from None
+    except NotFinite as error:
+        raise InputError(str(error)) from error
+    except torch.cuda.OutOfMemoryError as error:
+        raise InputError(f"{options.device} has too little memory; take a smaller --batch or --size") from error
     record = {
         "polaropt": polaropt.__version__,
         "architecture": asdict(training.network.architecture),

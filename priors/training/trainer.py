@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import pickle
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -112,6 +113,10 @@ Progress = Callable[[str, float], None]
 
 class NotFinite(ArithmeticError):
     """The loss became infinite or NaN; the text says at which step."""
+
+
+class WrongState(ValueError):
+    """A file is no state to resume a training from; the text is one line that says why and what to do."""
 
 
 class Training:
@@ -264,28 +269,40 @@ class Training:
 
         Raises
         ------
-        ValueError
-            No such file, another architecture or another seed; one line.
+        WrongState
+            No such file, another architecture, other losses or another seed.
         """
         if not path.is_file():
-            raise ValueError(f"{path}: no state to resume from; leave --resume out to begin anew")
+            raise WrongState(f"{path}: no state to resume from; leave --resume out to begin anew")
         try:
             state = torch.load(path, map_location=self.options.device, weights_only=True)
-            self.network.load_state_dict(state["network"])
-            self._averaged.load_state_dict(state["averaged"])
-            self._optimizer.load_state_dict(state["optimizer"])
-            for critic, saved in zip(
-                (self._critics.discriminator, self._judge_optimizer), state["critics"], strict=True
-            ):
-                if critic is not None:
-                    critic.load_state_dict(saved)
-        except Exception:
-            raise ValueError(
-                f"{path}: is no state of this training; resume with the options it was begun with"
-            ) from None
+        except (EOFError, RuntimeError, pickle.UnpicklingError) as error:
+            raise WrongState(f"{path}: cannot be read as a state; leave --resume out to begin anew") from error
+        critics = (self._critics.discriminator, self._judge_optimizer)
+        if not (_is_state(state) and self._made(state)):
+            raise WrongState(f"{path}: is no state of this training; resume with the options it was begun with")
         if state["seed"] != self.options.seed:
-            raise ValueError(f"{path}: was begun with seed {state['seed']}, not {self.options.seed}")
+            raise WrongState(f"{path}: was begun with seed {state['seed']}, not {self.options.seed}")
+        self.network.load_state_dict(state["network"])
+        self._averaged.load_state_dict(state["averaged"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        for critic, saved in zip(critics, state["critics"], strict=True):
+            if critic is not None:
+                critic.load_state_dict(saved)
         self.step = state["step"]
+
+    def _made(self, state: dict[str, Any]) -> bool:
+        """Whether a state is of networks and losses like these."""
+        shapes = {name: weights.shape for name, weights in self.network.state_dict().items()}
+        critics = (self._critics.discriminator, self._judge_optimizer)
+        return shapes == {name: weights.shape for name, weights in state["network"].items()} and [
+            critic is None for critic in critics
+        ] == [critic is None for critic in state["critics"]]
+
+
+def _is_state(state: Any) -> bool:
+    """Whether what a file holds is what `Training.save` writes."""
+    return isinstance(state, dict) and {"step", "seed", "network", "averaged", "optimizer", "critics"} <= state.keys()
 
 
 def psnr(found: Tensor, truth: Tensor) -> tuple[float, float]:

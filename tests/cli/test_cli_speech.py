@@ -125,3 +125,25 @@ def test_ctrl_c_leaves_the_previous_output(
     assert capsys.readouterr().err == "polaropt: interrupted; nothing was written\n"
     assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
     assert (tmp_path / "report.json").read_text() == "previous"
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_an_interrupted_study_is_waited_for_and_not_said_to_have_written_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], heard: bool
+) -> None:
+    waits: list[int] = []
+
+    class Study:
+        def __init__(self, command: list[str]) -> None:
+            assert command[1:3] == ["-m", "studies"]
+
+        def wait(self) -> int:
+            waits.append(1)
+            if heard and len(waits) == 1:
+                raise KeyboardInterrupt
+            return 130
+
+    monkeypatch.setattr("polaropt.cli.study.subprocess.Popen", Study)
+    assert main(["study", "coverage", "-o", "out"]) == 130
+    assert capsys.readouterr().err == "polaropt: interrupted; what the study has written stays\n"
+    assert len(waits) == (2 if heard else 1)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +118,47 @@ def test_what_cannot_be_is_told_in_one_line(
     line = capsys.readouterr().err
     assert told in line
     assert line.count("\n") == 1
+
+
+def test_a_folder_that_cannot_be_written_is_told(
+    photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out").write_text("a file")
+    assert main(tiny(photographs, tmp_path / "out", "--without", "perceptual", "--form", "paper")) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [ValueError, RuntimeError, KeyError])
+def test_a_bug_inside_a_training_keeps_its_traceback(
+    photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[Exception]
+) -> None:
+    def broken(*_: object) -> None:
+        raise error("a bug")
+
+    monkeypatch.setattr("priors.training.trainer.loss_terms", broken)
+    with pytest.raises(error, match="a bug"):
+        main(tiny(photographs, tmp_path, "--without", "perceptual", "--form", "paper"))
+
+
+@pytest.mark.parametrize(("after", "said"), [(1, "nothing was written"), (2, "--resume goes on")])
+def test_an_interrupted_training_says_what_stays(
+    photographs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    after: int,
+    said: str,
+) -> None:
+    # The state is written with the last step.
+    def press(stage: str, fraction: float) -> None:
+        if stage.startswith(f"Training, step {after}"):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("polaropt.cli.train.progress_bar", lambda wanted: nullcontext(press))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert main(tiny(photographs, tmp_path, "--without", "perceptual", "--form", "paper")) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert said in capsys.readouterr().err
+    assert (tmp_path / "state.pt").is_file() == (after == 2)

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from priors.training.losses import DECIBEL, LossWeights
-from priors.training.trainer import LOG, STATE, NotFinite, Training, TrainingOptions
+from priors.training.trainer import LOG, STATE, NotFinite, Training, TrainingOptions, WrongState
 from tests.observations import Mixtures, small_network
 
 OPTIONS = TrainingOptions(
@@ -65,6 +65,27 @@ def test_resuming_from_something_else_is_told(tmp_path: Path) -> None:
     Training(small_network(), Mixtures(), OPTIONS).save(tmp_path / STATE)
     with pytest.raises(ValueError, match="seed 0, not 3"):
         Training(small_network(), Mixtures(), replace(OPTIONS, seed=3)).resume(tmp_path / STATE)
+
+
+def test_what_is_no_state_is_told_and_a_bug_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / STATE).write_bytes(b"no state at all")
+    with pytest.raises(WrongState, match="cannot be read"):
+        Training(small_network(), Mixtures(), OPTIONS).resume(tmp_path / STATE)
+    torch.save({"step": 3}, tmp_path / STATE)
+    with pytest.raises(WrongState, match="no state of this training"):
+        Training(small_network(), Mixtures(), OPTIONS).resume(tmp_path / STATE)
+    adversarial = replace(OPTIONS, weights=replace(OPTIONS.weights, adversarial=0.1))
+    Training(small_network(), Mixtures(), adversarial).save(tmp_path / STATE)
+    with pytest.raises(WrongState, match="no state of this training"):
+        Training(small_network(), Mixtures(), OPTIONS).resume(tmp_path / STATE)
+    training = Training(small_network(), Mixtures(), adversarial)
+
+    def broken(state: object) -> None:
+        raise TypeError("a bug")
+
+    monkeypatch.setattr(training._optimizer, "load_state_dict", broken)
+    with pytest.raises(TypeError, match="a bug"):
+        training.resume(tmp_path / STATE)
 
 
 def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
