@@ -1,4 +1,4 @@
-"""The command line: ``polaropt demo | simulate | inspect | estimate | separate | study``."""
+"""The command line: ``polaropt demo | simulate | inspect | estimate | separate | train | study``."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def polaropt_command(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+        bool, typer.Option("--version", metavar="", callback=_show_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """Separate what is behind glass from what it mirrors, in photographs taken through a polarizer."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from polaropt.cli.command import progress_bar, say, say_json
-from polaropt.cli.options import CaptureOptions, LadderOptions, PaneOptions, SpeechOptions
+from polaropt.cli.options import CaptureOptions, LadderOptions, OutputOptions, PaneOptions
 
 if TYPE_CHECKING:
     from polaropt.capture import Capture
@@ -30,7 +30,7 @@ class PictureOption:
     ] = None
 
 
-def inspect_command(capture: CaptureOptions, picture: PictureOption, speech: SpeechOptions) -> None:
+def inspect_command(capture: CaptureOptions, picture: PictureOption, output: OutputOptions) -> None:
     """Tell what a capture is, before anything is solved.
 
     Size, depth, noise, gain of the two polarizer pairs, saturation and polarization; whether the values look
@@ -43,7 +43,7 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, speech: Spe
     if picture.output is not None:
         _write_picture(photographs, picture.output)
     sentences = [*capture.preparation(photographs), *inspection_sentences(inspection)]
-    if speech.json:
+    if output.json:
         written = [] if picture.output is None else [str(picture.output)]
         say_json({**inspection.as_dict(), "sentences": sentences, "written": written})
         return
@@ -63,20 +63,20 @@ def _write_picture(photographs: Capture, target: Path) -> None:
         write_png(temporary, inspection_picture(photographs))
 
 
-def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderOptions, speech: SpeechOptions) -> None:
+def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderOptions, output: OutputOptions) -> None:
     """Estimate how the pane stands: incidence, azimuth and the distance between double images.
 
     Nothing is separated. What is given with an option stays as it is.
     """
     from polaropt.capture import noise_level
     from polaropt.estimation import find_scene
-    from polaropt.reporting import estimate_sentences, plain, scene_report
+    from polaropt.reporting import estimate_sentences, json_values, scene_report
 
     scene = pane.scene()
     ladder.check()
     capture.check(pane)
     photographs = capture.read()
-    with progress_bar(not speech.json) as progress:
+    with progress_bar(not output.json) as progress:
         if progress is not None:
             progress("Estimating the scene", 0.0)
         found = find_scene(
@@ -88,9 +88,9 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
             thickness_kind=pane.thickness_kind,
         )
     hint = photographs.focal_px
-    if speech.json:
+    if output.json:
         polarized = found.estimate is None or found.estimate.polarized
-        basis = {"errors": plain(found.errors), "rungs": plain(found.tried), "polarized": polarized}
+        basis = {"errors": json_values(found.errors), "rungs": json_values(found.tried), "polarized": polarized}
         say_json({**scene_report(found.scene, scene, hint), **basis})
         return
     sentences = estimate_sentences(found, scene, hint, from_thickness=pane.thickness_px is not None)

@@ -79,7 +79,7 @@ class PaneOptions:
     ] = 1.5
     single_surface: Annotated[
         bool,
-        typer.Option("--single-surface", help="No back face: a water surface.", rich_help_panel=_PANE),
+        typer.Option("--single-surface", metavar="", help="No back face: a water surface.", rich_help_panel=_PANE),
     ] = False
 
     focal_px: Annotated[
@@ -148,10 +148,10 @@ class LadderOptions:
 
 
 @dataclass(frozen=True)
-class SpeechOptions:
-    """How much is said, and to whom."""
+class OutputOptions:
+    """Sentences for people, or JSON for machines."""
 
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, for machines.")] = False
+    json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
 
 
 def numbers(text: str, option: str) -> tuple[float, ...]:

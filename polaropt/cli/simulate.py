@@ -118,7 +118,7 @@ def simulate_command(layers: LayerOptions, pane: PaneOptions, many: SetOptions) 
 
 def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> dict[str, Any]:
     from polaropt.capture import result_folder, write_capture, write_tiff
-    from polaropt.reporting import plain
+    from polaropt.reporting import json_values
     from polaropt.simulation import common_middle, photograph_pair, read_photograph
 
     if many.photos is not None:
@@ -134,7 +134,7 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
         truth = ["true_transmission.tiff", "true_reflection.tiff"]
         for name, image in zip(truth, images, strict=True):
             write_tiff(work / name, image)
-        document = {"polaropt": polaropt.__version__, "scene": plain(scene), "camera": plain(camera)}
+        document = {"polaropt": polaropt.__version__, "scene": json_values(scene), "camera": json_values(camera)}
         document |= {"photographs": [str(path) for path in layers.layers], "files": files, "truth": truth}
         (work / "scene.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     return {**document, "summary": ", ".join([*files, *truth, "scene.json"])}

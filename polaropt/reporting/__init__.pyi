@@ -5,8 +5,8 @@ __all__ = [
     "inspect_capture",
     "inspection_picture",
     "inspection_sentences",
+    "json_values",
     "marked",
-    "plain",
     "report_attention",
     "report_sentences",
     "scene_report",
@@ -22,7 +22,7 @@ from .pictures import Picture as Picture
 from .pictures import inspection_picture as inspection_picture
 from .pictures import side_by_side as side_by_side
 from .pictures import viewing_exposure as viewing_exposure
-from .report import plain as plain
+from .report import json_values as json_values
 from .report import scene_report as scene_report
 from .words import alignment_sentence as alignment_sentence
 from .words import estimate_sentences as estimate_sentences

@@ -15,6 +15,7 @@ from polaropt.reporting.inspection import inspect_capture
 from polaropt.reporting.page import write_html_report
 from polaropt.reporting.pictures import (
     FADED,
+    LAYERS,
     MISFIT_WHITE,
     Image,
     misfit_map,
@@ -22,50 +23,11 @@ from polaropt.reporting.pictures import (
     uncertainty_panels,
     viewing_exposure,
 )
-from polaropt.reporting.report import plain, separation_report
+from polaropt.reporting.report import json_values, separation_report
 from polaropt.reporting.words import attention
 
 if TYPE_CHECKING:
     from polaropt.separation import Separation
-
-
-def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
-    """Write standard errors and the reflection's told share: linear, and one picture of all three to look at.
-
-    Parameters
-    ----------
-    folder : Path
-        Gets ``transmission_error.tiff``, ``reflection_error.tiff``, ``reflection_known.tiff`` and ``uncertainty.png``.
-    result : Separation
-
-    Returns
-    -------
-    dict
-        What the report tells of them.
-    """
-    errors = dict(zip(("transmission", "reflection"), map(planes_last, result.uncertainty), strict=True))
-    for name, error in errors.items():
-        write_tiff(folder / f"{name}_error.tiff", error)
-    known = result.reflection_known
-    write_tiff(folder / "reflection_known.tiff", known)
-    shown = uncertainty_panels(result)
-    white = shown.white
-    panels: list[tuple[str, Image | None]] = [
-        (f"{name}: error, white = {white[name]:.2g}", error / np.float32(white[name]))
-        for name, error in shown.errors.items()
-    ]
-    panels.append((f"reflection: detail told, below {FADED:g} red", shown.known))
-    # Values of the picture are in proportion to the errors.
-    straight = [(title, None if panel is None else linearize(np.clip(panel, 0, 1), "srgb")) for title, panel in panels]
-    write_png(folder / "uncertainty.png", side_by_side([straight]))
-    return {
-        "typical_error": {name: float(np.sqrt(np.mean(np.square(error)))) for name, error in errors.items()},
-        "reflection_faded": {"share_of_pixels": float(np.mean(known < FADED)), "told_below": FADED},
-        "white_in_png": white,
-    }
-
-
-LAYERS = ("transmission", "reflection")
 
 
 def write_separation(folder: Path, result: Separation, capture: Capture) -> dict[str, Any]:
@@ -95,7 +57,7 @@ def write_separation(folder: Path, result: Separation, capture: Capture) -> dict
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
     misfit = misfit_map(result, capture) if unexplained else None
     report = {
-        "request": {"scene": result.asked, **plain(result.settings)},
+        "request": {"scene": result.asked, **json_values(result.settings)},
         **separation_report(result, capture, result.asked),
         "inspection": inspection.as_dict(),
         "attention": attention(inspection, result.diagnostics.warnings),
@@ -103,7 +65,7 @@ def write_separation(folder: Path, result: Separation, capture: Capture) -> dict
         "misfit_map": None if misfit is None else _write_misfit(folder, misfit),
         "view": {"exposure": exposures, "encoding": "sRGB of exposure times the linear values"},
     }
-    document: dict[str, Any] = plain(report)
+    document: dict[str, Any] = json_values(report)
     text = json.dumps(document, indent=2, allow_nan=False)
     (folder / "report.json").write_text(text + "\n", encoding="utf-8")
     write_html_report(folder / "report.html", result, capture, document, misfit)
@@ -115,3 +77,39 @@ def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:
     write_tiff(folder / "misfit.tiff", misfit)
     write_png(folder / "misfit.png", np.round(255 * np.clip(misfit / MISFIT_WHITE, 0, 1)).astype(np.uint8))
     return {"unit": "standard deviations of the noise", "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}
+
+
+def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
+    """Write standard errors and how much of the reflection is known: linear, and one picture of all three to look at.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets ``transmission_error.tiff``, ``reflection_error.tiff``, ``reflection_known.tiff`` and ``uncertainty.png``.
+    result : Separation
+
+    Returns
+    -------
+    dict
+        What the report says of them.
+    """
+    errors = dict(zip(LAYERS, map(planes_last, result.uncertainty), strict=True))
+    for name, error in errors.items():
+        write_tiff(folder / f"{name}_error.tiff", error)
+    known = result.reflection_known
+    write_tiff(folder / "reflection_known.tiff", known)
+    shown = uncertainty_panels(result)
+    white = shown.white
+    panels: list[tuple[str, Image | None]] = [
+        (f"{name}: error, white = {white[name]:.2g}", error / np.float32(white[name]))
+        for name, error in shown.errors.items()
+    ]
+    panels.append((f"reflection: detail told, below {FADED:g} red", shown.known))
+    # Values of the picture are in proportion to the errors.
+    straight = [(title, None if panel is None else linearize(np.clip(panel, 0, 1), "srgb")) for title, panel in panels]
+    write_png(folder / "uncertainty.png", side_by_side([straight]))
+    return {
+        "typical_error": {name: float(np.sqrt(np.mean(np.square(error)))) for name, error in errors.items()},
+        "reflection_faded": {"share_of_pixels": float(np.mean(known < FADED)), "told_below": FADED},
+        "white_in_png": white,
+    }

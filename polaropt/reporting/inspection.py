@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,10 +22,18 @@ from polaropt.capture import (
 )
 from polaropt.numerics import quantization_step
 from polaropt.optics import stokes_from_intensities
+from polaropt.reporting.report import json_values
 
+# Side in pixels of the blocks whose polarization is summed up: noise of a pixel alone looks polarized. Set by hand.
 _SUMMARY_BLOCK = 2
+# Share of the pixels that may be darker than black, as defects are. Set by hand.
 _DARKEST_SHARE = 1e-3
+# Values that a quantile is taken of, for its time's sake.
 _MOST_SAMPLES = 4e6
+# Least light, white = 1, and least sums that are divided by: far below any noise.
+_NO_LIGHT, _NOTHING = 1e-9, 1e-30
+# Least length of the mean direction: its deviation is infinite at none.
+_LEAST_LENGTH = 1e-12
 
 
 @dataclass(frozen=True)
@@ -102,7 +110,8 @@ class Inspection:
 
     def as_dict(self) -> dict[str, Any]:
         """The same as plain values, for JSON."""
-        return {name: _plain(value) for name, value in asdict(self).items()}
+        values: dict[str, Any] = json_values(self)
+        return values
 
 
 def inspect_capture(capture: Capture) -> Inspection:
@@ -190,19 +199,13 @@ def _polarization(capture: Capture) -> dict[str, float]:
     whole &= stokes[0] > 0
     s0, s1, s2 = stokes[:, whole] if whole.any() else stokes.reshape(3, -1)
     polarized = np.hypot(s1, s2)
-    dolp = np.clip(polarized / np.maximum(s0, 1e-9), 0, 1)
+    dolp = np.clip(polarized / np.maximum(s0, _NO_LIGHT), 0, 1)
     total = float(np.sum(polarized, dtype=np.float64))
-    resultant = np.sum(s1 + 1j * s2, dtype=np.complex128) / max(total, 1e-30)
-    length = float(np.clip(np.abs(resultant), 1e-12, 1))
+    resultant = np.sum(s1 + 1j * s2, dtype=np.complex128) / max(total, _NOTHING)
+    length = float(np.clip(np.abs(resultant), _LEAST_LENGTH, 1))
     return {
         "dolp_median": float(np.median(dolp)),
         "dolp_95": float(np.quantile(dolp, 0.95)),
         "aolp_deg": float(np.degrees(np.angle(resultant)) / 2 % 180),
         "aolp_spread_deg": float(np.degrees(np.sqrt(-2 * np.log(length))) / 2),
     }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    return value

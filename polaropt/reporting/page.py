@@ -17,7 +17,11 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, block_means, encode_srgb, planes_last
 from polaropt.optics import Component
 from polaropt.reporting.pictures import (
+    AOLP_TICKS,
+    DOLP_TICKS,
     MISFIT_WHITE,
+    Image,
+    Picture,
     aolp_colors,
     dolp_colors,
     polarization_panels,
@@ -32,11 +36,10 @@ if TYPE_CHECKING:
     from polaropt.separation import Separation
 
 
-Pixels = NDArray[np.uint8]
-Image = NDArray[np.float32]
-
+# Longest side in pixels of a picture in the page, and JPEG quality. Set by hand.
 _LONG_SIDE = 1000
 _QUALITY = 88
+# Colours along the gradient of a key.
 _STOPS = 13
 _GREYS = "linear-gradient(to right, #000, #fff)"
 
@@ -140,8 +143,8 @@ def _misfit(misfit: Image) -> PagePicture:
 def _polarization(capture: Capture) -> list[PagePicture]:
     panels = polarization_panels(capture)
     steps = np.linspace(0, 1, _STOPS)
-    degree = Key(_gradient(dolp_colors(steps)), ("0", "0.5", "1"))
-    angle = Key(_gradient(aolp_colors(180 * steps, np.ones(_STOPS))), ("0", "45", "90", "135", "180 deg"))
+    degree = Key(_gradient(dolp_colors(steps)), DOLP_TICKS)
+    angle = Key(_gradient(aolp_colors(180 * steps, np.ones(_STOPS))), AOLP_TICKS)
     about = (
         f"Counter-clockwise from the right; black where unpolarized, full colour from a degree of {panels.full:.2f}."
     )
@@ -155,7 +158,7 @@ def _polarization(capture: Capture) -> list[PagePicture]:
 
 
 def _picture(
-    name: str, title: str, caption: str, alt: str, pixels: Pixels, key: Key | None = None, *, comparable: bool = False
+    name: str, title: str, caption: str, alt: str, pixels: Picture, key: Key | None = None, *, comparable: bool = False
 ) -> PagePicture:
     from imagecodecs import jpeg_encode
 
@@ -171,7 +174,7 @@ def _reduced(planes: Image) -> Image:
     return planes_last(np.asarray(means, dtype=np.float32))
 
 
-def _gradient(colors: Pixels) -> str:
+def _gradient(colors: Picture) -> str:
     stops = ", ".join("rgb({}, {}, {})".format(*(int(part) for part in color)) for color in colors)
     return f"linear-gradient(to right, {stops})"
 

@@ -21,10 +21,16 @@ if TYPE_CHECKING:
 Image = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-_WHITE_SHARE = 0.99
-_TITLE = 24
-_GAP = 8
-_LETTERS = 14
+LAYERS = ("transmission", "reflection")
+"""The layers in their order, as files, pictures and reports call them."""
+
+# Quantile that becomes white in a picture to look at: highlights above it are few. Set by hand.
+_WHITE_QUANTILE = 0.99
+# Least value, white = 1, that is scaled to white: below it is nothing to see.
+_LEAST_WHITE = 1e-6
+_PAPER = (255, 255, 255)
+# Of pictures side by side, in pixels: height of a title, room between pictures, size of letters.
+_TITLE, _GAP, _LETTERS = 24, 8, 14
 
 
 def viewing_exposure(layer: Image) -> float:
@@ -33,7 +39,7 @@ def viewing_exposure(layer: Image) -> float:
     Each layer has its own: a mirrored sky is up to fifty times as bright as what is behind the surface, and with one
     factor for both the other picture would be black.
     """
-    bright = float(np.quantile(layer, _WHITE_SHARE))
+    bright = float(np.quantile(layer, _WHITE_QUANTILE))
     return 1 / bright if bright > 0 else 1.0
 
 
@@ -44,7 +50,7 @@ def side_by_side(rows: Sequence[Sequence[tuple[str, Image | None]]], exposure: f
 
     height, width = next(image.shape[:2] for _, image in rows[0] if image is not None)
     size = (_GAP + max(map(len, rows)) * (width + _GAP), _GAP + len(rows) * (height + _TITLE + _GAP))
-    canvas = Pillow.new("RGB", size, (255, 255, 255))
+    canvas = Pillow.new("RGB", size, _PAPER)
     draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(_LETTERS)
     for i, row in enumerate(rows):
         for j, (title, image) in enumerate(row):
@@ -57,7 +63,7 @@ def side_by_side(rows: Sequence[Sequence[tuple[str, Image | None]]], exposure: f
 
 
 MISFIT_WHITE = 10.0
-"""Multiple of the noise that is white in a picture of the map."""
+"""Multiple of the noise that is white in a picture of the map; set by hand."""
 
 
 def misfit_map(result: Separation, capture: Capture) -> NDArray[np.float32]:
@@ -78,13 +84,17 @@ def misfit_map(result: Separation, capture: Capture) -> NDArray[np.float32]:
 
 Floats = NDArray[np.floating[Any]]
 
-_WIDEST = 640
-_NARROWEST = 240
-_PANEL_GAP = 12
-_PANEL_TITLE = 26
-_KEY = 48
-_PANEL_LETTERS = 13
-_BACKGROUND = 255
+# Of the panels of an inspection, in pixels: most and least width, room between panels, height of title and colour key,
+# size of letters.
+_WIDEST, _NARROWEST, _PANEL_GAP, _PANEL_TITLE, _KEY, _PANEL_LETTERS = 640, 240, 12, 26, 48, 13
+# Length and height of a key's bar and the room left of it, in pixels.
+_BAR, _BAR_HEIGHT, _BAR_LEFT = 200, 12, 4
+# Quantile of the degree of polarization from which the angle has its full colour, and the least such degree.
+_FULL_COLOR_QUANTILE, _LEAST_FULL_COLOR = 0.95, 0.02
+_HUE_SATURATION = 0.85
+_SATURATED_GREY = 128
+DOLP_TICKS = ("0", "0.5", "1")
+AOLP_TICKS = ("0", "45", "90", "135", "180 deg")
 # Dark to bright, also in grey print.
 _DOLP_COLORS = ((0, 0, 4), (60, 15, 110), (140, 41, 129), (222, 73, 104), (254, 159, 109), (252, 253, 191))
 
@@ -100,14 +110,14 @@ def inspection_picture(capture: Capture) -> Picture:
     panels = [_intensity_panel(capture), polarization.dolp, polarization.aolp]
     keys = [
         None,
-        dolp_colors(np.linspace(0, 1, 200)[None]),
-        aolp_colors(np.linspace(0, 180, 200)[None], np.ones((1, 200))),
+        dolp_colors(np.linspace(0, 1, _BAR)[None]),
+        aolp_colors(np.linspace(0, 180, _BAR)[None], np.ones((1, _BAR))),
     ]
     titles = ("intensity", "degree of polarization", "angle of polarization")
-    ticks = ((), ("0", "0.5", "1"), ("0", "45", "90", "135", "180 deg"))
+    ticks = ((), DOLP_TICKS, AOLP_TICKS)
     notes = ("", "grey: saturated", f"black: unpolarized; full colour from {polarization.full:.2f}")
     columns = [_column(*parts) for parts in zip(panels, titles, keys, ticks, notes, strict=True)]
-    gap = np.full((columns[0].shape[0], _PANEL_GAP, 3), _BACKGROUND, dtype=np.uint8)
+    gap = np.full((columns[0].shape[0], _PANEL_GAP, 3), _PAPER, dtype=np.uint8)
     return np.concatenate([gap, columns[0], gap, columns[1], gap, columns[2], gap], axis=1)
 
 
@@ -124,7 +134,8 @@ def polarization_panels(capture: Capture) -> PolarizationPanels:
     """Panels of `inspection_picture`, without titles and keys."""
     stokes, valid = _gray_stokes(capture)
     dolp, aolp = dolp_aolp(stokes)
-    full = max(float(np.quantile(dolp[valid], 0.95)) if valid.any() else 1.0, 0.02)
+    full = float(np.quantile(dolp[valid], _FULL_COLOR_QUANTILE)) if valid.any() else 1.0
+    full = max(full, _LEAST_FULL_COLOR)
     angles = aolp_colors(aolp, np.clip(dolp / full, 0, 1))
     return PolarizationPanels(_masked(dolp_colors(dolp), valid), _masked(angles, valid), full)
 
@@ -138,7 +149,7 @@ def dolp_colors(dolp: Floats) -> Picture:
 
 def aolp_colors(aolp_deg: Floats, brightness: Floats) -> Picture:
     """Angles, 0..180 degrees once around the hues, and brightness 0..1 to colours (..., 3)."""
-    table = np.array([colorsys.hsv_to_rgb(k / 180, 0.85, 1.0) for k in range(180)])
+    table = np.array([colorsys.hsv_to_rgb(k / 180, _HUE_SATURATION, 1.0) for k in range(180)])
     colors = table[np.round(aolp_deg).astype(int) % 180]
     return np.asarray(255 * colors * np.asarray(brightness)[..., None]).astype(np.uint8)
 
@@ -157,7 +168,7 @@ def _gray_stokes(capture: Capture) -> tuple[Floats, NDArray[np.bool_]]:
 
 def _intensity_panel(capture: Capture) -> Picture:
     s0 = block_means(capture.stokes[0], _reduction(capture))
-    view = encode_srgb(s0 / max(float(np.quantile(s0, 0.99)), 1e-9))
+    view = encode_srgb(s0 / max(float(np.quantile(s0, _WHITE_QUANTILE)), _LEAST_WHITE))
     if capture.color and view.shape[0] == 3:
         return np.round(255 * np.moveaxis(view, 0, -1)).astype(np.uint8)
     gray = view.mean(axis=0) if capture.color else view
@@ -165,7 +176,7 @@ def _intensity_panel(capture: Capture) -> Picture:
 
 
 def _masked(colors: Picture, valid: NDArray[np.bool_]) -> Picture:
-    return np.where(valid[..., None], colors, np.uint8(128)).astype(np.uint8)
+    return np.where(valid[..., None], colors, np.uint8(_SATURATED_GREY)).astype(np.uint8)
 
 
 def _column(panel: Picture, title: str, key: Picture | None, ticks: tuple[str, ...], note: str) -> Picture:
@@ -173,24 +184,27 @@ def _column(panel: Picture, title: str, key: Picture | None, ticks: tuple[str, .
     from PIL import Image, ImageDraw, ImageFont
 
     width = max(panel.shape[1], _NARROWEST)
-    canvas = Image.new("RGB", (width, panel.shape[0] + _PANEL_TITLE + _KEY), (_BACKGROUND,) * 3)
+    canvas = Image.new("RGB", (width, panel.shape[0] + _PANEL_TITLE + _KEY), _PAPER)
     canvas.paste(Image.fromarray(panel), (0, _PANEL_TITLE))
     draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(_PANEL_LETTERS)
     below = _PANEL_TITLE + panel.shape[0]
     draw.text((0, 6), f"{title}   {note}" if note else title, fill=0, font=font)
     if key is not None:
-        length = min(200, width - 40)
-        canvas.paste(Image.fromarray(key).resize((length, 12)), (4, below + 8))
+        length = min(_BAR, width - 40)
+        canvas.paste(Image.fromarray(key).resize((length, _BAR_HEIGHT)), (_BAR_LEFT, below + 8))
         for k, tick in enumerate(ticks):
-            draw.text((4 + round(k * (length - 1) / (len(ticks) - 1)) - 3, below + 24), tick, fill=0, font=font)
+            draw.text((_BAR_LEFT + round(k * (length - 1) / (len(ticks) - 1)) - 3, below + 24), tick, fill=0, font=font)
     return np.asarray(canvas, dtype=np.uint8)
 
 
 FADED = 0.2
-"""Where less than this share of its detail is known, the reflection shows slow changes only."""
+"""Where less than this share of its detail is known, the reflection shows slow changes only; set by hand."""
 
-_WHITE = 0.99
+# Longest side in pixels of a panel of uncertainties.
 _LARGEST_PANEL = 800
+_RED = (1.0, 0.25, 0.2)
+# Brightness of red where nothing is known, so that it is seen.
+_LEAST_RED = 0.3
 
 
 @dataclass(frozen=True)
@@ -204,7 +218,7 @@ class UncertaintyPanels:
     white : dict of str to float
         The error to show as white.
     known : ndarray, shape (h, w, 3)
-        Told share of the reflection's detail, red below `faded`.
+        Known share of the reflection's detail, red below `faded`.
     faded : float
     """
 
@@ -216,10 +230,10 @@ class UncertaintyPanels:
 
 def uncertainty_panels(result: Separation) -> UncertaintyPanels:
     """Panels of ``uncertainty.png``; of large images pixels are left out."""
-    errors = dict(zip(("transmission", "reflection"), map(planes_last, result.uncertainty), strict=True))
-    white = {name: max(float(np.quantile(error, _WHITE)), 1e-6) for name, error in errors.items()}
+    errors = dict(zip(LAYERS, map(planes_last, result.uncertainty), strict=True))
+    white = {name: max(float(np.quantile(error, _WHITE_QUANTILE)), _LEAST_WHITE) for name, error in errors.items()}
     shown = {name: _panel(error) for name, error in errors.items()}
-    return UncertaintyPanels(shown, white, _marked(_panel(result.reflection_known)), FADED)
+    return UncertaintyPanels(shown, white, _red_where_faded(_panel(result.reflection_known)), FADED)
 
 
 def _panel(image: Image) -> Image:
@@ -228,7 +242,7 @@ def _panel(image: Image) -> Image:
     return image[::step, ::step]
 
 
-def _marked(known: Image) -> Image:
+def _red_where_faded(known: Image) -> Image:
     """Grey where the reflection is known, red where it has faded, (h, w, 3)."""
-    red = np.array([1.0, 0.25, 0.2], dtype=np.float32)
-    return np.where((known < FADED)[..., None], (0.3 + known[..., None]) * red, known[..., None])
+    red = np.array(_RED, dtype=np.float32)
+    return np.where((known < FADED)[..., None], (_LEAST_RED + known[..., None]) * red, known[..., None])

@@ -1,4 +1,4 @@
-"""What a separation found and how, as plain values for ``report.json``."""
+"""The numbers of a separation, and how they came about, as values for ``report.json``."""
 
 from __future__ import annotations
 
@@ -16,11 +16,14 @@ from polaropt.optics import FIELDS, Field, SceneParameters
 if TYPE_CHECKING:
     from polaropt.capture import Capture
     from polaropt.separation import Separation
+    from polaropt.solving import Term
     from solvers.base import SolverResult
 
 
 _LIBRARIES = ("numpy", "scipy", "numba", "nlopt", "casadi", "torch")
-_ARRAYS = 16
+# Arrays of more entries are pictures, which stand in files of their own.
+_LONGEST_ARRAY = 16
+_SECONDS_DIGITS = 4
 
 
 def separation_report(result: Separation, capture: Capture, given: SceneParameters) -> dict[str, Any]:
@@ -43,10 +46,10 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
     return {
         "input": capture_report(capture),
         **scene_report(result.scene, given, capture.focal_px),
-        "errors": plain(result.errors),
+        "errors": json_values(result.errors),
         "n_bounces_kept": result.n_bounces,
-        "rungs": plain(result.tried),
-        "objective": {name: {"raw": plain(term.value), "weight": plain(term.weight)} for name, term in _terms(result)},
+        "rungs": json_values(result.tried),
+        "objective": {name: _term(term) for name, term in result.terms.items()},
         "solver": solver_report(result.solver),
         "seconds": _rounded(result.seconds),
         "cpu_seconds": _rounded(result.cpu_seconds),
@@ -55,12 +58,12 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
     }
 
 
+def _term(term: Term) -> dict[str, Any]:
+    return {"raw": json_values(term.value), "weight": json_values(term.weight)}
+
+
 def _rounded(seconds: Mapping[str, float]) -> dict[str, float]:
-    return {stage: round(value, 4) for stage, value in seconds.items()}
-
-
-def _terms(result: Separation) -> list[tuple[str, Any]]:
-    return list(result.terms.items())
+    return {stage: round(value, _SECONDS_DIGITS) for stage, value in seconds.items()}
 
 
 def scene_report(found: SceneParameters, given: SceneParameters, focal_hint_px: float | None = None) -> dict[str, Any]:
@@ -70,7 +73,7 @@ def scene_report(found: SceneParameters, given: SceneParameters, focal_hint_px: 
         estimated.remove("ghost_shift")
     if found.focal_px == focal_hint_px and "focal_px" in estimated:
         estimated.remove("focal_px")
-    return {"scene": {"rung": found.rung, **plain(found)}, "estimated": estimated}
+    return {"scene": {"rung": found.rung, **json_values(found)}, "estimated": estimated}
 
 
 def _added(field: Field, found: SceneParameters, given: SceneParameters) -> bool:
@@ -86,7 +89,7 @@ def is_set(field: Field, value: Any) -> bool:
 
 def capture_report(capture: Capture) -> dict[str, Any]:
     """Size and angles, and where the capture was read from."""
-    origin = {} if capture.origin is None else plain(capture.origin)
+    origin = {} if capture.origin is None else json_values(capture.origin)
     return {
         "width": capture.shape[-1],
         "height": capture.shape[-2],
@@ -102,17 +105,17 @@ def solver_report(solver: SolverResult) -> dict[str, Any]:
         "status": solver.status.name,
         "sentence": solver.sentence,
         "success": solver.status.success,
-        "value": plain(solver.value),
+        "value": json_values(solver.value),
         "n_evaluations": solver.n_evaluations,
         "n_iterations": solver.n_iterations,
         "restarts": solver.restarts,
-        "seconds": round(solver.seconds, 4),
+        "seconds": round(solver.seconds, _SECONDS_DIGITS),
     }
 
 
 def diagnostics_report(diagnostics: Any) -> dict[str, Any]:
     """All that was diagnosed; every warning with its sentence."""
-    fields = plain(diagnostics)
+    fields = json_values(diagnostics)
     warnings = [{"name": warning.name, "sentence": warning.value} for warning in diagnostics.warnings]
     return {**fields, "warnings": warnings}
 
@@ -133,18 +136,18 @@ def _version(name: str) -> str | None:
         return None
 
 
-def plain(value: Any) -> Any:
+def json_values(value: Any) -> Any:
     """Dataclasses, enumerations, numpy scalars and short arrays to what JSON can hold; large arrays are left out."""
     if dataclasses.is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {field.name: json_values(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [json_values(item) for item in value]
     if hasattr(value, "tolist"):  # numpy
-        return plain(value.tolist()) if value.size <= _ARRAYS else None
+        return json_values(value.tolist()) if value.size <= _LONGEST_ARRAY else None
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, bool | int | str) else str(value)

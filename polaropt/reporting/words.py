@@ -12,6 +12,7 @@ from polaropt.capture import PLAUSIBLE_GAIN, Capture
 from polaropt.judging import SeparationWarning
 from polaropt.optics import FIELDS, Field, SceneParameters, largest_turn
 from polaropt.reporting.inspection import Inspection
+from polaropt.reporting.pictures import LAYERS
 from polaropt.reporting.report import is_set, scene_report
 
 if TYPE_CHECKING:
@@ -337,7 +338,7 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
     """
     solver = report["solver"]
     seconds = sum(report["seconds"].values())
-    exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in ("transmission", "reflection"))
+    exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in LAYERS)
     lines = [
         pane_sentence(report),
         f"Solver: {solver['n_evaluations']} evaluations, {seconds:.1f} s altogether. {solver['sentence']}",

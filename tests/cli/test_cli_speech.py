@@ -28,6 +28,13 @@ def test_help_explains_with_an_example(command: str, capsys: pytest.CaptureFixtu
     assert "Usage" in said
 
 
+@pytest.mark.parametrize("command", ["", *COMMANDS, "train"])
+def test_flags_ask_for_no_value(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = spoken(capsys, *filter(None, [command]), "--help").splitlines()
+    # Its own option for help is typer's business.
+    assert all("--help" in line for line in lines if "<bool>" in line)
+
+
 def test_help_lists_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
     said = spoken(capsys, "--help")
     assert all(command in said for command in COMMANDS)

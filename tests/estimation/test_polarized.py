@@ -21,7 +21,7 @@ from polaropt.estimation.polarized.mixing import Mixture, looks_polarized
 from polaropt.numerics.minima import Box
 from polaropt.optics.plate import plate_at
 from polaropt.optics.scene import SceneErrors, SceneParameters
-from polaropt.reporting.report import plain
+from polaropt.reporting.report import json_values
 from polaropt.reporting.words import pane_sentence
 from polaropt.separation import separate
 from polaropt.simulation.metrics import psnr_db
@@ -240,8 +240,8 @@ def test_newton_steps_go_along_a_narrow_valley() -> None:
 
 
 def test_the_sentence_tells_the_polarization_of_both_layers() -> None:
-    scene = {**plain(SceneParameters(**SCREEN)), "rung": "polarized"}
-    errors = {**plain(SceneErrors()), "transmission_polarization": [0.02, 1.5]}
+    scene = {**json_values(SceneParameters(**SCREEN)), "rung": "polarized"}
+    errors = {**json_values(SceneErrors()), "transmission_polarization": [0.02, 1.5]}
     sentence = pane_sentence({"scene": scene, "estimated": ["transmission_polarization"], "errors": errors})
     assert "light from behind polarized 0.60 +- 0.02 at 140 +- 1.5 deg (estimated)" in sentence
     assert "mirrored" not in sentence

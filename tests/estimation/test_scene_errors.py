@@ -14,7 +14,7 @@ from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.ghost_overlap import refined_incidence
 from polaropt.estimation.flat.overlap import block_images
 from polaropt.optics.scene import SceneErrors
-from polaropt.reporting.report import plain, scene_report
+from polaropt.reporting.report import json_values, scene_report
 from polaropt.reporting.words import error_of, pane_sentence
 from studies.parameter_errors import Row, compared, random_scene, table
 from tests.blends import blend
@@ -98,7 +98,7 @@ def test_an_error_is_said_with_two_digits(error: float | None, text: str) -> Non
 
 def test_the_sentence_tells_values_with_their_errors() -> None:
     scene = SceneParameters(61.2, 25.0, 0.0, focal_px=500.0, bend_deg_per_px=(0.02, 0.0, 0.0))
-    report = scene_report(scene, BLIND) | {"errors": plain(SceneErrors(0.4, 0.03, focal_px=12.0))}
+    report = scene_report(scene, BLIND) | {"errors": json_values(SceneErrors(0.4, 0.03, focal_px=12.0))}
     sentence = pane_sentence(report)
     assert "incidence 61.20 +- 0.40 deg (estimated)" in sentence
     assert "focal length 500 +- 12 px (estimated)" in sentence

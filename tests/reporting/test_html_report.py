@@ -15,7 +15,7 @@ from polaropt.capture.capture import Capture
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.files import write_separation
 from polaropt.reporting.page import convergence_chart, page_pictures, parameters
-from polaropt.reporting.report import plain, scene_report
+from polaropt.reporting.report import json_values, scene_report
 from polaropt.separation import separate
 from solvers.base import StoppingRule
 from studies.index_page import write_index
@@ -124,7 +124,7 @@ def test_the_misfit_is_shown_where_there_is_a_map(separated):
 def test_standard_errors_stand_beside_what_was_estimated():
     found = SceneParameters(40.0, 20.0, 3.0, focal_px=900.0, reflection_polarization=(0.3, 60.0))
     errors = SceneErrors(incidence_deg=0.5, focal_px=12.0, reflection_polarization=(0.021, 3.0))
-    report = {**scene_report(found, UNKNOWN.replace(azimuth_deg=20.0)), "errors": plain(errors)}
+    report = {**scene_report(found, UNKNOWN.replace(azimuth_deg=20.0)), "errors": json_values(errors)}
     table = {parameter.name: parameter for parameter in parameters(report)}
     assert table["Angle of incidence"].error == "± 0.5 deg"
     assert table["Azimuth of the plane of incidence"].error == ""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from polaropt.optics.scene import SceneParameters
-from polaropt.reporting.report import capture_report, plain, scene_report, separation_report, versions
+from polaropt.reporting.report import capture_report, json_values, scene_report, separation_report, versions
 from polaropt.separation import separate
 from solvers.base import StoppingRule
 from tests.blends import blend
@@ -37,7 +37,7 @@ def test_everything_becomes_json() -> None:
         "nothing": None,
         "yes": True,
     }
-    assert json.loads(json.dumps(plain(values), allow_nan=False)) == {
+    assert json.loads(json.dumps(json_values(values), allow_nan=False)) == {
         "box": {"color": "RED", "values": [1.0, None, None]},
         "number": 0.5,
         "short": [0, 1, 2],

@@ -11,7 +11,7 @@ from polaropt.judging.warnings import SeparationWarning
 from polaropt.optics.scene import FIELDS, SceneErrors, SceneParameters
 from polaropt.reporting.inspection import inspect_capture
 from polaropt.reporting.page import parameters
-from polaropt.reporting.report import plain, scene_report
+from polaropt.reporting.report import json_values, scene_report
 from polaropt.reporting.words import (
     attention,
     capture_findings,
@@ -74,7 +74,7 @@ FULL = SceneParameters(
 
 
 def test_every_quantity_of_the_scene_is_said_everywhere() -> None:
-    report = {**scene_report(FULL, OPEN), "errors": plain(SceneErrors(incidence_deg=0.4))}
+    report = {**scene_report(FULL, OPEN), "errors": json_values(SceneErrors(incidence_deg=0.4))}
     assert report["estimated"] == [field.name for field in FIELDS if field.estimable]
     sentence, lines = pane_sentence(report), estimate_sentences(FoundScene(FULL, None, ()), OPEN)
     assert len(parameters(report)) == len(FIELDS)
@@ -94,7 +94,7 @@ def test_every_quantity_of_the_scene_is_said_everywhere() -> None:
     ],
 )
 def test_what_a_scene_lacks_is_said_nowhere(scene: SceneParameters, absent: str) -> None:
-    report = {**scene_report(scene, OPEN), "errors": plain(SceneErrors())}
+    report = {**scene_report(scene, OPEN), "errors": json_values(SceneErrors())}
     assert absent not in pane_sentence(report)
     assert not any(absent in row.name.lower() for row in parameters(report))
     assert not any(line.startswith(absent) for line in estimate_sentences(FoundScene(scene, None, ()), OPEN))
