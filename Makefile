@@ -39,7 +39,7 @@ lint: setup
 # It needs an older numpy than polaropt does.
 peers: $(PEERS)/.installed
 
-$(PEERS)/.installed: studies/peer_requirements.txt
+$(PEERS)/.installed: studies/peers/requirements.txt
 	test -x $(PEERS)/bin/pip || $(PYTHON) -m venv $(PEERS)
 	$(PEERS)/bin/python -m pip install --quiet --requirement $<
 	touch $@

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from studies.catalogue import STUDIES, Study
-from studies.index_page import write_index
+from studies.kit.page import write_index
 
 ALL = "all"
 _INTERRUPTED = 130

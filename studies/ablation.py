@@ -19,12 +19,14 @@ from polaropt.capture import Capture, noise_level
 from polaropt.errors import InputError
 from polaropt.optics import SceneParameters
 from studies.ablation_figures import draw
-from studies.ablation_variants import ALL, VARIANTS, Variant
-from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
-from studies.learned_init import weights_digest
-from studies.protocol import INCIDENCES_DEG, N_PAIRS, Pair, layer_quality, protocol_capture, protocol_scene, true_layers
-from studies.record import write_tables
-from studies.work import row_of, run_jobs
+from studies.camera import take
+from studies.kit.records import row_of, write_tables
+from studies.kit.run import effort_of, run_jobs, study_parser, workers_of
+from studies.photographs import N_PAIRS, Pair, n_pairs_of, pairs_of
+from studies.scenes import INCIDENCES_DEG, protocol
+from studies.scores import psnr_and_ssim
+from studies.ways import PARTS, Part, weights_digest
+from studies.ways import WHOLE as ALL
 
 LAYERS = ("transmission", "reflection")
 QUICK_INCIDENCES_DEG, QUICK_SIZE, SIZE = (10, 60), 128, 256
@@ -67,30 +69,30 @@ class Row:
 def run(job: Job) -> list[Row]:
     """Solve one scene with every variant; those that ask the same of the estimate share it."""
     pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
-    capture = protocol_capture(pair, job.incidence_deg)
+    capture = take(protocol(job.incidence_deg), pair).capture
     noise = noise_level(capture)
     found: dict[SceneParameters, SceneParameters] = {}
     rows = []
     with threadpool_limits(1, "blas"):
-        for variant in VARIANTS:
-            if variant.asked not in found:
-                found[variant.asked] = variant.found(capture, noise)
-            rows.append(_row(job, pair, variant, capture, found[variant.asked]))
+        for variant in PARTS:
+            if variant.hint not in found:
+                found[variant.hint] = variant.estimate(capture, noise)
+            rows.append(_row(job, pair, variant, capture, found[variant.hint]))
     return rows
 
 
-def _row(job: Job, pair: Pair, variant: Variant, capture: Capture, found: SceneParameters) -> Row:
+def _row(job: Job, pair: Pair, variant: Part, capture: Capture, found: SceneParameters) -> Row:
     began = time.perf_counter()
     try:
-        solved = variant.solved(capture, found, protocol_scene(pair, job.incidence_deg))
+        solved = variant.solved(capture, found, take(protocol(job.incidence_deg), pair).scene)
     except InputError as reason:
         return Row(variant.name, job.pair, job.incidence_deg, not_run=str(reason))
     seconds = time.perf_counter() - began
-    quality = layer_quality(solved.layers, true_layers(pair))
+    quality = psnr_and_ssim(solved.layers, pair.layers)
     return Row(variant.name, job.pair, job.incidence_deg, *quality, solved.solver.n_evaluations, seconds)
 
 
-def difference(rows: Sequence[Row], variant: Variant, layer: str) -> tuple[float, float, float]:
+def difference(rows: Sequence[Row], variant: Part, layer: str) -> tuple[float, float, float]:
     """Mean PSNR with the part less that without it, in dB, and its 95 % interval over pairs."""
 
     def per_pair(name: str) -> np.ndarray:
@@ -113,20 +115,20 @@ def table(rows: Sequence[Row]) -> str:
     """Means over all scenes, and the worth of every part, as a Markdown table."""
     head = "| part | instead | T | R | T SSIM | R SSIM | T gained by it | R gained by it | evaluations | s | |"
     lines = [head, "|" + "---|" * 11]
-    return "\n".join([*lines, *(_line(rows, variant) for variant in VARIANTS)])
+    return "\n".join([*lines, *(_line(rows, variant) for variant in PARTS)])
 
 
-def _line(rows: Sequence[Row], variant: Variant) -> str:
+def _line(rows: Sequence[Row], variant: Part) -> str:
     part = [row for row in rows if row.variant == variant.name]
     if reasons := [row.not_run for row in part if row.not_run]:
-        return f"| {variant.change} | {variant.said} |" + " |" * 8 + f" not run: {reasons[0]} |"
+        return f"| {variant.change} | {variant.instead} |" + " |" * 8 + f" not run: {reasons[0]} |"
     means = [np.mean([getattr(row, name) for row in part]) for name in LAYERS]
     likeness = [np.mean([getattr(row, f"{name}_ssim") for row in part]) for name in LAYERS]
     gains = [difference(rows, variant, layer) for layer in LAYERS]
     told = [f"{mean:+.2f}" + ("" if math.isnan(low) else f" ({low:+.2f} to {high:+.2f})") for mean, low, high in gains]
     said = "" if variant.name == ALL else _verdict(gains, added=variant.added)
     return (
-        f"| {variant.change} | {variant.said} | " + " | ".join(f"{mean:.2f}" for mean in means) + " | "
+        f"| {variant.change} | {variant.instead} | " + " | ".join(f"{mean:.2f}" for mean in means) + " | "
         + " | ".join(f"{mean:.3f}" for mean in likeness) + " | " + " | ".join(told if said else ["", ""])
         + f" | {np.median([row.evaluations for row in part]):.0f} | {np.median([row.seconds for row in part]):.2f}"
         f" | {said} |"
@@ -148,7 +150,7 @@ def incidence_table(rows: Sequence[Row]) -> str:
     incidences = sorted({row.incidence_deg for row in rows})
     lines = ["| part | " + " | ".join(f"{incidence:g} deg" for incidence in incidences) + " |"]
     lines.append("|" + "---|" * (len(incidences) + 1))
-    for variant in VARIANTS:
+    for variant in PARTS:
         cells = []
         for incidence in incidences:
             part = [row for row in rows if (row.variant, row.incidence_deg) == (variant.name, incidence)]
@@ -168,15 +170,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     n_pairs = n_pairs_of(options, 2 if quick else N_PAIRS, size, size // 2)
     incidences = QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG
     jobs = [Job(options.photos, pair, float(theta), size) for pair in range(n_pairs) for theta in incidences]
-    made = run_jobs(run, jobs, options.out / "ablation.json", {"weights": weights_digest()}, hands_of(options))
+    made = run_jobs(run, jobs, options.out / "ablation.json", {"weights": weights_digest()}, workers_of(options))
     rows = [row_of(Row, row) for row in made]
     text = f"{table(rows)}\n\n{incidence_table(rows)}"
     print(text)
     write_tables(options.out, "ablation", made, text)
     absent = {row.variant for row in rows if row.not_run}
-    drawn = [variant for variant in VARIANTS[1:] if variant.name not in absent]
+    drawn = [variant for variant in PARTS[1:] if variant.name not in absent]
     gains = {v.name: [difference(rows, v, layer) for layer in LAYERS] for v in drawn}
-    draw(gains, pairs_of(options.photos, size, size // 2)[0], [VARIANTS[0], *drawn], options.out)
+    draw(gains, pairs_of(options.photos, size, size // 2)[0], [PARTS[0], *drawn], options.out)
 
 
 if __name__ == "__main__":

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from polaropt.capture import noise_level, planes_last
-from studies.ablation_variants import Variant
-from studies.crop_figure import crops
-from studies.figure_files import write_figures
-from studies.protocol import Pair, protocol_capture, protocol_scene, truth
+from studies.camera import take
+from studies.kit.charts import crops, write_figures
+from studies.photographs import Pair
+from studies.scenes import protocol
+from studies.ways import Part
 
 _COLUMNS, _INCIDENCE_DEG = 8, 60.0
 _LAYERS = ("transmission", "reflection")
@@ -21,7 +22,7 @@ _COLORS, _HATCHES = ("#0072b2", "#e69f00"), ("", "///")
 
 
 def draw(
-    gains: Mapping[str, Sequence[tuple[float, float, float]]], pair: Pair, variants: Sequence[Variant], out: Path
+    gains: Mapping[str, Sequence[tuple[float, float, float]]], pair: Pair, variants: Sequence[Part], out: Path
 ) -> list[Path]:
     """Draw what every part gains, and crops of one scene with and without it.
 
@@ -66,11 +67,12 @@ def _differences(gains: Mapping[str, Sequence[tuple[float, float, float]]]) -> A
     return figure
 
 
-def _solved(pair: Pair, variants: Sequence[Variant]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _solved(pair: Pair, variants: Sequence[Part]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Both layers (h, w, 3) of one scene: the truth, and what each variant makes of it."""
-    capture, true = protocol_capture(pair, _INCIDENCE_DEG), protocol_scene(pair, _INCIDENCE_DEG)
-    found = variants[0].found(capture, noise_level(capture))
-    shown = {"truth": truth(pair)}
+    sample = take(protocol(_INCIDENCE_DEG), pair)
+    capture, true = sample.capture, sample.scene
+    found = variants[0].estimate(capture, noise_level(capture))
+    shown = {"truth": pair.frames}
     for variant in variants:
         layers = variant.solved(capture, found, true).layers
         label = variant.change.replace("without ", "without\n").replace("with ", "with\n")

@@ -24,10 +24,12 @@ from polaropt.solving import Problem, Weights, conditioned_observation, plain_ob
 from studies.ablation_losses_figures import draw
 from studies.ablation_losses_tables import Row, page
 from studies.ablation_records import Training, shipped_trainings, trainings_in
-from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
-from studies.protocol import INCIDENCES_DEG, N_PAIRS, Pair, layer_quality, protocol_capture, true_layers
-from studies.record import write_tables
-from studies.work import row_of, run_jobs
+from studies.camera import take
+from studies.kit.records import row_of, write_tables
+from studies.kit.run import effort_of, run_jobs, study_parser, workers_of
+from studies.photographs import N_PAIRS, Pair, n_pairs_of, pairs_of
+from studies.scenes import INCIDENCES_DEG, protocol
+from studies.scores import psnr_and_ssim
 
 if TYPE_CHECKING:
     from priors.learned import LearnedInitializer
@@ -53,8 +55,8 @@ class Job:
 def run(job: Job) -> list[Row]:
     """Show one scene to every network; what the conditioned form needs of the scene is found blind, once."""
     pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
-    capture = protocol_capture(pair, job.incidence_deg)
-    layers = true_layers(pair)
+    capture = take(protocol(job.incidence_deg), pair).capture
+    layers = pair.layers
     with threadpool_limits(1, "blas"):
         seen = {form: observed(capture, form) for form in {training.form for training in job.trainings}}
         return [_row(job, training, seen[training.form], layers) for training in job.trainings]
@@ -75,7 +77,7 @@ def _row(job: Job, training: Training, seen: Observation, layers: Images) -> Row
     began = time.perf_counter()
     found = network.layers(seen, layers.shape[1])
     seconds = time.perf_counter() - began
-    return Row(training.name, training.variant, job.pair, job.incidence_deg, *layer_quality(found, layers), seconds)
+    return Row(training.name, training.variant, job.pair, job.incidence_deg, *psnr_and_ssim(found, layers), seconds)
 
 
 @lru_cache(maxsize=16)
@@ -93,7 +95,7 @@ def _network(training: Training, vgg19: str | None) -> LearnedInitializer:
 
 def layers_of(training: Training, pair: Pair, incidence_deg: float, vgg19: str | None) -> Images:
     """Layers (2, 3, h, w) that a network makes of one scene of the protocol."""
-    capture = protocol_capture(pair, incidence_deg)
+    capture = take(protocol(incidence_deg), pair).capture
     return _network(training, vgg19).layers(observed(capture, training.form), 3)
 
 
@@ -116,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for pair in range(n_pairs)
         for theta in incidences
     ]
-    made = run_jobs(run, jobs, options.out / "ablation_losses.json", {}, hands_of(options))
+    made = run_jobs(run, jobs, options.out / "ablation_losses.json", {}, workers_of(options))
     rows = [row_of(Row, row) for row in made]
     text = page(rows, trainings)
     print(text)

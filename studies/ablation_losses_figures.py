@@ -12,9 +12,8 @@ from polaropt.capture import planes_last
 from studies.ablation_losses_tables import Row, means
 from studies.ablation_published import TABLE_3
 from studies.ablation_records import Training
-from studies.crop_figure import crops
-from studies.figure_files import write_figures
-from studies.protocol import Pair, truth
+from studies.kit.charts import crops, write_figures
+from studies.photographs import Pair
 
 _COLUMNS = 6
 
@@ -33,7 +32,7 @@ def draw(
     out : Path
     """
     pair, found = shown
-    layers = {"truth": truth(pair)} | {name: tuple(map(planes_last, both)) for name, both in found.items()}
+    layers = {"truth": pair.frames} | {name: tuple(map(planes_last, both)) for name, both in found.items()}
     figures = {
         "ablation_losses": lambda: _bars(rows, trainings),
         "ablation_losses_crops": lambda: crops(layers, _COLUMNS),

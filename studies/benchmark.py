@@ -22,12 +22,12 @@ from studies import (
 )
 from studies.benchmark_chart import draw
 from studies.benchmark_record import Measurement, Place, Record
-from studies.benchmark_scenes import Photographs, Size, example
+from studies.benchmark_scenes import example
 from studies.benchmark_tables import tables
 from studies.benchmark_targets import target_table
-from studies.command import Effort, effort_of, hands_of, study_parser
-from studies.record import write_tables
-from studies.work import run_jobs, tell
+from studies.kit.records import write_tables
+from studies.kit.run import Effort, effort_of, run_jobs, study_parser, tell, workers_of
+from studies.photographs import Photographs, Size
 
 TABLES = (
     benchmark_imports.TABLE,
@@ -225,7 +225,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     path = options.out / "benchmark.json"
     try:
         made = run_jobs(
-            run, jobs_of(plan, Photographs(options.photos, options.pair), wanted), path, {}, hands_of(options)
+            run, jobs_of(plan, Photographs(options.photos, options.pair), wanted), path, {}, workers_of(options)
         )
     except InputError as error:
         parser.error(str(error))

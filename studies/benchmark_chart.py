@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,10 @@ import numpy as np
 
 from studies import benchmark_solvers
 from studies.benchmark_contestants import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD, WHITENED
-from studies.benchmark_race import GAP
 from studies.benchmark_record import Record
 from studies.benchmark_tables import one, places
-from studies.figure_files import write_figures
+from studies.kit.charts import Style, write_figures
+from studies.scores import GAP
 
 _ROWS = (
     ("curve: gap", "relative gap"),
@@ -25,16 +24,6 @@ _ROWS = (
 _LEAST_GAP = 3e-5
 _MOST_MARKERS = 7
 _TOP_DB, _SHOWN_DB = 1.0, 22.0
-
-
-@dataclass(frozen=True)
-class Style:
-    """How a line looks: told apart by colour, by dashes and by markers."""
-
-    color: str
-    dashes: str | tuple[int, tuple[float, ...]]
-    marker: str
-    width: float = 1.4
 
 
 def draw(record: Record, case: str, path: Path) -> list[Path]:

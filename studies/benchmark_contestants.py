@@ -7,8 +7,7 @@ that start cold on the pixels are given the penalties for nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +19,7 @@ from polaropt.solving import Problem, Weights, take_start
 from solvers.base import MissingPackage, Status, StoppingRule, StopSolving, TooLarge
 from solvers.registry import get_solver, solver_names
 from studies.benchmark_race import Finish, Judge, Limits, Recorder, Run, watched
+from studies.kit.timing import Threads
 
 Images = NDArray[np.float32]
 
@@ -32,33 +32,6 @@ _MOST = 100_000
 # Evaluations of a line search that finds nothing lower.
 _FRUITLESS = 25
 _TRIAL = 6
-
-
-@dataclass(frozen=True)
-class Threads:
-    """Threads of torch and of BLAS; None: as the library has it, which is all cores."""
-
-    torch: int | None = None
-    blas: int | None = None
-
-    def __str__(self) -> str:
-        return f"torch {self.torch or 'all'}, BLAS {self.blas or 'all'}"
-
-    @contextmanager
-    def set(self) -> Iterator[None]:
-        """Within this context the libraries use so many."""
-        with threadpool_limits(self.blas, "blas"):
-            if self.torch is None:
-                yield
-                return
-            import torch
-
-            before = torch.get_num_threads()
-            torch.set_num_threads(self.torch)
-            try:
-                yield
-            finally:
-                torch.set_num_threads(before)
 
 
 _CHOICES = (Threads(torch=1, blas=1), Threads(blas=1), Threads())
@@ -84,7 +57,7 @@ class Contestant:
     init: str
     solve: Callable[[Judge, str, Recorder], Status]
     chooses_threads: bool = False
-    threads: Threads = Threads()
+    threads: Threads = Threads()  # noqa: RUF009 (frozen)
 
     @property
     def name(self) -> str:

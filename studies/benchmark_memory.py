@@ -1,17 +1,13 @@
 """Peak memory of `separate`, in processes of its own.
 
 ``python -m studies.benchmark_memory FILE.npz [--scene I A S] [--warm]`` separates one capture and prints what it took
-as JSON. The peak is the kernel's high-water mark of this process; where Linux tells it, `VmHWM`, which unlike
-``ru_maxrss`` starts anew with the program and can be set back.
+as JSON.
 """
 
 from __future__ import annotations
 
 import argparse
-import ctypes
-import gc
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -20,6 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from studies.kit.timing import peak_mb, reset_peak, resident_mb
 
 if TYPE_CHECKING:
     from studies.benchmark_record import Measurement, Place
@@ -61,54 +59,6 @@ def _in_a_process(file: Path, arguments: Sequence[str]) -> dict[str, float]:
     return told
 
 
-def peak_above(call: Callable[[], object]) -> float:
-    """Most memory (MB, 10^6 bytes) that a call takes in this process beyond what is held before it."""
-    _set_back()
-    before = _now_mb()
-    call()
-    return max(0.0, _peak_mb() - before)
-
-
-def _status_mb(name: str) -> float | None:
-    """A line of Linux's /proc/self/status in MB (10^6 bytes), None on other systems."""
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return None
-    found = [line.split()[1] for line in lines if line.startswith(f"{name}:")]
-    return int(found[0]) * 1024 / 1e6 if found else None
-
-
-def _peak_mb() -> float:
-    peak = _status_mb("VmHWM")
-    if peak is not None:
-        return peak
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
-
-
-def _now_mb() -> float:
-    now = _status_mb("VmRSS")
-    return _peak_mb() if now is None else now
-
-
-def _set_back() -> None:
-    """Let the high-water mark begin at what is held now, where the system allows it."""
-    gc.collect()
-    _give_back()
-    try:
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    except OSError:
-        return
-
-
-def _give_back() -> None:
-    """Let the C library return to the system what is free; elsewhere than with glibc nothing happens."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
-        trim(0)
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Separate one capture and print the peaks."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -128,13 +78,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         polaropt.separate(piece, scene)
         del piece
-    _set_back()
-    imported = _now_mb()
+    reset_peak()
+    imported = resident_mb()
     capture = polaropt.Capture.of_planes(archive["intensities"], archive["angles_deg"], archive["valid"])
-    _set_back()
-    captured = _now_mb()
+    reset_peak()
+    captured = resident_mb()
     result = polaropt.separate(capture, scene)
-    peak = _peak_mb()
+    peak = peak_mb()
     assert np.isfinite(result.layers).all()
     print(json.dumps({ABOVE_IMPORTS: peak - captured, WITH_CAPTURE: peak - imported, "imports": imported}))
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,11 +17,11 @@ from polaropt.solving import Problem, Weights, take_start
 from solvers.base import Status, StoppingRule, StopSolving
 from solvers.registry import get_solver
 from studies.benchmark_scenes import Example
+from studies.kit.timing import Clock
+from studies.scores import GAP, NEAR_DB
 
 Images = NDArray[np.float32]
 
-GAP = 1e-3
-NEAR_DB = 0.1
 # Runs go on a little beyond the finish, so that the curves show it; a lower minimum found later moves it only a trifle.
 _BEYOND = 0.1
 _REFERENCE_CHANGE = 1e-6
@@ -104,30 +102,6 @@ def find_finish(judge: Judge, max_evaluations: int, tell: Callable[[str], None])
             verdicts.append(judge.verdict(objective.solution(solution.x)[0]))
     best = min(verdicts, key=lambda verdict: verdict.value)
     return Finish(best, judge.verdict(judge.cold).value)
-
-
-class Clock:
-    """Elapsed and processor seconds, which stand still within `paused`."""
-
-    def __init__(self) -> None:
-        self._start = _now()
-
-    def read(self) -> tuple[float, float]:
-        """Elapsed seconds, and processor seconds of all threads."""
-        now = _now()
-        return now[0] - self._start[0], now[1] - self._start[1]
-
-    @contextmanager
-    def paused(self) -> Iterator[None]:
-        """What happens in here takes no time."""
-        before = _now()
-        yield
-        after = _now()
-        self._start = (self._start[0] + after[0] - before[0], self._start[1] + after[1] - before[1])
-
-
-def _now() -> tuple[float, float]:
-    return time.perf_counter(), time.process_time()
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.work import row_of
+from studies.kit.records import row_of
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from solvers.base import Status
 from studies.benchmark_contestants import Contestant, contestants, race, warmed_up
 from studies.benchmark_race import Finish, Judge, Limits, Run, find_finish
 from studies.benchmark_record import Measurement, Place
-from studies.benchmark_scenes import Photographs, Size, example
+from studies.benchmark_scenes import example
+from studies.photographs import Photographs, Size
 
 TABLE = "time to gap"
 INCIDENCES_DEG = {"hard": 20.0, "easy": 60.0}

@@ -16,7 +16,9 @@ import numpy as np
 
 from polaropt.estimation import estimate_scene
 from polaropt.optics import SceneParameters
-from studies.protocol import Kind, Pair, protocol_capture, protocol_pairs, protocol_scene, shipped_pairs
+from studies.camera import take
+from studies.photographs import Pair, folder_pairs, shipped_pairs
+from studies.scenes import Formula, protocol
 
 INCIDENCES_DEG = (10, 20, 30, 40, 50, 60, 70, 80, 85)
 HEADER = "theta   incidence med/p90   azimuth med/max  wrong axis   Delta    shift med/p90   seconds"
@@ -41,12 +43,12 @@ def scene_errors(found: SceneParameters, true: SceneParameters, seconds: float =
     return Errors(abs(incidence - true_incidence), abs(turn), abs(sense * shift - true_shift), seconds)
 
 
-def estimation_errors(pair: Pair, incidence_deg: float, kind: Kind, noise: float) -> Errors:
+def estimation_errors(pair: Pair, incidence_deg: float, kind: Formula, noise: float) -> Errors:
     """Errors of one blind estimate."""
-    capture = protocol_capture(pair, incidence_deg, kind, noise)
+    sample = take(protocol(incidence_deg, kind, noise), pair)
     start = time.perf_counter()
-    found = estimate_scene(capture).scene
-    return scene_errors(found, protocol_scene(pair, incidence_deg, kind), time.perf_counter() - start)
+    found = estimate_scene(sample.capture).scene
+    return scene_errors(found, sample.scene, time.perf_counter() - start)
 
 
 def table_row(incidence_deg: float, shift: float, errors: Sequence[Errors]) -> str:
@@ -69,12 +71,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--noise", type=float, default=0.005, help="standard deviation per photograph (white = 1)")
     parser.add_argument("--kind", choices=("paper", "plate"), action="append", help="formula of the ghost step")
     options = parser.parse_args(arguments)
-    pairs = protocol_pairs(options.photos) if options.photos else shipped_pairs()
+    pairs = folder_pairs(options.photos) if options.photos else shipped_pairs()
     for kind in options.kind or ("paper", "plate"):
         print(f"protocol {kind}: {len(pairs)} pairs, noise {options.noise:g}\n{HEADER}")
         for incidence in INCIDENCES_DEG:
             errors = [estimation_errors(pair, incidence, kind, options.noise) for pair in pairs]
-            shift = protocol_scene(pairs[0], incidence, kind).values()[2]
+            shift = protocol(incidence, kind).pane.ghost_shift
             print(table_row(incidence, shift, errors), flush=True)
 
 

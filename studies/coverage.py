@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from polaropt.separation import Separation, separate
-from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from studies.camera import take
 from studies.coverage_figure import draw
-from studies.protocol import INCIDENCES_DEG, N_PAIRS, Image, protocol_capture, protocol_scene, truth
-from studies.record import write_tables
-from studies.work import row_of, run_jobs
+from studies.kit.records import row_of, write_tables
+from studies.kit.run import effort_of, run_jobs, study_parser, workers_of
+from studies.photographs import N_PAIRS, Image, n_pairs_of, pairs_of
+from studies.scenes import INCIDENCES_DEG, protocol
 
 NOISES = (0.005, 0.02)
 LAYERS = ("transmission", "reflection")
@@ -69,13 +70,13 @@ class Row:
 def run(job: Job) -> list[Row]:
     """Separate one scene and compare both layers."""
     pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
-    capture = protocol_capture(pair, job.incidence_deg, noise=job.noise)
-    result = separate(capture, None if job.blind else protocol_scene(pair, job.incidence_deg))
+    sample = take(protocol(job.incidence_deg, noise=job.noise), pair)
+    result = separate(sample.capture, None if job.blind else sample.scene)
     known = float(result.reflection_known.mean())
     told = (job.pair, job.incidence_deg, job.noise, "blind" if job.blind else "known")
     return [
         Row(*told, name, *compared(result, i, layer), known)
-        for i, (name, layer) in enumerate(zip(LAYERS, truth(pair), strict=True))
+        for i, (name, layer) in enumerate(zip(LAYERS, pair.frames, strict=True))
     ]
 
 
@@ -141,7 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for incidence in (QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG)
         for pair in range(n_pairs)
     ]
-    made = run_jobs(run, jobs, options.out / "coverage.json", {}, hands_of(options))
+    made = run_jobs(run, jobs, options.out / "coverage.json", {}, workers_of(options))
     rows = [row_of(Row, row) for row in made]
     text = table(rows)
     print(text)

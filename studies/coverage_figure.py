@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.benchmark_chart import Style
-from studies.figure_files import write_figures
+from studies.kit.charts import Style, write_figures
 
 if TYPE_CHECKING:
     from studies.coverage import Row

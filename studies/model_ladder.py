@@ -7,145 +7,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from pandas import DataFrame
 
-from polaropt.capture import ANGLES_DEG, Capture
-from polaropt.optics import SceneParameters, ghost_step
-from polaropt.separation import separate
-from polaropt.simulation import digitized, exact_photographs, stack_layers
-from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
-from studies.model_ladder_figure import draw
-from studies.paper_protocol import trivial_psnr
-from studies.protocol import (
-    BITS,
-    EVALUATION_BORDER,
-    NOISE,
-    REFRACTIVE_INDEX,
-    THICKNESS_PX,
-    Pair,
-)
-from studies.record import write_tables
-from studies.work import row_of, run_jobs
+from studies.camera import SceneJob
+from studies.kit.charts import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, legend_below, new_figure
+from studies.kit.frames import markdown, mean, n_with, summary, values_of, where
+from studies.kit.run import effort_of, publish, run_study, study_parser
+from studies.photographs import n_pairs_of
+from studies.scenes import LADDER
+from studies.scores import both_psnr, psnr
+from studies.ways import DEFAULT, WITH_SCENE, minimum_over_angles, plain_intensity
 
-MODELS = ("auto", "pixelwise", "ghosts", "perspective", "curved", "polarized", "known")
-"""Those of `polaropt.separate`, and the true scene told."""
-MOST_BENT_DEG = 8.0
-"""From the middle to the end of the frame's longer side."""
-CLIPPED = 0.05
+NAME = "model_ladder"
+KNOWN = "known"
+MODELS = ("auto", "pixelwise", "ghosts", "perspective", "curved", "polarized", KNOWN)
+"""Those of `polaropt.separate`, and the true scene given."""
 QUICK_SIZE, SIZE = 128, 256
-# On all families and models, that is 504 separations.
 MOST_PAIRS = 4
-Layers = tuple[np.ndarray, np.ndarray]
-Mask = np.ndarray
-_HALF_VIEW = math.tan(math.radians(22.5))
-
-
-BLIND = SceneParameters(None, None, None)
+"""On all families and models, that is 588 separations."""
 
 
 @dataclass(frozen=True)
-class Family:
-    """Scenes of one kind.
+class Job(SceneJob):
+    """One scene on one rung."""
 
-    Attributes
-    ----------
-    name : str
-    rung : str
-        The lowest adequate one.
-    scene : callable
-        From the pair's size and a random generator to the true scene.
-    told : SceneParameters
-        What the software is told of it; None is estimated.
-    clipped : float
-        Share of the pixels that some photograph clips.
-    headroom : bool
-        The sensor shows what is brighter than white, too; figures are of the same pixels.
-    """
-
-    name: str
-    rung: str
-    scene: Callable[[int, np.random.Generator], SceneParameters]
-    told: SceneParameters = BLIND
-    clipped: float = 0.0
-    headroom: bool = False
-
-    def true_scene(self, pair: Pair) -> SceneParameters:
-        """The scene of a pair."""
-        size = pair.cropped(pair.transmission).shape[0]
-        return self.scene(size, np.random.default_rng(pair.number))
-
-
-def _ghosts(
-    incidence_deg: float, index: float = REFRACTIVE_INDEX
-) -> Callable[[int, np.random.Generator], SceneParameters]:
-    shift = ghost_step(incidence_deg, index, THICKNESS_PX, "paper")
-    return lambda size, random: SceneParameters(incidence_deg, float(random.uniform(0, 180)), shift, index)
-
-
-def _in_place(incidence_deg: float) -> Callable[[int, np.random.Generator], SceneParameters]:
-    return lambda size, random: SceneParameters(incidence_deg, float(random.uniform(0, 180)), 0.0)
-
-
-def _wide(size: int, random: np.random.Generator) -> SceneParameters:
-    return SceneParameters(55.0, float(random.uniform(0, 360)), 0.0, focal_px=size / 2 / _HALF_VIEW)
-
-
-def _bent(size: int, random: np.random.Generator) -> SceneParameters:
-    b_xx, b_xy, b_yy = random.uniform(-MOST_BENT_DEG, MOST_BENT_DEG, 3) / (size / 2)
-    return _wide(size, random).replace(bend_deg_per_px=(float(b_xx), float(b_xy), float(b_yy)))
-
-
-def _wide_with_ghosts(size: int, random: np.random.Generator) -> SceneParameters:
-    return _wide(size, random).replace(ghost_shift=ghost_step(55, REFRACTIVE_INDEX, THICKNESS_PX, "paper"))
-
-
-def _water(size: int, random: np.random.Generator) -> SceneParameters:
-    return SceneParameters(60.0, float(random.uniform(0, 180)), 0.0, 1.33, single_surface=True)
-
-
-def _polarized(
-    screen: float, sky: float, pane: Callable[[int, np.random.Generator], SceneParameters] | None = None
-) -> Callable[[int, np.random.Generator], SceneParameters]:
-    """Scenes of a pane (default: with ghosts at 60 degrees), their layers' light polarized so much, at any angle."""
-
-    def scene(size: int, random: np.random.Generator) -> SceneParameters:
-        plain = (pane or _ghosts(60))(size, random)
-        behind, mirrored = (float(angle) for angle in random.uniform(0, 180, 2))
-        return plain.replace(
-            transmission_polarization=(screen, behind if screen else 0.0),
-            reflection_polarization=(sky, mirrored if sky else 0.0),
-        )
-
-    return scene
-
-
-SCREEN, SKY = 0.6, 0.3
-"""Degrees of polarization of a screen behind the glass and of the sky that it mirrors."""
-WATER = SceneParameters(None, None, None, 1.33, single_surface=True)
-FAMILIES = (
-    Family("in place, 60 deg", "pixelwise", _in_place(60)),
-    Family("ghosts, 40 deg", "ghosts", _ghosts(40)),
-    Family("ghosts, 70 deg", "ghosts", _ghosts(70)),
-    Family("wide lens, 45 deg of view", "perspective", _wide),
-    Family("wide lens with ghosts", "perspective", _wide_with_ghosts),
-    Family("bent pane, 45 deg of view", "curved", _bent),
-    Family("water, single surface", "pixelwise", _water, WATER),
-    Family("index 1.6 told as 1.5", "ghosts", _ghosts(60, 1.6)),
-    Family("ghosts, 60 deg", "ghosts", _ghosts(60)),
-    *(
-        Family(f"ghosts, {angle} deg, 5 % {how}", "ghosts", _ghosts(angle), clipped=CLIPPED, headroom=headroom)
-        for angle in (40, 60, 80)
-        for how, headroom in (("beyond white but seen", True), ("clipped", False))
-    ),
-    Family("screen behind", "polarized", _polarized(SCREEN, 0)),
-    Family("sky reflected", "polarized", _polarized(0, SKY)),
-    Family("screen and sky", "polarized", _polarized(SCREEN, SKY)),
-    Family("wide lens, screen behind", "polarized", _polarized(SCREEN, 0, _wide)),
-    Family("wide lens, sky reflected", "polarized", _polarized(0, SKY, _wide)),
-    Family("wide lens with ghosts, screen and sky", "polarized", _polarized(SCREEN, SKY, _wide_with_ghosts)),
-)
+    model: str = "auto"
 
 
 @dataclass(frozen=True)
@@ -164,98 +54,100 @@ class Row:
     warnings: tuple[str, ...]
 
 
-def family_capture(family: Family, pair: Pair) -> tuple[Capture, Layers, Mask]:
-    """Photographs of a pair on the frame, both layers (channel, h, w), and the pixels (h, w) that figures are of."""
-    scene = family.true_scene(pair)
-    layers = stack_layers(pair.transmission, pair.reflection)
-    exact = exact_photographs(layers, scene, ANGLES_DEG)
-    if family.clipped:
-        exposure = 1 / np.quantile(pair.cropped(exact).max(axis=(0, 1)), 1 - family.clipped)
-        layers, exact = layers * np.float32(exposure), exact * np.float32(exposure)
-    noisy = exact + NOISE * np.random.default_rng(pair.number).standard_normal(exact.shape)
-    seen = pair.cropped(digitized(noisy, BITS))
-    capture = Capture.of_planes(seen, ANGLES_DEG)
-    unclipped = capture.valid.all(axis=(0, 1))
-    if family.headroom:
-        high = pair.cropped(noisy)
-        capture = Capture.of_planes(np.where(capture.valid, seen, high), ANGLES_DEG, np.ones_like(capture.valid))
-    return capture, (pair.cropped(layers[0]), pair.cropped(layers[1])), unclipped
-
-
-@dataclass(frozen=True)
-class Job:
-    """One scene on one rung."""
-
-    photos: str | None
-    family: str
-    model: str
-    pair: int
-    size: int
-
-
 def run(job: Job) -> list[Row]:
     """Separate one scene on one rung."""
-    (family,) = [family for family in FAMILIES if family.name == job.family]
-    pair, model = pairs_of(job.photos, job.size, job.size // 2)[job.pair], job.model
-    capture, layers, unclipped = family_capture(family, pair)
-    told = family.true_scene(pair) if model == "known" else family.told
-    result = separate(capture, told, model="auto" if model == "known" else model)
+    sample = job.sample()
+    way = WITH_SCENE if job.model == KNOWN else replace(DEFAULT, rung=job.model)
+    result = way.separation(sample)
     row = Row(
-        family.name,
-        pair.number,
-        model,
-        max(trivial_psnr(capture, np.moveaxis(layers[0], 0, -1))),
-        *quality(result.layers, layers, unclipped),
+        job.scene.family,
+        job.pair,
+        job.model,
+        max(psnr(method(sample)[0], sample.layers[0]) for method in (plain_intensity, minimum_over_angles)),
+        *both_psnr(result.layers, sample.layers, sample.unclipped),
         result.scene.rung,
-        result.scene.rung == family.rung,
+        result.scene.rung == job.scene.rung,
         sum(result.seconds.values()),
         tuple(warning.name for warning in result.diagnostics.warnings),
     )
     return [row]
 
 
-def quality(found: np.ndarray, layers: Layers, unclipped: Mask) -> tuple[float, float]:
-    """PSNR of both layers (2, channel, h, w) over the pixels that no photograph clips."""
-    inner = (..., *(slice(EVALUATION_BORDER, -EVALUATION_BORDER),) * 2)
-    error = np.square(found - np.stack(layers))[inner][..., unclipped[inner]].mean(axis=(1, 2))
-    return float(-10 * np.log10(error[0])), float(-10 * np.log10(error[1]))
+def tables(frame: DataFrame) -> str:
+    """Means per family and model, and what the choice of a model costs."""
+    cells = {
+        "T nothing": mean("nothing"),
+        "T": mean("transmission"),
+        "R": mean("reflection"),
+        "rungs taken": _rungs_taken,
+        "s": mean("seconds"),
+        "warned": lambda part: f"{n_with(part, 'warnings', 'MODEL_DOES_NOT_EXPLAIN')}/{len(part)}",
+    }
+    return f"{markdown(summary(frame, {'family': 'family', 'model': 'model'}, cells))}\n\n{cost_of_choice(frame)}"
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Means per family and model, as a Markdown table."""
-    lines = ["| family | model | T nothing | T | R | rungs taken | s | warned |", "|" + "---|" * 8]
-    for family, model in dict.fromkeys((row.family, row.model) for row in rows):
-        part = [row for row in rows if (row.family, row.model) == (family, model)]
-        rungs = [row.rung for row in part]
-        taken = ", ".join(f"{rung} {rungs.count(rung)}" for rung in dict.fromkeys(rungs))
-        means = [np.mean([getattr(row, name) for row in part]) for name in ("nothing", "transmission", "reflection")]
-        warned = sum("MODEL_DOES_NOT_EXPLAIN" in row.warnings for row in part)
-        lines.append(
-            f"| {family} | {model} | "
-            + " | ".join(f"{mean:.2f}" for mean in means)
-            + f" | {taken} | {np.mean([row.seconds for row in part]):.2f} | {warned}/{len(part)} |"
-        )
-    return "\n".join(lines)
+def _rungs_taken(part: DataFrame) -> str:
+    return ", ".join(f"{rung} {len(where(part, rung=rung))}" for rung in values_of(part, "rung"))
 
 
-def summary(rows: Sequence[Row]) -> str:
+def cost_of_choice(frame: DataFrame) -> str:
     """How often the lowest adequate rung is taken, and what the choice costs against the best fixed one, at most."""
-    auto = [row for row in rows if row.model == "auto"]
-    lines = [f"Lowest adequate rung taken: {sum(row.adequate for row in auto)} of {len(auto)} scenes."]
-    for family in dict.fromkeys(row.family for row in auto):
-
-        def mean(model: str, family: str = family) -> float:
-            part = [row.transmission for row in rows if (row.family, row.model) == (family, model)]
-            return float(np.mean(part)) if part else -math.inf
-
-        best = max((model for model in MODELS[1:-1]), key=mean)
-        if mean(best) > -math.inf:
-            lines.append(f"{family}: auto {mean('auto') - mean(best):+.2f} dB (T) against the best fixed rung, {best}.")
+    auto = where(frame, model="auto")
+    lines = [f"Lowest adequate rung taken: {auto.adequate.sum()} of {len(auto)} scenes."]
+    for family in values_of(auto, "family"):
+        levels = where(frame, family=family).groupby("model").transmission.mean()
+        fixed = [model for model in MODELS if model not in ("auto", KNOWN) and model in levels]
+        if fixed:
+            best = max(fixed, key=levels.__getitem__)
+            cost = levels["auto"] - levels[best]
+            lines.append(f"{family}: auto {cost:+.2f} dB (T) against the best fixed rung, {best}.")
     return "\n\n".join(lines)
 
 
+_MARKS = {
+    KNOWN: ("|", "black", "scene known"),
+    "auto": ("o", BLUE, "auto"),
+    "pixelwise": ("v", SKY, "pixelwise"),
+    "ghosts": ("s", ORANGE, "ghosts"),
+    "perspective": ("D", GREEN, "perspective"),
+    "curved": ("X", PURPLE, "curved"),
+    "polarized": ("*", VERMILION, "polarized"),
+    "none": ("x", "#999999", "none"),
+}
+
+
+def figures(frame: DataFrame) -> dict[str, Callable[[], Any]]:
+    """What each rung makes of each family of scenes, beside doing nothing."""
+    return {NAME: lambda: _rungs(frame)}
+
+
+def _rungs(frame: DataFrame) -> Any:
+    families = values_of(frame, "family")
+    figure = new_figure(10, 0.34 * len(families) + 1.6)
+    axis = figure.subplots()
+    nothing = frame.groupby("family").nothing.mean()[families]
+    places = np.arange(len(families))
+    axis.barh(places, nothing, 0.8, color="#dddddd", label="doing nothing")
+    for model, (marker, color, label) in _MARKS.items():
+        levels = where(frame, model=model).groupby("family").transmission.mean().reindex(families, fill_value=math.nan)
+        if np.isfinite(levels).any():
+            chosen = model == "auto"
+            axis.plot(
+                levels, places, marker, color=color, label=label, zorder=3 if chosen else 4,
+                markersize=11 if chosen else 6, markerfacecolor="none" if chosen else color,
+                markeredgewidth=1.8 if chosen else 1,
+            )  # fmt: skip
+    axis.set_yticks(places, families)
+    axis.invert_yaxis()
+    axis.set_xlim(left=0.8 * nothing.min())
+    axis.set_xlabel("PSNR of the transmission (dB), mean over the pairs")
+    axis.grid(visible=False, axis="y")
+    legend_below(figure, *axis.get_legend_handles_labels(), 5)
+    return figure
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table and write it with all rows."""
+    """Run the study."""
     parser = study_parser(__doc__)
     parser.add_argument("--family", default="", help="only families whose name contains this")
     parser.add_argument("--models", help=f"names, comma separated, of: {', '.join(MODELS)} (quick: auto)")
@@ -264,18 +156,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     size = QUICK_SIZE if quick else SIZE
     models = (options.models or ("auto" if quick else ",".join(MODELS))).split(",")
     jobs = [
-        Job(options.photos, family.name, model, pair, size)
-        for family in FAMILIES
-        if options.family in family.name
+        Job(scene, pair, options.photos, size, model)
+        for scene in LADDER
+        if options.family in scene.family
         for model in models
-        for pair in range(n_pairs_of(options, 1 if quick else MOST_PAIRS, size, size // 2))
+        for pair in range(n_pairs_of(options, 1 if quick else MOST_PAIRS, size))
     ]
-    made = run_jobs(run, jobs, options.out / "model_ladder.json", {}, hands_of(options))
-    rows = [row_of(Row, row) for row in made]
-    text = f"{table(rows)}\n\n{summary(rows)}"
-    print(text)
-    write_tables(options.out, "model_ladder", made, text)
-    draw(rows, options.out)
+    frame = run_study(NAME, run, jobs, Row, options)
+    publish(NAME, options, tables(frame), figures(frame))
 
 
 if __name__ == "__main__":

@@ -6,38 +6,31 @@ Run ``polaropt study paper_protocol -o OUT``; without ``--photos`` it uses photo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass
+from typing import Any
 
-import numpy as np
+from pandas import DataFrame
 
-from polaropt.capture import Capture
-from polaropt.separation import Separation, separate
-from polaropt.simulation import psnr_db
-from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
-from studies.paper_protocol_figure import draw
-from studies.protocol import (
-    EVALUATION_BORDER,
-    INCIDENCES_DEG,
-    N_PAIRS,
-    Image,
-    Kind,
-    protocol_capture,
-    protocol_scene,
-    truth,
-)
-from studies.record import write_tables
-from studies.work import row_of, run_jobs
+from studies.camera import SceneJob
+from studies.kit.charts import BLUE, VERMILION, Style, legend_below, new_figure
+from studies.kit.frames import Cell, largest, markdown, mean, median, n_with, summary, values_of, where
+from studies.kit.run import effort_of, publish, run_study, study_parser
+from studies.photographs import N_PAIRS, n_pairs_of
+from studies.scenes import INCIDENCES_DEG, Formula, protocol
+from studies.scores import LAYERS, both_psnr, pane_errors, psnr
+from studies.ways import DEFAULT, WITH_SCENE, alone, minimum_over_angles, plain_intensity
+
+NAME = "paper_protocol"
+QUICK_INCIDENCES_DEG = (10, 60, 85)
+WAYS = ("start", "known", "blind")
+NOT_SOLVED = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)
-class Job:
-    """One scene to be separated twice: known and blind."""
+class Job(SceneJob):
+    """One scene to be separated blind, and with the scene known as well."""
 
-    photos: str | None
-    pair: int
-    incidence_deg: float
-    kind: Kind
     known: bool = True
 
 
@@ -66,92 +59,96 @@ class Row:
 
 def run(job: Job) -> list[Row]:
     """Separate one scene, known and blind."""
-    pair = pairs_of(job.photos)[job.pair]
-    scene = protocol_scene(pair, job.incidence_deg, job.kind)
-    capture = protocol_capture(pair, job.incidence_deg, job.kind)
-    layers = truth(pair)
-    nothing, minimum = trivial_psnr(capture, layers[0])
-    start = known = (math.nan, math.nan)
+    sample = job.sample()
+    start = known = NOT_SOLVED
     if job.known:
-        from polaropt import StoppingRule
-
-        start = _psnr(separate(capture, scene, stopping=StoppingRule(max_evaluations=1)), layers)
-        known = _psnr(separate(capture, scene), layers)
-    blind = separate(capture)
-    incidence, azimuth, shift = scene_errors(blind, scene.values())
+        start, known = (
+            both_psnr(way.separation(sample).layers, sample.layers) for way in (alone(WITH_SCENE), WITH_SCENE)
+        )
+    blind = DEFAULT.separation(sample)
+    pane = job.scene.pane
     row = Row(
-        job.pair, job.incidence_deg, job.kind, nothing, minimum, *start, *known, *_psnr(blind, layers),
-        incidence, azimuth, shift, blind.solver.n_evaluations, sum(blind.seconds.values()),
+        job.pair,
+        pane.incidence_deg,
+        pane.ghosts,
+        *(psnr(method(sample)[0], sample.layers[0]) for method in (plain_intensity, minimum_over_angles)),
+        *start,
+        *known,
+        *both_psnr(blind.layers, sample.layers),
+        *astuple(pane_errors(blind.scene, sample.scene)),
+        blind.solver.n_evaluations,
+        sum(blind.seconds.values()),
         tuple(warning.name for warning in blind.diagnostics.warnings),
-    )  # fmt: skip
+    )
     return [row]
 
 
-def trivial_psnr(capture: Capture, transmission: Image) -> tuple[float, float]:
-    """PSNR of the plain intensity and of twice the minimum over all angles, taken as transmission."""
-    s0, s1, s2 = capture.stokes
-    target = np.moveaxis(transmission, -1, 0)
-    return (
-        psnr_db(s0, target, EVALUATION_BORDER),
-        psnr_db(s0 - np.hypot(s1, s2), target, EVALUATION_BORDER),
-    )
+def tables(frame: DataFrame) -> str:
+    """Means per kind and incidence."""
+    cells: dict[str, Cell] = {
+        "s0": mean("nothing"),
+        **{f"{layer[0].upper()} {way}": mean(f"{way}_{layer}") for way in WAYS for layer in LAYERS},
+        "theta error (median, 90 %)": lambda part: (
+            f"{median('incidence_error_deg')(part)}, {part.incidence_error_deg.quantile(0.9):.2f}"
+        ),
+        "azimuth error (largest)": largest("azimuth_error_deg"),
+        "shift error (median)": median("shift_error_px"),
+        "worst against doing nothing": lambda part: (
+            f"{(part.blind_transmission - part[['nothing', 'minimum']].max(axis=1)).min():+.2f}"
+        ),
+        "evaluations": mean("evaluations", ".0f"),
+        "s": mean("seconds", ".1f"),
+        "warned": lambda part: f"{n_with(part, 'warnings', 'REFLECTION_NOT_IDENTIFIABLE')}/{len(part)}",
+    }
+    return markdown(summary(frame, {"step": "kind", "theta": "incidence_deg"}, cells))
 
 
-def scene_errors(result: Separation, true: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Absolute errors of incidence (deg), azimuth (deg, modulo 180) and shift (px, along the true azimuth)."""
-    incidence, azimuth, shift = result.scene.values()
-    turn = (azimuth - true[1] + 90) % 360 - 90
-    if turn > 90:
-        turn, shift = turn - 180, -shift
-    return abs(incidence - true[0]), abs(turn), abs(shift - true[2])
+_LINES = {
+    "blind": ("solved blind (band: all pairs)", Style("black", "-", "o", 2.4)),
+    "known": ("solved, scene known", Style(BLUE, "--", "s")),
+    "start": ("closed form alone, scene known", Style(VERMILION, ":", "^")),
+}
+_NOTHING = ("plain intensity", Style("grey", "-.", "x"))
+_KINDS = {"paper": "ghosts as far apart as the paper has them", "plate": "ghosts of a plane-parallel plate"}
 
 
-def _psnr(result: Separation, layers: tuple[Image, Image]) -> tuple[float, float]:
-    planes = [np.moveaxis(layer, -1, 0) for layer in layers]
-    return (
-        psnr_db(result.layers[0], planes[0], EVALUATION_BORDER),
-        psnr_db(result.layers[1], planes[1], EVALUATION_BORDER),
-    )
+def figures(frame: DataFrame) -> dict[str, Callable[[], Any]]:
+    """PSNR of both layers over incidence: known, blind and before any solve."""
+    return {NAME: lambda: _levels(frame)}
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Means per kind and incidence, as a Markdown table."""
-    lines = [
-        "| step | theta | s0 | T start | R start | T known | R known | T blind | R blind "
-        "| theta error (median, 90 %) | azimuth error (largest) | shift error (median) | worst against doing nothing "
-        "| evaluations | s | warned |",
-        "|" + "---|" * 16,
-    ]
-    for kind, incidence in dict.fromkeys((row.kind, row.incidence_deg) for row in rows):
-        lines.append(_line([row for row in rows if (row.kind, row.incidence_deg) == (kind, incidence)]))
-    return "\n".join(lines)
+def _levels(frame: DataFrame) -> Any:
+    """A row of panels for each kind of ghosts."""
+    kinds = values_of(frame, "kind")
+    figure = new_figure(10, 0.8 + 3.6 * len(kinds))
+    grid = figure.subplots(len(kinds), len(LAYERS), squeeze=False, sharey="col")
+    for panels, kind in zip(grid, kinds, strict=True):
+        for panel, layer in zip(panels, LAYERS, strict=True):
+            _panel(panel, where(frame, kind=kind), layer)
+            panel.set_title(_KINDS.get(kind, kind))
+    handles, names = grid[0, 0].get_legend_handles_labels()
+    legend_below(figure, handles, names, len(names), handlelength=4)
+    return figure
 
 
-def _line(rows: Sequence[Row]) -> str:
-    def mean(name: str) -> float:
-        return float(np.mean([getattr(row, name) for row in rows]))
-
-    def column(name: str) -> list[float]:
-        return [getattr(row, name) for row in rows]
-
-    levels = ("nothing", "start_transmission", "start_reflection", "known_transmission", "known_reflection",
-              "blind_transmission", "blind_reflection")  # fmt: skip
-    worst = min(row.blind_transmission - max(row.nothing, row.minimum) for row in rows)
-    warned = sum("REFLECTION_NOT_IDENTIFIABLE" in row.warnings for row in rows)
-    return (
-        f"| {rows[0].kind} | {rows[0].incidence_deg:g} | "
-        + " | ".join(f"{mean(name):.2f}" for name in levels)
-        + f" | {np.median(column('incidence_error_deg')):.2f}, {np.percentile(column('incidence_error_deg'), 90):.2f}"
-        f" | {max(column('azimuth_error_deg')):.2f} | {np.median(column('shift_error_px')):.2f} | {worst:+.2f}"
-        f" | {mean('evaluations'):.0f} | {mean('seconds'):.1f} | {warned}/{len(rows)} |"
-    )
-
-
-QUICK_INCIDENCES_DEG = (10, 60, 85)
+def _panel(panel: Any, frame: DataFrame, layer: str) -> None:
+    by_incidence = frame.groupby("incidence_deg")
+    lines = [(f"{name}_{layer}", *line) for name, line in _LINES.items()]
+    if layer == "transmission":
+        lines.append(("nothing", *_NOTHING))
+    for column, label, style in lines:
+        # What was not run is NaN, and shows no line.
+        means = by_incidence[column].mean()
+        panel.plot(means.index, means, label=label, **style.line)
+    of_pairs = by_incidence[f"blind_{layer}"]
+    panel.fill_between(of_pairs.min().index, of_pairs.min(), of_pairs.max(), color="0.85")
+    panel.set_xticks(list(of_pairs.groups))
+    panel.set_xlabel("angle of incidence (deg)")
+    panel.set_ylabel(f"PSNR of the {layer} (dB)")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table and write it with all rows."""
+    """Run the study."""
     parser = study_parser(__doc__)
     parser.add_argument("--kind", choices=("paper", "plate", "both"), help="formula of the ghost step")
     parser.add_argument("--incidences", help="degrees, comma separated")
@@ -159,20 +156,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     quick = effort_of(options) == "quick"
     kind = options.kind or ("paper" if quick else "both")
-    kinds: tuple[Kind, ...] = ("paper", "plate") if kind == "both" else (kind,)
+    formulas: tuple[Formula, ...] = ("paper", "plate") if kind == "both" else (kind,)
     default = QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG
     incidences = [float(text) for text in options.incidences.split(",")] if options.incidences else default
     jobs = [
-        Job(options.photos, pair, float(incidence), kind, not options.blind_only)
-        for kind in kinds
+        Job(protocol(incidence, formula), pair, options.photos, known=not options.blind_only)
+        for formula in formulas
         for incidence in incidences
         for pair in range(n_pairs_of(options, 1 if quick else N_PAIRS))
     ]
-    made = run_jobs(run, jobs, options.out / "paper_protocol.json", {}, hands_of(options))
-    rows = [row_of(Row, row) for row in made]
-    print(table(rows))
-    write_tables(options.out, "paper_protocol", made, table(rows))
-    draw(rows, options.out)
+    frame = run_study(NAME, run, jobs, Row, options)
+    publish(NAME, options, tables(frame), figures(frame))
 
 
 if __name__ == "__main__":

@@ -13,25 +13,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polaropt.capture import Capture, noise_level
+from polaropt.capture import noise_level
 from polaropt.estimation import FoundScene, find_scene
-from polaropt.optics import SceneParameters, ghost_step
-from polaropt.simulation import simulate
-from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
+from polaropt.optics import SceneParameters
+from studies.camera import photograph
+from studies.kit.records import row_of, write_tables
+from studies.kit.run import effort_of, run_jobs, study_parser, workers_of
 from studies.parameter_errors_figure import draw
-from studies.protocol import BITS, N_PAIRS, NOISE, REFRACTIVE_INDEX, Pair
-from studies.record import write_tables
-from studies.work import row_of, run_jobs
+from studies.photographs import N_PAIRS, Pair, n_pairs_of, pairs_of
+from studies.scenes import BLIND, random_scene
+from studies.scenes import POLARIZED_KINDS as POLARIZED
+from studies.scenes import RANDOM_KINDS as KINDS
 
-KINDS = ("pixelwise", "ghosts", "perspective", "curved", "screen", "sky")
-POLARIZED = {"screen": "transmission_polarization", "sky": "reflection_polarization"}
-DEGREES = (0.2, 0.9)
-INCIDENCES_DEG = (20.0, 80.0)
-WIDE_INCIDENCES_DEG = (30.0, 70.0)
-"""A wide lens sees more than 15 degrees beside the middle."""
-THICKNESSES_PX = (6.0, 12.0)
-VIEWS_DEG = (30.0, 50.0)
-MOST_BENT_DEG = 8.0
 SURE = 2.0
 _SIZE, _MARGIN = 192, 128
 _TURNS = {"quick": 1, "default": 2, "full": 4}
@@ -66,34 +59,12 @@ class Row:
         return abs(self.found - self.true) <= SURE * self.error
 
 
-def random_scene(kind: str, size: int, random: np.random.Generator) -> SceneParameters:
-    """A scene of one kind for frames of a size."""
-    wide = kind in ("perspective", "curved")
-    incidence = float(random.uniform(*(WIDE_INCIDENCES_DEG if wide else INCIDENCES_DEG)))
-    scene = SceneParameters(incidence, float(random.uniform(0, 360)), 0.0, REFRACTIVE_INDEX)
-    if kind in POLARIZED:
-        light = float(random.uniform(*DEGREES)), float(random.uniform(0, 180))
-        scene = scene.replace(**{POLARIZED[kind]: light})
-    if kind == "ghosts" or kind in POLARIZED:
-        formula = "paper" if random.random() < 0.5 else "plate"
-        thickness = float(random.uniform(*THICKNESSES_PX))
-        return scene.replace(ghost_shift=ghost_step(incidence, REFRACTIVE_INDEX, thickness, formula))
-    if wide:
-        half_view = math.radians(random.uniform(*VIEWS_DEG)) / 2
-        scene = scene.replace(focal_px=size / 2 / math.tan(half_view))
-    if kind == "curved":
-        bend = random.uniform(-MOST_BENT_DEG, MOST_BENT_DEG, 3) / (size / 2)
-        scene = scene.replace(bend_deg_per_px=tuple(float(part) for part in bend))
-    return scene
-
-
 def scene_rows(kind: str, pair: Pair, turn: int) -> Iterator[Row]:
     """Every number that was found with an error, of one scene on the rung of its kind."""
     size = pair.cropped(pair.transmission).shape[0]
     scene = random_scene(kind, size, np.random.default_rng([pair.number, turn, KINDS.index(kind)]))
-    larger = simulate(pair.transmission, pair.reflection, scene, noise=NOISE, bits=BITS, seed=pair.number)
-    capture = Capture.of_planes(pair.cropped(larger.intensities), larger.angles_deg, pair.cropped(larger.valid))
-    found = find_scene(capture, SceneParameters(None, None, None), noise_level(capture), _rung(kind))
+    capture = photograph(pair, scene).capture
+    found = find_scene(capture, BLIND, noise_level(capture), _rung(kind))
     for parameter, true, value, error in compared(scene, found):
         yield Row(kind, pair.number, turn, scene.values()[0], parameter, true, value, error)
 
@@ -173,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for pair in range(n_pairs)
         for turn in range(_TURNS[effort])
     ]
-    made = run_jobs(run, jobs, options.out / "parameter_errors.json", {}, hands_of(options))
+    made = run_jobs(run, jobs, options.out / "parameter_errors.json", {}, workers_of(options))
     rows = [row_of(Row, row) for row in made]
     text = table(rows)
     print(text)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.figure_files import write_figures
+from studies.kit.charts import write_figures
 
 if TYPE_CHECKING:
     from studies.parameter_errors import Row

@@ -8,26 +8,22 @@ together, with one thread for torch and BLAS: so much work is done, whoever else
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 
-import numpy as np
-
 from polaropt.separation import separate
-from studies.benchmark_contestants import Threads
-from studies.benchmark_scenes import Photographs, Size, sized_pair
-from studies.command import Effort, effort_of, hands_of, n_pairs_of, study_parser
-from studies.model_ladder import FAMILIES, family_capture
-from studies.peer_scenes import Sample
-from studies.protocol import Pair, protocol_capture, protocol_scene, truth
-from studies.record import write_tables
+from studies.camera import Sample, take
+from studies.kit.records import row_of, write_tables
+from studies.kit.run import Effort, effort_of, run_jobs, study_parser, workers_of
+from studies.kit.timing import Threads
+from studies.photographs import Pair, Photographs, Size, n_pairs_of, sized_pair
+from studies.scenes import SCENES
 from studies.speed_accuracy_figures import draw
 from studies.speed_accuracy_page import write_page
 from studies.speed_accuracy_rows import Row
 from studies.speed_accuracy_runs import Timed, measure_memory, run_ways
 from studies.speed_accuracy_tables import tables
-from studies.speed_accuracy_ways import Way, crossed, one_at_a_time, other_methods, tolerances
-from studies.work import row_of, run_jobs
+from studies.ways import Way, crossed, one_at_a_time, other_methods, tolerances
 
 ONE, CROSSED = "one at a time", "crossed"
 PLAIN = ("10 deg", "40 deg", "60 deg", "70 deg", "80 deg", "85 deg")
@@ -147,7 +143,11 @@ def _row(job: Job, way: Way, runs: Timed) -> Row:
         str(job.size),
         job.scene,
         job.pair,
-        **asdict(way),
+        way.method,
+        way.solver,
+        way.start,
+        way.rung,
+        way.relative_change,
         elapsed=tuple(seconds.elapsed for seconds in runs.seconds),
         cpu=tuple(seconds.cpu for seconds in runs.seconds),
         evaluations=runs.evaluations,
@@ -164,13 +164,7 @@ def _sample(job: Job) -> Sample:
 
 def scene_sample(name: str, pair: Pair) -> Sample:
     """Photographs of a scene by its name, with both layers (2, channel, h, w) and the true pane."""
-    if name in PLAIN:
-        incidence = float(name.split()[0])
-        layers = np.stack([np.moveaxis(layer, -1, 0) for layer in truth(pair)])
-        return Sample(protocol_capture(pair, incidence), layers, protocol_scene(pair, incidence))
-    (family,) = (family for family in FAMILIES if family.name == name)
-    capture, both, _ = family_capture(family, pair)
-    return Sample(capture, np.stack(both), family.true_scene(pair))
+    return take(SCENES[name], pair)
 
 
 @lru_cache(maxsize=len(PLAIN) + len(OTHERS))
@@ -193,7 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # The pairs' number does not depend on the frame's size.
     n_pairs = n_pairs_of(options, len(PLAIN) + len(OTHERS), 64, 32)
     jobs = jobs_of(options.photos, effort, n_pairs)
-    made = run_jobs(run, jobs, options.out / "speed_accuracy.json", {}, hands_of(options))
+    made = run_jobs(run, jobs, options.out / "speed_accuracy.json", {}, workers_of(options))
     rows = [row_of(Row, row) for row in made]
     text = tables(rows)
     print(text)

@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from studies.benchmark_chart import Style
-from studies.figure_files import write_figures
+from studies.kit.charts import Style, write_figures
 from studies.speed_accuracy_labels import place_labels
 from studies.speed_accuracy_profiles import FACTORS, SOLVED_DB, compared, ratios, share_within
 from studies.speed_accuracy_rows import LAYERS, Mark, Row, front, marks
-from studies.speed_accuracy_ways import DEFAULT
+from studies.ways import DEFAULT
 
 STYLES = {
     "default": Style("black", "-", "*"),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.speed_accuracy_rows import LAYERS, Row
-from studies.speed_accuracy_ways import DEFAULT, TOLD, Way
+from studies.ways import DEFAULT, KNOWN, Way
 
 SOLVED_DB = 0.25
 """A scene is solved where both layers are as near as this to the best that any way of the same profile reaches."""
@@ -19,7 +19,7 @@ FACTORS = ("solver", "start", "rung", "tolerance", "method")
 def compared(rows: Sequence[Row], factor: str) -> list[Way]:
     """The default first, then the ways that differ from it in one setting; none that is told the scene."""
     ways = dict.fromkeys(row.way for row in rows)
-    others = [way for way in ways if way.factor == factor and way.rung != TOLD]
+    others = [way for way in ways if way.factor == factor and way.rung != KNOWN]
     return [DEFAULT, *others]
 
 

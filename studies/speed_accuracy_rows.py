@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from studies.speed_accuracy_ways import DEFAULT, Way
+from studies.ways import DEFAULT, FULL, Way
 
 LAYERS = ("transmission", "reflection")
 # What is nearer than this is as good, or as fast: repeats of the same run differ by as much.
@@ -27,7 +27,7 @@ class Row:
     size, scene, pair
         The frame as "256x256", the scene's name, the pair's number.
     method, solver, start, rung, relative_change
-        The way, see `studies.speed_accuracy_ways.Way`.
+        The way, see `studies.ways.Way`.
     transmission, reflection : float
         PSNR in dB, 16 px at the border left out.
     elapsed, cpu : tuple of float
@@ -62,7 +62,11 @@ class Row:
     @property
     def way(self) -> Way:
         """What was run."""
-        return Way(self.method, self.solver, self.start, self.rung, self.relative_change)
+        if self.method != FULL:
+            return Way(self.method)
+        return replace(
+            DEFAULT, solver=self.solver, start=self.start, rung=self.rung, relative_change=self.relative_change
+        )
 
 
 @dataclass(frozen=True)

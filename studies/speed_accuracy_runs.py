@@ -17,16 +17,13 @@ from polaropt.capture import NoiseModel, measured_noise
 from polaropt.errors import InputError
 from polaropt.optics import SceneParameters
 from polaropt.progress import Stages
-from polaropt.separation import Separation, separate
-from polaropt.simulation import psnr_db
 from polaropt.solving import Settings, Solution, solve
 from solvers.base import MissingPackage
-from studies.benchmark_memory import peak_above
-from studies.peer_methods import Layers, NotRun
-from studies.peer_scenes import Sample
-from studies.protocol import EVALUATION_BORDER
+from studies.camera import Sample
+from studies.kit.timing import peak_above
+from studies.scores import psnr
 from studies.speed_accuracy_rows import LAYERS
-from studies.speed_accuracy_ways import DEFAULT, TOLD, Way, method_of
+from studies.ways import DEFAULT, Layers, NotRun, Way
 
 Made = TypeVar("Made")
 
@@ -116,7 +113,7 @@ def run_ways(sample: Sample, ways: Sequence[Way], repeats: int) -> dict[Way, Tim
                 if way.ours:
                     _run_ours(sample, way, all_runs, found, solved)
                 else:
-                    layers, seconds = _clocked(partial(method_of(way).run, sample))
+                    layers, seconds = _clocked(partial(way.layers, sample))
                     all_runs.levels = _levels(sample, layers)
                     all_runs.seconds.append(seconds)
             except (InputError, MissingPackage, NotRun) as reason:
@@ -132,15 +129,7 @@ def measure_memory(sample: Sample, timed: dict[Way, Timed]) -> None:
 
 
 def _whole(sample: Sample, way: Way) -> Callable[[], object]:
-    if not way.ours:
-        return lambda: method_of(way).run(sample)
-    return lambda: _separated(sample, way)
-
-
-def _separated(sample: Sample, way: Way) -> Separation:
-    """All of it, as a user has it."""
-    told, model = (sample.scene, DEFAULT.rung) if way.rung == TOLD else (None, way.rung)
-    return separate(sample.capture, told, way.solver, way.start, stopping=way.stopping, model=model)
+    return partial(way.separation if way.ours else way.layers, sample)
 
 
 def _run_ours(
@@ -169,7 +158,7 @@ def _run_ours(
 
 def _find(sample: Sample, rung: str) -> _Found:
     """Separate by default on this rung; what its solve takes is not counted."""
-    result = _separated(sample, replace(DEFAULT, rung=rung))
+    result = replace(DEFAULT, rung=rung).separation(sample)
     elapsed, cpu = (
         sum(seconds for stage, seconds in clock.items() if stage not in _OF_THE_SOLVE)
         for clock in (result.seconds, result.cpu_seconds)
@@ -185,7 +174,7 @@ def _solve(sample: Sample, found: _Found, way: Way) -> Solution:
 
 def _levels(sample: Sample, layers: Layers) -> dict[str, float]:
     shown = zip(LAYERS, layers, sample.layers, strict=True)
-    return {name: psnr_db(layer, true, EVALUATION_BORDER) for name, layer, true in shown if layer is not None}
+    return {name: psnr(layer, true) for name, layer, true in shown if layer is not None}
 
 
 def _clocked(call: Callable[[], Made]) -> tuple[Made, Seconds]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from studies.speed_accuracy_rows import LAYERS, Mark, Row, beaten_by, front, marks
-from studies.speed_accuracy_ways import DEFAULT
+from studies.ways import DEFAULT
 
 # Of those that beat the defaults, so many are named.
 _MOST = 4

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
-from studies.command import effort_of, hands_of, n_pairs_of, pairs_of, study_parser
-from studies.record import write_tables
+from studies.kit.records import row_of, write_tables
+from studies.kit.run import effort_of, run_jobs, study_parser, workers_of
+from studies.photographs import n_pairs_of, pairs_of
+from studies.scenes import MAP, SCENES, STABILITY, STABILITY_QUICK
 from studies.stability_figures import draw
-from studies.stability_methods import COMPONENTS, MINIMUM, NOTHING, Row, methods, rows_of
-from studies.stability_scenes import MAP, Case, cases
+from studies.stability_rows import COMPONENTS, MINIMUM, NOTHING, Row, methods, rows_of
 from studies.stability_scores import AUTO, judge, tables
-from studies.work import row_of, run_jobs
 
 SIZE, MARGIN = 128, 64
 N_PAIRS = {"quick": 1, "default": 3, "full": 4}
@@ -32,14 +31,9 @@ class Job:
     methods: tuple[str, ...]
 
 
-@lru_cache(maxsize=1)
-def _cases() -> dict[str, Case]:
-    return {case.name: case for case in cases()}
-
-
 def run(job: Job) -> list[Row]:
     """Separate one scene."""
-    return rows_of(_cases()[job.case], pairs_of(job.photos, SIZE, MARGIN)[job.pair], job.methods)
+    return rows_of(SCENES[job.case], pairs_of(job.photos, SIZE, MARGIN)[job.pair], job.methods)
 
 
 def _all_of(named: Sequence[str]) -> tuple[str, ...]:
@@ -58,14 +52,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # The map has a third of the scenes, and its figures show what is chosen there.
     on_map = named if options.methods else (COMPONENTS,)
     words = options.families.split(",")
-    scenes = [case for case in cases(effort == "quick") if any(word in case.family for word in words)]
+    scenes = [
+        case
+        for case in (STABILITY_QUICK if effort == "quick" else STABILITY)
+        if any(word in case.family for word in words)
+    ]
     n_pairs = n_pairs_of(options, N_PAIRS[effort], SIZE, MARGIN)
     jobs = [
         Job(options.photos, pair, case.name, _all_of(on_map if case.family == MAP else named))
         for case in scenes
         for pair in range(n_pairs)
     ]
-    made = run_jobs(run, jobs, options.out / "stability.json", {"size": SIZE, "margin": MARGIN}, hands_of(options))
+    made = run_jobs(run, jobs, options.out / "stability.json", {"size": SIZE, "margin": MARGIN}, workers_of(options))
     judged = judge([row_of(Row, row) for row in made], scenes)
     text = tables(judged)
     print(text)

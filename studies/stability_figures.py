@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from studies.benchmark_chart import Style
-from studies.figure_files import write_figures
-from studies.stability_methods import COMPONENTS, MINIMUM, NOTHING
-from studies.stability_scenes import MAP, SPECIAL
+from studies.kit.charts import Style, write_figures
+from studies.scenes import MAP, SPECIAL
+from studies.stability_rows import COMPONENTS, MINIMUM, NOTHING
 from studies.stability_scores import AUTO, Judged, score
 
 _STYLES = {

@@ -17,8 +17,8 @@ from functools import cached_property
 
 import numpy as np
 
-from studies.stability_methods import MINIMUM, NOTHING, Row
-from studies.stability_scenes import Case
+from studies.scenes import Scene
+from studies.stability_rows import MINIMUM, NOTHING, Row
 
 WORSE_DB, FAR_DB, LITTLE_GAIN_DB, LEAST_DETAIL = 0.1, 10.0, 6.0, 0.3
 AUTO = "auto"
@@ -98,7 +98,29 @@ class Score:
         return self.strictly_false / max(1, self.n - self.failed)
 
 
-def judge(rows: Iterable[Row], cases: Iterable[Case]) -> list[Judged]:
+def facts(scene: Scene) -> frozenset[str]:
+    """Warnings that are true of a scene, whether or not it fails.
+
+    That the model does not explain the photographs is true where the scene is none of the model's.
+    """
+    pane, taking = scene.pane, scene.taking
+    polarized = pane.screen_dolp > 0 or pane.sky_dolp > 0
+    moved, encoded = 2 * taking.shift_px >= 0.5, taking.gamma != 1
+    told_wrongly = "told" in scene.family and not scene.easy
+    true = {
+        "SATURATED": True,
+        "NEAR_NORMAL": pane.incidence_deg < 12,
+        "GRAZING": pane.incidence_deg > 84,
+        "MISALIGNED": moved,
+        "GAMMA_ENCODED": encoded,
+        "POLARIZED_SOURCE": polarized,
+        "INCIDENCE_DOUBTFUL": told_wrongly and scene.family.startswith("incidence"),
+        "MODEL_DOES_NOT_EXPLAIN": any((polarized, moved, encoded, told_wrongly, taking.bend_deg)),
+    }
+    return frozenset(name for name, holds in true.items() if holds)
+
+
+def judge(rows: Iterable[Row], cases: Iterable[Scene]) -> list[Judged]:
     """Every row of a scene whose easy end is there, judged against the baselines of the same scene and that end."""
     rows = list(rows)
     known = {case.name: case for case in cases}
@@ -113,7 +135,7 @@ def judge(rows: Iterable[Row], cases: Iterable[Case]) -> list[Judged]:
         far = row.transmission < best - FAR_DB and row.transmission < max(nothing, minimum) + LITTLE_GAIN_DB
         gain = row.transmission - nothing
         judged.append(
-            Judged(row, gain, gain < -WORSE_DB, far, row.detail < LEAST_DETAIL, known[row.case].facts)
+            Judged(row, gain, gain < -WORSE_DB, far, row.detail < LEAST_DETAIL, facts(known[row.case]))
         )  # fmt: skip
     return judged
 

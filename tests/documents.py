@@ -8,9 +8,9 @@ from typing import Any
 
 from jsonschema import Draft202012Validator
 
-import studies.record
+import studies.kit.records
 
-SCHEMA = json.loads(Path(studies.record.__file__).with_name("record.schema.json").read_text(encoding="utf-8"))
+SCHEMA = json.loads(Path(studies.kit.records.__file__).with_name("record.schema.json").read_text(encoding="utf-8"))
 
 
 def document_of(path: Path) -> dict[str, Any]:

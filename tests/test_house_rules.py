@@ -45,7 +45,7 @@ BELOW = {
     "training": _SOLVING | {"simulation", "solving"},
 }
 INSIDE_ESTIMATION = ("flat", "wide", "polarized")
-HEAVY = ("torch", "casadi", "nlopt", "kornia", "matplotlib", "scipy", "skimage", "cv2", "sklearn")
+HEAVY = ("torch", "casadi", "nlopt", "kornia", "matplotlib", "scipy", "skimage", "cv2", "sklearn", "pandas")
 MOST_LINES, MOST_LINES_OF_A_FUNCTION, MOST_MODULES = 800, 100, 12
 
 every_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))

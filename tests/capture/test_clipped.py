@@ -13,8 +13,10 @@ from polaropt.inversion.closed_form import plate_entries
 from polaropt.optics.engine import PSE
 from polaropt.optics.scene import SceneParameters
 from polaropt.solving.problem import filled, worth_filling
-from studies.model_ladder import Family, family_capture, quality
-from studies.protocol import shipped_pairs
+from studies.camera import photograph
+from studies.photographs import shipped_pairs
+from studies.scenes import Taking
+from studies.scores import both_psnr
 from tests.blends import blend
 
 _CLIPPED = 0.05
@@ -25,12 +27,10 @@ def test_unclipped_pixels_lose_at_most_half_a_decibel(incidence_deg):
     pair = shipped_pairs(160, 96)[0]
     found = []
     for headroom in (True, False):
-        family = Family(
-            "", "", lambda size, random: SceneParameters(incidence_deg, 25.0, 5.0), clipped=_CLIPPED, headroom=headroom
-        )
-        capture, layers, unclipped = family_capture(family, pair)
-        found.append(quality(separate(capture, family.true_scene(pair)).layers, layers, unclipped))
-    assert 0.9 < unclipped.mean() < 0.97
+        scene = SceneParameters(incidence_deg, 25.0, 5.0)
+        sample = photograph(pair, scene, Taking(clipped=_CLIPPED, headroom=headroom))
+        found.append(both_psnr(separate(sample.capture, scene).layers, sample.layers, sample.unclipped))
+    assert 0.9 < sample.unclipped.mean() < 0.97
     assert np.subtract(*found).max() <= 0.5
 
 
@@ -70,8 +70,8 @@ def test_three_photographs_tell_a_pixel_its_stokes_vector():
 @pytest.mark.parametrize("incidence_deg", [40.0, 60.0])
 def test_the_scene_is_found_beside_clipped_pixels(incidence_deg):
     pair = shipped_pairs(160, 96)[0]
-    family = Family("", "", lambda size, random: SceneParameters(incidence_deg, 25.0, 5.0), clipped=_CLIPPED)
-    found = estimate_scene(family_capture(family, pair)[0]).scene
+    sample = photograph(pair, SceneParameters(incidence_deg, 25.0, 5.0), Taking(clipped=_CLIPPED))
+    found = estimate_scene(sample.capture).scene
     assert found.incidence_deg == pytest.approx(incidence_deg, abs=1.5)
     assert found.ghost_shift == pytest.approx(5.0, abs=0.3)
 

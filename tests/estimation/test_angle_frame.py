@@ -15,9 +15,9 @@ from polaropt.estimation.angles import AngleMistake, angle_mistake, ghost_direct
 from polaropt.estimation.ladder import find_scene
 from polaropt.reporting.words import start_sentence
 from polaropt.simulation.metrics import psnr_db
-from studies.protocol import shipped_pairs
-from studies.stability_capture import take
-from studies.stability_scenes import cases
+from studies.camera import take
+from studies.photographs import shipped_pairs
+from studies.scenes import SCENES
 from tests.blends import blend
 from tests.optics.test_varying import seen_wide
 
@@ -112,7 +112,7 @@ def test_without_ghosts_nothing_is_said(incidence: float) -> None:
 )
 def test_one_thing_of_parallel_edges_is_no_ghost(name: str) -> None:
     tower = shipped_pairs(128, 64)[1]
-    capture = take(next(case for case in cases() if case.name == name), tower).capture
+    capture = take(SCENES[name], tower).capture
     found = find_scene(capture, OPEN, NOISE)
     assert angle_mistake(capture, NOISE, found.scene, found.estimate, found.unexplained) is None
     incidence, azimuth, _ = found.scene.values()

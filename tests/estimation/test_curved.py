@@ -19,10 +19,9 @@ from polaropt.optics.engine import PSE, VaryingPSE
 from polaropt.optics.geometry import Pane, pixel_grid, plane_normal, scene_angles
 from polaropt.simulation.metrics import psnr_db
 from polaropt.solving.problem import Problem
-from studies.command import pairs_of
-from studies.stability import MARGIN, SIZE
-from studies.stability_capture import take
-from studies.stability_scenes import cases
+from studies.camera import take
+from studies.photographs import pairs_of
+from studies.scenes import SCENES
 from tests.blends import blend
 from tests.checks import assert_adjoint
 from tests.solving.test_fused import WEIGHTS, assert_equal
@@ -173,8 +172,7 @@ def test_a_pane_seen_from_far_has_no_focal_length(azimuth_deg):
 @pytest.mark.parametrize("pair", [0, 3])
 def test_a_bent_pane_is_not_taken_for_a_flat_one_whose_layers_share_their_edges(pair):
     # From how the azimuth turns both look like flat panes before a lens, at 37 and 78 degrees.
-    case = next(case for case in cases() if case.name == "bend of the pane (deg): 10")
-    taken = take(case, pairs_of(None, SIZE, MARGIN)[pair])
-    found = find_scene(taken.capture, taken.told, 0.005)
+    sample = take(SCENES["bend of the pane (deg): 10"], pairs_of(None, 128, 64)[pair])
+    found = find_scene(sample.capture, sample.hint, 0.005)
     assert found.scene.rung == "curved"
     assert abs(found.scene.incidence_deg - 55) < 2

@@ -26,9 +26,9 @@ from polaropt.reporting.words import pane_sentence
 from polaropt.separation import separate
 from polaropt.simulation.metrics import psnr_db
 from polaropt.simulation.simulator import simulate
-from studies.protocol import protocol_capture, protocol_scene, shipped_pairs
-from studies.stability_capture import take
-from studies.stability_scenes import cases
+from studies.camera import take
+from studies.photographs import shipped_pairs
+from studies.scenes import SCENES, protocol
 from tests.blends import blend
 
 BLIND = SceneParameters(None, None, None)
@@ -186,15 +186,15 @@ def test_what_is_told_of_the_pane_stays() -> None:
 @pytest.mark.parametrize("noise", [0.005, 0.01])
 def test_frontal_glass_needs_no_polarized_light(noise: float) -> None:
     # A slight polarization of what is behind oblique glass shows nearly the same.
-    capture = protocol_capture(shipped_pairs(128, 64)[2], 10.0, noise=noise)
+    capture = take(protocol(10.0, noise=noise), shipped_pairs(128, 64)[2]).capture
     found = find_scene(capture, BLIND, noise_level(capture)).scene
     assert not found.polarized
     assert found.values()[0] < 20
 
 
 def test_a_wrong_azimuth_is_not_explained_by_polarized_light() -> None:
-    capture = protocol_capture(shipped_pairs(128, 64)[1], 60.0)
-    told = protocol_scene(shipped_pairs(128, 64)[1], 60.0).values()[1] + 10
+    sample = take(protocol(60.0), shipped_pairs(128, 64)[1])
+    capture, told = sample.capture, sample.scene.values()[1] + 10
     found = find_scene(capture, SceneParameters(None, told, None), noise_level(capture))
     assert not found.scene.polarized
     assert found.unexplained > 4
@@ -263,8 +263,7 @@ def test_a_wide_lens_is_not_looked_at_for_polarized_light() -> None:
 @pytest.mark.parametrize("name", ["sky mirrored, degree: 0.3", "screen behind, degree: 0.2"])
 def test_ghosts_beside_the_likelier_accident_are_found(name: str) -> None:
     # Accidents of these spectra make two polarized layers likelier, and a pane on the other side of Brewster's angle.
-    case = next(case for case in cases() if case.name == name)
-    capture = take(case, shipped_pairs(128, 64)[1]).capture
+    capture = take(SCENES[name], shipped_pairs(128, 64)[1]).capture
     scene = find_scene(capture, BLIND, noise_level(capture)).scene
     assert 0.0 in (scene.transmission_polarization[0], scene.reflection_polarization[0])
     assert scene.values()[0] == pytest.approx(60, abs=6)

@@ -16,7 +16,8 @@ from polaropt.estimation.flat.overlap import block_images
 from polaropt.optics.scene import SceneErrors
 from polaropt.reporting.report import json_values, scene_report
 from polaropt.reporting.words import error_of, pane_sentence
-from studies.parameter_errors import Row, compared, random_scene, table
+from studies.parameter_errors import Row, compared, table
+from studies.scenes import random_scene
 from tests.blends import blend
 
 BLIND = SceneParameters(None, None, None)

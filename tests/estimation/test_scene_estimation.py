@@ -11,7 +11,9 @@ from skimage import data
 from polaropt.capture.capture import Capture
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.optics.scene import SceneParameters, ghost_step
-from studies.protocol import protocol_capture, shipped_pairs
+from studies.camera import take
+from studies.photographs import shipped_pairs
+from studies.scenes import protocol
 from tests.blends import Blend, blend
 
 SIZE = 160
@@ -51,7 +53,7 @@ def test_both_sides_of_brewster_and_both_senses(incidence_deg: float, ghost_shif
 
 def test_ghosts_far_off_that_explain_hardly_more_are_none() -> None:
     pair = shipped_pairs(128, 64)[0]
-    found = estimate_scene(protocol_capture(pair, 20.0)).scene
+    found = estimate_scene(take(protocol(20.0), pair).capture).scene
     assert found.incidence_deg == pytest.approx(20, abs=1)
     assert abs(found.values()[2]) < 3
 

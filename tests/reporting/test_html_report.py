@@ -18,7 +18,7 @@ from polaropt.reporting.page import convergence_chart, page_pictures, parameters
 from polaropt.reporting.report import json_values, scene_report
 from polaropt.separation import separate
 from solvers.base import StoppingRule
-from studies.index_page import write_index
+from studies.kit.page import write_index
 from tests.blends import blend
 from tests.browser import dom_of, screenshot_of
 

@@ -1,0 +1,250 @@
+"""Photographs of a scene: the engine's light, then what light, camera and photographer do to it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import ANGLES_DEG, Capture
+from polaropt.optics import SceneParameters, interface, plane_normal
+from polaropt.simulation import digitized, exact_photographs, stack_layers
+from studies.photographs import SIZE_PX, Pair, pairs_of
+from studies.scenes import BLIND, Light, Scene, Taking, focal_px, random_bend
+
+Images = NDArray[np.float32]
+
+STABILITY_SEED = 1000
+"""What is added to a pair's number for scenes whose chance is drawn by one generator."""
+EXPOSED_TO = 0.97
+"""Where nothing shall clip, the brightest light is this or less (white = 1)."""
+EXCEEDING = 1.9
+"""Light of a transmission that exceeds white; without glass it is 2, since the filter takes half."""
+HIGHLIGHT, HIGHLIGHT_PX, N_HIGHLIGHTS = 6.0, 5.0, 12
+"""Brightness of mirrored lamps (white = 1), their radius and number."""
+DARKNESS = 0.1
+"""Brightness of the light "dark hdr" beside its lamps."""
+_ANGLE_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
+_SHIFTED = ((1, 1.0), (3, -1.0))
+# A shift of 5 px is 3 px down and 4 px to the right.
+_DIRECTION = (0.6, 0.8)
+_STEEPEST_DEG = 89.0
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A scene as it was photographed.
+
+    Attributes
+    ----------
+    capture : Capture
+    layers : ndarray, shape (2, channel, h, w)
+        Both true layers as such a camera would see them; by a camera that encodes they are encoded as well, which is
+        what can be asked of who does not know.
+    scene : SceneParameters
+        The true pane.
+    hint : SceneParameters
+        What the software is given of it.
+    unclipped : ndarray of bool, shape (h, w)
+        Pixels that no photograph clips.
+    """
+
+    capture: Capture
+    layers: Images
+    scene: SceneParameters
+    hint: SceneParameters
+    unclipped: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SceneJob:
+    """One scene with one pair of photographs: what most studies work on at a time.
+
+    Attributes
+    ----------
+    scene : Scene
+    pair : int
+    photos : str or None
+        Folder of photographs; None: those inside scikit-image.
+    size : int
+        Side of the frame in pixels; half of it is kept beyond the frame on each side.
+    """
+
+    scene: Scene
+    pair: int
+    photos: str | None = None
+    size: int = SIZE_PX
+
+    @property
+    def photographs(self) -> Pair:
+        """The pair."""
+        return pairs_of(self.photos, self.size, self.size // 2)[self.pair]
+
+    def sample(self) -> Sample:
+        """The scene as it is photographed."""
+        return take(self.scene, self.photographs)
+
+
+def take(scene: Scene, pair: Pair) -> Sample:
+    """The photographs of one scene and pair; noise and all chance are seeded by the pair's number."""
+    random = np.random.default_rng(pair.number + (STABILITY_SEED if scene.draw == "stability" else 0))
+    true = true_pane(scene, pair.height, random)
+    noise = random if scene.draw == "stability" else np.random.default_rng(pair.number)
+    return photograph(pair, true, scene.taking, scene.hint_of(true), random=random, noise=noise)
+
+
+def true_pane(scene: Scene, size: int, random: np.random.Generator) -> SceneParameters:
+    """The scene's pane with what is drawn for a pair, for frames of a size in pixels."""
+    pane = scene.pane
+    plain = SceneParameters(
+        pane.incidence_deg,
+        0.0,
+        pane.ghost_shift,
+        pane.refractive_index,
+        single_surface=pane.single_surface,
+        focal_px=focal_px(pane.view_deg, size),
+    )
+    if scene.draw == "stability":
+        azimuth, screen, sky = (float(angle) for angle in random.uniform(0, 180, 3))
+    else:
+        if pane.most_bent_deg:
+            plain = plain.replace(bend_deg_per_px=random_bend(pane.most_bent_deg, size, random))
+        # Seen from afar, an azimuth turned by 180 degrees is the same pane.
+        azimuth = float(random.uniform(0, 360 if pane.view_deg else 180))
+        screen = sky = 0.0
+        if pane.screen_dolp or pane.sky_dolp:
+            behind, mirrored = (float(angle) for angle in random.uniform(0, 180, 2))
+            screen, sky = behind if pane.screen_dolp else 0.0, mirrored if pane.sky_dolp else 0.0
+    return plain.replace(
+        azimuth_deg=azimuth,
+        transmission_polarization=(pane.screen_dolp, screen),
+        reflection_polarization=(pane.sky_dolp, sky),
+    )
+
+
+def photograph(
+    pair: Pair,
+    scene: SceneParameters,
+    taking: Taking = Taking(),  # noqa: B008 (frozen)
+    hint: SceneParameters = BLIND,
+    *,
+    random: np.random.Generator | None = None,
+    noise: np.random.Generator | None = None,
+) -> Sample:
+    """Photograph a pair through a complete pane on the larger frame, and crop.
+
+    Parameters
+    ----------
+    pair : Pair
+    scene : SceneParameters
+    taking : Taking
+    hint : SceneParameters
+        Passed on.
+    random, noise : numpy.random.Generator, optional
+        Of highlights, and of the noise. Default: each seeded by the pair's number.
+    """
+    random = np.random.default_rng(pair.number) if random is None else random
+    noise = np.random.default_rng(pair.number) if noise is None else noise
+    layers = _lit(pair, taking, random)
+    photographs = _through(layers, scene, taking)
+    exposure = _exposure(photographs, layers[0], pair, taking)
+    photographs = _moved(photographs * exposure, taking.shift_px)
+    light = pair.cropped(photographs + taking.noise * noise.standard_normal(photographs.shape))
+    layers = pair.cropped(layers) * exposure
+    if taking.gamma != 1:
+        light = np.sign(light) * np.abs(light) ** (1 / taking.gamma)
+        layers = 2 * (layers / 2) ** np.float32(1 / taking.gamma)
+    seen = digitized(light, taking.bits)
+    capture = Capture.of_planes(seen, ANGLES_DEG)
+    unclipped = np.asarray(capture.valid.all(axis=(0, 1)))
+    if taking.headroom:
+        capture = Capture.of_planes(np.where(capture.valid, seen, light), ANGLES_DEG, np.ones_like(capture.valid))
+    return Sample(capture, layers, scene, hint, unclipped)
+
+
+def _lit(pair: Pair, taking: Taking, random: np.random.Generator) -> Images:
+    """Both scenes (2, channel, h, w) on the larger frame."""
+    layers = stack_layers(pair.transmission, pair.reflection)
+    layers = np.stack([_toned(layer, taking.light, taking.stops) for layer in layers])
+    layers[1] *= np.float32(taking.reflection_gain)
+    if taking.light in ("highlight", "dark hdr"):
+        layers[1] += np.float32(HIGHLIGHT) * _spots(layers.shape[-2:], random)
+    return np.asarray(layers, dtype=np.float32)
+
+
+def _toned(layer: Images, light: Light, stops: float) -> Images:
+    if light == "hdr":
+        return np.asarray(np.exp2(np.float32(stops) * (layer - 1)), dtype=np.float32)
+    return layer * np.float32(DARKNESS) if light == "dark hdr" else layer
+
+
+def _spots(shape: tuple[int, ...], random: np.random.Generator) -> Images:
+    """Round highlights that show nothing, of brightness 1 at their middle."""
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    spots = np.zeros(shape)
+    for _ in range(N_HIGHLIGHTS):
+        row, column = random.uniform(0, 1, 2) * shape
+        spots = np.maximum(spots, np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2 * HIGHLIGHT_PX**2)))
+    return spots.astype(np.float32)
+
+
+def _through(layers: Images, scene: SceneParameters, taking: Taking) -> Images:
+    angles = tuple(np.asarray(ANGLES_DEG) + taking.angle_error_deg * _ANGLE_SIGNS)
+    if taking.bend_deg:
+        return bent_photographs(layers, scene, taking.bend_deg, angles)
+    return exact_photographs(layers, scene, angles)
+
+
+def bent_photographs(layers: Images, scene: SceneParameters, bend_deg: float, angles_deg: tuple[float, ...]) -> Images:
+    """Photographs (k, channel, h, w) through a pane bent about the vertical, seen from afar, bounces in place.
+
+    The normal turns evenly from left to right, by `bend_deg` over the middle half of the larger frame.
+    """
+    incidence, azimuth, _ = scene.values()
+    n_x, n_y, n_z = plane_normal(incidence, azimuth)
+    columns = layers.shape[-1]
+    turns = np.radians(bend_deg) * (np.arange(columns) / (columns - 1) - 0.5) * 2
+    x, z = n_x * np.cos(turns) + n_z * np.sin(turns), n_z * np.cos(turns) - n_x * np.sin(turns)
+    photographs = np.empty((len(angles_deg), *layers.shape[1:]), dtype=np.float32)
+    for column in range(columns):
+        # Beyond the frame the pane may turn its edge to the camera.
+        incidence_deg = min(math.degrees(math.acos(float(np.clip(abs(z[column]), 0, 1)))), _STEEPEST_DEG)
+        weights = _intensity_weights(incidence_deg, scene.refractive_index)
+        turned = 2 * (np.radians(angles_deg) - math.atan2(n_y, x[column]))
+        par, perp = np.tensordot(weights, layers[..., column], axes=1) / 2
+        photographs[..., column] = np.multiply.outer((1 + np.cos(turned)) / 2, par)
+        photographs[..., column] += np.multiply.outer((1 - np.cos(turned)) / 2, perp)
+    return photographs
+
+
+def _intensity_weights(incidence_deg: float, refractive_index: float) -> NDArray[np.float64]:
+    """What of each layer passes along and across the plane of incidence, all bounces together: (2, layer)."""
+    single = np.asarray(interface(incidence_deg, refractive_index).reflection[:2])
+    reflected = 2 * single / (1 + single)
+    return np.stack([1 - reflected, reflected], axis=1)
+
+
+def _exposure(photographs: Images, transmission: Images, pair: Pair, taking: Taking) -> np.float32:
+    """Brightest light below white, or a share of the pixels above; highlights are meant to clip."""
+    if taking.clipped:
+        return np.float32(1 / np.quantile(pair.cropped(photographs).max(axis=(0, 1)), 1 - taking.clipped))
+    if taking.clipped_transmission:
+        bright = np.quantile(pair.cropped(transmission).max(axis=0), 1 - taking.clipped_transmission)
+        return np.float32(EXCEEDING / bright)
+    if taking.light in ("highlight", "dark hdr") or not taking.below_white:
+        return np.float32(1)
+    return np.float32(min(1.0, EXPOSED_TO / float(photographs.max())))
+
+
+def _moved(photographs: Images, distance_px: float) -> Images:
+    from scipy.ndimage import fourier_shift
+
+    if not distance_px:
+        return photographs
+    moved = photographs.copy()
+    for k, sign in _SHIFTED:
+        step = (0.0, *(part * sign * distance_px for part in _DIRECTION))
+        moved[k] = np.fft.ifftn(fourier_shift(np.fft.fftn(photographs[k]), step)).real
+    return moved

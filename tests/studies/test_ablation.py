@@ -1,0 +1,103 @@
+"""What the ablation leaves out is left out, and its intervals are those of the differences over pairs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from polaropt import separate
+from polaropt.capture.noise import noise_level
+from polaropt.simulation.metrics import psnr_db
+from studies.ablation import Job, Row, difference, incidence_table, run, table
+from studies.ways import PARTS as VARIANTS
+from studies.ways import WHOLE as ALL
+from tests.blends import blend
+
+
+@pytest.fixture(scope="module")
+def example():
+    return blend(60, 96)
+
+
+@pytest.fixture(scope="module")
+def whole(example):
+    return solved(example, ALL)
+
+
+def named(name):
+    (variant,) = [variant for variant in VARIANTS if variant.name == name]
+    return variant
+
+
+def solved(example, name):
+    variant = named(name)
+    found = variant.estimate(example.capture, noise_level(example.capture))
+    return variant.solved(example.capture, found, example.scene)
+
+
+def test_the_whole_is_what_separate_does(example, whole):
+    layers = separate(example.capture).layers
+    assert np.abs(whole.layers.reshape(layers.shape) - layers).max() < 2e-3
+
+
+def test_without_polarization_the_layers_cannot_be_told_apart(example, whole):
+    with_it, without = whole.layers, solved(example, "polarization").layers
+    quality = [
+        psnr_db(layers[1].reshape(example.layers[1].shape), example.layers[1], 8) for layers in (with_it, without)
+    ]
+    assert quality[0] > quality[1] + 6
+
+
+@pytest.mark.parametrize("name", ["preconditioner", "closed-form start"])
+def test_another_way_to_the_minimum_ends_near_it(example, whole, name):
+    assert solved(example, name).solver.value == pytest.approx(whole.solver.value, rel=0.05)
+
+
+def rows(gains):
+    scene = {"incidence_deg": 60.0, "reflection": 30.0, "transmission_ssim": 1.0, "reflection_ssim": 1.0}
+    rest = {**scene, "evaluations": 5, "seconds": 1.0}
+    for pair, gain in enumerate(gains):
+        for variant in VARIANTS:
+            worse = 0.0 if variant.name == ALL else gain
+            yield Row(variant.name, pair, transmission=40 - worse, **rest)
+
+
+def test_a_gain_has_an_interval_over_pairs():
+    gains = [1.0, 2.0, 3.0, 2.0, 1.0, 3.0]
+    mean, low, high = difference(list(rows(gains)), named("misfit"), "transmission")
+    assert mean == pytest.approx(2)
+    assert 1 < low < 2 < high < 3
+    assert "| earns its place |" in table(list(rows(gains)))
+
+
+def test_what_is_put_in_gains_where_it_is_better_with_it():
+    better = list(rows([-1.0, -2.0, -3.0, -2.0, -1.0, -3.0]))
+    assert difference(better, named("learned start"), "transmission")[0] == pytest.approx(2)
+    assert "| would earn a place |" in table(better)
+
+
+def test_the_learned_start_is_what_separate_does(example):
+    pytest.importorskip("torch")
+    layers = separate(example.capture, init="learned").layers
+    assert np.abs(solved(example, "learned start").layers.reshape(layers.shape) - layers).max() < 2e-3
+
+
+def test_without_torch_the_learned_start_is_not_run(monkeypatch):
+    monkeypatch.setattr("polaropt.solving.starts.find_spec", lambda package: None)
+    monkeypatch.setattr("studies.ablation.PARTS", (named(ALL), named("learned start")))
+    made = run(Job(None, 0, 60.0, 48))
+    assert [bool(row.not_run) for row in made] == [False, True]
+    assert "| not run: the start 'learned' needs torch" in table(made)
+    assert "| with learned start | not run |" in incidence_table(made)
+
+
+def test_few_pairs_have_none():
+    found = list(rows([1.0, 2.0]))
+    assert math.isnan(difference(found, named("misfit"), "transmission")[1])
+    assert "too few pairs" in table(found)
+
+
+def test_variants_have_names_of_their_own():
+    assert len({variant.name for variant in VARIANTS}) == len(VARIANTS)

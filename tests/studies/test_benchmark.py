@@ -1,0 +1,197 @@
+"""The benchmark: its clock, its judge, its figures, and the whole of it in one command."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.documents import document_of
+
+pytest.importorskip("torch")
+pytest.importorskip("matplotlib")
+
+from polaropt.solving.objective import Weights
+from polaropt.solving.problem import Problem
+from solvers.base import Status, StopSolving
+from studies import benchmark, benchmark_kernels, benchmark_pipeline, benchmark_solvers
+from studies.benchmark_contestants import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD, contestants, race
+from studies.benchmark_race import Finish, Judge, Limits, Recorder, Verdict, find_finish
+from studies.benchmark_record import Place
+from studies.benchmark_scenes import example
+from studies.benchmark_tables import figure, ratio, with_spread
+from studies.benchmark_targets import Target
+from studies.kit.timing import Threads
+from studies.photographs import Photographs, Size
+
+SIZE = Size(48, 56)
+
+
+@pytest.fixture(scope="module")
+def judge():
+    return Judge(example(Photographs(), 60.0, SIZE))
+
+
+@pytest.fixture(scope="module")
+def finish(judge):
+    return find_finish(judge, 200, lambda what: None)
+
+
+def test_scenes_need_not_be_square():
+    scene = example(Photographs(), 20.0, SIZE)
+    assert str(SIZE) == "56x48"
+    assert scene.capture.shape[-2:] == (48, 56)
+    assert scene.layers.shape == (2, 3, 48, 56)
+    assert scene.psnr_db(scene.layers) == (200, 200)
+
+
+def test_the_judge_sees_the_objective_that_the_solvers_see(judge):
+    start = judge.start("closed-form")
+    verdict = judge.verdict(start)
+    fresh = Problem(judge.example.capture, judge.example.scene, judge.noise, Weights())
+    objective = fresh.compiled(start)
+    assert verdict.value == pytest.approx(objective.value_and_grad(objective.coordinates(start))[0], rel=1e-5)
+    expected = judge.example.psnr_db(fresh.canvas.crop(start))
+    assert (verdict.transmission_db, verdict.reflection_db) == pytest.approx(expected, abs=1e-3)
+
+
+def test_the_gap_runs_from_the_cold_start_to_the_lowest_value(judge, finish):
+    assert finish.gap(judge.verdict(judge.cold)) == pytest.approx(1)
+    assert finish.gap(finish.best) == 0
+    lower = Verdict(finish.best.value - 1, 40.0, 30.0)
+    assert finish.lowered([lower]).best is lower
+    assert finish.lowered([judge.verdict(judge.cold)]).best is finish.best
+
+
+def test_a_run_arrives_where_gap_and_transmission_are_right():
+    finish = Finish(Verdict(100.0, 40.0, 30.0), 1100.0)
+    assert finish.near(Verdict(0, 39.95, 0))
+    assert finish.near(Verdict(0, 40.05, 0))
+    assert not finish.near(Verdict(0, 40.2, 0))
+    assert finish.gap(Verdict(101.0, 0, 0)) == pytest.approx(1e-3)
+
+
+def test_a_recorder_stops_at_its_limits(judge, finish):
+    recorder = Recorder(judge, finish, Limits(60.0, 2))
+    recorder.set_up()
+    recorder.evaluated(2.0, lambda: judge.cold)
+    # A point that is no better is not looked at.
+    with pytest.raises(StopSolving):
+        recorder.evaluated(3.0, lambda: pytest.fail("not the lowest"))
+    assert len(recorder.run.points) == 2
+    assert recorder.run.points[0].verdict == recorder.run.points[1].verdict
+    assert recorder.run.arrival(finish) is None
+
+
+@pytest.mark.parametrize("contestant", contestants(), ids=lambda contestant: contestant.name)
+def test_every_contestant_goes_down(contestant, judge, finish):
+    # Threads that wait actively take forever where cores are shared.
+    run = race(replace(contestant, threads=Threads(1, 1)), judge, finish, Limits(20.0, 40))
+    assert run.note == ""
+    assert run.set_up[0] >= 0
+    assert run.status in (Status.CONVERGED, Status.EVALUATION_LIMIT, Status.TIME_LIMIT)
+    gaps = [finish.gap(point.verdict) for point in run.points]
+    seconds = [point.seconds for point in run.points]
+    assert gaps[-1] < 0.5 * gaps[0]
+    assert np.all(np.diff(seconds) > 0)
+
+
+def test_polaropt_arrives_in_few_evaluations_from_both_starts(judge, finish):
+    ours = [contestant for contestant in contestants() if contestant.solver == OURS]
+    assert [contestant.init for contestant in ours] == ["closed-form", "cold"]
+    for contestant in ours:
+        arrival = race(contestant, judge, finish, Limits(30.0)).arrival(finish)
+        assert arrival is not None
+        assert arrival < 30
+
+
+def test_the_slow_ones_start_cold_too():
+    named = {contestant.name for contestant in contestants()}
+    assert {
+        f"{rival}, {init}" for rival in (SCIPY_AUTOGRAD, TORCH_AUTOGRAD) for init in ("cold", "closed-form")
+    } <= named
+
+
+def test_the_bound_counts_layers_gradient_and_data():
+    scene = example(Photographs(), 60.0, SIZE)
+    problem = Problem(scene.capture, scene.scene, 0.005, Weights())
+    height, width = problem.canvas.shape
+    expected = 4 * (3 * 6 * height * width + 6 * 48 * 56)
+    assert benchmark_kernels.traffic_bytes(problem) == expected
+
+
+def test_a_measurement_tells_its_median_and_spread():
+    place = Place("table", "case", "size")
+    measured = place.measured("who", "what", "s", [3.0, 1.0, 2.0])
+    assert (measured.median, *measured.spread) == (2, 1, 3)
+    assert math.isnan(place.measured("who", "what", "s", []).median)
+
+
+def test_ratios_are_taken_within_rounds():
+    place = Place("t", "c", "s")
+    theirs, ours = place.measured("a", "q", "s", [10, 30]), place.measured("b", "q", "s", [1, 2])
+    assert ratio(theirs, ours) == (10, 15)
+    assert ratio(place.measured("a", "q", "s", [30]), ours) == (20,)
+    assert ratio(place.measured("a", "q", "s", []), ours) == ()
+
+
+def test_figures_have_three_digits():
+    assert [figure(value) for value in (0.012345, 1.5, 123.4, 2e-5, 0.0, math.nan)] == [
+        "0.0123", "1.50", "123", "2e-05", "0", "-",
+    ]  # fmt: skip
+    assert with_spread([1.0, 3.0, 2.0], ">=") == ">= 2.00 (1.00..3.00)"
+
+
+@pytest.mark.parametrize(
+    ("target", "outcome"),
+    [
+        (Target("t", "", (70.0,), 60, 120, True), "reached"),
+        (Target("t", "", (70.0,), 80, 120, True), "missed"),
+        (Target("t", "", (70.0,), 80, 120, True, ">="), "not told"),
+        (Target("t", "", (130.0,), 60, 120, True, ">="), "beyond"),
+        (Target("t", "", (1.0,), 4, 2), "beyond"),
+        (Target("t", "", (20.0,), 30, 15, False, ">="), "not told"),
+        (Target("t", "", (40.0,), 30, 15, False, ">="), "missed"),
+        (Target("t", "", (), 30, 15), "not measured"),
+    ],
+)
+def test_figures_asked_for_are_compared(target, outcome):
+    assert target.row()[-1] == outcome
+
+
+def test_an_unknown_table_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        benchmark.main(["--tables", "nonsense", "-o", str(tmp_path)])
+    assert "there are: imports" in capsys.readouterr().err
+
+
+def few_contestants():
+    """One of each kind: ours from both starts, a rival on the compiled objective, one with automatic derivatives."""
+    rivals = [one for one in contestants() if one.solver != OURS]
+    return [*(one for one in contestants() if one.solver == OURS), rivals[0], rivals[-1]]
+
+
+def test_the_benchmark_is_one_command(tmp_path, monkeypatch, capsys):
+    rounds = benchmark_solvers.Rounds(1, 0.2, 0.2, 1, reference_evaluations=20)
+    quick = benchmark.PLANS["quick"]
+    pace = replace(quick.pace, rounds=rounds, imports=1)
+    monkeypatch.setitem(benchmark.PLANS, "quick", replace(quick, pace=pace, blind=SIZE, memory=SIZE))
+    monkeypatch.setattr(benchmark_solvers, "contestants", few_contestants)
+    monkeypatch.setattr(benchmark_pipeline, "INCIDENCES_DEG", (10.0, 85.0))
+    benchmark.main(["--quick", "--sizes", "48", "-o", str(tmp_path)])
+    assert "Against the figures asked for" in capsys.readouterr().out
+    document = document_of(tmp_path / "benchmark.json")
+    assert {row["table"] for row in document["results"]} == set(benchmark.TABLES)
+    report = (tmp_path / "benchmark.md").read_text()
+    for title in ("Time to gap 1e-3: hard", "Objective and gradient", "Running on", "Peak memory", "Imports"):
+        assert f"## {title}" in report
+    for name in ("work_precision.png", "work_precision.svg", "work_precision_easy.png"):
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
+def test_tables_that_are_not_wanted_are_not_measured():
+    jobs = benchmark.jobs_of(benchmark.PLANS["quick"], Photographs(), ["imports"])
+    assert [(job.table, job.size) for job in jobs] == [("imports", None)]
+    assert {job.table for job in benchmark.jobs_of(benchmark.PLANS["full"], Photographs())} == set(benchmark.TABLES)
