@@ -7,6 +7,7 @@ __all__ = [
     "PSE",
     "SEARCHED",
     "Bend",
+    "Component",
     "Displacements",
     "Field",
     "GhostSeries",
@@ -74,6 +75,7 @@ from .scene import GHOST_SHIFT_SEARCH_PX as GHOST_SHIFT_SEARCH_PX
 from .scene import INCIDENCE_LIMITS_DEG as INCIDENCE_LIMITS_DEG
 from .scene import INCIDENCE_SEARCH_DEG as INCIDENCE_SEARCH_DEG
 from .scene import SEARCHED as SEARCHED
+from .scene import Component as Component
 from .scene import Field as Field
 from .scene import SceneErrors as SceneErrors
 from .scene import SceneParameters as SceneParameters
