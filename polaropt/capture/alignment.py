@@ -108,8 +108,8 @@ def _moved_back(image: FloatImages, valid: Mask, k: int, moved_back: Moved) -> t
     for plane in np.ndindex(image.shape[:-2]):
         moved[plane], share = moved_back(image[plane], valid[plane].astype(np.float32), k)
         kept[plane] = share > 0.999
-    # Overshoot at clipped pixels and at dark edges.
-    return np.clip(moved, 0.9 * MOST_NEGATIVE, max(1.0, float(image.max()))), kept
+    # Overshoot at clipped pixels and at dark edges; what noise has left below black stays there.
+    return np.clip(moved, min(0.9 * MOST_NEGATIVE, float(image.min())), max(1.0, float(image.max()))), kept
 
 
 def _shifted_back(motions: Motions) -> Moved:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -9,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from polaropt.capture.pair_gain import redundancy_residual
 from polaropt.errors import InputError
+from polaropt.numerics import block_mean, quantization_step, quietest_combination, robust_spread, second_differences
 from polaropt.optics import stokes_from_intensities
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -28,7 +31,17 @@ def planes_last(image: FloatImages) -> FloatImages:
 FloatImages = NDArray[np.float32]
 
 SMALLEST_SIDE = 16
+"""Least height and width of a capture in pixels; set by hand."""
 MOST_NEGATIVE = -0.01
+"""Values down to here (white = 1) are below black by noise or by a black level that does little harm; set by hand."""
+_BEYOND_EXPECTED = 1.5
+"""Standard deviations: the least of n normal values lies about sqrt(2 ln n) below their mean, this more hardly ever."""
+_AVERAGED = 8
+"""Side of the blocks in pixels over which noise is averaged out."""
+_FEWEST_BLOCKS = 100
+"""Blocks of a plane whose own noise can be measured: with 64, one of 50 black captures of pure noise was refused."""
+_DARKEST_SHARE, _ENOUGH_DARK, _MOST_DARK = 0.1, 500, 2**18
+"""Pixels that the noise is measured on: the darkest tenth, not fewer than 500 (spread known to 5 %) nor too many."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +131,8 @@ class Capture:
     Raises
     ------
     InputError
-        Wrong shape, fewer than 3 or two equal angles, NaN, values below -1 % of white, an image smaller than
-        16 px, a constant capture, or one that is clipped everywhere.
+        Wrong shape, fewer than 3 or two equal angles, NaN, values below -1 % of white that are no noise, an image
+        smaller than 16 px, a constant capture, or one that is clipped everywhere.
     """
 
     # `dataclasses.replace` would give planes to a constructor that takes colours last: it is refused.
@@ -174,6 +187,7 @@ class Capture:
         trusted = intensities < 1 if valid is None else np.ascontiguousarray(valid)
         self._keep(intensities, _angles(angles_deg), trusted, origin)
         _check_values(intensities, trusted)
+        _check_black_level(intensities, trusted, self.angles_deg)
 
     def _keep(
         self, intensities: FloatImages, angles_deg: tuple[float, ...], valid: NDArray[np.bool_], origin: Origin | None
@@ -318,14 +332,61 @@ def _check_values(intensities: FloatImages, valid: NDArray[np.bool_]) -> None:
         raise InputError("photographs hold NaN or infinite values; replace them, or mask them in finite images")
     if not valid.any():
         raise InputError("every pixel is saturated; take the photographs again with a shorter exposure")
-    # A few outliers are defects; a percentile would hide a wrong black level.
     lowest = float(intensities.min(where=valid, initial=np.inf))
-    if lowest < MOST_NEGATIVE:
-        raise InputError(
-            f"values down to {lowest:.3g} of white; below {MOST_NEGATIVE:g} it is no noise: correct the black level"
-        )
     highest = float(intensities.max(where=valid, initial=-np.inf))
     if highest <= 0:
         raise InputError("the capture is all black; check the exposure and the black level")
     if highest == lowest:
         raise InputError(f"the capture is constant ({highest:g} everywhere); it holds no scene")
+
+
+def _check_black_level(intensities: FloatImages, valid: NDArray[np.bool_], angles_deg: tuple[float, ...]) -> None:
+    """InputError where values lie further below black than their noise reaches, single ones or means of blocks.
+
+    Light is not negative: what noise leaves below black comes nearer to it where it is averaged, a black level that is
+    too high does not. A percentile instead of the least value would hide it where little is dark.
+    """
+    if float(intensities.min(where=valid, initial=np.inf)) >= MOST_NEGATIVE:
+        return
+    _check_above_noise(intensities, valid, angles_deg, "values")
+    means = block_mean(intensities, _AVERAGED)
+    if means[0].size >= _FEWEST_BLOCKS:
+        whole = block_mean(valid.astype(np.float32), _AVERAGED) == 1
+        _check_above_noise(means, whole, angles_deg, f"means of {_AVERAGED}x{_AVERAGED} pixels")
+
+
+def _check_above_noise(values: FloatImages, valid: NDArray[np.bool_], angles_deg: tuple[float, ...], what: str) -> None:
+    lowest = float(values.min(where=valid, initial=np.inf))
+    if lowest >= MOST_NEGATIVE:
+        return
+    reach = math.sqrt(2 * math.log(values.size)) + _BEYOND_EXPECTED
+    limit = min(MOST_NEGATIVE, -reach * _noise_of_dark(values, angles_deg))
+    if lowest < limit:
+        raise InputError(
+            f"{what} down to {lowest:.3g} of white; below {limit:.2g} it is no noise: correct the black level"
+        )
+
+
+def _noise_of_dark(values: FloatImages, angles_deg: tuple[float, ...]) -> float:
+    """Robust standard deviation of the darkest values' noise.
+
+    From what more than three photographs say twice; of three, from their second differences. Neither depends on the
+    mean over the photographs (of the neighbours), by which the darkest are chosen.
+    """
+    step, brightness = quantization_step(values), values.mean(axis=0)
+    if len(values) > 3:
+        residual, step_of_residual = redundancy_residual(values, angles_deg), step / 2
+    else:
+        residual, step_of_residual = second_differences(values), step / 6
+        brightness = _sums_of_three(_sums_of_three(brightness).swapaxes(-1, -2)).swapaxes(-1, -2)
+    count = min(brightness.size, max(int(_DARKEST_SHARE * brightness.size), _ENOUGH_DARK))
+    darkest = np.argpartition(brightness.ravel(), count - 1)[:count]
+    samples = residual.reshape(len(residual), -1)[:, darkest[:: math.ceil(count / _MOST_DARK)]]
+    if len(values) == 3:
+        samples = quietest_combination(samples)
+    return max(robust_spread(samples, step_of_residual), step / math.sqrt(12))
+
+
+def _sums_of_three(images: FloatImages) -> FloatImages:
+    """Sums of each value and its neighbours along the last axis but one, (..., h - 2, w)."""
+    return np.asarray(images[..., :-2, :] + images[..., 1:-1, :] + images[..., 2:, :], dtype=np.float32)

@@ -19,7 +19,7 @@ from polaropt.capture.pair_gain import (
     redundancy_residual,
     trusted_blocks,
 )
-from polaropt.numerics import quantization_step, robust_spread, second_differences
+from polaropt.numerics import quantization_step, quietest_combination, robust_spread, second_differences
 
 _LEAST = 1e-6
 _ENOUGH_SAMPLES = 1000
@@ -131,9 +131,7 @@ def _noise_of_three_photographs(capture: Capture, step: float) -> float:
     detail = second_differences(capture.intensities)
     trusted = _trusted(capture.intensities, capture.valid)[..., 1:-1, 1:-1]
     samples = detail[:, trusted if trusted.any() else np.ones_like(trusted)]
-    small = np.abs(samples).max(axis=0) <= np.quantile(np.abs(samples).max(axis=0), 0.9)
-    _, directions = np.linalg.eigh(np.cov(samples[:, small].astype(np.float64)))
-    return robust_spread(np.tensordot(directions[:, 0].astype(np.float32), samples, axes=1), step / 6)
+    return robust_spread(quietest_combination(samples), step / 6)
 
 
 def _trusted(intensities: NDArray[np.float32], all_valid: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -20,6 +20,7 @@ __all__ = [
     "minimum_error",
     "opponent_basis",
     "quantization_step",
+    "quietest_combination",
     "robust_spread",
     "second_differences",
     "squared_frequencies",
@@ -44,6 +45,7 @@ from .minima import local_minimum as local_minimum
 from .minima import vertex as vertex
 from .robust import MAD_TO_SIGMA as MAD_TO_SIGMA
 from .robust import quantization_step as quantization_step
+from .robust import quietest_combination as quietest_combination
 from .robust import robust_spread as robust_spread
 from .robust import second_differences as second_differences
 from .spectrum import column_multiplicity as column_multiplicity

@@ -12,8 +12,9 @@ from polaropt.capture import ANGLES_DEG, MOST_NEGATIVE, Capture, FloatImages, pl
 from polaropt.errors import InputError
 from polaropt.optics import PSE, SceneParameters, VaryingPSE
 
-# Noise below black is kept as far as a capture may have it.
 _DARKEST = 0.9 * MOST_NEGATIVE
+"""Noise below black (white = 1) is kept down to here, as by a camera whose black level is that much above its lowest
+level; set by hand, and all figures of the studies are of it."""
 
 
 def simulate(

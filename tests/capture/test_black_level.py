@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from polaropt import PSE, Capture, SceneParameters, read_capture, separate
+from polaropt import PSE, Capture, InputError, SceneParameters, align, read_capture, separate
 from polaropt.capture.write import write_png
 from polaropt.cli.app import main
 from polaropt.estimation.ladder import find_scene
@@ -60,6 +60,80 @@ def test_the_scene_stays_the_same() -> None:
     captures = (example.capture, above(example.capture, PEDESTAL))
     found = [find_scene(capture, SceneParameters(None, None, None), 0.005).scene.values() for capture in captures]
     np.testing.assert_allclose(found[0], found[1], atol=0.15)
+
+
+def dark_photographs(
+    noise: float,
+    shape: tuple[int, ...] = (96, 128),
+    black: float = 0.0,
+    angles_deg: tuple[float, ...] = (0, 45, 90, 135),
+    dark_side: float = 0.4,
+    bits: int | None = None,
+    shot: float = 0.0,
+) -> np.ndarray:
+    """Photographs (k, ..., h, w) of a scene with a black corner; `black` is taken off as if it were the black level."""
+    light = scene_intensities(shape, angles_deg)
+    light[..., : int(dark_side * shape[-2]), : int(dark_side * shape[-1])] = 0
+    spread = np.sqrt(noise**2 + shot * light)
+    seen = light - black + spread * np.random.default_rng(1).standard_normal(light.shape)
+    if bits is not None:
+        seen = np.round(seen * (2**bits - 1)) / (2**bits - 1)
+    return np.minimum(seen, 1)
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.005, 0.01, 0.02, 0.05])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"shape": (20, 24)},
+        {"shape": (3, 256, 192)},
+        {"angles_deg": (0, 60, 120)},
+        {"angles_deg": (0, 36, 72, 108, 144)},
+        {"dark_side": 0.15},
+        {"bits": 8},
+        {"bits": 6},
+        {"shot": 0.001},
+    ],
+    ids=str,
+)
+def test_noise_below_black_is_noise(noise: float, options: dict) -> None:
+    images = dark_photographs(noise, **options)
+    capture = Capture.of_planes(images, options.get("angles_deg", (0, 45, 90, 135)))
+    np.testing.assert_allclose(capture.intensities.min(), images.min(), rtol=1e-5)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.003, 0.005, 0.01])
+@pytest.mark.parametrize("black", [0.015, 0.03, 0.1])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"shape": (3, 256, 192)},
+        {"angles_deg": (0, 60, 120)},
+        {"dark_side": 0.15},
+        {"bits": 8},
+        {"shot": 0.001},
+        {"shot": 0.01, "shape": (3, 256, 192)},
+    ],
+    ids=str,
+)
+def test_a_black_level_that_is_too_high_is_no_noise(noise: float, black: float, options: dict) -> None:
+    images = dark_photographs(noise, black=black, **options)
+    with pytest.raises(InputError, match=r"below -0\.0.* it is no noise: correct the black level"):
+        Capture.of_planes(images, options.get("angles_deg", (0, 45, 90, 135)))
+
+
+def test_dark_photographs_are_separated_and_aligned() -> None:
+    example = blend(60, 128, noise=0.0)
+    light = example.capture.intensities.astype(np.float64)
+    light[..., :40, :40] = 0
+    seen = np.minimum(light + 0.005 * np.random.default_rng(0).standard_normal(light.shape), 1)
+    capture = Capture.of_planes(seen, example.capture.angles_deg)
+    assert capture.intensities.min() < -0.015
+    assert np.isfinite(separate(capture, example.scene).layers).all()
+    moved = np.stack([np.roll(seen[k], 2 * (k == 1), axis=-1) for k in range(4)])
+    assert align(Capture.of_planes(moved)).intensities.min() < -0.015
 
 
 @pytest.mark.parametrize(("black", "given", "hinted"), [(0.1, 0, True), (0.1, 300, False), (0.0, 0, False)])
