@@ -183,11 +183,20 @@ def _gain_as_photographed(capture: Capture, removed: float) -> float | None:
 
 
 def _grey_levels(capture: Capture) -> int | None:
+    origin = capture.origin or Origin()
     # A divided gain makes the levels of its pair denser or sparser; the first pair is as stored.
     pairs = orthogonal_pairs(capture.angles_deg)
-    first = 0 if pairs is None else pairs[0][0]
-    step = quantization_step(capture.intensities[first : first + 1])
-    return None if step == 0 else round(1 / step) + 1
+    photograph = capture.intensities[0 if pairs is None else pairs[0][0]]
+    # Of a colour mosaic the greens are means of two values, on a grid half as wide; the reds are as stored.
+    stored = photograph[:1] if origin.layout == "color mosaic" else photograph
+    step = quantization_step(stored[None])
+    if step == 0:
+        return None
+    if origin.sample_type.startswith(("int", "uint")):
+        # Integers are apart by whole numbers, which float32 has rounded.
+        span = origin.white_level - origin.black_level
+        step = max(1, round(step * span)) / span
+    return round(1 / step) + 1
 
 
 def _polarization(capture: Capture) -> dict[str, float]:

@@ -15,7 +15,7 @@ from polaropt.capture.write import encode_srgb, write_png
 from polaropt.reporting.inspection import inspect_capture
 from polaropt.reporting.pictures import aolp_colors, inspection_picture
 from polaropt.reporting.words import inspection_sentences
-from tests.captured import ANGLES, mono_mosaic, photographed, scene_intensities
+from tests.captured import ANGLES, color_mosaic, mono_mosaic, photographed, scene_intensities
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real_polar"
 needs_real = pytest.mark.skipif(not REAL.is_dir(), reason="the shared real captures are not here")
@@ -108,6 +108,15 @@ def test_what_the_file_tells_is_told(tmp_path):
     assert (it.layout, it.sample_type, it.grey_levels) == ("mono mosaic", "uint8", 256)
     assert it.pair_gain == pytest.approx(1.02, abs=3e-3)
     assert it.pair_gain_removed == pytest.approx(1.02, abs=3e-3)
+
+
+@pytest.mark.parametrize(("bits", "kind"), [(8, np.uint8), (12, np.uint16), (16, np.uint16)])
+def test_the_grey_levels_of_a_colour_mosaic_are_those_of_its_file(tmp_path, bits, kind):
+    white = 2**bits - 1
+    raw = color_mosaic(np.clip(photographed((3, 512, 512), noise=0.01).intensities, 0, 1))
+    write_png(tmp_path / "a.png", np.round(white * raw).astype(kind))
+    capture = read_capture(tmp_path / "a.png", white_level=white, sensor="color")
+    assert inspect_capture(capture).grey_levels == white + 1
 
 
 def test_a_dark_capture_asks_for_the_white_level(tmp_path):
