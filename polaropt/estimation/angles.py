@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, StokesImages, noise_level, plate_frame, stokes_images
-from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
+from polaropt.estimation.flat.estimate import LEAST_NOISE, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.rung import SCATTERS, noise_misfit
 from polaropt.estimation.wide.blocks import PolarizedBlocks
@@ -48,7 +48,6 @@ LEAST_DEG, MOST_DEG = 32.0, 76.0
 """Between these incidences ghosts are bright and edges no match for them."""
 _MOST_LEFT = 4.0
 """Polarized light that a constant azimuth may leave, in units of its noise: what is left looks like ghosts, too."""
-_LEAST_NOISE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,7 @@ def ghost_direction(capture: Capture, noise: float, incidence_deg: float, azimut
     incidence_deg, azimuth_deg : float
         Of the pane as far as polarization and edges tell them, ghosts apart.
     """
-    noise = max(noise, _LEAST_NOISE)
+    noise = max(noise, LEAST_NOISE)
     found = _of_axis(capture, noise, incidence_deg, azimuth_deg)
     if not found.certain or incidence_deg < _EXCHANGED_DEG:
         return found

@@ -1,4 +1,5 @@
 __all__ = [
+    "NATURAL_POWER_LAW",
     "SCALES",
     "AssumedHessian",
     "Canvas",
@@ -21,6 +22,7 @@ from .closed_form import ClosedForm as ClosedForm
 from .closed_form import natural_image_layers as natural_image_layers
 from .closed_form import per_pixel_layers as per_pixel_layers
 from .compiled_whitening import FusedPreconditioner as FusedPreconditioner
+from .spectra import NATURAL_POWER_LAW as NATURAL_POWER_LAW
 from .variance import SCALES as SCALES
 from .variance import Knowledge as Knowledge
 from .variance import variance_table as variance_table

@@ -14,10 +14,13 @@ from polaropt.optics import PSE, VaryingPSE
 
 Images = NDArray[np.float32]
 
+# Pixels beyond each side of the frame: enough for the window to fall, and no more than pays. Set by hand.
 LEAST_MARGIN = 12
 MOST_MARGIN = 48
-# Ghosts fainter than this share of the direct light, summed over both layers, need no canvas of their own.
+# Ghosts fainter than this share of the direct light, summed over both layers, need no canvas of their own. By hand.
 _FAINT = 0.02
+# Rad per pixel in place of frequency zero, where sinh(k t) / sinh(k d) becomes t / d.
+_SLOWEST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -113,8 +116,7 @@ def _between(before: Images, after: Images, n: int) -> Images:
 
     length = before.shape[-1]
     slowness = 2 * np.pi * np.fft.rfftfreq(length)
-    # A trifle at zero frequency, where sinh(k t) / sinh(k d) becomes t / d.
-    slowness = np.maximum(slowness, 1e-6)
+    slowness = np.maximum(slowness, _SLOWEST)
     steps = np.arange(1, n + 1)[:, None]
     share = _sinh_ratio(slowness, steps, n + 1)
     spectrum = rfft(before)[..., None, :] * share[::-1] + rfft(after)[..., None, :] * share

@@ -24,9 +24,16 @@ from priors.natural_image import in_basis
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 
-# What is known of a layer's mean before anything is measured, in units of the mean intensity.
+# Standard deviation of a layer's mean before anything is measured, in units of the mean intensity, of which it expects
+# all; a single pixel's, before a pane that varies, is a number of its own. Set by hand.
 _MEAN_SPREAD = 0.5
+# Least difference of the two reflectances that is divided by: that of an incidence of 0.13 degrees. Set by hand.
 _LEAST_DETERMINANT = 1e-6
+# Gradient power of a colour from which the fit starts at least, as a share of the strongest colour's, so that grey
+# pictures have chroma to start from; and that of a picture without any edges. Set by hand.
+_LEAST_SHARE, _LEAST_POWER = 1e-4, 1e-12
+# Mean intensity that is never fallen short of (white = 1), so that black photographs divide by something.
+LEAST_INTENSITY = 1e-6
 
 
 @dataclass(frozen=True)
@@ -226,14 +233,14 @@ def initial_power(total: Images) -> NDArray[np.float64]:
     """Gradient power of the total intensity per colour, at least a trifle: where the fit starts, (channel,)."""
     across, down = (np.square(np.diff(total, axis=axis)).mean(axis=(-1, -2), dtype=np.float64) for axis in (-1, -2))
     power = across + down
-    return np.asarray(np.maximum(power, 1e-4 * float(power.max()) + 1e-12))
+    return np.asarray(np.maximum(power, _LEAST_SHARE * float(power.max()) + _LEAST_POWER))
 
 
 def _means(level: NDArray[np.float32], sums: Matrix, precision: Matrix, basis: Basis) -> Images:
     """Means of the layers (2, channel, 1, 1): all bounces in place, with a weak prior at the mean intensity."""
     intensity = float(np.sqrt(np.square(level[0] + level[1]).sum()))
     expected = intensity * np.eye(basis.shape[0])[0]
-    spread = np.eye(2) / (_MEAN_SPREAD * max(intensity, 1e-6)) ** 2
+    spread = np.eye(2) / (_MEAN_SPREAD * max(intensity, LEAST_INTENSITY)) ** 2
     normal = sums.T @ precision @ sums + spread
     right = sums.T @ precision @ level + spread @ np.stack([expected, expected])
     return np.linalg.solve(normal, right).astype(np.float32)[:, :, None, None]

@@ -223,6 +223,7 @@ def _interleave(re: Array, im: Array, pairs: Array) -> None:
 Images = NDArray[np.float32]
 Vector = NDArray[np.float32]
 
+# Rows that a thread works on at a time: a few megabytes. By trial.
 _ROWS = 32
 
 

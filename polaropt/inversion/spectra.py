@@ -13,15 +13,21 @@ from polaropt.numerics import column_multiplicity, squared_frequencies
 Spectrum = NDArray[np.complex64]
 Power = NDArray[np.float32]
 
+NATURAL_POWER_LAW = 2.4
+"""Power of photographs falls with so high a power of frequency. Field (1987) has 2 on average, with a spread from
+photograph to photograph; this is by trial."""
 _N_BANDS = 8
-_POWER_LAW = 2.4
+# Turns of expectation maximization: first the power law's level alone, then every band. By trial; `variance` knows how
+# far they lead.
 _TURNS_POWER_LAW = 3
 _TURNS_BANDS = 9
-# Share of all frequencies that a band must hold before it moves freely.
+TURNS = _TURNS_POWER_LAW + _TURNS_BANDS
+# Share of all frequencies that a band must hold before it moves freely. Set by hand.
 _BAND_INERTIA = 2e-4
 # Entries of a table over the logarithm of frequency: a step is less than 0.3 %.
 _TABLE = 4096
-# Frequencies that the fit looks at: all the low ones, of which there are few, and a sample of the others.
+# Frequencies that the fit looks at: all the low ones, of which there are few, and a sample of the others. No figure of
+# a study changed between a larger sample and this one.
 _SAMPLED = 6144
 
 
@@ -72,7 +78,7 @@ class FrequencyBands:
         """Power of every frequency, (height, width // 2 + 1): a power law times the bands' correction of it."""
         logs = np.linspace(float(self._span[0]), float(self._span[1]), _TABLE)
         correction = np.interp(np.linspace(0, _N_BANDS - 1, _TABLE), np.arange(_N_BANDS), logarithms)
-        table: Power = np.exp(correction + np.log(power) - _POWER_LAW / 2 * logs).astype(np.float32)
+        table: Power = np.exp(correction + np.log(power) - NATURAL_POWER_LAW / 2 * logs).astype(np.float32)
         return np.asarray(table[self._entry])
 
     @cached_property
@@ -177,7 +183,7 @@ def fit_spectra(
     gradient_power : ndarray, shape (channel,)
         Mean squared gradient per colour to start from.
     """
-    law = bands.squared_frequency ** (_POWER_LAW / 2)
+    law = bands.squared_frequency ** (NATURAL_POWER_LAW / 2)
     power = np.stack([gradient_power, gradient_power])
     logarithms = np.zeros((*power.shape, _N_BANDS))
     prior: Power = (power[..., None] / law).astype(np.float32)

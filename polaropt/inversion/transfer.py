@@ -12,6 +12,7 @@ from polaropt.optics import PSE, Displacements
 
 Spectrum = NDArray[np.complex64]
 
+# Weight of a ghost below which float32 does not tell it from nothing, whatever it is added to.
 _NEGLIGIBLE = 1e-8
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.inversion.spectra import TURNS
 from polaropt.numerics import Basis
 from priors.base import CHROMA_WEIGHT
 
@@ -19,13 +20,13 @@ Power = NDArray[np.float32]
 Images = NDArray[np.float32]
 
 SCALES = np.geomspace(0.01, 30.0, 9)
-"""Scales of the spectra that a table holds."""
+"""Scales of the spectra, in units of the fitted one, that a table holds; between them it is interpolated. By hand."""
 # Nine of ten photographs have less than so many times the power of another (measured on luminance, in any octave).
 _SPREAD_OF_POWER = 4.0
-_TURNS = 12
-# Detail is what a Gaussian of this width takes out of a layer.
+# Detail is what a Gaussian of this width takes out of a layer: what is finer than about 5 px.
 _DETAIL_PX = 2.0
-_LEAST = 1e-20
+# Power of detail that a black layer is divided by.
+_LEAST_DETAIL = 1e-20
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Knowledge:
         """
         finer = 1 - np.exp(-self.squared_frequency * np.float32(_DETAIL_PX**2 / 2))
         left = float((self.uncertainty()[1] @ (self.share * finer**2)).sum())
-        return left / max(left + _detail(reflection), _LEAST)
+        return left / max(left + _detail(reflection), _LEAST_DETAIL)
 
     def variance(self) -> NDArray[np.float64]:
         """That the photographs leave to a pixel of each layer, mean over colours, (2,)."""
@@ -102,7 +103,7 @@ class Knowledge:
         photographs, to the layer's own. What it has not gone leaves the spread of spectra between photographs.
         """
         told = 1 - self.uncertainty() / self.prior
-        unfitted = (1 - told**2) ** _TURNS
+        unfitted = (1 - told**2) ** TURNS
         return replace(self, prior=self.prior * (1 + np.float32(_SPREAD_OF_POWER - 1) * unfitted))
 
 

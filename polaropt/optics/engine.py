@@ -29,7 +29,7 @@ TRANSMISSION, REFLECTION = 0, 1
 Weights = NDArray[np.float64]
 Displacements = tuple[tuple[float, float], ...]
 
-# Samples that numpy works on at a time: few enough to stay in a core's cache through all ghosts.
+# Samples that numpy works on at a time: few enough to stay in a core's cache through all ghosts. By trial.
 _BLOCK = 1 << 15
 
 
@@ -212,6 +212,7 @@ def _add_entry_transposed(frame: PaddedFrame, samples: Any, taps: Weights, plane
 
 def _ghosts_that_show(frame: PaddedFrame, taps: Weights, like: Any, xp: Any) -> list[tuple[Shift, tuple[float, float]]]:
     """Shifts with the factors of both layers, less what the arrays' precision cannot tell from nothing."""
+    # Well below half a unit in the last place of the direct image, which is at most 1.
     least = float(xp.finfo(like.dtype).eps) / 8
     together: dict[Shift, Weights] = {}
     for shift, factors in zip(frame.shifts, taps.T, strict=True):
@@ -250,13 +251,13 @@ def _add(total: Any, part: Any) -> Any:
 
 Planes = NDArray[np.float64]
 
-# Cosine of the steepest incidence that is told apart from grazing.
+# Cosine of the steepest incidence that is told apart from grazing, 89.94 degrees. Set by hand.
 _GRAZING = 1e-3
-# Ghosts fainter than this everywhere are added to the last one kept, and those beyond so many: only from 88 degrees on
-# do they show.
+# Ghosts fainter than this share of the light everywhere are added to the last one kept, and those beyond so many: only
+# from 88 degrees on do they show. Set by hand; each costs a plane of weights per layer and Stokes component.
 _FAINT = 1e-5
-_MOST_GHOSTS = 48
-# Rows of weights that are worked out at a time.
+_MOST_VARYING_GHOSTS = 48
+# Rows of weights that are worked out at a time, which bounds the memory. By trial.
 _ROWS = 64
 
 
@@ -367,7 +368,7 @@ def ghosts_seen(
     """Ghosts that carry more than `share` of the light somewhere in images of this shape."""
     cosine = scene_angles(scene, *pixel_grid(*shape, _center_of(center, *shape)))[0]
     steepest = plate_images(np.atleast_1d(max(float(cosine.min()), _GRAZING)), scene)
-    return min(_MOST_GHOSTS, ghosts_until(float(steepest.rho[:2].max()), share))
+    return min(_MOST_VARYING_GHOSTS, ghosts_until(float(steepest.rho[:2].max()), share))
 
 
 def _center_of(center: tuple[float, float] | None, height: int, width: int) -> tuple[float, float]:
@@ -408,7 +409,7 @@ def shown_stokes(weights: Planes, light: NDArray[np.float64], cos: Planes, sin: 
     return np.stack([par + perp, cos * s1 - sin * s2, sin * s1 + cos * s2])
 
 
-# A ghost shows if it carries more than this share of the noise where the light is white.
+# A ghost shows if it carries more than this share of the noise where the light is white. Set by hand.
 _GHOST_SHARE = 0.3
 
 

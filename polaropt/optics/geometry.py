@@ -23,6 +23,8 @@ Plane = NDArray[np.float64]
 Bend = tuple[Any, ...]
 
 FLAT: Bend = (0.0, 0.0, 0.0)
+# Squared sine of an incidence of 6e-5 degrees, within which the azimuth fades to nothing. Set by hand.
+_NEVER_ZERO = 1e-12
 
 
 def plane_normal(incidence_deg: float, azimuth_deg: float) -> tuple[float, float, float]:
@@ -123,7 +125,7 @@ def viewing_angles(normal: Any, vergence: Any, x: Any, y: Any) -> tuple[Any, Any
     x, y = x * vergence, y * vergence
     squared = x * x + y * y + 1
     along = n_x * x + n_y * y + n_z
-    # Never quite 0: where the pane is seen frontally there is no plane of incidence.
-    energy = w_x * w_x + w_y * w_y + 1e-12
+    # Where the pane is seen frontally there is no plane of incidence.
+    energy = w_x * w_x + w_y * w_y + _NEVER_ZERO
     cosine = along / (squared * (n_x * n_x + n_y * n_y + n_z * n_z)) ** 0.5
     return (cosine * cosine) ** 0.5, (w_x * w_x - w_y * w_y) / energy, 2 * w_x * w_y / energy

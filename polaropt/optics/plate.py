@@ -25,7 +25,8 @@ Entries = NDArray[Any]
 Weights = NDArray[np.float64]
 Planes = NDArray[np.float64]
 
-# Ghosts fainter than this share of the light are added to the last one kept.
+# Ghosts fainter than this share of the direct light are added to the last one kept, and those beyond so many, where
+# towards grazing incidence each is hardly fainter than the one before. Set by hand, far below what float32 tells apart.
 _NEGLIGIBLE = 1e-12
 _MOST_GHOSTS = 2000
 

@@ -17,6 +17,9 @@ from polaropt.errors import InputError
 
 Matrix = NDArray[np.float64]
 
+# Singular value below which polarizer angles count as the same: they are less than about 1e-4 degrees apart.
+_SAME_ANGLE = 1e-6
+
 
 def analyzer_matrix(angles_deg: Sequence[float]) -> Matrix:
     """Rows that turn a Stokes vector into the intensities behind linear polarizers, shape (k, 3)."""
@@ -58,7 +61,7 @@ def stokes_from_intensities(intensities: Any, angles_deg: Sequence[float]) -> An
         Fewer than three angles that differ modulo 180 degrees.
     """
     analyzer = analyzer_matrix(angles_deg)
-    if np.linalg.matrix_rank(analyzer, tol=1e-6) < 3:
+    if np.linalg.matrix_rank(analyzer, tol=_SAME_ANGLE) < 3:
         raise InputError("fewer than 3 different polarizer angles; three are needed to know the polarization")
     return change_basis(np.asarray(np.linalg.pinv(analyzer), dtype=np.float64), intensities)
 

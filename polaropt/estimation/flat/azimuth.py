@@ -20,11 +20,17 @@ from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_corr
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 
+# All by trial.
 _MOST_SIDE = 320
+"""Blocks per side that polarized light is averaged over at most: it shows at low frequencies."""
 _RINGS = 256
+"""Rings of equal frequency, from none to the diagonal's."""
 _LOW = 0.1
+"""Squared frequency (rad per block) below which the signal's level is first read."""
 _ROUNDS = 6
+"""In which the signal's level is fitted."""
 _LEAST = 1e-14
+"""Power that is divided by where there is none."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +123,8 @@ def _wiener_gain(power: Images, radius2: Images, noise: float) -> Images:
 # error is below a nat, and per noise level of the search's own score: fitted by logistic regression, then kept on the
 # safe side, on 311 scenes of photographs that no figure is taken of where two panes come close.
 _AS_FOUND, _AT_BEST, _OF_SCORE = 0.5, 1.5, 2.0
+# Log odds beyond which the exponential overflows.
+_SURE = 700.0
 # Noise levels by which scores differ where the search is not mistaken: so it was in all of these scenes.
 _SETTLED = 2.0
 HIGH_STAKE, NOTABLE_STAKE = 0.5, 0.25
@@ -176,8 +184,7 @@ def choose_axis(panes: tuple[Pane, Pane], scene: SceneParameters, noise: float) 
     score = (panes[1].trial.score - panes[0].trial.score) / noise
     if abs(score) > _SETTLED:
         return AxisChoice(0 if score > 0 else 1, 0.0)
-    odds = log_odds(panes, scene, noise)
-    chance = 1 / (1 + math.exp(-min(max(odds, -700.0), 700.0)))
+    chance = 1 / (1 + math.exp(-min(max(log_odds(panes, scene, noise), -_SURE), _SURE)))
     first, second = (
         in_place_correction(_incidence(pane), scene.refractive_index, scene.single_surface) for pane in panes
     )

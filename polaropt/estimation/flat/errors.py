@@ -19,6 +19,7 @@ from polaropt.optics import INCIDENCE_LIMITS_DEG, INCIDENCE_SEARCH_DEG, ScenePar
 
 Values = NDArray[np.float64]
 
+# Between the three points of a parabola around the estimate. By trial.
 _STEP_DEG, _STEP_PX = 1.5, 0.25
 # Below this incidence polarization is so faint that noise moves the least overlap.
 _NOISY_DEG = 25.0

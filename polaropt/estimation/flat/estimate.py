@@ -21,10 +21,12 @@ from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSear
 from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneErrors, SceneParameters
 
 _POLARIZED_SNR = 10.0
-_LEAST_NOISE = 1e-4
-"""Below this the model itself is not exact."""
+"""Standard errors of what noise alone would leave that polarized light must have to be believed. Set by hand."""
+LEAST_NOISE = 1e-4
+"""Standard deviation of a photograph's noise (white = 1) below which the model itself is not exact. Set by hand."""
 _CLOSE = 0.06
-"""Axes whose scores differ by less are compared again after the search."""
+"""Axes whose scores differ by less are compared again after the search. By trial."""
+_LEAST_OVERLAP = 1e-9
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ def estimate_scene(
     -------
     SceneEstimate
     """
-    noise = max(_LEAST_NOISE, noise_level(capture) if noise is None else noise)
+    noise = max(LEAST_NOISE, noise_level(capture) if noise is None else noise)
     stokes = stokes_images(capture, noise)
     axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])
     frame = plate_frame(stokes, axis.azimuth_deg if scene.azimuth_deg is None else scene.azimuth_deg)
@@ -123,7 +125,7 @@ def estimate_scene(
         polarized=axis.snr > _POLARIZED_SNR,
         axis_margin=taken.margin,
         axis_stake=taken.stake,
-        incidence_margin=float(1 - overlap.min() / max(float(np.median(overlap)), 1e-9)),
+        incidence_margin=float(1 - overlap.min() / max(float(np.median(overlap)), _LEAST_OVERLAP)),
         incidence_grid_deg=INCIDENCE_GRID_DEG,
         overlap=overlap,
         shift_grid=shift_grid,

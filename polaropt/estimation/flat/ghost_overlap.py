@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
+from polaropt.estimation.flat.overlap import PARTS
 from polaropt.numerics import (
     block_mean,
     frequencies,
@@ -30,17 +31,26 @@ Images = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 Sums = NDArray[np.float64]
 
+# All by trial.
 STRONG_GHOSTS_DEG = 64.0
+"""Incidence from which on doubled edges bias that of least overlap."""
 _STEP_DEG = 0.7
 _FARTHEST = 1.5
+"""Steps up to which the parabola is followed."""
 _SIDE = 512
+"""Pixels per side of the frame's middle that is looked at: enough edges, and bounded time."""
 _HALF, _BLOCK = 2, 2
-_PARTS = 4
+"""Pixels in a sample of the filter, and samples in a block of the overlap, along each side."""
 _FADED, _LEFT_OUT = 8, 6
 """Samples at each border over which the pictures fade out, and that do not count."""
+_LEAST_SIDES = 8
+"""Borders are at most this part of a side."""
 _FIRST_LEVEL, _LEAST_LEVEL = 3e-3, 1e-9
+"""Power of a layer times squared frequency: where the fit begins, and never falls below."""
 _ROUNDS, _EVERY = 3, 2
 """Rounds in which the levels are fitted, to every so-many-th frequency."""
+_NOTHING = 1e-30
+"""Energy of layers without any edges, squared."""
 
 
 def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> tuple[float, float]:
@@ -91,7 +101,7 @@ class LayerOverlap:
     def parts(self, incidence_deg: float) -> Sums:
         """Sums over each part of the frame, (3, part): of |grad t||grad r|, |grad t|^2 and |grad r|^2."""
         t, r = _gradients(self._wiener.layers(incidence_deg))
-        return grid_sums(np.stack([np.sqrt(t * r), t, r]), _PARTS)
+        return grid_sums(np.stack([np.sqrt(t * r), t, r]), PARTS)
 
 
 def coarse_overlap(layers: Images) -> float:
@@ -101,7 +111,7 @@ def coarse_overlap(layers: Images) -> float:
 
 
 def _normalized(sums: Sums) -> Sums:
-    overlap: Sums = sums[0] / np.sqrt(sums[1] * sums[2] + 1e-30)
+    overlap: Sums = sums[0] / np.sqrt(sums[1] * sums[2] + _NOTHING)
     return overlap
 
 
@@ -150,7 +160,7 @@ class _Wiener:
         from scipy.fft import irfft2
 
         layers: Images = irfft2(self._spectra(incidence_deg), s=self._shape, norm="ortho", overwrite_x=True)
-        edge = min(_LEFT_OUT, min(self._shape) // 8)
+        edge = min(_LEFT_OUT, min(self._shape) // _LEAST_SIDES)
         return layers[:, edge:-edge, edge:-edge] if edge else layers
 
     def _spectra(self, incidence_deg: float, every: int = 1) -> Spectrum:
@@ -190,5 +200,5 @@ def _squared(values: Spectrum) -> Images:
 
 def fading(side: int) -> Images:
     """One inside, falling to zero at both ends."""
-    reach = min(_FADED, max(1, side // 8))
+    reach = min(_FADED, max(1, side // _LEAST_SIDES))
     return tukey_window(side - 2 * reach, reach, reach).astype(np.float32)

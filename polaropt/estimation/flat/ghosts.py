@@ -27,11 +27,18 @@ Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Matrix = NDArray[np.float64]
 
+_TILE_PX = 64
+"""Side of a tile: more than twice the largest shift that is searched."""
 _LOWEST_CYCLES = 2.5
-_HIGHEST = 2.8
+"""Least frequency that is used, in cycles per tile: the window leaks those below. By trial."""
+HIGHEST_FREQUENCY = 2.8
+"""Highest that is used, in rad per pixel (pi is the finest grid): interpolation in cameras spoils it. By trial."""
 _MOST_INVALID = 0.2
+"""Share of a tile's pixels that may be unknown, if other tiles have less. Set by hand."""
 _MOST_TILES = 128
+"""Tiles that are looked at: enough to tell the spectra, and bounded time. Set by hand."""
 _MOST_BANDS = 8
+"""Bands of tiles that are left out in turn for standard errors. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +139,7 @@ class CrossSpectra:
         return (common * hann_autocorrelation(shifts * math.sin(direction) / self.tile)).astype(np.float32)
 
 
-def cross_spectra(frame: PlateFrame, tile: int = 64) -> CrossSpectra:
+def cross_spectra(frame: PlateFrame, tile: int = _TILE_PX) -> CrossSpectra:
     """Welch's mean periodograms over half-overlapping Hann tiles of `tile` pixels, a bounded number of them."""
     from scipy.fft import rfft2
 
@@ -172,7 +179,7 @@ def _usable(sums: Bands, side: int, frame: PlateFrame) -> CrossSpectra:
     multiplicity = np.broadcast_to(column_multiplicity(side).astype(np.float32), along.shape)
     radius: Matrix = np.hypot(columns, rows)
     # The window leaks the lowest frequencies; interpolation, in an eye or a computer, spoils the highest.
-    use = (radius > _LOWEST_CYCLES * 2 * np.pi / side) & (radius < _HIGHEST)
+    use = (radius > _LOWEST_CYCLES * 2 * np.pi / side) & (radius < HIGHEST_FREQUENCY)
     # The window makes neighbouring frequencies much alike: every second one, as on a chessboard, says the same.
     use &= np.add.outer(np.arange(side), np.arange(side // 2 + 1)) % 2 == 0
     bands = Bands(sums.par[:, use], sums.perp[:, use], sums.cross[:, use], sums.counts)
@@ -219,9 +226,17 @@ def _opponent(images: Images) -> Images:
 
 
 _RADIAL_KNOTS = 3
+"""Radii over which the layers' spectra bend; with few a blurred scene passes for one with close ghosts. By trial."""
 _DEGREES_OF_FREEDOM = np.float32(4)
+"""Of Student's likelihood: heavy tails, a variance of their own. By trial."""
+_FIRST_LEVEL = np.float32(1e-3)
+"""Power of a layer times squared frequency where the fit begins."""
 _FIRST_ROUNDS = 12
+"""Rounds of the first fit of levels. By trial."""
+_LEAST_FACTOR = np.float32(1e-3)
+"""By which a level shrinks in a round at most."""
 _LEAST_DETERMINANT = np.float32(1e-6)
+"""Of a covariance, as a share of the product of its diagonal: float32 tells no less."""
 _EVERY = 8
 """Levels are first fitted for every so-many-th trial, then carried to those between."""
 
@@ -329,7 +344,7 @@ class ShiftLikelihood:
         sparse = np.arange(0, steps.size, _EVERY)
         nearest = np.minimum((np.arange(steps.size) + _EVERY // 2) // _EVERY, sparse.size - 1)
         rows = np.arange(incidences.size * steps.size).reshape(incidences.size, -1)
-        levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), 1e-3, np.float32)
+        levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), _FIRST_LEVEL)
         levels = self._fitted(products.of(rows[:, sparse].ravel()), levels, _FIRST_ROUNDS)
         carried = np.arange(levels.shape[1]).reshape(incidences.size, -1)[:, nearest].ravel()
         levels = self._fitted(products, levels[:, carried], rounds)
@@ -377,7 +392,7 @@ class ShiftLikelihood:
             surprise = (_DEGREES_OF_FREEDOM + 2) / ((_DEGREES_OF_FREEDOM + distance) * determinant)
             for level, toward, data in zip(levels, (a, b), (products.ad, products.bd), strict=True):
                 gain = ((distance * toward - data) * surprise) @ weights.T
-                level *= np.maximum(gain / ((toward / determinant) @ weights.T), np.float32(1e-3))
+                level *= np.maximum(gain / ((toward / determinant) @ weights.T), _LEAST_FACTOR)
         return levels
 
     def _model(self, products: _Products, levels: Images) -> tuple[Images, Images, Images, Images]:

@@ -23,18 +23,26 @@ Curve = NDArray[np.float64]
 
 # Share of the light that the transmission's first ghost must have before its place can be told: from about 53 degrees.
 _LEAST_LIGHT = 0.015
-_LEAST_REFLECTION_SHIFT = 3.0
+# All below by trial.
+_LEAST_REFLECTION_SHIFT_PX = 3.0
 """Closer ghosts of the reflection, nearly as bright as itself, look like a blurred scene."""
-_LEAST_DIFFERENCE = 1.5
+_LEAST_DIFFERENCE_PX = 1.5
+"""By which two shifts must differ to be told as two."""
 _MOST_TURNS = 4
-_FIRST_ROUNDS, _ROUNDS = 2, 16
-_FINE: Curve = np.arange(-6.0, 6.5) / 6
+"""Scans along one layer's shift and then the other's."""
+_FIRST_ROUNDS, _FINE_ROUNDS, _ROUNDS = 2, 4, 16
+"""In which spectra are fitted: for scans, between the grid's points, and where misfits decide."""
+_FINE_PX: Curve = np.arange(-6.0, 6.5) / 6
 _WORTH_A_LOOK = 1.5e-3
 """Misfit per frequency that two shifts must gain over one before layers are compared."""
 _LEAST_GAIN, _OVERLAP_WEIGHT = 5e-3, 0.1
 """The same to be taken, with what a unit of log overlap is worth: twice what chance gains one shift's panes."""
 _HALF_WIDTH_DEG, _NEAR_DEG = 3.6, 1.2
+"""Incidences around the estimate that a pair is compared at: how far, and how far apart."""
+_ELSEWHERE_DEG = (0.0, -4.0, 4.0)
+"""What one shift had to explain may have taken the incidence along by so much."""
 _STEP_DEG, _TOLERANCE_DEG = 2.0, 0.3
+# Incidences tried for two shifts that were found: from well below the first at which they can be.
 _BOUNDS_DEG = (30.0, INCIDENCE_SEARCH_DEG[1])
 
 
@@ -60,24 +68,26 @@ class _Scanner:
         of_r = np.stack([np.full(n, pair.reflection), np.full(n, -pair.reflection), self.grid])
         flat = self.likelihood.misfit(self.incidence_deg, of_r.ravel(), _FIRST_ROUNDS, of_t.ravel())
         misfit = flat.reshape(3, n)
-        misfit = np.where(local_minima(misfit) & (np.abs(of_r) >= _LEAST_REFLECTION_SHIFT), misfit, np.inf)
+        misfit = np.where(local_minima(misfit) & (np.abs(of_r) >= _LEAST_REFLECTION_SHIFT_PX), misfit, np.inf)
         best = np.unravel_index(int(np.argmin(misfit)), misfit.shape)
         return _Pair(float(of_t[best]), float(of_r[best])), float(misfit[best])
 
     def misfit(self, pair: _Pair) -> float:
         """Of one pair, the incidence free to give."""
-        near = self.incidence_deg + np.arange(-_HALF_WIDTH_DEG, _HALF_WIDTH_DEG + 0.1, _NEAR_DEG)
+        near = self.incidence_deg + np.arange(-_HALF_WIDTH_DEG, _HALF_WIDTH_DEG + _NEAR_DEG / 2, _NEAR_DEG)
         near = near[near < _BOUNDS_DEG[1]]
         return float(self.likelihood.misfit(near, [pair.reflection], _ROUNDS, [pair.transmission]).min())
 
     def refined(self, pair: _Pair) -> _Pair:
         """Both shifts between the grid's points."""
         for _ in range(2):
-            of_t = pair.transmission + _FINE
-            misfit = self.likelihood.misfit(self.incidence_deg, np.full(of_t.size, pair.reflection), 4, of_t)
+            of_t = pair.transmission + _FINE_PX
+            misfit = self.likelihood.misfit(self.incidence_deg, np.full(of_t.size, pair.reflection), _FINE_ROUNDS, of_t)
             pair = _Pair(grid_minimum(of_t, misfit), pair.reflection)
-            of_r = pair.reflection + _FINE
-            misfit = self.likelihood.misfit(self.incidence_deg, of_r, 4, np.full(of_r.size, pair.transmission))
+            of_r = pair.reflection + _FINE_PX
+            misfit = self.likelihood.misfit(
+                self.incidence_deg, of_r, _FINE_ROUNDS, np.full(of_r.size, pair.transmission)
+            )
             pair = _Pair(pair.transmission, grid_minimum(of_r, misfit))
         return pair
 
@@ -125,8 +135,7 @@ def _likeliest(scanner: _Scanner, shift: float) -> _Pair | None:
         pair, least = found, misfit
     if pair.transmission == pair.reflection:
         return None
-    # What one shift had to explain may have taken the incidence along.
-    around = scanner.incidence_deg + np.array([0.0, -4.0, 4.0])
+    around = scanner.incidence_deg + np.array(_ELSEWHERE_DEG)
     elsewhere = [replace(scanner, incidence_deg=float(x)).best(pair) for x in around if x < _BOUNDS_DEG[1]]
     return min(elsewhere, key=lambda found: found[1])[0]
 
@@ -138,7 +147,7 @@ def _compared(frame: PlateFrame, scanner: _Scanner, scene: SceneParameters, pair
     t, r = pair
     scored = [(_score(frame, scanner, scene, _Pair(a, b)), a, b) for a in {t, -t} for b in {r, -r}]
     score, of_t, of_r = min(scored)
-    if one - score < _LEAST_GAIN or abs(of_t - of_r) < _LEAST_DIFFERENCE or abs(of_r) < _LEAST_REFLECTION_SHIFT:
+    if one - score < _LEAST_GAIN or abs(of_t - of_r) < _LEAST_DIFFERENCE_PX or abs(of_r) < _LEAST_REFLECTION_SHIFT_PX:
         return scene
     found = scene.replace(ghost_shift=of_r, transmission_ghost_shift=of_t)
     overlap = LayerOverlap(frame, found, incidence)

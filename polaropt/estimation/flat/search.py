@@ -25,24 +25,38 @@ from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, ghost_step, i
 Curve = NDArray[np.float64]
 
 INCIDENCE_GRID_DEG: Curve = np.arange(2.0, INCIDENCE_SEARCH_DEG[1] + 1, 2.0)
+# All below by trial.
 _TRIAL_DEG = (12.0, 25.0, 35.0, 42.0, 48.0, 54.0, 61.0, 68.0, 75.0, 81.0, 86.0)
-_TRIAL_HALF_WIDTH_DEG = 7.5
+"""Trial incidences: closer where panes are usually seen and ghosts change fast."""
+_TRIAL_HALF_WIDTH_DEG, _TRIAL_STEP_DEG = 7.5, 2.5
+_COARSE_HALF_WIDTH_DEG, _COARSE_STEP_DEG = 6.0, 2.0
+_NEAR_HALF_WIDTH_DEG, _NEAR_STEP_DEG = 4.8, 1.2
+"""Incidences around one: of a trial, on coarse blocks, and where shifts are compared."""
 _MOST_BLOCKS, _MOST_TRIAL_BLOCKS, _TRIAL_SIZES = 160, 80, 3
 """Per side: a larger frame has enough blocks at a coarser scale, and trials do with fewer, and fewer scales."""
 _N_TRIALS = 3
-_N_CANDIDATES = 6
-_OVERLAP_WEIGHT = 0.2
+"""Likeliest trials whose overlap is looked at."""
+_N_CANDIDATES, _CANDIDATE_STEP_PX = 6, 0.5
+"""Likeliest shifts among which likelihood and overlap together choose, and the grid that they lie on."""
+OVERLAP_WEIGHT = 0.2
 """Misfit per frequency that a unit of log overlap is worth."""
-_TURNS = 4
+_TURNS, _RESTING_DEG = 4, 0.5
+"""Turns of shift and incidence at most, and how little the incidence moves when both rest."""
 _GRAZING_DEG, _GRAZING_PENALTY = 85.5, 0.03
 """Score per degree beyond: panes are hardly ever seen so, and one across, its layers exchanged, looks much alike."""
-_FINE = 4
+_FINE_BLOCK = 4
+"""Side in pixels of the blocks whose edges tell whether the reflection is sharp."""
 _CLOSELY = 16
 """Rounds in which spectra are fitted where misfits with and without ghosts are compared."""
-_FINE_SHIFTS: Curve = np.arange(-4.0, 4.5) / 8
+_FINE_SHIFTS_PX: Curve = np.arange(-4.0, 4.5) / 8
 _STEP_DEG, _ROUGHLY_DEG, _TOLERANCE_DEG = 2.0, 1.0, 0.2
 _LEAST_GAIN, _SURE = 2e-5, 5.0
-"""Misfit per frequency that a shift must gain over none, and how many times that to be sure of it."""
+"""Misfit per frequency that a shift must gain over none, and how many times that to be sure of it. Errors mimic ghosts
+more towards normal incidence, from `_MIMIC_DEG` on with a high power, and in noise."""
+_MIMIC_DEG, _MIMIC_POWER, _IN_NOISE = 27.0, 8, 3
+_BRIGHT_REFLECTANCE, _LEAST_SHARE = 0.6, 0.025
+"""Reflectance of one face from which on the overlap counts fully where shifts are compared, and the least share of it.
+"""
 
 
 @dataclass(frozen=True)
@@ -111,7 +125,8 @@ class SceneSearch:
         for _ in range(_TURNS if self._open_shift else 0):
             before = trial
             trial = self._with_overlap_minimum(self._best_shift(trial.incidence_deg))
-            if trial.ghost_shift == before.ghost_shift and abs(trial.incidence_deg - before.incidence_deg) < 0.5:
+            moved_deg = abs(trial.incidence_deg - before.incidence_deg)
+            if trial.ghost_shift == before.ghost_shift and moved_deg < _RESTING_DEG:
                 break
         if self._open_shift and self._thickness is None:
             trial = self._with_fine_shift(trial)
@@ -124,7 +139,7 @@ class SceneSearch:
     def _score(self, trial: Trial) -> float:
         misfit = float(self._likelihood.misfit(trial.incidence_deg, [trial.ghost_shift])[0])
         overlap = EdgeOverlap(self._seen.coarse, self._scene, trial.ghost_shift)
-        return misfit + _OVERLAP_WEIGHT * self._log_overlap(overlap, trial.incidence_deg)
+        return misfit + OVERLAP_WEIGHT * self._log_overlap(overlap, trial.incidence_deg)
 
     def curve(self, trial: Trial) -> Curve:
         """Edge overlap over all trial incidences, at the trial's ghost shift."""
@@ -134,7 +149,7 @@ class SceneSearch:
     def shift_curve(self, trial: Trial) -> tuple[Curve, Curve]:
         """Ghost shifts and their misfit, at the trial's incidence."""
         if trial not in self._shift_curves:
-            grid = self._shift_grid(trial.incidence_deg, 0.5)
+            grid = self._shift_grid(trial.incidence_deg, _CANDIDATE_STEP_PX)
             self._shift_curves[trial] = grid, self._likelihood.misfit(trial.incidence_deg, grid)
         return self._shift_curves[trial]
 
@@ -155,7 +170,7 @@ class SceneSearch:
         if not found.has_ghosts:
             return None, None
         incidence, _, shift = found.values()
-        likely = [] if self._thickness else self._likely_shifts(incidence, 0.5, _N_CANDIDATES)
+        likely = [] if self._thickness else self._likely_shifts(incidence, _CANDIDATE_STEP_PX, _N_CANDIDATES)
         rivals = [rival for rival in likely if abs(rival - shift) > 1]
         return shift_errors(self._seen.spectra, found, rivals)
 
@@ -169,11 +184,11 @@ class SceneSearch:
         """The trial moved to the least edge overlap around it, which counts in its score."""
         incidences = np.array([trial.incidence_deg])
         if self._scene.incidence_deg is None:
-            incidences = _around(trial.incidence_deg, _TRIAL_HALF_WIDTH_DEG, 2.5)
+            incidences = _around(trial.incidence_deg, _TRIAL_HALF_WIDTH_DEG, _TRIAL_STEP_DEG)
         overlap = EdgeOverlap(self._seen.coarse, self._scene, trial.ghost_shift)
         values = [overlap.joint(float(incidence)) for incidence in incidences]
         best = float(incidences[int(np.argmin(values))])
-        return Trial(best, trial.ghost_shift, trial.score + _OVERLAP_WEIGHT * self._log_overlap(overlap, best))
+        return Trial(best, trial.ghost_shift, trial.score + OVERLAP_WEIGHT * self._log_overlap(overlap, best))
 
     def _log_overlap(self, overlap: EdgeOverlap, incidence_deg: float) -> float:
         """Log overlap with ghosts or, where that is less, without: doubled edges raise the one, ghosts the other."""
@@ -181,7 +196,7 @@ class SceneSearch:
         if self._open_shift:
             near = INCIDENCE_GRID_DEG[np.abs(INCIDENCE_GRID_DEG - incidence_deg) <= 4]
             values += [self._overlap_in_place(float(x)) for x in near]
-        grazing = _GRAZING_PENALTY / _OVERLAP_WEIGHT * max(0.0, incidence_deg - _GRAZING_DEG)
+        grazing = _GRAZING_PENALTY / OVERLAP_WEIGHT * max(0.0, incidence_deg - _GRAZING_DEG)
         return math.log(min(values)) + grazing
 
     def _overlap_in_place(self, incidence_deg: float) -> float:
@@ -194,7 +209,7 @@ class SceneSearch:
         if self._scene.incidence_deg is not None:
             return trial
         overlap = self._best_scales(trial, self._seen.coarse)
-        near = _around(trial.incidence_deg, 6, 2)
+        near = _around(trial.incidence_deg, _COARSE_HALF_WIDTH_DEG, _COARSE_STEP_DEG)
         start = float(near[np.argmin([overlap.joint(float(x)) for x in near])])
         overlap = self._best_scales(trial, self._seen.fine)
         incidence = local_minimum(overlap.joint, start, INCIDENCE_SEARCH_DEG, _STEP_DEG, tolerance_deg)
@@ -205,7 +220,7 @@ class SceneSearch:
 
     def _best_shift(self, incidence_deg: float) -> Trial:
         """Among the likeliest shifts the best in likelihood and edge overlap together, the incidence free to give."""
-        shifts = self._likely_shifts(incidence_deg, 0.5, _N_CANDIDATES)
+        shifts = self._likely_shifts(incidence_deg, _CANDIDATE_STEP_PX, _N_CANDIDATES)
         near = self._near(incidence_deg)
         misfits = self._likelihood.misfit(near, shifts)
         weight = _overlap_weight(incidence_deg, self._scene.refractive_index)
@@ -220,7 +235,7 @@ class SceneSearch:
 
     def _with_fine_shift(self, trial: Trial) -> Trial:
         """The trial's shift between the grid's points, none where it gains too little; then the incidence."""
-        shifts = trial.ghost_shift + _FINE_SHIFTS
+        shifts = trial.ghost_shift + _FINE_SHIFTS_PX
         misfit = self._likelihood.misfit(trial.incidence_deg, shifts)
         shift = grid_minimum(shifts, misfit)
         near = self._near(trial.incidence_deg)
@@ -235,12 +250,14 @@ class SceneSearch:
 
     def _near(self, incidence_deg: float) -> Curve:
         """Incidences at which shifts are compared: what is gained by the one is lost by the other."""
-        return np.array([incidence_deg]) if self._scene.incidence_deg is not None else _around(incidence_deg, 4.8, 1.2)
+        if self._scene.incidence_deg is not None:
+            return np.array([incidence_deg])
+        return _around(incidence_deg, _NEAR_HALF_WIDTH_DEG, _NEAR_STEP_DEG)
 
     def _least_gain(self, incidence_deg: float) -> float:
         """What a shift must gain over none: more towards normal incidence and in noise, where errors mimic ghosts."""
-        least = _LEAST_GAIN * (1 + (27 / incidence_deg) ** 8)
-        return least if self._reflection_is_sharp(incidence_deg) else 3 * least
+        least = _LEAST_GAIN * (1 + (_MIMIC_DEG / incidence_deg) ** _MIMIC_POWER)
+        return least if self._reflection_is_sharp(incidence_deg) else _IN_NOISE * least
 
     def _with_tied_shift(self, trial: Trial) -> Trial:
         """The trial with exactly the shift that the thickness gives at its incidence, in the same sense."""
@@ -251,7 +268,7 @@ class SceneSearch:
     def _reflection_is_sharp(self, incidence_deg: float) -> bool:
         """Whether the reflection's fine edges stand out of the noise."""
         scales = EdgeOverlap(self._seen.fine, self._scene, 0.0).at(incidence_deg)
-        first = next((i for i, size in enumerate(self._seen.fine.sizes[: len(scales)]) if size >= _FINE), -1)
+        first = next((i for i, size in enumerate(self._seen.fine.sizes[: len(scales)]) if size >= _FINE_BLOCK), -1)
         return scales[first].reflection_seen
 
     def _likely_shifts(self, incidence_deg: float, spacing: float, most: int) -> list[float]:
@@ -291,4 +308,4 @@ def _around(incidence_deg: float, half_width: float, spacing: float) -> Curve:
 def _overlap_weight(incidence_deg: float, refractive_index: float) -> float:
     """Only where ghosts of the transmission are bright does the overlap tell shifts apart, too."""
     reflectance = interface(incidence_deg, refractive_index).reflection[1]
-    return _OVERLAP_WEIGHT * min(1.0, max(0.025, (reflectance / 0.6) ** 4))
+    return OVERLAP_WEIGHT * min(1.0, max(_LEAST_SHARE, (reflectance / _BRIGHT_REFLECTANCE) ** 4))

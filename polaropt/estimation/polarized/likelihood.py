@@ -17,8 +17,11 @@ from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghost_overlap import coarse_overlap, fading
+from polaropt.estimation.flat.ghosts import HIGHEST_FREQUENCY
+from polaropt.estimation.flat.search import OVERLAP_WEIGHT
 from polaropt.estimation.polarized.kernels import Seen, explain, pane_vectors
 from polaropt.estimation.polarized.light import AZIMUTH, INCIDENCE, SHIFT, Point, entering_light, in_place, pane_light
+from polaropt.inversion import NATURAL_POWER_LAW
 from polaropt.numerics import block_mean, column_multiplicity, frequencies, middle, opponent_basis
 from polaropt.optics import SceneParameters, frame_matrix
 
@@ -29,10 +32,8 @@ _SIDE, _HALF = 384, 2
 _LEFT_OUT = 6
 _BANDS, _ORIENTATIONS = 5, 3
 _SECTOR_BANDS, _SECTOR_DIRECTIONS = 5, 9
-_POWER_LAW = 2.4
-_LOWEST_CYCLES, _HIGHEST = 1.5, 2.8
+_LOWEST_CYCLES = 1.5
 _ROUNDS = 8
-_OVERLAP_WEIGHT = 0.2
 _SPARSE, _SPARSER = 3, 4
 _BALANCE_COST = 0.002
 _GRAZING_DEG, _GRAZING_COST = 80.0, 0.003
@@ -144,7 +145,7 @@ class PolarizedLikelihood:
 
     def evidence(self, pane: Pane) -> float:
         """The same with the weighted log overlap of the layers' edges; less is better."""
-        return self.spectral(pane) + _OVERLAP_WEIGHT * math.log(self._overlap(pane))
+        return self.spectral(pane) + OVERLAP_WEIGHT * math.log(self._overlap(pane))
 
     def doubt(self, point: Point) -> float:
         """What speaks against a point before anything is seen, to be added to the evidence.
@@ -240,12 +241,12 @@ def _seen(spectra: NDArray[np.complex64], rows: Values, columns: Values, shape: 
     """What is seen at all frequencies, and the shapes of natural spectra: a power law in bands and orientations."""
     radius, lowest = np.hypot(rows, columns), 2 * np.pi / max(shape)
     weight = np.tile(column_multiplicity(shape[1]), shape[0]) * (
-        (radius > _LOWEST_CYCLES * lowest) & (radius < _HIGHEST)
+        (radius > _LOWEST_CYCLES * lowest) & (radius < HIGHEST_FREQUENCY)
     )
     radius = np.maximum(radius, lowest)
     position = np.log(radius / lowest) / math.log(math.sqrt(2) * math.pi / lowest) * (_BANDS - 1)
     bands = np.maximum(0, 1 - np.abs(position - np.arange(_BANDS)[:, None]))
     turn = 2 * (np.arctan2(rows, columns) - np.pi / _ORIENTATIONS * np.arange(_ORIENTATIONS)[:, None])
-    shapes = (bands[:, None] * (1 + np.cos(turn)) * radius**-_POWER_LAW).reshape(-1, radius.size)
+    shapes = (bands[:, None] * (1 + np.cos(turn)) * radius**-NATURAL_POWER_LAW).reshape(-1, radius.size)
     power = np.einsum("icn,icn->cn", spectra.real, spectra.real) + np.einsum("icn,icn->cn", spectra.imag, spectra.imag)
     return Seen(spectra.real, spectra.imag, power, weight), shapes.astype(np.float32)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.errors import widened_incidence
-from polaropt.estimation.flat.overlap import SHRINK
+from polaropt.estimation.flat.overlap import FAINT_OVERLAP, MOSTLY_VALID, PARTS, SHRINK
 from polaropt.estimation.wide.blocks import PolarizedBlocks
 from polaropt.estimation.wide.pane import AZIMUTH, BEND, INCIDENCE, N_NUMBERS, VIEW, PaneFit, Prior, fitted, with_errors
 from polaropt.numerics import block_mean, grid_sums, left_out, local_minimum, minimum_error, vertex
@@ -27,10 +27,7 @@ Images = NDArray[np.float32]
 Values = NDArray[np.float64]
 
 _FINEST, _MOST_BLOCKS, _SCALES, _LEAST_BLOCKS = 2, 128, 3, 8
-_MOSTLY = 0.75
-_PSEUDO = 0.01
 _LEAST_COSINE = 0.02
-_PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -84,15 +81,15 @@ class VaryingOverlap:
         ]
         transmission, reflection = (scale.weight * energy for energy in energies)
         maps = np.stack([np.sqrt(reflection * transmission), reflection, transmission, scale.weight])
-        both, reflections, transmissions, n_blocks = grid_sums(maps, _PARTS)
-        pseudo = _PSEUDO * np.maximum(n_blocks, 1)
+        both, reflections, transmissions, n_blocks = grid_sums(maps, PARTS)
+        pseudo = FAINT_OVERLAP * np.maximum(n_blocks, 1)
         return np.asarray(np.log((both + pseudo) / (np.sqrt(reflections * transmissions) + pseudo)))
 
 
 def _scale(stokes: StokesImages, size: int) -> _Scale:
     height, width = stokes.images.shape[-2:]
     means = block_mean(stokes.images, size)
-    good = block_mean(stokes.valid.astype(np.float32), size).min(axis=0) >= _MOSTLY
+    good = block_mean(stokes.valid.astype(np.float32), size).min(axis=0) >= MOSTLY_VALID
     weight = good[:-1, :-1] & good[:-1, 1:] & good[1:, :-1]
     rows, columns = means.shape[-2:]
     x, y = pixel_grid(rows, columns, ((width - size) / 2 / size, (height - size) / 2 / size))
