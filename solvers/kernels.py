@@ -22,7 +22,9 @@ from typing import Any, TypeVar
 
 # All that lets loops vectorize, without "nnan" and "ninf": NaN and infinity must show.
 _FAST = {"reassoc", "contract", "nsz", "arcp", "afn"}
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+# Kernels are inlined where others call them: of those that are not, machine code stands in every caller's module, with
+# sums in another order each, and which of them is called depends on whether modules were compiled or loaded.
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "forceinline": True}
 # Attribute of a kernel's function in which its stamp stands, for the kernels that call it.
 _STAMP = "_kernel_stamp"
 

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,6 +19,7 @@ from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
 from tests.blends import Blend, blend
 
+ROOT = Path(__file__).parents[2]
 WEIGHTS = Weights(misfit=0.7, gradient_sparsity=1.3, natural_image=0.9, edge_independence=20.0, nonnegativity=0.5)
 
 
@@ -117,3 +123,33 @@ def test_nan_is_not_hidden():
     value, gradient = fused.value_and_grad(z)
     assert np.isnan(value)
     assert np.isnan(gradient).any()
+
+
+MISFIT = """
+import numpy as np
+from polaropt.inversion.canvas import canvas_for
+from polaropt.optics.engine import engine_for
+from polaropt.solving.compiled import FusedMisfit
+from solvers.kernels import told_of_compiling
+from tests.blends import blend
+
+example, compiled = blend(60.0, 64), []
+pse = engine_for(example.scene, example.capture.angles_deg, 0.005, (64, 64))
+canvas = canvas_for(pse, 64, 64)
+layers = canvas.continued(example.layers.astype(np.float32))
+with told_of_compiling(compiled.append):
+    value = FusedMisfit(example.capture, pse, canvas, 0.005).value_and_grad(layers, np.empty_like(layers))
+print(len(compiled), value.hex())
+"""
+
+
+def test_a_process_that_compiles_sums_as_one_that_loads(tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    (compiled, first), (loaded, second) = (
+        subprocess.run(
+            [sys.executable, "-c", MISFIT], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+        ).stdout.split()
+        for _ in range(2)
+    )
+    assert int(compiled) > 0 == int(loaded)
+    assert first == second
