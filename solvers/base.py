@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 # BLAS works on rows of this length in one thread.
 _ROW = 8192
+HISTORY = 5
+"""Pairs of steps and gradient differences that the backends of others keep, the same for all: set by hand."""
 # Squares between these are held by float32 with all their digits.
 _SMALL, _LARGE = 1e-24, 1e30
 

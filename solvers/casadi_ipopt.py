@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from solvers.base import (
+    HISTORY,
     Progress,
     SolverResult,
     StoppingRule,
@@ -22,12 +22,8 @@ from solvers.base import (
 MOST_UNKNOWNS = 100_000
 
 
-@dataclass(frozen=True)
 class CasadiIPOPT:
-    """Options of IPOPT as casadi brings it: an interior-point method in float64, here without constraints."""
-
-    history: int = 5
-    """Pairs of steps and gradient differences that are kept."""
+    """IPOPT as casadi brings it: an interior-point method in float64, here without constraints."""
 
     def minimize(self, objective: ValueAndGrad, start: Vector, stopping: StoppingRule) -> SolverResult:
         """Minimize `objective` from `start` until `stopping` says so.
@@ -58,7 +54,7 @@ class CasadiIPOPT:
             "print_level": 0,
             "sb": "yes",
             "hessian_approximation": "limited-memory",
-            "limited_memory_max_history": self.history,
+            "limited_memory_max_history": HISTORY,
             # The usual scale of L-BFGS: IPOPT's own makes steps that are too long.
             "limited_memory_initialization": "scalar2",
             # No tolerated rises: our rule counts iterations that lower nothing.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,15 @@ from solvers.base import (
     Vector,
     distance,
 )
-from solvers.passes import Pairs, Storage
+
+if TYPE_CHECKING:
+    from solvers.passes import Pairs
 
 Matrix = NDArray[np.float64]
 
+HISTORY = 3
+"""Pairs of steps and gradient changes that are kept: with five there were as few evaluations, and more memory."""
+# Least cosine of a step and its gradient change that counts as curvature: rounding in float32, set by hand.
 _CURVED = 1e-8
 
 
@@ -35,7 +40,7 @@ class Direction:
     Attributes
     ----------
     weights : array, shape (1 + 2 m,)
-        Of the (preconditioned) gradient, the steps, the changes of the (preconditioned) gradient.
+        Of the gradient, the steps, the changes of the gradient.
     slope : float
         Of the objective along it.
     """
@@ -47,15 +52,13 @@ class Direction:
 class Gram:
     """The inner products that the recursion needs, kept up to date with 4 m + 3 new ones per iteration.
 
-    With steps S, gradient differences Y and their preconditioned selves Z = H0 Y, the recursion reads no more than
-    S'Y for steps not younger than the difference, Y'Z, and the products of S and Z with the gradient.
+    With steps S and gradient differences Y the recursion reads no more than S'Y for steps not younger than the
+    difference, Y'Y, and the products of S and Y with the gradient.
 
     Parameters
     ----------
     history : int
         m, the most pairs.
-    scaled : bool
-        Scale H0 by the youngest pair's curvature: for H0 = identity.
 
     References
     ----------
@@ -63,8 +66,8 @@ class Gram:
     methods, Mathematical Programming 63, 1994.
     """
 
-    def __init__(self, history: int, scaled: bool) -> None:
-        self._m, self._scaled = history, scaled
+    def __init__(self, history: int) -> None:
+        self._m = history
         self._slots: list[int] = []
         self._next, self._n_used = 0, 0
         self._steps_changes = np.zeros((history, history))
@@ -84,7 +87,7 @@ class Gram:
         self._steps_gradient[:] = self._changes_gradient[:] = 0.0
 
     def begin(self, gradient_gradient: float) -> None:
-        """Forget all pairs and begin with a gradient of this product with its preconditioned self."""
+        """Forget all pairs and begin with a gradient of this square."""
         self.clear()
         self._gradient_gradient = gradient_gradient
 
@@ -97,7 +100,7 @@ class Gram:
         return slot, self._n_used
 
     def remember(self, slot: int, sums: Matrix) -> None:
-        """Take in the products of `sweeps.absorb`; the pair counts where its curvature is positive beyond rounding."""
+        """Take in the products of `passes.absorb`; the pair counts where its curvature is positive beyond rounding."""
         m = self._m
         self._steps_gradient, self._changes_gradient = sums[:m], sums[m : 2 * m]
         self._steps_changes[:, slot] = sums[2 * m : 3 * m]
@@ -107,7 +110,7 @@ class Gram:
             self._slots.append(slot)
 
     def direction(self) -> Direction:
-        """The quasi-Newton direction; the (preconditioned) gradient downhill where there is no pair."""
+        """The quasi-Newton direction; the gradient downhill where there is no pair."""
         slots, m = self._slots, self._m
         weights = np.zeros(1 + 2 * m)
         weights[0] = -1.0
@@ -115,7 +118,8 @@ class Gram:
             square = np.ix_(slots, slots)
             upper, inner = np.triu(self._steps_changes[square]), self._changes_changes[square]
             curvature = np.diag(upper)
-            scale = curvature[-1] / inner[-1, -1] if self._scaled else 1.0
+            # The inverse Hessian that the recursion begins with: the identity times the youngest pair's curvature.
+            scale = curvature[-1] / inner[-1, -1]
             # The first loop, youngest pair first, and the second, oldest first, are two triangular systems.
             first = _solve_upper(upper, self._steps_gradient[slots])
             rest = curvature * first + scale * (inner @ first - self._changes_gradient[slots])
@@ -135,7 +139,9 @@ def _solve_upper(upper: Matrix, right: Matrix) -> Matrix:
     return solution
 
 
+# Share of the decrease that the slope promises: Nocedal and Wright, Numerical Optimization, 2006, sect. 3.1.
 _SUFFICIENT = 1e-4
+# Parts of the step between which its successor lies: Dennis and Schnabel, Numerical Methods, 1983, sect. 6.3.2.
 _SHORTEST, _LONGEST = 0.1, 0.5
 _MOST_HALVINGS = 20
 # The value of a sum over a million float32 residuals is known to about this share of it.
@@ -146,24 +152,8 @@ _SHORTER = 0.1
 _LARGEST_UNIT = 1e30
 
 
-@dataclass(frozen=True)
 class LBFGS:
     """Limited-memory BFGS made for large images.
-
-    Parameters
-    ----------
-    history : int
-        Pairs of steps and gradient changes that are kept.
-    storage : {"float32", "bfloat16"}
-        How they are kept. bfloat16 halves memory and traffic for a few more iterations.
-    preconditioner : callable, optional
-        Approximate inverse Hessian applied to a vector, linear, symmetric and positive; replaces the scaled identity.
-        Applied once per iteration.
-
-    Raises
-    ------
-    ValueError
-        No history, or an unknown storage.
 
     Notes
     -----
@@ -175,24 +165,14 @@ class LBFGS:
     interpolation). Where a value or gradient is not finite the solver goes back to the best point, forgets its pairs
     and tries a tenth of the step, three times at most (`SolverResult.restarts`).
 
-    Memory in vectors of N float32, history m: 2 m + 3 (m + 3 in bfloat16) for pairs, point, trial point and gradient;
-    one more where the best point is neither of the two, one more with a preconditioner. What the objective returns
-    comes on top and is not kept while the next is computed.
+    Memory in vectors of N float32, with m = `HISTORY` pairs: 2 m + 3 for pairs, point, trial point and gradient; one
+    more where the best point is neither of the two. What the objective returns comes on top and is not kept while the
+    next is computed.
 
     References
     ----------
     J. Nocedal, Updating quasi-Newton matrices with limited storage, Mathematics of Computation 35, 1980.
     """
-
-    history: int = 3
-    storage: Storage = "float32"
-    preconditioner: Callable[[Vector], Vector] | None = None
-
-    def __post_init__(self) -> None:
-        if self.history < 1:
-            raise ValueError(f"history is {self.history}; give 1 or more")
-        if self.storage not in ("float32", "bfloat16"):
-            raise ValueError(f"storage is {self.storage!r}; there are: float32, bfloat16")
 
     def minimize(self, objective: ValueAndGrad, start: Vector, stopping: StoppingRule) -> SolverResult:
         """Minimize `objective` from `start` until `stopping` says so."""
@@ -200,7 +180,7 @@ class LBFGS:
         progress = Progress(traced, stopping)
         restarts = 0
         try:
-            descent = _Descent(self, traced, start)
+            descent = _Descent(traced, start)
             broken = False
             while True:
                 try:
@@ -221,17 +201,18 @@ class LBFGS:
 class _Descent:
     """The state between iterations: a point, its value, and the pairs that led there."""
 
-    def __init__(self, options: LBFGS, traced: Traced, start: Vector) -> None:
-        self._traced, self._precondition = traced, options.preconditioner
+    def __init__(self, traced: Traced, start: Vector) -> None:
+        from solvers.passes import Pairs
+
+        self._traced = traced
         self._x = np.array(start, dtype=np.float32)
         self._trial = self._x
         # Points take turns in these: a third is made only where the best point is neither the last nor the new one.
         self._buffers = [self._x]
         self._reach: float | None = None
         self._value, gradient = traced(self._x)
-        preconditioned = options.preconditioner is not None
-        self._pairs = Pairs(self._x.size, options.history, options.storage, preconditioned)
-        self._gram = Gram(options.history, scaled=not preconditioned)
+        self._pairs: Pairs = Pairs(self._x.size, HISTORY)
+        self._gram = Gram(HISTORY)
         self._unit = min(1 / traced.trace[-1].gradient_norm, _LARGEST_UNIT)
         self._begin(gradient)
 
@@ -254,8 +235,7 @@ class _Descent:
         self._begin(gradient)
 
     def _begin(self, gradient: Vector) -> None:
-        gradient = _flat(gradient)
-        self._gram.begin(self._pairs.begin(gradient, self._preconditioned(gradient), self._unit))
+        self._gram.begin(self._pairs.begin(_flat(gradient), self._unit))
 
     def _moved(self) -> bool:
         """Search along the direction of the pairs; False where it does not lead down."""
@@ -279,12 +259,7 @@ class _Descent:
         """1 where the direction knows its length; else as far as the last step, or as a restart allows."""
         if not self._gram.empty:
             return 1.0
-        if self._precondition is None:
-            return (self._reach or 1.0) / max(math.sqrt(-direction.slope), 1e-30)
-        if self._reach is None:
-            return 1.0
-        length = distance(self._propose(direction, 1.0), self._x)
-        return min(1.0, self._reach / length) if length else 1.0
+        return (self._reach or 1.0) / max(math.sqrt(-direction.slope), 1e-30)
 
     def _propose(self, direction: Direction, step: float) -> Vector:
         taken = (self._x, self._traced.best)
@@ -297,13 +272,10 @@ class _Descent:
 
     def _accept(self, trial: Vector, value: float, gradient: Vector) -> None:
         slot = self._gram.take_slot()
-        sums = self._pairs.absorb((self._x, trial), gradient, self._preconditioned(gradient), slot)
+        sums = self._pairs.absorb((self._x, trial), gradient, slot)
         self._gram.remember(slot[0], sums)
         self._x, self._value = trial, value
-        self._reach = math.sqrt(sums[-1]) if self._precondition is None else None
-
-    def _preconditioned(self, gradient: Vector) -> Vector | None:
-        return None if self._precondition is None else _flat(self._precondition(gradient))
+        self._reach = math.sqrt(sums[-1])
 
 
 def _flat(gradient: Vector) -> Vector:

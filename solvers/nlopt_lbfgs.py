@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from solvers.base import (
+    HISTORY,
     Progress,
     Scaled,
     SolverResult,
@@ -26,15 +25,11 @@ _PARALLEL = 1 - 1e-6
 MOST_UNKNOWNS = 2_149_632
 
 
-@dataclass(frozen=True)
 class NLoptLBFGS:
-    """Options of NLopt's LD_LBFGS, a limited-memory method in float64.
+    """NLopt's LD_LBFGS, a limited-memory method in float64.
 
     It tells nothing of its iterations: a search line has ended where the points evaluated leave it.
     """
-
-    history: int = 5
-    """Pairs of steps and gradient differences that are kept."""
 
     def minimize(self, objective: ValueAndGrad, start: Vector, stopping: StoppingRule) -> SolverResult:
         """Minimize `objective` from `start` until `stopping` says so.
@@ -52,7 +47,7 @@ class NLoptLBFGS:
         traced = Traced(objective, stopping)
         progress = Progress(traced, stopping)
         evaluations = _Evaluations(traced, progress)
-        _optimize(evaluations, start, self.history)
+        _optimize(evaluations, start)
         return traced.result(evaluations.status(), progress.count, start)
 
 
@@ -99,13 +94,13 @@ class _Evaluations:
         return self.raised.status
 
 
-def _optimize(evaluations: _Evaluations, start: Vector, history: int) -> None:
+def _optimize(evaluations: _Evaluations, start: Vector) -> None:
     """Run NLopt until it ends or something is raised inside an evaluation."""
     import nlopt
 
     optimizer = nlopt.opt(nlopt.LD_LBFGS, start.size)
     optimizer.set_min_objective(evaluations)
-    optimizer.set_vector_storage(history)
+    optimizer.set_vector_storage(HISTORY)
     try:
         optimizer.optimize(start.astype(np.float64))
     except MemoryError:

@@ -23,7 +23,7 @@ def solver_names() -> tuple[str, ...]:
 
 
 def get_solver(name: str) -> Solver:
-    """The solver called `name`, with its default options.
+    """The solver called `name`.
 
     Raises
     ------

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from solvers.base import Progress, Scaled, SolverResult, Status, StoppingRule, StopSolving, Traced, ValueAndGrad, Vector
+from solvers.base import (
+    HISTORY,
+    Progress,
+    Scaled,
+    SolverResult,
+    Status,
+    StoppingRule,
+    StopSolving,
+    Traced,
+    ValueAndGrad,
+    Vector,
+)
 
 
-@dataclass(frozen=True)
 class ScipyLBFGSB:
-    """Options of scipy.optimize's L-BFGS-B."""
-
-    history: int = 5
-    """Pairs of steps and gradient differences that are kept."""
+    """scipy.optimize's L-BFGS-B."""
 
     def minimize(self, objective: ValueAndGrad, start: Vector, stopping: StoppingRule) -> SolverResult:
         """Minimize `objective` from `start` until `stopping` says so."""
@@ -25,7 +30,7 @@ class ScipyLBFGSB:
         scaled = Scaled(traced)
         # Its own tests look at one step alone and can stop far from the minimum (scipy#23161); ours replace them.
         unlimited = 10 * stopping.max_evaluations + 100
-        options = {"maxcor": self.history, "ftol": 0.0, "gtol": 0.0, "maxfun": unlimited, "maxiter": unlimited}
+        options = {"maxcor": HISTORY, "ftol": 0.0, "gtol": 0.0, "maxfun": unlimited, "maxiter": unlimited}
         try:
             minimize(
                 scaled,

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from solvers.base import NUMPY, Norms, Progress, SolverResult, Status, StoppingRule, StopSolving, Traced, ValueAndGrad
+from solvers.base import (
+    HISTORY,
+    NUMPY,
+    Norms,
+    Progress,
+    SolverResult,
+    Status,
+    StoppingRule,
+    StopSolving,
+    Traced,
+    ValueAndGrad,
+)
 
 
-@dataclass(frozen=True)
 class TorchLBFGS:
-    """Options of torch.optim.LBFGS with its line search for the strong Wolfe conditions."""
-
-    history: int = 5
-    """Pairs of steps and gradient differences that are kept."""
+    """torch.optim.LBFGS with its line search for the strong Wolfe conditions."""
 
     def minimize(self, objective: ValueAndGrad, start: Any, stopping: StoppingRule) -> SolverResult:
         """Minimize `objective` from `start` until `stopping` says so.
@@ -53,7 +59,7 @@ class TorchLBFGS:
             max_eval=unlimited,
             tolerance_grad=0.0,
             tolerance_change=0.0,
-            history_size=self.history,
+            history_size=HISTORY,
             line_search_fn="strong_wolfe",
         )
         step: Callable[[Any], Any] = optimizer.step

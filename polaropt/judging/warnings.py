@@ -130,7 +130,6 @@ def diagnose(
     scene: SceneParameters | None = None,
     unexplained: float = 1.0,
     noise_share: float = 0.0,
-    looks_polarized: bool = False,
     mistakes: Mistakes | None = None,
     doubtful_incidence: bool = False,
     finite: bool = True,
@@ -148,8 +147,6 @@ def diagnose(
         Light polarized at 45 degrees to the plane of incidence, mean square over blocks in units of its noise.
     noise_share : float
         See the function of this name.
-    looks_polarized : bool
-        Whether the layers' light looks polarized where the scene has it unpolarized.
     mistakes : Mistakes, optional
         What was found wrong with the photographs. Default: it is looked for.
     doubtful_incidence : bool
@@ -173,7 +170,7 @@ def diagnose(
         SeparationWarning.SATURATED: clipped > _MUCH_CLIPPED,
         **_of_mistakes(mistakes),
         **_of_angles(mistake),
-        SeparationWarning.POLARIZED_SOURCE: looks_polarized or _found_polarized(scene, estimate),
+        SeparationWarning.POLARIZED_SOURCE: _found_polarized(scene, estimate),
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
         SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),
         SeparationWarning.MODEL_DOES_NOT_EXPLAIN: polarized and (misfit_ratio > _BAD_FIT or unexplained > _MUCH_LEFT),

@@ -201,7 +201,6 @@ def test_light_that_arrives_polarized():
     example = blend(60, 64)
     polarized = example.scene.replace(transmission_polarization=(0.6, 30.0))
     found = estimate_scene(example.capture, example.scene)
-    assert told(example.capture, example.scene, looks_polarized=True) == {SeparationWarning.POLARIZED_SOURCE}
     assert told(example.capture, polarized, estimate=found) == {SeparationWarning.POLARIZED_SOURCE}
     # Who gives the polarization knows of it.
     assert told(example.capture, polarized) == set()

@@ -28,7 +28,6 @@ from solvers.base import (
     largest,
 )
 from solvers.registry import get_solver, solver_names
-from solvers.scipy_lbfgs import ScipyLBFGSB
 from tests.solvers.test_solvers import TO_THE_END, quadratic, rosenbrock
 
 ROOT = Path(__file__).parents[2]
@@ -95,12 +94,6 @@ def test_an_error_of_the_objective_reaches_the_caller(name):
 def test_a_gradient_of_another_length_is_an_error(name):
     with pytest.raises(ValueError, match=r"gradient of shape \(2,\) at a point of shape \(3,\)"):
         get_solver(name).minimize(lambda x: (1.0, np.ones(2, np.float32)), np.zeros(3, np.float32), StoppingRule())
-
-
-def test_scipy_keeps_as_many_pairs_as_asked():
-    start = np.zeros(100, np.float32)
-    few, many = (ScipyLBFGSB(history).minimize(rosenbrock, start, TO_THE_END).n_evaluations for history in (1, 20))
-    assert few != many
 
 
 def tensors(gradient_of=quadratic):
