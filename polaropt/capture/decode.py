@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
@@ -120,23 +120,17 @@ class FileContent:
 
 
 def decode(data: bytes) -> FileContent:
-    """Pixels of a PNG, TIFF, JPEG or npz file, told apart by its first bytes.
+    """Pixels of a file of a format in `DECODERS`.
 
     Damaged data raise whatever the decoder raises.
     """
-    if data.startswith(b"\x89PNG"):
-        import imagecodecs
-
-        return _picture(imagecodecs.png_decode(data), data, _png_hint(data))
-    if data.startswith(b"\xff\xd8"):
-        return _decode_jpeg(data)
-    if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-        return _decode_tiff(data)
-    if data.startswith(b"PK"):
-        return _decode_npz(data)
     if not data:
         raise InputError("the file is empty; copy it again")
-    raise InputError("not a PNG, TIFF, JPEG or npz file; convert it to one of these")
+    for decoder in DECODERS:
+        if data.startswith(decoder.first_bytes):
+            return decoder.decode(data)
+    *names, last = (decoder.name for decoder in DECODERS)
+    raise InputError(f"not a {', '.join(names)} or {last} file; convert it to one of these")
 
 
 def _picture(pixels: Pixels, data: bytes, hint: str) -> FileContent:
@@ -159,6 +153,12 @@ def _png_hint(data: bytes) -> str:
     if b"sRGB" in head:
         return "the PNG says it is sRGB"
     return "8-bit PNG files often are" if data[24:25] == b"\x08" else ""
+
+
+def _decode_png(data: bytes) -> FileContent:
+    import imagecodecs
+
+    return _picture(imagecodecs.png_decode(data), data, _png_hint(data))
 
 
 def _decode_jpeg(data: bytes) -> FileContent:
@@ -260,3 +260,20 @@ def one_line(error: Exception) -> str:
     """An error's own words, on one line."""
     words = " ".join(str(error).split()) or type(error).__name__
     return words if len(words) <= 120 else words[:117] + "..."
+
+
+@dataclass(frozen=True)
+class Decoder:
+    """A file format: its name, what its files may begin with, and bytes to pixels."""
+
+    name: str
+    first_bytes: tuple[bytes, ...]
+    decode: Callable[[bytes], FileContent]
+
+
+DECODERS = (
+    Decoder("PNG", (b"\x89PNG",), _decode_png),
+    Decoder("TIFF", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), _decode_tiff),
+    Decoder("JPEG", (b"\xff\xd8",), _decode_jpeg),
+    Decoder("npz", (b"PK",), _decode_npz),
+)

@@ -26,7 +26,7 @@ from polaropt.solving.kernels.misfit import (
     varying_residuals,
 )
 from polaropt.solving.kernels.penalties import Frame, add_gradient, add_negativity, energies, independence, sparsity
-from polaropt.solving.objective import Misfit, Penalties, Term, Weights
+from polaropt.solving.objective import Misfit, Penalties, Term, Weights, WithinFrame
 from priors.base import CHROMA_WEIGHT
 from priors.natural_image import NaturalImage
 from solvers.kernels import in_blocks
@@ -37,7 +37,9 @@ _ROWS = 32
 
 
 class FusedPenalties:
-    """Edge independence, gradient sparsity and nonnegativity of the layers within the frame.
+    """Edge independence, gradient sparsity and nonnegativity of the layers within the frame, and other penalties.
+
+    These three have passes of their own; others are evaluated as they are.
 
     Parameters
     ----------
@@ -48,6 +50,7 @@ class FusedPenalties:
 
     def __init__(self, penalties: Penalties, canvas: Canvas, colors: int) -> None:
         sparse = penalties.gradient_sparsity
+        self._others = {name: WithinFrame(other, canvas) for name, other in penalties.others.items()}
         self._frame = Frame(canvas.top, canvas.left, canvas.height, canvas.width)
         self._chroma = np.float32(CHROMA_WEIGHT if colors > 1 else 1)
         self._exponent = sparse.exponent
@@ -81,6 +84,9 @@ class FusedPenalties:
             return float(add_negativity(layers, self._frame, self._negative, negative, gradient, start, stop))
 
         values["nonnegativity"] = sum(in_blocks(rows, self._frame.height, _ROWS))
+        for name, other in self._others.items():
+            values[name], part = other.value_and_grad(layers)
+            gradient += np.float32(weights.factor(name)) * part
         return values
 
     def curvature(self, layers: Images, weights: Weights) -> NDArray[np.float64]:

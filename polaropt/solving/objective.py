@@ -6,8 +6,8 @@ Every term is in units of the noise, so that no weight depends on brightness, ex
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -35,9 +35,27 @@ _INDEPENDENCE = 0.1
 _ROBUST_SIGMAS = 3.0
 
 
+_PENALTY = "penalty"
+MakePenalty = Callable[[ClosedForm, float], Regularizer]
+
+
+def penalty(make: MakePenalty) -> Any:
+    """A term of the objective, as a field of `Weights`.
+
+    Parameters
+    ----------
+    make : callable
+        The penalty on the layers within the frame, from the closed form and the standard deviation of the noise. Its
+        strength is such that the factor 1 suits the noise.
+    """
+    return field(default=None, metadata={_PENALTY: make})
+
+
 @dataclass(frozen=True)
 class Weights:
     """Factor on each term's weight: None is 1 (it follows from the noise), 0 switches the term off.
+
+    The fields are the terms: the first five are in compiled passes, others say by `penalty` how they are made.
 
     Parameters
     ----------
@@ -60,10 +78,10 @@ class Weights:
     natural_image: float | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            factor = getattr(self, field.name)
+        for term in fields(self):
+            factor = getattr(self, term.name)
             if factor is not None and not (np.isfinite(factor) and factor >= 0):
-                raise InputError(f"weight {field.name} is {factor}; give a factor of 0 (off) or more")
+                raise InputError(f"weight {term.name} is {factor}; give a factor of 0 (off) or more")
 
     def factor(self, name: str) -> float:
         """The factor on a term's weight."""
@@ -184,12 +202,14 @@ class Objective:
 
 @dataclass(frozen=True)
 class Penalties:
-    """The priors of the default objective; their names are those of `Weights`."""
+    """The priors of the default objective; their names are those of `Weights`, also in `others`."""
 
     edge_independence: EdgeIndependence
     gradient_sparsity: GradientSparsity
     nonnegativity: Nonnegativity
     natural_image: NaturalImage
+    others: Mapping[str, Regularizer] = field(default_factory=dict)
+    """Those without a compiled pass, for the layers within the frame."""
 
     def placed(self, place: Callable[[NDArray[Any]], Any]) -> Penalties:
         """With arrays that `place` has turned into those to work with."""
@@ -220,6 +240,9 @@ def default_penalties(known: ClosedForm, noise: float) -> Penalties:
         gradient_sparsity=GradientSparsity((sparsity[0], sparsity[1])),
         nonnegativity=Nonnegativity((told / float(variance[0]), told / float(variance[1]))),
         natural_image=NaturalImage(spectral[:, None, None, None] / known.prior, known.mean, known.basis),
+        others={
+            term.name: term.metadata[_PENALTY](known, noise) for term in fields(Weights) if _PENALTY in term.metadata
+        },
     )
 
 
@@ -234,6 +257,7 @@ def build_objective(misfit: Misfit, penalties: Penalties, canvas: Canvas, weight
         "gradient_sparsity": WithinFrame(penalties.gradient_sparsity, canvas),
         "nonnegativity": WithinFrame(penalties.nonnegativity, canvas),
         "natural_image": penalties.natural_image,
+        **{name: WithinFrame(other, canvas) for name, other in penalties.others.items()},
     }
     return Objective(terms, weights)
 
