@@ -5,6 +5,7 @@ __all__ = [
     "SMALLEST_SIDE",
     "AnyPath",
     "Capture",
+    "EncodingHint",
     "FloatImages",
     "GammaFit",
     "Mistakes",
@@ -48,6 +49,7 @@ from .capture import ANGLES_DEG as ANGLES_DEG
 from .capture import MOST_NEGATIVE as MOST_NEGATIVE
 from .capture import SMALLEST_SIDE as SMALLEST_SIDE
 from .capture import Capture as Capture
+from .capture import EncodingHint as EncodingHint
 from .capture import FloatImages as FloatImages
 from .capture import Origin as Origin
 from .capture import planes_first as planes_first

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,20 @@ _DARKEST_SHARE, _ENOUGH_DARK, _MOST_DARK = 0.1, 500, 2**18
 """Pixels that the noise is measured on: the darkest tenth, not fewer than 500 (spread known to 5 %) nor too many."""
 
 
+class EncodingHint(StrEnum):
+    """What a file's format says about the encoding of its values."""
+
+    NONE = ""
+    SRGB_PNG = "the PNG says it is sRGB"
+    JPEG = "JPEG files nearly always are"
+    SHALLOW_PNG = "8-bit PNG files often are"
+
+    @property
+    def decides(self) -> bool:
+        """Whether values are taken for encoded by it where the photographs do not tell."""
+        return self in (EncodingHint.SRGB_PNG, EncodingHint.JPEG)
+
+
 @dataclass(frozen=True)
 class Origin:
     """Where a capture was read from, and what was done to its values.
@@ -61,8 +76,8 @@ class Origin:
         Gain of the 45/135 pair that was divided out; 1 if none was.
     gamma : float, str or None
         Encoding that was undone.
-    encoding_hint : str
-        What the file's format says about its encoding; empty if nothing.
+    encoding_hint : EncodingHint
+        What the file's format says about its encoding.
     raw_noise : float, optional
         Noise measured on raw pixels before they were interpolated (white = 1).
     shifts_px : tuple of pairs of float
@@ -88,7 +103,7 @@ class Origin:
     white_level: float = 1.0
     pair_gain: float = 1.0
     gamma: float | str | None = None
-    encoding_hint: str = ""
+    encoding_hint: EncodingHint = EncodingHint.NONE
     raw_noise: float | None = None
     shifts_px: tuple[tuple[float, float], ...] = ()
     shift_error_px: float | None = None

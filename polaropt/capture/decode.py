@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.capture.capture import EncodingHint
 from polaropt.capture.focal_length import exif_of_names, exif_of_picture, focal_from_exif
 from polaropt.errors import InputError
 
@@ -105,8 +106,8 @@ class FileContent:
         Polarizer angles, where the file tells them.
     valid : ndarray of bool or None
         Validity of each value, where the file tells it.
-    encoding_hint : str
-        What the format says about gamma; empty if nothing.
+    encoding_hint : EncodingHint
+        What the format says about gamma.
     focal_px : float or None
         Focal length in pixels, where the camera wrote it into the file.
     """
@@ -115,7 +116,7 @@ class FileContent:
     stack: bool = False
     angles_deg: tuple[float, ...] | None = None
     valid: NDArray[np.bool_] | None = None
-    encoding_hint: str = ""
+    encoding_hint: EncodingHint = EncodingHint.NONE
     focal_px: float | None = None
 
 
@@ -133,7 +134,7 @@ def decode(data: bytes) -> FileContent:
     raise InputError(f"not a {', '.join(names)} or {last} file; convert it to one of these")
 
 
-def _picture(pixels: Pixels, data: bytes, hint: str) -> FileContent:
+def _picture(pixels: Pixels, data: bytes, hint: EncodingHint) -> FileContent:
     focal = focal_from_exif(exif_of_picture(data), (pixels.shape[1], pixels.shape[0]))
     return FileContent(without_alpha(pixels), encoding_hint=hint, focal_px=focal)
 
@@ -148,11 +149,11 @@ def without_alpha(pixels: Pixels) -> Pixels:
     return pixels[..., 0] if pixels.shape[-1] == 1 else pixels
 
 
-def _png_hint(data: bytes) -> str:
+def _png_hint(data: bytes) -> EncodingHint:
     head = data[:4096]
     if b"sRGB" in head:
-        return "the PNG says it is sRGB"
-    return "8-bit PNG files often are" if data[24:25] == b"\x08" else ""
+        return EncodingHint.SRGB_PNG
+    return EncodingHint.SHALLOW_PNG if data[24:25] == b"\x08" else EncodingHint.NONE
 
 
 def _decode_png(data: bytes) -> FileContent:
@@ -166,7 +167,7 @@ def _decode_jpeg(data: bytes) -> FileContent:
 
     if _JPEG_END not in data[_jpeg_scan(data) :]:
         raise InputError("the JPEG ends too early; it is incomplete, copy it again")
-    return _picture(imagecodecs.jpeg8_decode(data), data, "JPEG files nearly always are")
+    return _picture(imagecodecs.jpeg8_decode(data), data, EncodingHint.JPEG)
 
 
 def _jpeg_scan(data: bytes) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 
 from polaropt.capture import (
     Capture,
+    EncodingHint,
     GammaFit,
     Origin,
     block_means,
@@ -74,7 +75,7 @@ class Inspection:
         Exponent that makes the photographs linear, and its standard error; None where nothing tells it.
     looks_encoded : bool or None
         Whether the photographs look gamma-encoded; None: cannot be told.
-    encoding_hint : str
+    encoding_hint : EncodingHint
         What the file format says about encoding.
     swapped_deg : tuple of pairs of float
         Angles of photographs of which one pair looks swapped; empty if the order looks right.
@@ -104,7 +105,7 @@ class Inspection:
     gamma_exponent: float | None
     gamma_error: float | None
     looks_encoded: bool | None
-    encoding_hint: str
+    encoding_hint: EncodingHint
     swapped_deg: tuple[tuple[float, float], ...]
     visible_shift_px: float
 
@@ -132,7 +133,7 @@ def inspect_capture(capture: Capture) -> Inspection:
     moved = visible_shift(capture)
     # Swapped and shifted photographs break the same identity that the encoding does.
     gamma = None if swapped or moved else fit_gamma(capture)
-    hint = "" if origin is None or origin.gamma is not None else origin.encoding_hint
+    hint = EncodingHint.NONE if origin is None or origin.gamma is not None else origin.encoding_hint
     return Inspection(
         width=capture.shape[-1],
         height=capture.shape[-2],
@@ -169,12 +170,11 @@ def _darkest(capture: Capture) -> float | None:
     return origin.black_level + value * (origin.white_level - origin.black_level)
 
 
-def _looks_encoded(gamma: GammaFit | None, hint: str) -> bool | None:
+def _looks_encoded(gamma: GammaFit | None, hint: EncodingHint) -> bool | None:
     """The photographs' own word counts; the file format's only where they say nothing."""
     if gamma is not None and gamma.certain:
         return gamma.encoded
-    certain_hint = hint and "often" not in hint
-    return True if certain_hint else None
+    return True if hint.decides else None
 
 
 def _gain_as_photographed(capture: Capture, removed: float) -> float | None:

@@ -140,7 +140,7 @@ def json_values(value: Any) -> Any:
     """Dataclasses, enumerations, numpy scalars and short arrays to what JSON can hold; large arrays are left out."""
     if dataclasses.is_dataclass(value):
         return {field.name: json_values(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Enum):
+    if isinstance(value, Enum) and not isinstance(value, str):
         return value.name
     if isinstance(value, Mapping):
         return {str(key): json_values(item) for key, item in value.items()}

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polaropt import Capture, read_capture
+from polaropt.capture import EncodingHint
 from polaropt.capture.checks import fit_gamma, swapped_photographs
 from polaropt.capture.write import encode_srgb, write_png
 from polaropt.reporting.inspection import inspect_capture
@@ -108,6 +109,23 @@ def test_what_the_file_tells_is_told(tmp_path):
     assert (it.layout, it.sample_type, it.grey_levels) == ("mono mosaic", "uint8", 256)
     assert it.pair_gain == pytest.approx(1.02, abs=3e-3)
     assert it.pair_gain_removed == pytest.approx(1.02, abs=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("hint", "encoded"), [("SRGB_PNG", True), ("JPEG", True), ("SHALLOW_PNG", None), ("NONE", None)]
+)
+def test_the_format_decides_where_the_photographs_do_not_tell(hint, encoded):
+    flat = np.repeat(scene_intensities((128, 128))[:1], 4, axis=0)
+    images = flat + 0.005 * np.random.default_rng(0).standard_normal(flat.shape)
+    capture = Capture(images).with_origin(encoding_hint=EncodingHint[hint])
+    assert inspect_capture(capture).looks_encoded is encoded
+    assert inspect_capture(capture.with_origin(gamma="srgb")).looks_encoded is None
+
+
+def test_what_a_hint_decides_does_not_depend_on_its_words():
+    assert {hint for hint in EncodingHint if hint.decides} == {EncodingHint.SRGB_PNG, EncodingHint.JPEG}
+    values = inspect_capture(scene().with_origin(encoding_hint=EncodingHint.JPEG)).as_dict()
+    assert json.loads(json.dumps(values))["encoding_hint"] == "JPEG files nearly always are"
 
 
 @pytest.mark.parametrize(("bits", "kind"), [(8, np.uint8), (12, np.uint16), (16, np.uint16)])
