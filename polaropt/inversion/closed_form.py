@@ -123,10 +123,10 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     basis = opponent_basis(capture.intensities.shape[1] if capture.color else 1)
     entries = in_basis(basis.astype(np.float32), plate_entries(capture, pse), np)
     level = entries.mean(axis=(-1, -2), keepdims=True)
-    seen = normal_equations(plate_transfer(pse, *canvas.shape), precision, transformed(entries, level, canvas))
+    equations = normal_equations(plate_transfer(pse, *canvas.shape), precision, half_spectra(entries, level, canvas))
     sums = pse.taps.sum(axis=1).T
     mean = _means(level[..., 0, 0], sums, precision * canvas.height * canvas.width, basis)
-    return closed_form_of(seen, initial_power(entries[0] + entries[1]), mean, basis, canvas)
+    return fitted_closed_form(equations, initial_power(entries[0] + entries[1]), mean, basis, canvas)
 
 
 @dataclass(frozen=True)
@@ -138,14 +138,14 @@ class NormalEquations:
     right: Spectrum
 
 
-def closed_form_of(
-    seen: NormalEquations, power: NDArray[np.float64], mean: Images, basis: Basis, canvas: Canvas
+def fitted_closed_form(
+    equations: NormalEquations, power: NDArray[np.float64], mean: Images, basis: Basis, canvas: Canvas
 ) -> ClosedForm:
     """Wiener filter with spectra fitted to what is seen.
 
     Parameters
     ----------
-    seen : NormalEquations
+    equations : NormalEquations
     power : ndarray, shape (channel,)
         Gradient power per colour of the basis: where the fit starts.
     mean : ndarray, shape (2, channel, 1, 1)
@@ -154,13 +154,13 @@ def closed_form_of(
     canvas : Canvas
     """
     bands = FrequencyBands(*canvas.shape)
-    fitted = _fitted(seen, bands, power)
-    known = described(seen, fitted, bands, mean, basis)
-    return replace(known, layers=filtered(seen, known.prior, mean, basis, canvas))
+    fitted = _fitted(equations, bands, power)
+    known = knowledge_of(equations, fitted, bands, mean, basis)
+    return replace(known, layers=wiener_layers(equations, known.prior, mean, basis, canvas))
 
 
-def described(
-    seen: NormalEquations, fitted: FittedSpectra, bands: FrequencyBands, mean: Images, basis: Basis
+def knowledge_of(
+    equations: NormalEquations, fitted: FittedSpectra, bands: FrequencyBands, mean: Images, basis: Basis
 ) -> ClosedForm:
     """What is known of the layers under fitted spectra, without the layers themselves."""
     edges = bands.share * bands.squared_frequency
@@ -168,17 +168,17 @@ def described(
         layers=np.empty(0, dtype=np.float32),
         mean=mean,
         prior=fitted.everywhere(bands),
-        told=seen.told,
-        cross=seen.cross,
+        told=equations.told,
+        cross=equations.cross,
         basis=basis,
         edges=(fitted.prior * edges).sum(axis=-1, dtype=np.float64),
         unknown_edges=(fitted.uncertainty * edges).sum(axis=-1, dtype=np.float64),
         variance=(fitted.uncertainty * bands.share).sum(axis=-1, dtype=np.float64),
-        sampled=_sampled(seen, bands, fitted.prior, basis),
+        sampled=_sampled(equations, bands, fitted.prior, basis),
     )
 
 
-def transformed(entries: Images, level: Images, canvas: Canvas) -> Spectrum:
+def half_spectra(entries: Images, level: Images, canvas: Canvas) -> Spectrum:
     """Half spectra (entries, channel, H, W // 2 + 1) of entries off their level, mirrored and fading in the margins."""
     from scipy.fft import rfft2
 
@@ -202,30 +202,30 @@ def normal_equations(transfer: Spectrum, precision: Matrix, data: Spectrum) -> N
     return NormalEquations(told, cross, right)
 
 
-def _fitted(seen: NormalEquations, bands: FrequencyBands, power: NDArray[np.float64]) -> FittedSpectra:
+def _fitted(equations: NormalEquations, bands: FrequencyBands, power: NDArray[np.float64]) -> FittedSpectra:
     """Spectra fitted at the bands' sample."""
-    of_t, of_r = (layer.ravel()[bands.sample] for layer in seen.told)
-    both = seen.cross.ravel()[bands.sample]
+    of_t, of_r = (layer.ravel()[bands.sample] for layer in equations.told)
+    both = equations.cross.ravel()[bands.sample]
     information = np.array([[of_t, both], [both.conj(), of_r]])
-    sampled = seen.right.reshape(*seen.right.shape[:2], -1)[..., bands.sample]
+    sampled = equations.right.reshape(*equations.right.shape[:2], -1)[..., bands.sample]
     return fit_spectra(information, sampled, bands, power)
 
 
-def _sampled(seen: NormalEquations, bands: FrequencyBands, prior: Power, basis: Basis) -> Knowledge:
-    told = seen.told.reshape(2, -1)[:, bands.sample]
-    cross = np.square(np.abs(seen.cross.ravel()[bands.sample]))
+def _sampled(equations: NormalEquations, bands: FrequencyBands, prior: Power, basis: Basis) -> Knowledge:
+    told = equations.told.reshape(2, -1)[:, bands.sample]
+    cross = np.square(np.abs(equations.cross.ravel()[bands.sample]))
     return Knowledge(told, cross, prior, bands.share, bands.squared_frequency, basis)
 
 
-def filtered(seen: NormalEquations, prior: Power, mean: Images, basis: Basis, canvas: Canvas) -> Images:
+def wiener_layers(equations: NormalEquations, prior: Power, mean: Images, basis: Basis, canvas: Canvas) -> Images:
     """The layers on the canvas that are most likely under Gaussian layers of these spectra."""
     from polaropt.inversion.compiled_whitening import FusedPreconditioner
 
-    hessian = AssumedHessian(seen.told, seen.cross, np.float32(1) / prior, np.zeros(prior.shape[:2]))
+    hessian = AssumedHessian(equations.told, equations.cross, np.float32(1) / prior, np.zeros(prior.shape[:2]))
     whitened = FusedPreconditioner(hessian, mean, basis, canvas.shape[1])
     layers = np.empty((*prior.shape[:2], *canvas.shape), dtype=np.float32)
     nothing = np.zeros(whitened.size, dtype=np.float32)
-    whitened.layers(whitened.whitened(seen.right, nothing, np.eye(len(basis), dtype=np.float32), 0.0), layers)
+    whitened.layers(whitened.whitened(equations.right, nothing, np.eye(len(basis), dtype=np.float32), 0.0), layers)
     return layers
 
 

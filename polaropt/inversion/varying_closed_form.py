@@ -21,12 +21,12 @@ from polaropt.inversion.closed_form import (
     LEAST_INTENSITY,
     ClosedForm,
     NormalEquations,
-    closed_form_of,
-    described,
-    filtered,
+    fitted_closed_form,
+    half_spectra,
     initial_power,
+    knowledge_of,
     normal_equations,
-    transformed,
+    wiener_layers,
 )
 from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Spectrum, fit_spectra
 from polaropt.inversion.transfer import ghost_transfer, ghost_transfer_at
@@ -48,11 +48,11 @@ def varying_layers(capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: flo
     stokes = in_basis(basis.astype(np.float32), least_squares_entries(capture, pse.analyzer), np)
     precision = pse.analyzer.T @ pse.analyzer / noise**2
     mixtures = pse.mixtures(canvas.height, canvas.width)
-    told, layers, covariance = inverted(mixtures, precision, stokes, weak_prior(stokes))
+    told, layers, covariance = pixel_layers(mixtures, precision, stokes, weak_prior(stokes))
     level = layers.mean(axis=(-1, -2), keepdims=True)
     information = np.linalg.inv(covariance)
-    right = np.tensordot(information.astype(np.float32), transformed(layers, level, canvas), axes=1)
-    known = closed_form_of(_everywhere(information, right), initial_power(stokes[0] / 2), level, basis, canvas)
+    right = np.tensordot(information.astype(np.float32), half_spectra(layers, level, canvas), axes=1)
+    known = fitted_closed_form(_everywhere(information, right), initial_power(stokes[0] / 2), level, basis, canvas)
     # What is told on average, not what is left open on average, makes the coordinates round.
     mean = _everywhere(told.mean(axis=(-1, -2), dtype=np.float64), right)
     return replace(known, told=mean.told, cross=mean.cross)
@@ -68,7 +68,7 @@ def varying_pixel_layers(capture: Capture, pse: VaryingPSE) -> Images:
     """Counterpart of `polaropt.inversion.closed_form.per_pixel_layers`: layers (2, [channel,] h, w)."""
     stokes = least_squares_entries(capture, pse.analyzer)
     precision = pse.analyzer.T @ pse.analyzer
-    _, layers, _ = inverted(pse.mixtures(*capture.shape[-2:]), precision, stokes, _LEAST_INFORMATION)
+    _, layers, _ = pixel_layers(pse.mixtures(*capture.shape[-2:]), precision, stokes, _LEAST_INFORMATION)
     return layers if capture.color else layers[:, 0]
 
 
@@ -79,7 +79,7 @@ def _everywhere(information: NDArray[Any], right: NDArray[Any]) -> NormalEquatio
     return NormalEquations(told, (information[0, 1] * flat).astype(np.complex64), right)
 
 
-def inverted(
+def pixel_layers(
     mixtures: Images, precision: NDArray[np.float64], stokes: Images, stiffness: float
 ) -> tuple[Images, Images, NDArray[np.float64]]:
     """Each pixel's layers from its own photographs.
@@ -134,15 +134,15 @@ def ghost_layers(capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float
     stokes = in_basis(basis.astype(np.float32), least_squares_entries(capture, pse.analyzer), np)
     precision = pse.analyzer.T @ pse.analyzer / noise**2
     mixtures = pse.mixtures(canvas.height, canvas.width)
-    _, in_place, _ = inverted(mixtures, precision, stokes, weak_prior(stokes))
+    _, in_place, _ = pixel_layers(mixtures, precision, stokes, weak_prior(stokes))
     mean: Images = in_place.mean(axis=(-1, -2), keepdims=True)
     # What the means show is another thing in every pixel; the filters see the rest.
     rest = stokes - np.einsum("ilhw,lc->ichw", mixtures, mean[..., 0, 0])
     panes = _Panes(pse, precision, canvas)
     bands = FrequencyBands(*canvas.shape)
     fitted = _fitted(panes, rest, bands, initial_power(stokes[0] / 2))
-    seen, layers = _blended(panes, rest, fitted.everywhere(bands), mean, basis)
-    return replace(described(seen, fitted, bands, mean, basis), layers=layers)
+    equations, layers = _blended(panes, rest, fitted.everywhere(bands), mean, basis)
+    return replace(knowledge_of(equations, fitted, bands, mean, basis), layers=layers)
 
 
 class _Panes:
@@ -153,12 +153,12 @@ class _Panes:
         self.canvas, self._precision = canvas, precision
         self._mixtures, self._displacements = pse.ghost_mixtures(*frame), pse.displacements(*frame)
 
-    def seen(self, place: _Place, data: Spectrum) -> NormalEquations:
+    def equations(self, place: _Place, data: Spectrum) -> NormalEquations:
         """What spectra (3, channel, H, W // 2 + 1) tell of the layers if all the pane is as at a place."""
         transfer = ghost_transfer(self._taps(place), self._displacements, *self.canvas.shape)
         return normal_equations(transfer, self._precision, data)
 
-    def seen_at(self, place: _Place, data: Spectrum, sample: NDArray[np.intp]) -> NormalEquations:
+    def equations_at(self, place: _Place, data: Spectrum, sample: NDArray[np.intp]) -> NormalEquations:
         """The same at a sample of the frequencies, flat indices: data (3, channel, n)."""
         transfer = ghost_transfer_at(self._taps(place), self._displacements, self.canvas.shape, sample)
         return normal_equations(transfer, self._precision, data)
@@ -191,9 +191,9 @@ def _fitted(panes: _Panes, rest: Images, bands: FrequencyBands, power: NDArray[n
         window = window / np.sqrt(np.square(window).mean())
         data = _spectra(rest * window, panes.canvas)
         sampled = data.reshape(*data.shape[:2], -1)[..., bands.sample[own]]
-        seen = panes.seen_at(place, sampled, bands.sample[own])
-        information[..., own] = [[seen.told[0], seen.cross], [seen.cross.conj(), seen.told[1]]]
-        right[..., own] = seen.right
+        equations = panes.equations_at(place, sampled, bands.sample[own])
+        information[..., own] = [[equations.told[0], equations.cross], [equations.cross.conj(), equations.told[1]]]
+        right[..., own] = equations.right
     return fit_spectra(information, right, bands, power)
 
 
@@ -204,12 +204,12 @@ def _blended(panes: _Panes, rest: Images, prior: Images, mean: Images, basis: Ba
     told, cross = np.zeros((2, *data.shape[-2:]), np.float32), np.zeros(data.shape[-2:], np.complex64)
     places = list(_places(panes.canvas, _N_FILTERS))
     for place in places:
-        seen = panes.seen(place, data)
-        told += seen.told / np.float32(len(places))
-        cross += seen.cross / np.float32(len(places))
-        layers += place.weights * filtered(seen, prior, mean, basis, panes.canvas)
+        equations = panes.equations(place, data)
+        told += equations.told / np.float32(len(places))
+        cross += equations.cross / np.float32(len(places))
+        layers += place.weights * wiener_layers(equations, prior, mean, basis, panes.canvas)
     return NormalEquations(told, cross, np.empty(0, dtype=np.complex64)), layers
 
 
 def _spectra(images: Images, canvas: Canvas) -> Spectrum:
-    return transformed(images, np.zeros((*images.shape[:2], 1, 1), np.float32), canvas)
+    return half_spectra(images, np.zeros((*images.shape[:2], 1, 1), np.float32), canvas)

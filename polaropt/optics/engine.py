@@ -309,7 +309,7 @@ class VaryingPSE:
         """Ghosts of each layer that are kept in images of this size."""
         if self._n_ghosts is not None or not self.scene.has_ghosts:
             return 1 if self._n_ghosts is None else self._n_ghosts
-        return ghosts_seen(self.scene, (height, width), self._center, _FAINT)
+        return ghosts_that_show(self.scene, (height, width), self._center, _FAINT)
 
     def center(self, height: int, width: int) -> tuple[float, float]:
         """Column and row of the principal point in images of this size."""
@@ -362,7 +362,7 @@ class VaryingPSE:
         return xp.asarray(mixtures, dtype=images.dtype, device=device)
 
 
-def ghosts_seen(
+def ghosts_that_show(
     scene: SceneParameters, shape: tuple[int, int], center: tuple[float, float] | None, share: float
 ) -> int:
     """Ghosts that carry more than `share` of the light somewhere in images of this shape."""
@@ -435,4 +435,4 @@ def bounces_that_show(
     share = _GHOST_SHARE * noise
     if not scene.varies:
         return ghosts_that_matter(scene, share)
-    return ghosts_seen(scene, (shape[0], shape[1]), center, share) if scene.has_ghosts else 1
+    return ghosts_that_show(scene, (shape[0], shape[1]), center, share) if scene.has_ghosts else 1

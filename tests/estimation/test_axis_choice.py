@@ -11,7 +11,7 @@ from polaropt import SceneParameters, SeparationWarning, separate
 from polaropt.capture.capture import Capture
 from polaropt.capture.noise import noise_level
 from polaropt.capture.polarization import plate_frame, stokes_images
-from polaropt.estimation.flat.azimuth import HIGH_STAKE, NOTABLE_STAKE, AxisChoice, Pane, choose_axis, log_odds
+from polaropt.estimation.flat.azimuth import HIGH_STAKE, NOTABLE_STAKE, AxisCandidate, AxisChoice, choose_axis, log_odds
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.search import SceneSearch, Trial, evidence
 from polaropt.estimation.ladder import find_scene
@@ -25,22 +25,23 @@ BLIND = SceneParameters(None, None, None)
 NOISE = 0.005
 
 
-def panes_of(capture: Capture, azimuth_deg: float, trials: tuple[Trial, Trial]) -> tuple[Pane, Pane]:
+def panes_of(capture: Capture, azimuth_deg: float, trials: tuple[Trial, Trial]) -> tuple[AxisCandidate, AxisCandidate]:
     seen = evidence(plate_frame(stokes_images(capture, noise_level(capture)), azimuth_deg))
     pair = zip((seen, seen.across()), trials, strict=True)
     first, second = (
-        Pane(part, trial, float(SceneSearch(part, BLIND, None).shift_curve(trial)[1].min())) for part, trial in pair
+        AxisCandidate(part, trial, float(SceneSearch(part, BLIND, None).shift_curve(trial)[1].min()))
+        for part, trial in pair
     )
     return first, second
 
 
 @pytest.fixture(scope="module")
-def panes() -> tuple[Pane, Pane]:
+def panes() -> tuple[AxisCandidate, AxisCandidate]:
     """The true pane first, then one across with the layers exchanged, all bounces in place."""
     return panes_of(blend(60, 128).capture, 25.0, (Trial(60.0, 5.3, 0.0), Trial(82.0, 0.0, 0.0)))
 
 
-def test_the_true_pane_is_the_likelier_whichever_comes_first(panes: tuple[Pane, Pane]) -> None:
+def test_the_true_pane_is_the_likelier_whichever_comes_first(panes: tuple[AxisCandidate, AxisCandidate]) -> None:
     assert log_odds(panes, BLIND, NOISE) > 5
     assert log_odds(panes[::-1], BLIND, NOISE) == pytest.approx(-log_odds(panes, BLIND, NOISE))
     assert choose_axis(panes, BLIND, NOISE).best == 0
@@ -48,13 +49,17 @@ def test_the_true_pane_is_the_likelier_whichever_comes_first(panes: tuple[Pane, 
     assert choose_axis(panes, BLIND, NOISE).stake < NOTABLE_STAKE
 
 
-def test_scores_that_differ_by_more_than_the_noise_bends_them_settle_it(panes: tuple[Pane, Pane]) -> None:
+def test_scores_that_differ_by_more_than_the_noise_bends_them_settle_it(
+    panes: tuple[AxisCandidate, AxisCandidate],
+) -> None:
     better = replace(panes[1], trial=replace(panes[1].trial, score=panes[0].trial.score - 3 * NOISE))
     assert choose_axis((panes[0], better), BLIND, NOISE) == AxisChoice(1, 0.0)
     assert choose_axis((panes[0], better), BLIND, 2 * NOISE).stake > 0
 
 
-def test_a_pane_as_good_as_itself_is_as_likely_and_not_worth_the_risk(panes: tuple[Pane, Pane]) -> None:
+def test_a_pane_as_good_as_itself_is_as_likely_and_not_worth_the_risk(
+    panes: tuple[AxisCandidate, AxisCandidate],
+) -> None:
     same = choose_axis((panes[0], panes[0]), BLIND, NOISE)
     assert log_odds((panes[0], panes[0]), BLIND, NOISE) == 0
     # Half the chance of being twice as far off as the intensity.

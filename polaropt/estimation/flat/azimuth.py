@@ -132,12 +132,12 @@ HIGH_STAKE, NOTABLE_STAKE = 0.5, 0.25
 
 
 @dataclass(frozen=True)
-class Pane:
-    """One of the two.
+class AxisCandidate:
+    """One of two panes across each other.
 
     Attributes
     ----------
-    seen : Evidence
+    evidence : Evidence
         What the search reads of the capture along this pane.
     trial : Trial
         The best one.
@@ -145,7 +145,7 @@ class Pane:
         Of the spectra at its incidence, over all shifts.
     """
 
-    seen: Evidence
+    evidence: Evidence
     trial: Trial
     least_misfit: float
 
@@ -166,7 +166,7 @@ class AxisChoice:
     stake: float
 
 
-def choose_axis(panes: tuple[Pane, Pane], scene: SceneParameters, noise: float) -> AxisChoice:
+def choose_axis(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParameters, noise: float) -> AxisChoice:
     """Weigh the chance of each pane with what the transmission loses where it is taken and the other one is right.
 
     Both take a multiple of the polarized light off the intensity, c_0 and c_1 in opposite directions (all bounces in
@@ -174,7 +174,7 @@ def choose_axis(panes: tuple[Pane, Pane], scene: SceneParameters, noise: float) 
 
     Parameters
     ----------
-    panes : (Pane, Pane)
+    panes : (AxisCandidate, AxisCandidate)
         The best trial at an azimuth and at the one across.
     scene : SceneParameters
         Index and surfaces of the pane.
@@ -193,35 +193,35 @@ def choose_axis(panes: tuple[Pane, Pane], scene: SceneParameters, noise: float) 
     return AxisChoice(best, stakes[best])
 
 
-def log_odds(panes: tuple[Pane, Pane], scene: SceneParameters, noise: float) -> float:
+def log_odds(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParameters, noise: float) -> float:
     """Natural logarithm of how much likelier the first pane is; parameters as for `choose_axis`.
 
     From the likelihood of the spectra, less trusted the more it differs between parts of the frame; from the search's
     score, which noise biases; and from how often panes are seen at such an incidence: those of random directions show
     a projected area that goes with the sine of twice the incidence.
     """
-    n = float(panes[0].seen.spectra.multiplicity.sum())
-    found, error = _likelier(panes, scene)
-    told = _AS_FOUND * found + _AT_BEST * (panes[1].least_misfit - panes[0].least_misfit)
+    n = float(panes[0].evidence.spectra.multiplicity.sum())
+    gain, error = _likelier(panes, scene)
+    likelier = _AS_FOUND * gain + _AT_BEST * (panes[1].least_misfit - panes[0].least_misfit)
     of_score = _OF_SCORE * (panes[1].trial.score - panes[0].trial.score) / noise
     area = [math.sin(2 * math.radians(_incidence(pane))) for pane in panes]
-    return n * told / math.hypot(1, n * error) + of_score + math.log(area[0] / area[1])
+    return n * likelier / math.hypot(1, n * error) + of_score + math.log(area[0] / area[1])
 
 
-def _incidence(pane: Pane) -> float:
+def _incidence(pane: AxisCandidate) -> float:
     lowest, highest = INCIDENCE_LIMITS_DEG
     return min(max(pane.trial.incidence_deg, lowest), highest)
 
 
-def _likelier(panes: tuple[Pane, Pane], scene: SceneParameters) -> tuple[float, float]:
+def _likelier(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParameters) -> tuple[float, float]:
     """Log likelihood per frequency by which the first pane is the likelier, at the shifts found, and its error."""
 
-    def misfit(pane: Pane, spectra: CrossSpectra) -> float:
+    def misfit(pane: AxisCandidate, spectra: CrossSpectra) -> float:
         trial = pane.trial
         return float(ShiftLikelihood(spectra, scene).misfit(trial.incidence_deg, [trial.ghost_shift])[0])
 
     first, second = panes
-    gain = misfit(second, second.seen.spectra) - misfit(first, first.seen.spectra)
-    parts = zip(first.seen.spectra.left_out(), second.seen.spectra.left_out(), strict=True)
+    gain = misfit(second, second.evidence.spectra) - misfit(first, first.evidence.spectra)
+    parts = zip(first.evidence.spectra.left_out(), second.evidence.spectra.left_out(), strict=True)
     gains = np.array([misfit(second, b) - misfit(first, a) for a, b in parts])
     return gain, jackknife_error(gains) if gains.size else 0.0

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from polaropt.capture import Capture, PlateFrame, noise_level, plate_frame, stokes_images
-from polaropt.estimation.flat.azimuth import HIGH_STAKE, Pane, choose_axis, principal_axis
+from polaropt.estimation.flat.azimuth import HIGH_STAKE, AxisCandidate, choose_axis, principal_axis
 from polaropt.estimation.flat.errors import widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
@@ -158,7 +158,7 @@ def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness
         return _Taken(frames[best], searches[best], searches[best].improved(trials[best]), abs(margin))
     trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
     panes = [
-        Pane(part, trial, float(search.shift_curve(trial)[1].min()))
+        AxisCandidate(part, trial, float(search.shift_curve(trial)[1].min()))
         for part, search, trial in zip(seens, searches, trials, strict=True)
     ]
     choice = choose_axis((panes[0], panes[1]), scene, noise)

@@ -37,7 +37,7 @@ def pane_vectors(mixing: Array, light: Array, cosine: Array, sine: Array, out: A
 
     `mixing` (3, 3) leads from the plate's entries to the whitened components, `light` (layer, entry, 3) holds direct
     light, first ghost and the ratio of ghosts; the phase of one ghost step is told by its cosine and sine (n,).
-    The sum over all ghosts is `polaropt.optics.ghost_sum`, written out: kernels call only those of their own file.
+    The sum over all ghosts is `polaropt.optics.ghost_sum`, written out for the compiler.
     """
     for n in range(cosine.size):
         for layer in range(2):
