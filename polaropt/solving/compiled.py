@@ -33,6 +33,7 @@ from solvers.kernels import in_blocks
 
 Images = NDArray[np.float32]
 
+# Rows that a thread takes at a time: as short a wait at the end as is worth a call; set by hand.
 _ROWS = 32
 
 
@@ -113,7 +114,9 @@ class FusedPenalties:
         return {"gradient_sparsity": sum(sparse), "edge_independence": self._shared * sum(shared)}
 
 
+# Singular values below this share of the largest are rounding.
 _SINGULAR = 1e-9
+# A displacement this near to whole pixels is one, in pixels: rounding of an angle's sine.
 _SNAP = 1e-9
 
 
@@ -129,7 +132,7 @@ class Information:
     """From the photographs to what no entries explain, in units of the noise: one matrix (rest, k) a kind."""
 
 
-class Whitened:
+class WhitenedPhotographs:
     """Photographs reduced to the residuals' data, and what whitens entries to compare with them.
 
     Parameters
@@ -173,23 +176,23 @@ class FusedMisfit:
     """
 
     def __init__(self, capture: Capture, pse: PSE, canvas: Canvas, noise: float | NoiseClasses) -> None:
-        self._seen = Whitened(capture, pse.mixing[:, : pse.taps.shape[2]], noise)
+        self._photographs = WhitenedPhotographs(capture, pse.mixing[:, : pse.taps.shape[2]], noise)
         self._ghosts = ghosts_of(pse)
         self._corner = (canvas.top, canvas.left)
 
     def value_and_grad(self, layers: Images, gradient: Images, weight: float = 1.0) -> float:
         """Value at canvas layers (2, channel, H, W); `gradient` is overwritten by weight times the gradient."""
-        seen, ghosts, factor = self._seen, self._ghosts, np.float32(weight)
+        whitened, ghosts, factor = self._photographs, self._ghosts, np.float32(weight)
         top, left = self._corner
 
         def rows(start: int, stop: int) -> float:
-            parts = (seen.roots, seen.kinds, seen.data, factor, seen.slopes)
+            parts = (whitened.roots, whitened.kinds, whitened.data, factor, whitened.slopes)
             return float(residuals(layers, top, left, ghosts, *parts, start, stop))
 
         def planes(start: int, stop: int) -> None:
-            spread(seen.slopes, top, left, ghosts, gradient, start, stop)
+            spread(whitened.slopes, top, left, ghosts, gradient, start, stop)
 
-        value = sum(in_blocks(rows, seen.height, _ROWS)) + seen.constant
+        value = sum(in_blocks(rows, whitened.height, _ROWS)) + whitened.constant
         in_blocks(planes, 2 * layers.shape[1], 1)
         return value
 
@@ -236,8 +239,8 @@ def _information(mixing: NDArray[np.float64], sigmas: NDArray[np.float64], patte
     for trusted, noise in zip(patterns, sigmas, strict=True):
         known = mixing * trusted[:, None] / noise
         left, singular, right = np.linalg.svd(known, full_matrices=True)
-        told = singular > _SINGULAR * max(singular[0], 1e-300)
-        n = int(told.sum())
+        regular = singular > _SINGULAR * max(singular[0], 1e-300)
+        n = int(regular.sum())
         roots.append(right.T @ np.diag(singular) @ right)
         to_data.append(right[:n].T @ left[:, :n].T * trusted / noise)
         to_rest.append(left[:, n:].T * trusted / noise)
@@ -274,28 +277,28 @@ class FusedVaryingMisfit:
     """
 
     def __init__(self, capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float | NoiseClasses) -> None:
-        self._seen = Whitened(capture, pse.analyzer, noise)
+        self._photographs = WhitenedPhotographs(capture, pse.analyzer, noise)
         self._mixtures = pse.mixtures(canvas.height, canvas.width)
         self._corner = (canvas.top, canvas.left)
 
     def value_and_grad(self, layers: Images, gradient: Images, weight: float = 1.0) -> float:
         """Value at canvas layers (2, channel, H, W); `gradient` is overwritten by weight times the gradient."""
-        seen, factor = self._seen, np.float32(weight)
+        whitened, factor = self._photographs, np.float32(weight)
         top, left = self._corner
         gradient[...] = 0
 
         def rows(start: int, stop: int) -> float:
-            parts = (self._mixtures, seen.roots, seen.kinds, seen.data, factor, seen.slopes)
+            parts = (self._mixtures, whitened.roots, whitened.kinds, whitened.data, factor, whitened.slopes)
             return float(varying_residuals(layers, top, left, *parts, gradient, start, stop))
 
-        return sum(in_blocks(rows, seen.height, _ROWS)) + seen.constant
+        return sum(in_blocks(rows, whitened.height, _ROWS)) + whitened.constant
 
 
 class FusedGhostMisfit:
     """The same with ghosts beside each other; parameters as of `FusedVaryingMisfit`."""
 
     def __init__(self, capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float | NoiseClasses) -> None:
-        self._seen = Whitened(capture, pse.analyzer, noise)
+        self._photographs = WhitenedPhotographs(capture, pse.analyzer, noise)
         frame = (canvas.height, canvas.width)
         self._mixtures = pse.ghost_mixtures(*frame)
         shown = np.abs(self._mixtures).max(axis=(0, 3, 4))[..., None].astype(np.float64)
@@ -304,17 +307,17 @@ class FusedGhostMisfit:
 
     def value_and_grad(self, layers: Images, gradient: Images, weight: float = 1.0) -> float:
         """Value at canvas layers (2, channel, H, W); `gradient` is overwritten by weight times the gradient."""
-        seen, ghosts, mixtures, factor = self._seen, self._ghosts, self._mixtures, np.float32(weight)
+        whitened, ghosts, mixtures, factor = self._photographs, self._ghosts, self._mixtures, np.float32(weight)
         top, left = self._corner
 
         def rows(start: int, stop: int) -> float:
-            parts = (seen.roots, seen.kinds, seen.data, factor, seen.slopes)
+            parts = (whitened.roots, whitened.kinds, whitened.data, factor, whitened.slopes)
             return float(varying_ghost_residuals(layers, top, left, ghosts, mixtures, *parts, start, stop))
 
         def planes(start: int, stop: int) -> None:
-            varying_ghost_spread(seen.slopes, top, left, ghosts, mixtures, gradient, start, stop)
+            varying_ghost_spread(whitened.slopes, top, left, ghosts, mixtures, gradient, start, stop)
 
-        value = sum(in_blocks(rows, seen.height, _ROWS)) + seen.constant
+        value = sum(in_blocks(rows, whitened.height, _ROWS)) + whitened.constant
         in_blocks(planes, 2 * layers.shape[1], 1)
         return value
 

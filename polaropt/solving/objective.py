@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
+from array_api_compat import array_namespace, is_torch_namespace
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseClasses
 from polaropt.errors import InputError
-from polaropt.inversion import Canvas, ClosedForm
+from polaropt.inversion import Canvas, ClosedForm, FourierPreconditioner
 from polaropt.optics import PSE, VaryingPSE
 from priors.base import CHROMA_WEIGHT, Regularizer
 from priors.edge_independence import EdgeIndependence
@@ -24,14 +24,23 @@ from priors.gradient_sparsity import GradientSparsity, LayerSparsity
 from priors.natural_image import NaturalImage
 from priors.nonnegativity import Nonnegativity
 
-# Found with ``python -m studies.paper_protocol``.
+Images = NDArray[np.float32]
+Placing = Callable[[NDArray[Any]], Any]
+"""Turns numpy arrays into those to work with, such as tensors on a device."""
+
+# The next six were found with ``python -m studies.paper_protocol``.
+# Strength of the gradients' sparsity, where the photographs tell a layer.
 _SPARSITY = 7.0
+# Gradient energies that count as none, in parts of the layer's mean one and of what the photographs leave open of it.
 _INDISTINCT = 0.02**2
 _UNCERTAIN = 0.15
+# Share of its weight that the spectral prior keeps where the sparse one has all of its own.
 _LEAST_SPECTRAL = 0.4
-# Share of the reflection's gradient energy that must be told before edges and signs may be divided between the layers.
-_TOLD = 0.2
+# Share of the reflection's gradient energy that must be known before edges and signs may be divided between the layers.
+_KNOWN_ENOUGH = 0.2
+# Strength of the edges' independence.
 _INDEPENDENCE = 0.1
+# Residual in standard deviations of the noise, beyond which a robust solve counts it linearly: set by hand.
 _ROBUST_SIGMAS = 3.0
 
 
@@ -121,7 +130,7 @@ class Misfit:
         canvas: Canvas,
         noise: float | NoiseClasses,
         robust: bool = False,
-        place: Callable[[NDArray[Any]], Any] = np.asarray,
+        place: Placing = np.asarray,
     ) -> None:
         shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
         self._photographs = place(canvas.pad_zeros(capture.intensities.reshape(shape)))
@@ -211,7 +220,7 @@ class Penalties:
     others: Mapping[str, Regularizer] = field(default_factory=dict)
     """Those without a compiled pass, for the layers within the frame."""
 
-    def placed(self, place: Callable[[NDArray[Any]], Any]) -> Penalties:
+    def placed(self, place: Placing) -> Penalties:
         """With arrays that `place` has turned into those to work with."""
         natural = self.natural_image
         parts = (place(natural.stiffness), place(natural.mean), place(natural.basis.astype(np.float32)))
@@ -227,18 +236,18 @@ def default_penalties(known: ClosedForm, noise: float) -> Penalties:
     scale, unknown = _gradient_energy(known.edges), _gradient_energy(known.unknown_edges)
     open_share = unknown_shares(known)
     floor = _INDISTINCT * scale + _UNCERTAIN * unknown
-    told = min(1.0, float(1 - open_share[1]) / _TOLD) ** 2
+    known_enough = min(1.0, float(1 - open_share[1]) / _KNOWN_ENOUGH) ** 2
     sparsity = [
-        LayerSparsity(_SPARSITY * told * float(1 - share), float(size), float(least))
+        LayerSparsity(_SPARSITY * known_enough * float(1 - share), float(size), float(least))
         for share, size, least in zip(open_share, scale, floor, strict=True)
     ]
-    spectral = np.maximum(open_share, 1 - told * (1 - _LEAST_SPECTRAL)).astype(np.float32)
+    spectral = np.maximum(open_share, 1 - known_enough * (1 - _LEAST_SPECTRAL)).astype(np.float32)
     typical = scale + unknown
     variance = noise**2 + known.variance.mean(axis=1)
     return Penalties(
-        edge_independence=EdgeIndependence(_INDEPENDENCE * told, (float(typical[0]), float(typical[1]))),
+        edge_independence=EdgeIndependence(_INDEPENDENCE * known_enough, (float(typical[0]), float(typical[1]))),
         gradient_sparsity=GradientSparsity((sparsity[0], sparsity[1])),
-        nonnegativity=Nonnegativity((told / float(variance[0]), told / float(variance[1]))),
+        nonnegativity=Nonnegativity((known_enough / float(variance[0]), known_enough / float(variance[1]))),
         natural_image=NaturalImage(spectral[:, None, None, None] / known.prior, known.mean, known.basis),
         others={
             term.name: term.metadata[_PENALTY](known, noise) for term in fields(Weights) if _PENALTY in term.metadata
@@ -273,3 +282,56 @@ def _gradient_energy(per_color: NDArray[np.float64]) -> NDArray[np.float64]:
     color_weights[0] = 1.0
     energy: NDArray[np.float64] = per_color @ color_weights
     return energy
+
+
+class WhitenedObjective:
+    """The counterpart of `polaropt.solving.compiled.FusedObjective` that is meant to be read, and that runs on a GPU.
+
+    Parameters
+    ----------
+    objective : Objective
+    preconditioner : FourierPreconditioner
+    place : callable, optional
+        Turns numpy arrays into those that the two were made with, such as tensors on a device.
+    """
+
+    def __init__(
+        self, objective: Objective, preconditioner: FourierPreconditioner, place: Placing = np.asarray
+    ) -> None:
+        self._objective, self._whitened, self._place = objective, preconditioner, place
+
+    @property
+    def misfit(self) -> float:
+        """Raw misfit at the last evaluation; infinite before the first."""
+        return self._objective.misfit
+
+    def coordinates(self, layers: Images) -> Any:
+        """Coordinates of canvas layers, on the device."""
+        return self._whitened.coordinates(self._place(layers))
+
+    def value_and_grad(self, z: Any) -> tuple[float, Any]:
+        """Value (float64) and gradient (float32) at coordinates z."""
+        value, gradient = self._objective.value_and_grad(self._whitened.layers(z))
+        return value, self._whitened.gradient(gradient)
+
+    def solution(self, z: Any) -> tuple[Images, dict[str, Term]]:
+        """Canvas layers (2, channel, H, W) at z as a numpy array, and the terms."""
+        layers = self._whitened.layers(self._place(z) if isinstance(z, np.ndarray) else z)
+        there = is_torch_namespace(array_namespace(layers))
+        return np.asarray(layers.cpu() if there else layers), self._objective.terms(layers)
+
+
+def on_device(device: str) -> Placing:
+    """What turns numpy arrays into tensors on a device.
+
+    Parameters
+    ----------
+    device : str
+        As torch names it: "cpu", "cuda", "cuda:1".
+    """
+    import torch
+
+    def place(array: NDArray[Any]) -> Any:
+        return torch.from_numpy(np.ascontiguousarray(array)).to(device)
+
+    return place

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from priors.observation import Observation
 
 
+# Incidences of the panes that the paper's form chooses from, first and last: set by hand; the networks shipped were
+# trained with these.
 _CANDIDATES_DEG = (8.0, 88.0)
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]

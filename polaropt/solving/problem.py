@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, NoiseClasses, NoiseModel, noise_classes
 from polaropt.inversion import Canvas, ClosedForm, FourierPreconditioner, canvas_for, natural_image_layers
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
-from polaropt.solving.objective import Misfit, Term, Weights, build_objective, default_penalties
+from polaropt.solving.objective import (
+    Misfit,
+    Term,
+    Weights,
+    WhitenedObjective,
+    build_objective,
+    default_penalties,
+    on_device,
+)
 
 if TYPE_CHECKING:
     from polaropt.solving.compiled import MisfitInPlace
@@ -20,6 +28,7 @@ if TYPE_CHECKING:
 
 FILLINGS = 2
 """Times that the closed form is repeated; a third hardly changes it."""
+# Share of values without trust that the closed form suffers from: set by hand.
 _MUCH = 2e-3
 
 
@@ -45,6 +54,7 @@ def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
 
 Images = NDArray[np.float32]
 
+# Rows that are simulated at a time: bounds the memory, changes nothing.
 _STRIP_ROWS = 128
 
 
@@ -151,7 +161,6 @@ class Problem:
     def readable(self, start: Images, device: str | None = None) -> Coordinates:
         """The same in its readable form, on numpy arrays or on torch tensors of a device."""
         from polaropt.solving.compiled import FusedPenalties, assumed_hessian
-        from polaropt.solving.whitened import WhitenedObjective, on_device
 
         place = np.asarray if device is None else on_device(device)
         misfit = Misfit(self.capture, self._on_canvas(), self.canvas, self._pixel_noise, self._robust, place)

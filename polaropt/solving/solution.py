@@ -16,16 +16,16 @@ from polaropt.errors import InputError
 from polaropt.inversion import Canvas, Knowledge
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.progress import Stages
-from polaropt.solving.kept_start import KeptStart
 from polaropt.solving.objective import Term, Weights
 from polaropt.solving.problem import Coordinates, Problem
-from polaropt.solving.starts import is_kept, take_start
+from polaropt.solving.starts import KeptStart, is_kept, take_start
 from solvers.base import SolverResult, Status, StopSolving, TooLarge, TracePoint
 from solvers.base import StoppingRule as StoppingRule  # part of this wing's face
 from solvers.registry import get_solver
 
-# An image with no longer side is solved in one piece.
 LARGEST_TILE = 800
+"""Longest side in pixels that is solved in one piece: what a tile needs of memory; set by hand."""
+# Pixels in which neighbours overlap and fade into each other: more than ghosts reach; set by hand.
 _OVERLAP = 64
 
 
@@ -95,8 +95,8 @@ Images = NDArray[np.float32]
 # Fractions of a separation at which its stages begin, for the progress alone: set by hand.
 _CLOSED_FORM, _SOLVING, _TAKING_STOCK = 0.3, 0.4, 0.97
 _REACH = _TAKING_STOCK - _CLOSED_FORM
-# The one that says most of a whole whose tiles ended differently, first.
-_GRAVITY = (
+# Of tiles that ended differently the whole has the status that stands first.
+_BY_SEVERITY = (
     Status.NOT_FINITE,
     Status.TIME_LIMIT,
     Status.EVALUATION_LIMIT,
@@ -187,8 +187,8 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Place:
-    """A tile, its number among all, and the principal point (column, row) as seen from its corner."""
+class Part:
+    """A tile to solve, its number among all, and the principal point (column, row) as seen from its corner."""
 
     tile: Tile
     number: int
@@ -233,27 +233,27 @@ def solve(
     parts = tiles(height, width)
     middle = ((width - 1) / 2, (height - 1) / 2)
 
-    def solved(part: Capture, place: Place) -> Solution:
+    def solved(part: Capture, place: Part) -> Solution:
         stages.begin("Closed form", place.reached)
         problem = Problem(part, scene, noise, settings.weights, settings.robust, place.center, growth=growth)
         return _solve_tile(problem, settings, stages, place)
 
     if len(parts) == 1:
-        return solved(capture, Place(parts[0], 0, 1, middle))
+        return solved(capture, Part(parts[0], 0, 1, middle))
     colors = capture.shape[0] if capture.color else 1
     layers = np.zeros((2, colors, height, width), dtype=np.float32)
     solutions: list[Solution] = []
     for i, tile in enumerate(parts):
-        place = Place(tile, i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
+        place = Part(tile, i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
         solution = solved(capture.part(*tile.where), place)
         layers[:, :, tile.rows, tile.columns] += tile.weights * solution.layers
         nothing = np.empty(0, dtype=np.float32)
         solutions.append(replace(solution, layers=nothing, canvas_layers=nothing))
     pse = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:])
-    return _together(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
+    return _merge(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
 
 
-def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Place) -> Solution:
+def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Part) -> Solution:
     """One tile, in the time that is its own."""
     share, stopping = 1 / place.of, settings.stopping
     unknown = problem.known.sampled.unknown_detail(problem.canvas.crop(problem.known.layers[1]))
@@ -272,11 +272,11 @@ def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Pla
 
     minimizer = get_solver(settings.solver)
     try:
-        result = minimizer.minimize(_watched(objective, kept, advance), z, _shared(stopping, share))
+        result = minimizer.minimize(_with_progress(objective, kept, advance), z, _stopping_of_tile(stopping, share))
     except TooLarge as error:
         raise InputError(str(error)) from None
     stages.begin("Taking stock", place.reached + _REACH * share)
-    layers, terms, result = _ended(objective, result, kept)
+    layers, terms, result = _end_of(objective, result, kept)
     return Solution(
         layers=np.ascontiguousarray(problem.canvas.crop(layers)),
         terms=terms,
@@ -292,7 +292,7 @@ def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Pla
     )
 
 
-def _watched(
+def _with_progress(
     objective: Coordinates, kept: KeptStart | None, advance: Callable[[int], None]
 ) -> Callable[[Any], tuple[float, Any]]:
     """Value and gradient, which tell their number, and stop where a start that is to be kept is the end."""
@@ -308,31 +308,31 @@ def _watched(
     return evaluate
 
 
-def _ended(
+def _end_of(
     objective: Coordinates, result: SolverResult, kept: KeptStart | None
 ) -> tuple[Images, dict[str, Term], SolverResult]:
     """Canvas layers where the solver ended, or on the way there from a start that is to be kept."""
     layers, terms = objective.solution(result.x)
     if kept is None or result.n_evaluations == 1:
         return layers, terms, result
-    layers, terms = kept.left(objective, layers)
+    layers, terms = kept.nearest(objective, layers)
     return layers, terms, replace(result, value=sum(term.weight * term.value for term in terms.values()))
 
 
-def _shared(stopping: StoppingRule, share: float) -> StoppingRule:
+def _stopping_of_tile(stopping: StoppingRule, share: float) -> StoppingRule:
     """A tile's part of the time; evaluations are counted per tile."""
     return stopping if stopping.seconds is None else replace(stopping, seconds=stopping.seconds * share)
 
 
-def _together(
+def _merge(
     solutions: list[Solution], parts: list[Tile], layers: Images, frame: Canvas, pse: PSE | VaryingPSE
 ) -> Solution:
     areas = np.array([tile.weights.sum() for tile in parts])
     mean = areas / areas.sum()
     return Solution(
         layers=layers,
-        terms=_summed_terms([solution.terms for solution in solutions]),
-        solver=_joined([solution.solver for solution in solutions]),
+        terms=_sum_terms([solution.terms for solution in solutions]),
+        solver=_merge_results([solution.solver for solution in solutions]),
         misfit_ratio=float(mean @ [solution.misfit_ratio for solution in solutions]),
         reflection_unknown=float(mean @ [solution.reflection_unknown for solution in solutions]),
         transmission_variance=float(mean @ [solution.transmission_variance for solution in solutions]),
@@ -344,13 +344,13 @@ def _together(
     )
 
 
-def _summed_terms(all_terms: list[dict[str, Term]]) -> dict[str, Term]:
+def _sum_terms(all_terms: list[dict[str, Term]]) -> dict[str, Term]:
     return {
         name: Term(sum(terms[name].value for terms in all_terms), term.weight) for name, term in all_terms[0].items()
     }
 
 
-def _joined(results: list[SolverResult]) -> SolverResult:
+def _merge_results(results: list[SolverResult]) -> SolverResult:
     """As if the tiles had been solved side by side: values and seconds add up, evaluations are the longest tile's."""
     trace = []
     last = [result.trace[0] for result in results if result.trace]
@@ -370,7 +370,7 @@ def _joined(results: list[SolverResult]) -> SolverResult:
         value=sum(result.value for result in results),
         n_evaluations=max(result.n_evaluations for result in results),
         n_iterations=max(result.n_iterations for result in results),
-        status=min((result.status for result in results), key=_GRAVITY.index),
+        status=min((result.status for result in results), key=_BY_SEVERITY.index),
         seconds=sum(result.seconds for result in results),
         trace=trace,
         restarts=sum(result.restarts for result in results),

@@ -130,14 +130,14 @@ import numpy as np
 from polaropt.inversion.canvas import canvas_for
 from polaropt.optics.engine import engine_for
 from polaropt.solving.compiled import FusedMisfit
-from solvers.kernels import told_of_compiling
+from solvers.kernels import compilations_reported_to
 from tests.blends import blend
 
 example, compiled = blend(60.0, 64), []
 pse = engine_for(example.scene, example.capture.angles_deg, 0.005, (64, 64))
 canvas = canvas_for(pse, 64, 64)
 layers = canvas.continued(example.layers.astype(np.float32))
-with told_of_compiling(compiled.append):
+with compilations_reported_to(compiled.append):
     value = FusedMisfit(example.capture, pse, canvas, 0.005).value_and_grad(layers, np.empty_like(layers))
 print(len(compiled), value.hex())
 """

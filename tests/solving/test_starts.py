@@ -18,10 +18,16 @@ from polaropt.errors import InputError
 from polaropt.optics.scene import SceneParameters
 from polaropt.separation import separate
 from polaropt.simulation.metrics import psnr_db
-from polaropt.solving.kept_start import first_crossing, near_clipped, share_told
 from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
-from polaropt.solving.starts import check_start, start_names, take_start
+from polaropt.solving.starts import (
+    check_start,
+    first_crossing,
+    least_share_of_way,
+    near_clipped,
+    start_names,
+    take_start,
+)
 from priors import learned
 from priors.networks.checkpoint import save_network
 from priors.networks.fusionnet import Form, SeparationNetwork
@@ -158,9 +164,9 @@ def test_a_parabola_is_left_where_it_first_falls_to_the_level(start: float, end:
 
 @given(st.floats(0, 1))
 def test_what_is_left_open_is_left_to_the_start(unknown: float) -> None:
-    assert 0 <= share_told(unknown) <= 0.5
-    assert share_told(1.0) == 0
-    assert share_told(unknown) <= share_told(unknown / 2)
+    assert 0 <= least_share_of_way(unknown) <= 0.5
+    assert least_share_of_way(1.0) == 0
+    assert least_share_of_way(unknown) <= least_share_of_way(unknown / 2)
 
 
 def test_where_nothing_is_explained_the_end_is_taken() -> None:
