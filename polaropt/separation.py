@@ -23,12 +23,19 @@ from polaropt.estimation import (
     with_incidence_checked,
 )
 from polaropt.inversion import Canvas
-from polaropt.judging import Diagnostics, Uncertainty, diagnose, estimate_uncertainty, noise_share, nothing_told
+from polaropt.judging import (
+    Diagnostics,
+    Uncertainty,
+    diagnose,
+    estimate_uncertainty,
+    noise_share,
+    uncertainty_without_polarization,
+)
 from polaropt.optics import PSE, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.progress import Progress, Stages
 from polaropt.solving import Settings, Solution, Term, Weights, check_start, component_images, solve
 from solvers.base import SolverResult, Status, StoppingRule
-from solvers.kernels import told_of_compiling
+from solvers.kernels import compilations_reported_to
 from solvers.registry import get_solver
 
 Images = NDArray[np.float32]
@@ -41,7 +48,8 @@ class Separation:
     Attributes
     ----------
     layers : ndarray of float32, shape (2, [channel,] h, w)
-        [0] transmission, [1] reflection, linear.
+        [0] transmission, [1] reflection, linear. Colours come before rows, as in `PSE.forward` and all arrays of
+        several images; `transmission` and `reflection` have them last.
     scene : SceneParameters
         Complete: given or estimated.
     errors : SceneErrors
@@ -206,7 +214,7 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
     from threadpoolctl import threadpool_limits
 
     # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
-    with threadpool_limits(1, "blas"), told_of_compiling(stages.compiling):
+    with threadpool_limits(1, "blas"), compilations_reported_to(stages.compiling):
         stages.begin("Measuring the noise", 0.0)
         noise, growth = measured_noise(capture)
         mistakes = find_mistakes(capture)
@@ -317,7 +325,7 @@ def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separa
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         parts=partial(_halves, capture),
-        judge=partial(nothing_told, capture, noise),
+        judge=partial(uncertainty_without_polarization, capture, noise),
     )
 
 

@@ -46,12 +46,12 @@ class Evaluations:
             self._raised = stop
         return self._raised is None
 
-    def status(self, told: str) -> Status:
+    def status(self, return_status: str) -> Status:
         """Why it stopped; raises what is not a reason to stop but an error."""
         if self._raised is None:
-            if told == "NonIpopt_Exception_Thrown":
+            if return_status == "NonIpopt_Exception_Thrown":
                 raise KeyboardInterrupt
-            if told == "Insufficient_Memory":
+            if return_status == "Insufficient_Memory":
                 raise MemoryError("IPOPT found no memory")
             # With its tests off it ends by itself only where it finds nothing lower.
             return Status.ROUNDOFF_LIMITED
@@ -64,13 +64,13 @@ def nonlinear_program(evaluations: Evaluations, n: int, options: dict[str, Any])
     """The program that minimizes what `evaluations` give, of n unknowns; called with the start as `x0`."""
     objective, watch = _Objective(evaluations, n), _Watch(evaluations, n)
     x: Any = casadi.MX.sym("x", n)
-    told: dict[str, Any] = {
+    silent: dict[str, Any] = {
         "print_time": False,
         "error_on_fail": False,
         "show_eval_warnings": False,
         "iteration_callback": watch,
     }
-    program = casadi.nlpsol("separation", "ipopt", {"x": x, "f": objective(x)}, told | {"ipopt": options})
+    program = casadi.nlpsol("separation", "ipopt", {"x": x, "f": objective(x)}, silent | {"ipopt": options})
     return _Kept(program, (objective, watch))
 
 

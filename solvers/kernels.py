@@ -29,7 +29,7 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "forceinline"
 _STAMP = "_kernel_stamp"
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
-_told: list[Callable[[str], None]] = []
+_listeners: list[Callable[[str], None]] = []
 _lock = threading.Lock()
 _listening = False
 
@@ -100,22 +100,22 @@ def _renew_with(stamp: str, kernel: Any) -> None:
 
 
 @contextmanager
-def told_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
-    """Within this context `tell` is called with a kernel's name whenever its compilation starts.
+def compilations_reported_to(report: Callable[[str], None]) -> Iterator[None]:
+    """Within this context `report` is called with a kernel's name whenever its compilation starts.
 
     Loading from the cache tells nothing. The call comes from the thread that compiles, whoever started it. Importing
     and entering this costs nothing: numba is not imported.
 
     Parameters
     ----------
-    tell : callable
+    report : callable
         Takes the name of the function.
     """
-    _told.append(tell)
+    _listeners.append(report)
     try:
         yield
     finally:
-        _told.remove(tell)
+        _listeners.remove(report)
 
 
 def _listen() -> None:
@@ -125,7 +125,7 @@ def _listen() -> None:
 
     class Listener(event.Listener):
         def on_start(self, event: Any) -> None:
-            _tell(event.data["dispatcher"].py_func.__name__)
+            _report(event.data["dispatcher"].py_func.__name__)
 
         def on_end(self, event: Any) -> None:
             pass
@@ -136,9 +136,9 @@ def _listen() -> None:
             _listening = True
 
 
-def _tell(name: str) -> None:
-    for tell in tuple(_told):
-        tell(name)
+def _report(name: str) -> None:
+    for report in tuple(_listeners):
+        report(name)
 
 
 Result = TypeVar("Result")

@@ -143,9 +143,11 @@ def _solve_upper(upper: Matrix, right: Matrix) -> Matrix:
 _SUFFICIENT = 1e-4
 # Parts of the step between which its successor lies: Dennis and Schnabel, Numerical Methods, 1983, sect. 6.3.2.
 _SHORTEST, _LONGEST = 0.1, 0.5
+# Shorter steps are rounding: a half is the longest, so 20 are a millionth.
 _MOST_HALVINGS = 20
 # The value of a sum over a million float32 residuals is known to about this share of it.
 _VALUE_NOISE = 1e-7
+# Restarts before it gives up, and the part of the step that failed: set by hand.
 _MOST_RESTARTS = 3
 _SHORTER = 0.1
 # The gradient is kept in units of its first norm; float32 holds no larger ones.

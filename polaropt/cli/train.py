@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Form = Literal["conditioned", "paper"]
 PolarNetKind = Literal["compact", "vgg19", "plain"]
+# Steps and side in pixels of a trial of about a minute.
 _QUICK_STEPS, _QUICK_SIZE = 40, 64
 _NETWORK = "The networks"
 _TRAINING = "The training"

@@ -5,12 +5,12 @@ __all__ = [
     "diagnose",
     "estimate_uncertainty",
     "noise_share",
-    "nothing_told",
+    "uncertainty_without_polarization",
 ]
 
 from .uncertainty import Uncertainty as Uncertainty
 from .uncertainty import estimate_uncertainty as estimate_uncertainty
-from .uncertainty import nothing_told as nothing_told
+from .uncertainty import uncertainty_without_polarization as uncertainty_without_polarization
 from .warnings import Diagnostics as Diagnostics
 from .warnings import SeparationWarning as SeparationWarning
 from .warnings import diagnose as diagnose

@@ -21,9 +21,11 @@ Matrix = NDArray[np.float64]
 
 LEAST = 1e-3
 """Precision of a pixel that no photograph shows: its neighbours tell the slow changes."""
+# Width of the Gaussian that spreads the precision to neighbours, in pixels: set by hand.
 _BLUR_PX = 1.0
-# Precision below which a pixel counts as not seen.
+# Precision below which a pixel counts as not seen: set by hand.
 _UNSEEN = 0.1
+# Distances at which the structure function is made, between which is interpolated.
 _DISTANCES = 17
 
 

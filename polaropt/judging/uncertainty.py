@@ -138,10 +138,13 @@ def _bent(scene: SceneParameters, i: int, more: float) -> tuple[float, ...]:
     return tuple(part + more * (i == j) for j, part in enumerate(scene.bend_deg_per_px))
 
 
+# Width of the Gaussian over which a pixel's gradient energy is averaged, in pixels: set by hand.
 _BLUR_PX = 1.5
+# Rows that a thread takes at a time; changes nothing.
 _ROWS = 32
+# Precisions of a table, between which is interpolated, and places per side of a pane that varies over the frame, at
+# which a table is made: set by hand.
 _N_PRECISIONS = 6
-# Places per side of a pane that varies over the frame, at which a table is made.
 _N_PLACES = 4
 
 
@@ -220,7 +223,7 @@ def _of_scene(
     return errors
 
 
-def nothing_told(capture: Capture, noise: float) -> Uncertainty:
+def uncertainty_without_polarization(capture: Capture, noise: float) -> Uncertainty:
     """Of a capture that shows no polarization: its intensity holds both layers, so that each may be all of it."""
     intensity = np.abs(capture.stokes[0])
     return Uncertainty(np.stack([intensity, intensity]) + np.float32(noise), np.zeros(capture.shape[-2:], np.float32))
@@ -281,23 +284,23 @@ def _places(piece: Piece, noise: float, shape: tuple[int, ...]) -> Iterator[Piec
         whole = Tile(slice(0, height), slice(0, width), piece.tile.weights)
         yield replace(piece, tile=whole)
         return
-    told = _told_by_pixel(piece.pse, noise, shape)
+    told = _information_by_pixel(piece.pse, noise, shape)
     for rows, down in _hats(shape[0]):
         for columns, across in _hats(shape[1]):
             weights = np.outer(down, across)
             mean = (told[..., rows, columns] * weights).sum(axis=(-1, -2)) / weights.sum()
             tile = Tile(rows, columns, (weights * piece.tile.weights[rows, columns]).astype(np.float32))
-            yield replace(piece, tile=tile, known=_with_told(piece.known, mean))
+            yield replace(piece, tile=tile, known=_with_information(piece.known, mean))
 
 
-def _told_by_pixel(pse: VaryingPSE, noise: float, shape: tuple[int, ...]) -> Images:
+def _information_by_pixel(pse: VaryingPSE, noise: float, shape: tuple[int, ...]) -> Images:
     """What its own photographs tell of the layers of each pixel, (2, 2, h, w)."""
     mixtures = pse.mixtures(*shape)
     weights = np.tensordot((pse.analyzer.T @ pse.analyzer / noise**2).astype(np.float32), mixtures, axes=1)
     return np.asarray(np.einsum("ilhw,imhw->lmhw", mixtures, weights))
 
 
-def _with_told(known: Knowledge, told: NDArray[np.float64]) -> Knowledge:
+def _with_information(known: Knowledge, told: NDArray[np.float64]) -> Knowledge:
     """The same information (2, 2) at every frequency."""
     flat = np.ones_like(known.share)
     return replace(known, told=np.stack([np.float32(told[i, i]) * flat for i in (0, 1)]), cross=told[0, 1] ** 2 * flat)

@@ -21,6 +21,7 @@ FROM_SKIMAGE = (
     "astronaut", "coffee", "chelsea", "rocket", "hubble_deep_field", "camera", "coins", "brick", "grass", "gravel",
 )  # fmt: skip
 FROM_SKLEARN = ("china.jpg", "flower.jpg")
+# Generated images and their side in pixels; scales at which pictures are cut. Set by hand.
 N_LEAVES, _LEAVES_PX = 64, 448
 _SCALES = (0.45, 1.0)
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from priors.training.trainer import Sample
 
 
+# Samples that each process works ahead: a batch or two; changes nothing.
 _AHEAD = 8
 
 
@@ -75,10 +76,14 @@ def _one_thread(_: int) -> None:
 Images = NDArray[np.float32]
 
 PAPER_INCIDENCES_DEG = (10.0, 40.0, 60.0, 70.0, 80.0, 85.0)
+# Pixels around a frame from which ghosts bring light. What follows was set by hand.
 _MARGIN = 56
 _OTHER_ANGLES_DEG = ((0.0, 60.0, 120.0), (20.0, 65.0, 110.0, 155.0), (0.0, 30.0, 60.0, 90.0, 120.0, 150.0))
+# Standard deviation of a picture that shows anything (white = 1).
 _LEAST_SPREAD = 0.03
+# Depth of the photographs, as of a camera's raw file.
 _BITS = 12
+# Share of the first ghost, below which ghosts are put to the last one that is kept.
 _FAINT_GHOST = 0.01
 
 

@@ -19,6 +19,7 @@ _OPPONENT = (
     (2**-0.5, -(2**-0.5), 0.0),
     (6**-0.5, 6**-0.5, -2 * 6**-0.5),
 )
+# Side of the squares, in pixels, over which a mean counts as coarse: set by hand.
 _COARSE = 8
 # Local contrast in units of its error, where it is compressed to half.
 _LARGE = 4.0

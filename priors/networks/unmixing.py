@@ -17,6 +17,7 @@ from torch.nn.functional import avg_pool2d, leaky_relu
 
 _N_IMAGES = 3
 N_AXIS_NUMBERS = 2 * 6 + 3 + 2
+# Added to what is divided by: far below any image's variance (white = 1).
 _LEAST_LENGTH = 1e-8
 
 
@@ -91,13 +92,17 @@ def _together(images: Tensor) -> Tensor:
     return shares.sign() * (shares.abs() + 1e-6).sqrt()
 
 
+# Levels of edges, each at half the size of the one before: set by hand, as the hidden width below.
 _LEVELS = 3
 _MEASURES = 2 * _LEVELS
 _HIDDEN = 64
 # Places at each level where edges are looked at, about.
 _MOST_PLACES = 128 * 128
+# Square of the contrast (white = 1) at which an edge counts half.
 _LEAST_CONTRAST = 1e-4
+# Added to what is divided by.
 _LEAST = 1e-9
+# What the choice among candidates begins with; it is learned.
 _SHARPNESS = 4.0
 
 

@@ -16,7 +16,9 @@ from priors.networks.fusionnet import Separated
 Engine = Callable[[Tensor], Tensor]
 """Views (view, 3, h, w) of layers (2, 3, h, w), differentiable."""
 
+# Scales of Eq. (11), each half the one before.
 _SCALES = 3
+# Mean squares (white = 1) below which a root and a logarithm no longer follow them, which have no slope at 0.
 _LEAST = 1e-12
 _LEAST_SQUARE = 1e-8
 # Pixels along the border whose ghosts may come from beyond the frame.

@@ -21,8 +21,12 @@ from priors.networks.fusionnet import SeparationNetwork
 from priors.observation import Observation, collated, placed
 from priors.training.losses import BORDER_PX, Critics, Engine, LossWeights, discriminator_loss, loss_terms
 
+# Steps in which the learning rate rises, and its last value in parts of the largest: set by hand.
 _WARM_UP = 50
 _LAST_RATE = 0.02
+# Norm to which gradients are cut, and the discriminator's learning rate: set by hand.
+_LONGEST_GRADIENT = 1.0
+_JUDGE_RATE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,9 @@ class TrainingOptions:
 
 
 STATE, LOG = "state.pt", "log.csv"
+# Number of the first sample that is kept for tests: no training comes that far.
 _FIRST_TEST = 1 << 40
+# Steps between looks whether the loss is still a number.
 _LOOK_EVERY = 20
 Progress = Callable[[str, float], None]
 
@@ -146,7 +152,7 @@ class Training:
         self._optimizer = torch.optim.Adam(trained, options.learning_rate)
         judge = Discriminator().to(options.device) if options.weights.adversarial else None
         self._critics = Critics(features, judge)
-        self._judge_optimizer = None if judge is None else torch.optim.Adam(judge.parameters(), 1e-4)
+        self._judge_optimizer = None if judge is None else torch.optim.Adam(judge.parameters(), _JUDGE_RATE)
         self._kept: dict[int, Sample] = {}
         self._coming: Iterator[tuple[int, Sample]] = iter(())
         self._tests: list[Sample] = []
@@ -204,7 +210,7 @@ class Training:
         loss = sum(terms.values(), torch.zeros((), device=self.options.device))
         self._optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        nn.utils.clip_grad_norm_(self.network.parameters(), _LONGEST_GRADIENT)
         self._optimizer.step()
         self._averaged.update_parameters(self.network)
         values = {name: term.detach() for name, term in terms.items()}
@@ -279,7 +285,7 @@ class Training:
         except (EOFError, RuntimeError, pickle.UnpicklingError) as error:
             raise WrongState(f"{path}: cannot be read as a state; leave --resume out to begin anew") from error
         critics = (self._critics.discriminator, self._judge_optimizer)
-        if not (_is_state(state) and self._made(state)):
+        if not (_is_state(state) and self._fits(state)):
             raise WrongState(f"{path}: is no state of this training; resume with the options it was begun with")
         if state["seed"] != self.options.seed:
             raise WrongState(f"{path}: was begun with seed {state['seed']}, not {self.options.seed}")
@@ -291,7 +297,7 @@ class Training:
                 critic.load_state_dict(saved)
         self.step = state["step"]
 
-    def _made(self, state: dict[str, Any]) -> bool:
+    def _fits(self, state: dict[str, Any]) -> bool:
         """Whether a state is of networks and losses like these."""
         shapes = {name: weights.shape for name, weights in self.network.state_dict().items()}
         critics = (self._critics.discriminator, self._judge_optimizer)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solvers.kernels import compiled, told_of_compiling
+from solvers.kernels import compilations_reported_to, compiled
 
 ROOT = Path(__file__).parents[2]
 KERNEL = """
@@ -24,9 +24,9 @@ def doubled(x):
 RUN = """
 import sys
 sys.path.insert(0, {folder!r})
-from solvers.kernels import told_of_compiling
+from solvers.kernels import compilations_reported_to
 told = []
-with told_of_compiling(told.append):
+with compilations_reported_to(told.append):
     from kernel import doubled
     assert doubled(3) == 6
 print(*told)
@@ -92,9 +92,9 @@ def outer(pair):
 RUN_OF_OTHERS = """
 import sys
 sys.path.insert(0, {folder!r})
-from solvers.kernels import told_of_compiling
+from solvers.kernels import compilations_reported_to
 told = []
-with told_of_compiling(told.append):
+with compilations_reported_to(told.append):
     from kernel import Pair, outer
     print(outer(Pair(first=10.0, second=1.0)))
 print(*told)
@@ -132,9 +132,9 @@ def test_only_compilations_within_the_context_are_told(tmp_path):
     (tmp_path / "kernel.py").write_text(KERNEL)
     doubled = load(tmp_path, "kernel_told").doubled
     told, before = [], []
-    with told_of_compiling(before.append):
+    with compilations_reported_to(before.append):
         pass
-    with told_of_compiling(told.append):
+    with compilations_reported_to(told.append):
         assert doubled(1) == 2
         assert doubled(2) == 4
     assert doubled(1.5) == 3.0
