@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from solvers.base import MissingPackage, Solver
 
 # Module, class, the package it needs and the extra that brings it ("": a dependency of polaropt itself).
-_BACKENDS = {
+BACKENDS = {
     "casadi": ("solvers.casadi_ipopt", "CasadiIPOPT", "casadi", "casadi"),
     "lbfgs": ("solvers.lbfgs", "LBFGS", "numba", ""),
     "nlopt": ("solvers.nlopt_lbfgs", "NLoptLBFGS", "nlopt", ""),
@@ -19,7 +19,7 @@ _BACKENDS = {
 
 def solver_names() -> tuple[str, ...]:
     """Names that `get_solver` knows, installed or not."""
-    return tuple(sorted(_BACKENDS))
+    return tuple(sorted(BACKENDS))
 
 
 def get_solver(name: str) -> Solver:
@@ -32,9 +32,9 @@ def get_solver(name: str) -> Solver:
     MissingPackage
         The package that it needs is not installed; the message says how to install it.
     """
-    if name not in _BACKENDS:
+    if name not in BACKENDS:
         raise ValueError(f"unknown solver {name!r}; there are: {', '.join(solver_names())}")
-    module, cls, package, extra = _BACKENDS[name]
+    module, cls, package, extra = BACKENDS[name]
     if find_spec(package) is None:
         wanted = f"'polaropt[{extra}]'" if extra else package
         raise MissingPackage(f"solver {name!r} needs the package {package}: pip install {wanted}", name=package)

@@ -60,6 +60,34 @@ class EncodingHint(StrEnum):
 
 
 @dataclass(frozen=True)
+class FileContent:
+    """What one file holds.
+
+    Attributes
+    ----------
+    pixels : ndarray, shape (h, w), (h, w, channel), (k, h, w) or (k, h, w, channel)
+        As stored, without alpha. Colours come last here.
+    stack : bool
+        Whether the first axis counts photographs.
+    angles_deg : tuple of float or None
+        Polarizer angles, where the file tells them.
+    valid : ndarray of bool or None
+        Validity of each value, where the file tells it.
+    encoding_hint : EncodingHint
+        What the format says about gamma; empty if nothing.
+    focal_px : float or None
+        Focal length in pixels, where the camera wrote it into the file.
+    """
+
+    pixels: NDArray[Any]
+    stack: bool = False
+    angles_deg: tuple[float, ...] | None = None
+    valid: NDArray[np.bool_] | None = None
+    encoding_hint: EncodingHint = EncodingHint.NONE
+    focal_px: float | None = None
+
+
+@dataclass(frozen=True)
 class Origin:
     """Where a capture was read from, and what was done to its values.
 

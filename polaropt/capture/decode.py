@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import EncodingHint
+from polaropt.capture.capture import EncodingHint, FileContent
 from polaropt.capture.focal_length import exif_of_names, exif_of_picture, focal_from_exif
 from polaropt.errors import InputError
 
@@ -90,34 +90,6 @@ def _bytes_of(path: Path) -> bytes:
 Pixels = NDArray[Any]
 
 _JPEG_END = b"\xff\xd9"
-
-
-@dataclass(frozen=True)
-class FileContent:
-    """What one file holds.
-
-    Attributes
-    ----------
-    pixels : ndarray, shape (h, w), (h, w, channel), (k, h, w) or (k, h, w, channel)
-        As stored, without alpha. Colours come last here.
-    stack : bool
-        Whether the first axis counts photographs.
-    angles_deg : tuple of float or None
-        Polarizer angles, where the file tells them.
-    valid : ndarray of bool or None
-        Validity of each value, where the file tells it.
-    encoding_hint : EncodingHint
-        What the format says about gamma.
-    focal_px : float or None
-        Focal length in pixels, where the camera wrote it into the file.
-    """
-
-    pixels: Pixels
-    stack: bool = False
-    angles_deg: tuple[float, ...] | None = None
-    valid: NDArray[np.bool_] | None = None
-    encoding_hint: EncodingHint = EncodingHint.NONE
-    focal_px: float | None = None
 
 
 def decode(data: bytes) -> FileContent:

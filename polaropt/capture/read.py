@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import ANGLES_DEG, Capture, Origin
-from polaropt.capture.decode import AnyPath, FileContent, linearize, parse_gamma, read_file
+from polaropt.capture.capture import ANGLES_DEG, Capture, FileContent, Origin
+from polaropt.capture.decode import AnyPath, linearize, parse_gamma, read_file
 from polaropt.capture.focal_length import check_view, focal_from_view
 from polaropt.capture.mosaic import (
     SONY_CELL,
