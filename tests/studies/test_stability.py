@@ -1,13 +1,15 @@
-"""The stability study's scenes are what their names say, and its scores count what they claim."""
+"""The stability study's scores count what they claim, and it is one command."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import pandas as pd
+
 from studies import stability
+from studies.kit.frames import frame_of
 from studies.scenes import Scene, Taking
-from studies.stability_rows import MINIMUM, NOTHING, Row, methods
-from studies.stability_scores import AUTO, judge, score
+from studies.stability import AUTO, MINIMUM, NOTHING, WAYS, Row, judge, score
 from tests.documents import document_of
 
 EASY = Scene("family: 0", family="family", easy=True)
@@ -18,43 +20,54 @@ def row(case, method, transmission, detail=0.9, warnings=()):
 
 
 def judged(auto, nothing=25.0, minimum=25.0, *, facts=Taking(), **of_row):  # noqa: B008 (frozen)
-    """One scene beside an easy end of 45 dB."""
+    """One scene beside an easy end of 45 dB: a frame of one row."""
     case = replace(EASY, name="family: 1", value=1, taking=facts, easy=False)
     rows = [row(EASY, AUTO, 45), row(EASY, NOTHING, 25), row(EASY, MINIMUM, 25)]
     rows += [row(case, AUTO, auto, **of_row), row(case, NOTHING, nothing), row(case, MINIMUM, minimum)]
-    (part,) = (part for part in judge(rows, [EASY, case]) if part.row.method == AUTO and part.row.value == 1)
+    frame = judge(frame_of(Row, rows), [EASY, case])
+    return frame[(frame.method == AUTO) & (frame.value == 1)]
+
+
+def only(auto, *arguments, **more):
+    (part,) = judged(auto, *arguments, **more).itertuples()
     return part
 
 
 def test_a_transmission_fails_against_doing_nothing_and_against_the_easy_end():
-    assert not judged(24.95).worse
-    assert judged(24.8).worse
-    assert judged(30.0).far
-    assert not judged(32.0).far
-    assert not judged(30.0, nothing=20.0, minimum=20.0).far
-    assert judged(40.0, detail=0.2).reflection_lost
-    assert not judged(40.0).failed
+    assert not only(24.95).worse
+    assert only(24.8).worse
+    assert only(30.0).far
+    assert not only(32.0).far
+    assert not only(30.0, nothing=20.0, minimum=20.0).far
+    assert only(40.0, detail=0.2).lost
+    assert not only(40.0).failed
 
 
 def test_only_what_speaks_of_the_failure_announces_it():
-    assert judged(20.0, warnings=("MODEL_DOES_NOT_EXPLAIN",)).announced
-    assert not judged(20.0, warnings=("REFLECTION_NOT_IDENTIFIABLE", "SATURATED")).announced
-    assert judged(40.0, detail=0.1, warnings=("REFLECTION_NOT_IDENTIFIABLE",)).announced
-    assert not judged(40.0, detail=0.1, warnings=("SATURATED",)).announced
+    assert only(20.0, warnings=("MODEL_DOES_NOT_EXPLAIN",)).announced
+    assert not only(20.0, warnings=("REFLECTION_NOT_IDENTIFIABLE", "SATURATED")).announced
+    assert only(40.0, detail=0.1, warnings=("REFLECTION_NOT_IDENTIFIABLE",)).announced
+    assert not only(40.0, detail=0.1, warnings=("SATURATED",)).announced
 
 
 def test_a_warning_without_failure_is_false_unless_it_is_true_of_the_scene():
-    assert judged(40.0, warnings=("GAMMA_ENCODED",)).false_alarm
-    encoded = judged(40.0, warnings=("GAMMA_ENCODED",), facts=Taking(gamma=1.5))
+    assert only(40.0, warnings=("GAMMA_ENCODED",)).false_alarm
+    encoded = only(40.0, warnings=("GAMMA_ENCODED",), facts=Taking(gamma=1.5))
     assert not encoded.false_alarm
     assert encoded.strictly_false
-    assert not judged(40.0, warnings=("SATURATED",)).strictly_false
+    assert not only(40.0, warnings=("SATURATED",)).strictly_false
 
 
 def test_scores_are_shares():
     parts = [judged(20.0), judged(20.0, warnings=("GRAZING",)), judged(40.0), judged(40.0, warnings=("GRAZING",))]
-    found = score(parts)
-    assert (found.recall, found.false_share, found.worse, found.least_gain) == (0.5, 0.5, 2, -5.0)
+    found = score(pd.concat(parts))
+    assert (found.recall, found.share(found.false_alarms), found.worse, found.least_gain) == (0.5, 0.5, 2, -5.0)
+
+
+def test_a_family_without_its_easy_end_is_not_judged():
+    case = replace(EASY, name="family: 1", value=1, easy=False)
+    rows = [row(case, AUTO, 40), row(case, NOTHING, 25), row(case, MINIMUM, 25)]
+    assert judge(frame_of(Row, rows), [EASY, case]).empty
 
 
 def test_the_study_is_one_command_and_draws_what_it_has(tmp_path, capsys):
@@ -67,4 +80,4 @@ def test_the_study_is_one_command_and_draws_what_it_has(tmp_path, capsys):
         assert (tmp_path / f"stability_{name}.png").stat().st_size > 5000
     document = document_of(tmp_path / "stability.json")
     assert {row["method"] for row in document["results"]} == {AUTO, NOTHING, MINIMUM}
-    assert AUTO in methods()
+    assert AUTO in WAYS
