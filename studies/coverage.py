@@ -5,36 +5,41 @@ Run ``polaropt study coverage -o OUT``; without ``--photos`` it uses photographs
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from pandas import DataFrame
 
-from polaropt.separation import Separation, separate
-from studies.camera import take
-from studies.coverage_figure import draw
-from studies.kit.records import row_of, write_tables
-from studies.kit.run import effort_of, run_jobs, study_parser, workers_of
-from studies.photographs import N_PAIRS, Image, n_pairs_of, pairs_of
-from studies.scenes import INCIDENCES_DEG, protocol
+from studies.camera import SceneJob
+from studies.kit.charts import BLUE, GREEN, VERMILION, Style, legend_below, new_figure
+from studies.kit.frames import Cell, markdown, mean, summary, values_of, where
+from studies.kit.run import effort_of, publish, run_study, study_parser
+from studies.photographs import N_PAIRS, n_pairs_of
+from studies.scenes import INCIDENCES_DEG, NOISE, protocol
+from studies.scores import LAYERS
+from studies.ways import DEFAULT, WITH_SCENE
 
-NOISES = (0.005, 0.02)
-LAYERS = ("transmission", "reflection")
-_BLUR_PX = 1.0
-_FLAT, _TEXTURED = 0.33, 0.67
+Images = NDArray[np.float32]
+
+NAME = "coverage"
+NOISES = (NOISE, 0.02)
+WAYS = {"known": WITH_SCENE, "blind": DEFAULT}
+"""By what is known of the scene."""
 QUICK_INCIDENCES_DEG, QUICK_SIZE, SIZE = (10, 60), 128, 256
+BLUR_PX = 1.0
+"""Over so much around a pixel its gradient is averaged."""
+FLAT, TEXTURED = 0.33, 0.67
+"""Up to the one quantile of the gradients pixels are flat, from the other on they are textured."""
 
 
 @dataclass(frozen=True)
-class Job:
+class Job(SceneJob):
     """One scene, separated with the scene known or blind."""
 
-    photos: str | None
-    pair: int
-    incidence_deg: float
-    noise: float
-    blind: bool
-    size: int
+    way: str = "blind"
 
 
 @dataclass(frozen=True)
@@ -69,26 +74,24 @@ class Row:
 
 def run(job: Job) -> list[Row]:
     """Separate one scene and compare both layers."""
-    pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
-    sample = take(protocol(job.incidence_deg, noise=job.noise), pair)
-    result = separate(sample.capture, None if job.blind else sample.scene)
+    sample = job.sample()
+    result = WAYS[job.way].separation(sample)
     known = float(result.reflection_known.mean())
-    told = (job.pair, job.incidence_deg, job.noise, "blind" if job.blind else "known")
+    of_job = (job.pair, job.scene.value, job.scene.taking.noise, job.way)
     return [
-        Row(*told, name, *compared(result, i, layer), known)
-        for i, (name, layer) in enumerate(zip(LAYERS, pair.frames, strict=True))
+        Row(*of_job, name, *compared(result.layers[i], result.uncertainty[i], sample.layers[i]), known)
+        for i, name in enumerate(LAYERS)
     ]
 
 
-def compared(result: Separation, i: int, layer: Image) -> tuple[float, float, float, float, float]:
-    """Coverage of all, flat and textured pixels, sharpness and rank correlation of layer i with the truth (h, w, 3)."""
+def compared(layer: Images, stated: Images, true: Images) -> tuple[float, float, float, float, float]:
+    """Coverage of all, flat and textured pixels, sharpness and rank correlation of a layer (channel, h, w)."""
     from scipy.stats import spearmanr
 
-    true = np.moveaxis(layer, -1, 0)
-    error, stated = np.abs(result.layers[i] - true), result.uncertainty[i]
+    error = np.abs(layer - true)
     within = error <= 2 * stated
     busy = busyness(true)
-    flat, textured = busy <= np.quantile(busy, _FLAT), busy >= np.quantile(busy, _TEXTURED)
+    flat, textured = busy <= np.quantile(busy, FLAT), busy >= np.quantile(busy, TEXTURED)
     return (
         float(within.mean()),
         float(within[:, flat].mean()),
@@ -98,56 +101,100 @@ def compared(result: Separation, i: int, layer: Image) -> tuple[float, float, fl
     )
 
 
-def busyness(layer: np.ndarray) -> np.ndarray:
+def busyness(layer: Images) -> NDArray[np.float64]:
     """Size of the gradient around each pixel of a layer (channel, h, w), mean over colours, (h, w)."""
     from scipy.ndimage import gaussian_filter
 
     down, across = np.gradient(layer.mean(axis=0))
-    return np.asarray(gaussian_filter(np.hypot(down, across), _BLUR_PX))
+    return np.asarray(gaussian_filter(np.hypot(down, across), BLUR_PX))
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Means per scene, noise and incidence, in per cent but for sharpness and correlation, as a Markdown table."""
-    head = "covered | flat | textured | least of a pair | sharpness | rank correlation"
-    lines = [f"| scene | noise | theta | T {head} | R {head.replace(' | ', ' | R ')} | R told |", "|" + "---|" * 16]
-    for key in dict.fromkeys((row.scene, row.noise, row.incidence_deg) for row in rows):
-        part = [row for row in rows if (row.scene, row.noise, row.incidence_deg) == key]
-        cells = [cell for name in LAYERS for cell in _cells([row for row in part if row.layer == name])]
-        known = 100 * np.mean([row.known for row in part])
-        lines.append(f"| {key[0]} | {key[1]:g} | {key[2]:g} | " + " | ".join(cells) + f" | {known:.0f} |")
-    return "\n".join(lines)
+def tables(frame: DataFrame) -> str:
+    """Means per scene, noise and incidence, in per cent but for sharpness and correlation."""
+    cells: dict[str, Cell] = {
+        "covered": _per_cent("covered"),
+        "flat": _per_cent("covered_flat"),
+        "textured": _per_cent("covered_textured"),
+        "least of a pair": lambda part: f"{100 * part.covered.min():.1f}",
+        "sharpness": mean("sharpness"),
+        "rank correlation": mean("rank_correlation"),
+    }
+    of_transmission = {f"T {head}" if head == "covered" else head: _of(LAYERS[0], cell) for head, cell in cells.items()}
+    of_reflection = {f"R {head}": _of(LAYERS[1], cell) for head, cell in cells.items()}
+    groups = {"scene": "scene", "noise": "noise", "theta": "incidence_deg"}
+    columns = {**of_transmission, **of_reflection, "R told": _per_cent("known", ".0f")}
+    return markdown(summary(frame, groups, columns))
 
 
-def _cells(rows: Sequence[Row]) -> list[str]:
-    shares = [np.mean([getattr(row, name) for row in rows]) for name in ("covered", "covered_flat", "covered_textured")]
-    least = min(row.covered for row in rows)
-    ratios = [np.mean([getattr(row, name) for row in rows]) for name in ("sharpness", "rank_correlation")]
-    return [f"{100 * share:.1f}" for share in (*shares, least)] + [f"{ratio:.2f}" for ratio in ratios]
+def _per_cent(column: str, form: str = ".1f") -> Cell:
+    return lambda part: f"{100 * part[column].mean():{form}}"
+
+
+def _of(layer: str, cell: Cell) -> Cell:
+    return lambda part: cell(where(part, layer=layer))
+
+
+_STYLES = (
+    Style("black", "-", "o", 2.0),
+    Style(BLUE, "--", "s"),
+    Style(VERMILION, ":", "^"),
+    Style(GREEN, "-.", "v"),
+)
+_WITHIN_TWO = 95.4
+"""Per cent of a normal distribution within two standard deviations."""
+
+
+def figures(frame: DataFrame) -> dict[str, Callable[[], Any]]:
+    """How often the truth lies within two stated errors, over incidence."""
+    return {NAME: lambda: _shares(frame)}
+
+
+def _shares(frame: DataFrame) -> Any:
+    figure = new_figure(10, 4.4)
+    panels = figure.subplots(1, len(LAYERS), sharey=True)
+    for panel, layer in zip(panels, LAYERS, strict=True):
+        _panel(panel, where(frame, layer=layer), layer)
+    panels[0].set_ylabel("pixels within two stated errors (%)")
+    legend_below(figure, *panels[0].get_legend_handles_labels(), 3, handlelength=4)
+    return figure
+
+
+def _panel(panel: Any, frame: DataFrame, layer: str) -> None:
+    """Means over pairs, and bars down to the least pair."""
+    kinds = values_of(frame, "scene", "noise")
+    for i, (scene, noise) in enumerate(kinds):
+        shares = 100 * where(frame, scene=scene, noise=noise).groupby("incidence_deg").covered.agg(["mean", "min"])
+        # Side by side, so that bars do not hide one another.
+        places = shares.index + 0.7 * (i - (len(kinds) - 1) / 2)
+        below = shares["mean"] - shares["min"]
+        panel.errorbar(
+            places, shares["mean"], yerr=[below, 0 * below], elinewidth=0.8, capsize=2,
+            label=f"scene {scene}, noise {noise:g}", **_STYLES[i % len(_STYLES)].line,
+        )  # fmt: skip
+    panel.axhline(_WITHIN_TWO, color="grey", linewidth=1, label=f"{_WITHIN_TWO:g} %: normal errors")
+    incidences = sorted(values_of(frame, "incidence_deg"))
+    panel.set_xticks(incidences, [f"{incidence:g}" for incidence in incidences])
+    panel.set_xlabel("angle of incidence (deg); bars: down to the least pair")
+    panel.set_title(layer)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table and write it with all rows."""
+    """Run the study."""
     parser = study_parser(__doc__)
     parser.add_argument("--size", type=int, help="side of the frame in pixels")
     parser.add_argument("--noises", help="standard deviations, comma separated")
     options = parser.parse_args(arguments)
     quick = effort_of(options) == "quick"
     size = options.size or (QUICK_SIZE if quick else SIZE)
-    noises = [float(text) for text in options.noises.split(",")] if options.noises else NOISES
-    n_pairs = n_pairs_of(options, 1 if quick else N_PAIRS, size, size // 2)
     jobs = [
-        Job(options.photos, pair, float(incidence), noise, blind, size)
-        for blind in (False, True)
-        for noise in noises
+        Job(protocol(incidence, noise=noise), pair, options.photos, size, way)
+        for way in WAYS
+        for noise in ([float(text) for text in options.noises.split(",")] if options.noises else NOISES)
         for incidence in (QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG)
-        for pair in range(n_pairs)
+        for pair in range(n_pairs_of(options, 1 if quick else N_PAIRS, size))
     ]
-    made = run_jobs(run, jobs, options.out / "coverage.json", {}, workers_of(options))
-    rows = [row_of(Row, row) for row in made]
-    text = table(rows)
-    print(text)
-    write_tables(options.out, "coverage", made, text)
-    draw(rows, options.out)
+    frame = run_study(NAME, run, jobs, Row, options)
+    publish(NAME, options, tables(frame), figures(frame))
 
 
 if __name__ == "__main__":

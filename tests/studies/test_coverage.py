@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from studies import coverage
-from studies.coverage_figure import draw
+from studies.kit.charts import write_figures
+from studies.kit.frames import frame_of
 
 
 def test_coverage_is_drawn_for_whatever_incidences_there_are(tmp_path):
@@ -12,4 +13,5 @@ def test_coverage_is_drawn_for_whatever_incidences_there_are(tmp_path):
         for incidence in (10.0, 60.0)
         for layer in coverage.LAYERS
     ]
-    assert all(file.stat().st_size > 10_000 for file in draw(rows, tmp_path))
+    files = write_figures(tmp_path, coverage.figures(frame_of(coverage.Row, rows)))
+    assert all(file.stat().st_size > 10_000 for file in files)
