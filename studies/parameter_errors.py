@@ -8,26 +8,32 @@ or sky; incidence, azimuth, thickness, view, bend and polarization are random, s
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from pandas import DataFrame, concat
 
 from polaropt.capture import noise_level
 from polaropt.estimation import FoundScene, find_scene
 from polaropt.optics import SceneParameters
 from studies.camera import photograph
-from studies.kit.records import row_of, write_tables
-from studies.kit.run import effort_of, run_jobs, study_parser, workers_of
-from studies.parameter_errors_figure import draw
-from studies.photographs import N_PAIRS, Pair, n_pairs_of, pairs_of
-from studies.scenes import BLIND, random_scene
-from studies.scenes import POLARIZED_KINDS as POLARIZED
-from studies.scenes import RANDOM_KINDS as KINDS
+from studies.kit.charts import BLUE, new_figure
+from studies.kit.frames import markdown, median, summary
+from studies.kit.run import effort_of, publish, run_study, study_parser
+from studies.photographs import N_PAIRS, n_pairs_of, pairs_of
+from studies.scenes import BLIND, POLARIZED_KINDS, RANDOM_KINDS, random_scene
 
+NAME = "parameter_errors"
 SURE = 2.0
-_SIZE, _MARGIN = 192, 128
-_TURNS = {"quick": 1, "default": 2, "full": 4}
+"""Standard errors within which the truth should lie."""
+NORMAL_MEDIAN = 0.674
+"""Of absolute normal errors, in standard deviations."""
+WANTED = (90.0, 99.0)
+"""Per cent of the truths that should lie there."""
+SIZE, MARGIN = 192, 128
+TURNS = {"quick": 1, "default": 2, "full": 4}
 
 
 @dataclass(frozen=True)
@@ -53,32 +59,24 @@ class Row:
     found: float
     error: float
 
-    @property
-    def covered(self) -> bool:
-        """Whether the truth lies within two standard errors."""
-        return abs(self.found - self.true) <= SURE * self.error
 
-
-def scene_rows(kind: str, pair: Pair, turn: int) -> Iterator[Row]:
-    """Every number that was found with an error, of one scene on the rung of its kind."""
-    size = pair.cropped(pair.transmission).shape[0]
-    scene = random_scene(kind, size, np.random.default_rng([pair.number, turn, KINDS.index(kind)]))
+def run(job: Job) -> list[Row]:
+    """Every number that is estimated with an error, of one scene on the rung of its kind."""
+    pair = pairs_of(job.photos, SIZE, MARGIN)[job.pair]
+    random = np.random.default_rng([job.pair, job.turn, RANDOM_KINDS.index(job.kind)])
+    scene = random_scene(job.kind, SIZE, random)
     capture = photograph(pair, scene).capture
-    found = find_scene(capture, BLIND, noise_level(capture), _rung(kind))
-    for parameter, true, value, error in compared(scene, found):
-        yield Row(kind, pair.number, turn, scene.values()[0], parameter, true, value, error)
-
-
-def _rung(kind: str) -> str:
-    """The rung that is asked for."""
-    return "polarized" if kind in POLARIZED else kind
+    rung = "polarized" if job.kind in POLARIZED_KINDS else job.kind
+    found = find_scene(capture, BLIND, noise_level(capture), rung)
+    of_job = (job.kind, job.pair, job.turn, scene.values()[0])
+    return [Row(*of_job, *number) for number in compared(scene, found)]
 
 
 def compared(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, float, float, float]]:
-    """Name, truth, value found and its error of each number; both azimuths that name the same pane are right."""
-    errors, told = found.errors, found.scene
+    """Name, truth, estimate and its error of each number; both azimuths that name the same pane are right."""
+    errors, estimate = found.errors, found.scene
     incidence, azimuth, shift = scene.values()
-    found_incidence, found_azimuth, found_shift = told.values()
+    found_incidence, found_azimuth, found_shift = estimate.values()
     period = 360.0 if scene.focal_px is not None else 180.0
     turned = (found_azimuth - azimuth + period / 2) % period - period / 2
     sense = 1 if abs((found_azimuth - azimuth + 180) % 360 - 180) < 90 else -1
@@ -86,70 +84,101 @@ def compared(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, f
         ("incidence_deg", incidence, found_incidence, errors.incidence_deg),
         ("azimuth_deg", azimuth, azimuth + turned, errors.azimuth_deg),
         ("ghost_shift", sense * shift, found_shift, errors.ghost_shift),
-        ("focal_px", scene.focal_px or math.nan, told.focal_px or math.nan, errors.focal_px),
+        ("focal_px", scene.focal_px or math.nan, estimate.focal_px or math.nan, errors.focal_px),
     ]
     if errors.bend_deg_per_px is not None:
-        bends = zip(scene.bend_deg_per_px, told.bend_deg_per_px, errors.bend_deg_per_px, strict=True)
+        bends = zip(scene.bend_deg_per_px, estimate.bend_deg_per_px, errors.bend_deg_per_px, strict=True)
         numbers += [("bend_deg_per_px", true, value, error) for true, value, error in bends]
     numbers += _of_light(scene, found)
-    for name, true, value, error in numbers:
-        if error is not None:
-            yield name, true, value, error
+    yield from ((name, true, value, error) for name, true, value, error in numbers if error is not None)
 
 
 def _of_light(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, float, float, float]]:
     """The same of degree and angle of each layer's light; no angle is true of unpolarized light."""
-    for name in POLARIZED.values():
-        (degree, angle), told, errors = (getattr(part, name) for part in (scene, found.scene, found.errors))
+    for name in POLARIZED_KINDS.values():
+        (degree, angle), estimate, errors = (getattr(part, name) for part in (scene, found.scene, found.errors))
         if errors is not None:
-            yield f"{name}, degree", degree, told[0], errors[0]
+            yield f"{name}, degree", degree, estimate[0], errors[0]
             if degree:
-                yield f"{name}, angle", angle, angle + (told[1] - angle + 90) % 180 - 90, errors[1]
+                yield f"{name}, angle", angle, angle + (estimate[1] - angle + 90) % 180 - 90, errors[1]
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Shares covered and typical errors per kind and parameter, and over all kinds, as a Markdown table."""
-    lines = [
-        "| scenes | parameter | n | within two errors | stated error, median | true error, median |",
-        "|" + "---|" * 6,
-    ]
-    kinds = [*dict.fromkeys(row.kind for row in rows), "all"]
-    for kind in kinds:
-        part = [row for row in rows if kind in (row.kind, "all")]
-        for parameter in dict.fromkeys(row.parameter for row in part):
-            told = [row for row in part if row.parameter == parameter]
-            away = np.median([abs(row.found - row.true) for row in told])
-            lines.append(
-                f"| {kind} | {parameter} | {len(told)} | {100 * np.mean([row.covered for row in told]):.0f} % "
-                f"| {np.median([row.error for row in told]):.3g} | {away:.3g} |"
-            )
-    return "\n".join(lines)
+def judged(frame: DataFrame) -> DataFrame:
+    """The rows with `away`, how far the estimate lies from the truth, and whether that is within two errors."""
+    away = (frame.found - frame.true).abs()
+    return frame.assign(away=away, covered=away <= SURE * frame.error)
 
 
-def run(job: Job) -> list[Row]:
-    """Find one scene."""
-    return list(scene_rows(job.kind, pairs_of(job.photos, _SIZE, _MARGIN)[job.pair], job.turn))
+def tables(frame: DataFrame) -> str:
+    """Shares covered and typical errors per kind and parameter, and over all kinds."""
+    cells = {
+        "n": lambda part: str(len(part)),
+        "within two errors": lambda part: f"{100 * part.covered.mean():.0f} %",
+        "stated error, median": median("error", ".3g"),
+        "true error, median": median("away", ".3g"),
+    }
+    rows = judged(frame)
+    both = concat([rows, rows.assign(kind="all")])
+    return markdown(summary(both, {"scenes": "kind", "parameter": "parameter"}, cells))
+
+
+_RATIOS = (0.3, 1.0, 3.0, 10.0)
+
+
+def figures(frame: DataFrame) -> dict[str, Callable[[], Any]]:
+    """How often the stated errors hold the truth, and how large they are beside the true ones."""
+    return {NAME: lambda: _shares(judged(frame))}
+
+
+def _shares(frame: DataFrame) -> Any:
+    """One row per kind and number: the share, with the interval that so few scenes leave, and the ratio of errors."""
+    groups = dict(list(frame.groupby(["kind", "parameter"], sort=False)))
+    figure = new_figure(9, 0.27 * len(groups) + 1.4)
+    shares, ratios = figure.subplots(1, 2, sharey=True)
+    places = np.arange(len(groups))
+    shares.axvspan(*WANTED, color="#cccccc", label="{:.0f} to {:.0f} %".format(*WANTED))
+    held = np.array([100 * part.covered.mean() for part in groups.values()])
+    beside = np.abs(np.transpose([_interval(part.covered) for part in groups.values()]) - held)
+    shares.errorbar(held, places, xerr=beside, fmt="o", color="black", capsize=3, label="share, and 95 % interval")
+    shares.set_xlabel("truths within two stated errors (%)")
+    shares.set_yticks(places, [f"{kind}: {name} ({len(part)})" for (kind, name), part in groups.items()])
+    shares.invert_yaxis()
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    ratios.plot([_ratio(part) for part in groups.values()], places, "D", color=BLUE)
+    ratios.axvline(1, color="black", linewidth=0.8)
+    ratios.set_xscale("log")
+    ratios.set_xticks(_RATIOS, [f"{ratio:g}" for ratio in _RATIOS])
+    ratios.minorticks_off()
+    ratios.set_xlabel("stated over true error, medians\n(right of 1: stated too large)")
+    return figure
+
+
+def _interval(held: Any) -> tuple[float, float]:
+    """Where the share may truly lie, in per cent (Clopper and Pearson)."""
+    from scipy.stats import binomtest
+
+    low, high = binomtest(int(held.sum()), len(held)).proportion_ci(0.95)
+    return 100 * low, 100 * high
+
+
+def _ratio(part: DataFrame) -> float:
+    return NORMAL_MEDIAN * float(part.error.median()) / max(float(part.away.median()), 1e-12)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table and write it with all rows."""
+    """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--kinds", default=",".join(KINDS), help="names, comma separated")
+    parser.add_argument("--kinds", default=",".join(RANDOM_KINDS), help="names, comma separated")
     options = parser.parse_args(arguments)
     effort = effort_of(options)
-    n_pairs = n_pairs_of(options, 2 if effort == "quick" else N_PAIRS, _SIZE, _MARGIN)
     jobs = [
         Job(options.photos, kind, pair, turn)
         for kind in options.kinds.split(",")
-        for pair in range(n_pairs)
-        for turn in range(_TURNS[effort])
+        for pair in range(n_pairs_of(options, 2 if effort == "quick" else N_PAIRS, SIZE, MARGIN))
+        for turn in range(TURNS[effort])
     ]
-    made = run_jobs(run, jobs, options.out / "parameter_errors.json", {}, workers_of(options))
-    rows = [row_of(Row, row) for row in made]
-    text = table(rows)
-    print(text)
-    write_tables(options.out, "parameter_errors", made, text)
-    draw(rows, options.out)
+    frame = run_study(NAME, run, jobs, Row, options)
+    publish(NAME, options, tables(frame), figures(frame))
 
 
 if __name__ == "__main__":

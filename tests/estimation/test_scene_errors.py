@@ -16,7 +16,8 @@ from polaropt.estimation.flat.overlap import block_images
 from polaropt.optics.scene import SceneErrors
 from polaropt.reporting.report import json_values, scene_report
 from polaropt.reporting.words import error_of, pane_sentence
-from studies.parameter_errors import Row, compared, table
+from studies.kit.frames import frame_of
+from studies.parameter_errors import Row, compared, tables
 from studies.scenes import random_scene
 from tests.blends import blend
 
@@ -124,7 +125,7 @@ def test_the_study_counts_what_lies_within_two_errors() -> None:
     rows = [
         Row("ghosts", 0, i, 50.0, "incidence_deg", 50.0, 50.0 + away, 1.0) for i, away in enumerate((0, 1, -1.9, 3))
     ]
-    assert "| ghosts | incidence_deg | 4 | 75 % |" in table(rows)
+    assert "| ghosts | incidence_deg | 4 | 75 % |" in tables(frame_of(Row, rows))
     scene = random_scene("curved", 192, np.random.default_rng(0))
     assert scene.rung == "curved"
     assert max(map(abs, scene.bend_deg_per_px)) * 96 <= 8
