@@ -10,9 +10,22 @@ import pytest
 
 from polaropt.errors import InputError
 from priors.networks.checkpoint import save_network
-from studies.ablation_losses import Job, main, run
-from studies.ablation_losses_tables import Row, page
-from studies.ablation_records import ALL, PIXELS, PLAIN, Training, commands, trainings_in, variant_of
+from studies.ablation_losses import (
+    ALL,
+    PIXELS,
+    PLAIN,
+    Job,
+    Row,
+    Training,
+    commands,
+    main,
+    run,
+    tables,
+    trainings_in,
+    variant_of,
+)
+from studies.kit.frames import frame_of
+from studies.scenes import protocol
 from tests.observations import small_network
 
 PUBLISHED = {"pixelwise": 1.0, "perceptual": 0.1, "pse": 2.0, "edge_independence": 0.1, "adversarial": 0.1}
@@ -57,7 +70,7 @@ def test_trainings_are_found_in_the_papers_order_and_shown_the_same_scene(tmp_pa
         write(tmp_path / name, made)
     trainings = trainings_in(tmp_path)
     assert [training.variant for training in trainings] == [ALL, "without pse", PLAIN]
-    rows = run(Job(None, 0, 60.0, 64, tuple(trainings), None))
+    rows = run(Job(protocol(60.0), 0, None, 64, tuple(trainings)))
     # Untrained, all are the mean of the photographs.
     assert len(rows) == 3
     assert len({(row.transmission, row.reflection_ssim) for row in rows}) == 1
@@ -74,27 +87,28 @@ def test_what_is_no_record_is_told(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "is no record of a training" in capsys.readouterr().err
 
 
-ONE = Training("one", Path("w"), "", "paper", "compact", ALL, "100 steps", "encoder", 60.0)
+ONE = Training("one", Path("w"), "", "paper", ALL, "100 steps", "encoder", 60.0)
 
 
-def rows_of(*trainings: Training) -> list[Row]:
-    return [Row(t.name, t.variant, 0, 60.0, 20.0 - i, 15.0, 0.8, 0.5, 0.1) for i, t in enumerate(trainings)]
+def text_of(*trainings: Training) -> str:
+    rows = [Row(t.name, t.variant, 0, 60.0, 20.0 - i, 15.0, 0.8, 0.5, 0.1) for i, t in enumerate(trainings)]
+    return tables(frame_of(Row, rows), trainings)
 
 
 def test_differences_are_to_the_training_with_all_terms() -> None:
     other = replace(ONE, name="two", variant="without pse")
-    text = page(rows_of(ONE, other), (ONE, other))
+    text = text_of(ONE, other)
     assert "The same budget for all: 100 steps" in text
     assert "| two | paper | without pse | 19.00 | 0.800 | 15.00 | 0.500 | -1.00 | 26.4 / 0.842 | -1.9 |" in text
 
 
 def test_different_budgets_are_named() -> None:
     other = replace(ONE, name="two", variant="without pse", budget="50 steps")
-    assert "THE BUDGETS DIFFER: 100 steps; 50 steps" in page(rows_of(ONE, other), (ONE, other))
+    assert "THE BUDGETS DIFFER: 100 steps; 50 steps" in text_of(ONE, other)
 
 
 def test_without_records_it_says_how_to_make_them() -> None:
     shipped = replace(ONE, name="shipped, paper")
-    text = page(rows_of(shipped), (shipped,))
+    text = text_of(shipped)
     assert all(command in text for command in commands())
     assert "| without pse | 26.4 / 0.842 |" in text
