@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,15 +11,25 @@ from hypothesis import strategies as st
 from skimage.io import imsave
 
 from polaropt.optics.plate import in_place_reflectance
-from studies.peers import study
-from studies.peers.figures import draw
+from studies.kit.charts import write_figures
+from studies.kit.frames import frame_of
 from studies.peers.multiscale import LABELS_DEG, _patch_entropy, _propagated, nonnegative_layers, separate_in_scales
 from studies.peers.published import TABLES
-from studies.peers.rows import MEASURED, PROTOCOL, SPECIAL_CASES, Row
 from studies.peers.semireflector import correlation, invert, mutual_information, plane_images, separate_by
 from studies.peers.single_image import STRENGTHS, built, suppressed
-from studies.peers.study import Job, jobs_of, sample
-from studies.peers.tables import margins, tables
+from studies.peers.study import (
+    MEASURED,
+    PROTOCOL,
+    SPECIAL_CASES,
+    Job,
+    Row,
+    figures,
+    jobs_of,
+    margins,
+    run,
+    tables,
+)
+from studies.scenes import protocol
 from studies.scores import psnr
 from studies.ways import FULL, METHODS, NETWORKS, PLAIN, Method, NotRun
 from tests.blends import blend
@@ -95,21 +104,28 @@ def test_the_single_image_method_has_its_environment():
 
 
 def test_jobs_are_the_papers_scenes():
-    jobs = jobs_of(None, None, 4, quick=False, size=32, margin=32)
-    assert [job.scene for job in jobs if (job.group, job.pair) == (PROTOCOL, 3)] == ["10", "40", "60", "70", "80", "85"]
+    jobs = jobs_of(None, None, 4, quick=False, size=32)
+    assert [job.column for job in jobs if (job.group, job.pair) == (PROTOCOL, 3)] == [
+        "10",
+        "40",
+        "60",
+        "70",
+        "80",
+        "85",
+    ]
     special = [job for job in jobs if job.group == SPECIAL_CASES]
-    assert len({job.scene for job in special}) == 4
+    assert len({job.column for job in special}) == 4
     assert {job.pair for job in special} == {0, 1, 2}
-    assert sample(special[0]).layers.shape == (2, 3, 32, 32)
-    assert len(jobs_of(None, None, 1, quick=True, size=32, margin=32)) == 4
+    assert special[0].sample().layers.shape == (2, 3, 32, 32)
+    assert len(jobs_of(None, None, 1, quick=True, size=32)) == 4
 
 
 def test_measured_layers_are_jobs_where_they_are_given(tmp_path):
     for name, level in (("a_T", 128), ("a_R", 64)):
         ramp = np.linspace(0, level, 40 * 30).reshape(40, 30).astype(np.uint8)
         imsave(tmp_path / f"{name}.png", np.stack([ramp] * 3, axis=-1), check_contrast=False)
-    jobs = jobs_of(None, str(tmp_path), 1, quick=True, size=32, margin=16)
-    assert [job.scene for job in jobs if job.group == MEASURED] == ["40", "70"]
+    jobs = jobs_of(None, str(tmp_path), 1, quick=True, size=32)
+    assert [job.column for job in jobs if job.group == MEASURED] == ["40", "70"]
 
 
 def refuses(sample):
@@ -118,8 +134,8 @@ def refuses(sample):
 
 def test_what_a_method_does_not_show_is_not_scored():
     plain = METHODS[PLAIN]
-    job = Job(PROTOCOL, "60", 0, None, 64, 32)
-    shown, not_run = study.run(job, (plain, Method(NETWORKS, refuses, ours=True)))
+    job = Job(protocol(60), 0, size=64)
+    shown, not_run = run(job, (plain, Method(NETWORKS, refuses, ours=True)))
     assert shown.transmission > 10
     assert 0 < shown.transmission_ssim < 1
     assert shown.transmission_fitted >= shown.transmission
@@ -132,7 +148,7 @@ def measured(method, scene, pair, transmission, reflection=math.nan):
     return Row(PROTOCOL, scene, pair, method, transmission, reflection, 0.9, 0.8, transmission, reflection, 0.1)
 
 
-ROWS = [
+MEASUREMENTS = [
     measured(FULL, "10", 0, 40.0, 20.0), measured(FULL, "10", 1, 42.0, 20.0),
     measured(FULL, "40", 0, 45.0, 25.0),
     measured(PLAIN, "10", 0, 30.0), measured(PLAIN, "10", 1, 30.0), measured(PLAIN, "40", 0, 31.0),
@@ -140,6 +156,7 @@ ROWS = [
     measured("FastICA", "40", 0, 20.0, 15.0),
     Row(PROTOCOL, "10", 0, NETWORKS, not_run="no weights"),
 ]  # fmt: skip
+ROWS = frame_of(Row, MEASUREMENTS)
 
 
 def test_the_lead_is_over_the_best_peer_of_each_column():
@@ -160,8 +177,8 @@ def test_the_page_tells_all_methods_and_the_papers_own_figures(tmp_path):
     assert (
         "| the paper's method | 31.08 / 0.911 | 25.73 / 0.817 | 29.16 / 0.907 | 22.91 / 0.696 | 27.22 / 0.833 |" in page
     )
-    assert [file.name for file in draw(ROWS, tmp_path)] == ["peers.png", "peers.svg"]
-    assert draw([replace(row, group=MEASURED) for row in ROWS], tmp_path) == []
+    assert [file.name for file in write_figures(tmp_path, figures(ROWS))] == ["peers.png", "peers.svg"]
+    assert figures(ROWS.assign(group=MEASURED)) == {}
 
 
 def test_published_tables_are_complete():
