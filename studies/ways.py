@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, noise_level
 from polaropt.estimation import find_scene, model_names
-from polaropt.optics import PSE, SceneParameters
+from polaropt.optics import PSE, SceneParameters, engine_for
 from polaropt.progress import Stages
 from polaropt.separation import Separation, separate
 from polaropt.solving import (
@@ -344,7 +344,7 @@ _METHODS: Sequence[Method] = (
         "multiscale physical",
         _in_scales,
         given="azimuth to 45 degrees, refractive index",
-        source="Kong, Tai, Shin, IEEE TPAMI 2014, written anew (studies.peers.multiscale.py says what is not known)",
+        source="Kong, Tai, Shin, IEEE TPAMI 2014, written anew (studies/peers/multiscale.py says what is not known)",
     ),
     Method(
         "single image",
@@ -448,18 +448,14 @@ class Part:
         return Solved(solution.layers, solution.solver)
 
 
-class _Unpolarized(Problem):
+def _unpolarized(capture: Capture, scene: SceneParameters, noise: float, weights: Weights) -> Problem:
     """A problem that knows the intensity alone: every photograph as if taken without a polarizer."""
-
-    def __init__(self, capture: Capture, scene: SceneParameters, noise: float, weights: Weights) -> None:
-        mean = np.broadcast_to(capture.intensities.mean(axis=0), capture.intensities.shape)
-        super().__init__(Capture.of_planes(mean, capture.angles_deg, capture.valid), scene, noise, weights)
-
-    def _engine(self, center: tuple[float, float] | None) -> PSE:
-        engine = super()._engine(center)
-        assert isinstance(engine, PSE)
-        engine.mixing = np.broadcast_to(engine.mixing.mean(axis=0), engine.mixing.shape).copy()
-        return engine
+    engine = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:])
+    assert isinstance(engine, PSE)
+    engine.mixing[:] = engine.mixing.mean(axis=0)
+    mean = np.broadcast_to(capture.intensities.mean(axis=0), capture.intensities.shape)
+    averaged = Capture.of_planes(mean, capture.angles_deg, capture.valid)
+    return Problem(averaged, scene, noise, weights, engine=engine)
 
 
 class _Pixels:
@@ -491,7 +487,7 @@ def _in_place(estimate: SceneParameters, true: SceneParameters) -> SceneParamete
 PARTS = (
     Part(WHOLE, ""),
     Part("misfit", "start and regularizers alone", Weights(misfit=0)),
-    Part("polarization", "the intensity alone", prepared=_Unpolarized),
+    Part("polarization", "the intensity alone", prepared=_unpolarized),
     Part("multi-bounce", "a single bounce", hint=BLIND.replace(n_bounces=1)),
     Part("ghosts", "all bounces in place", scene=_in_place),
     Part("edge independence", "", Weights(edge_independence=0)),

@@ -91,6 +91,8 @@ class Problem:
         Column and row of the camera's principal point. Default: the middle of the frame.
     growth : NoiseModel, optional
         How the noise grows with the light. Default: it is the same everywhere.
+    engine : PSE or VaryingPSE, optional
+        What makes photographs of layers. Default: the engine that the scene needs.
     """
 
     def __init__(
@@ -103,19 +105,17 @@ class Problem:
         center: tuple[float, float] | None = None,
         *,
         growth: NoiseModel | None = None,
+        engine: PSE | VaryingPSE | None = None,
     ) -> None:
         classes = None if growth is None else noise_classes(capture, growth)
         self.noise = noise if classes is None else classes.typical
         self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
         self.capture, self.scene = capture, scene
         self._weights, self._robust = weights, robust
-        self.pse = self._engine(center)
+        self.pse = engine or engine_for(scene, capture.angles_deg, self.noise, capture.shape[-2:], center)
         self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
         self.known: ClosedForm = self._closed_form()
         self.penalties = default_penalties(self.known, noise)
-
-    def _engine(self, center: tuple[float, float] | None) -> PSE | VaryingPSE:
-        return engine_for(self.scene, self.capture.angles_deg, self.noise, self.capture.shape[-2:], center)
 
     def _closed_form(self) -> ClosedForm:
         known = self._closed_form_of(self.capture)
