@@ -8,43 +8,36 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from pandas import DataFrame
 from scipy.stats import bootstrap
 from threadpoolctl import threadpool_limits
 
-from polaropt.capture import Capture, noise_level
+from polaropt.capture import noise_level, planes_last
 from polaropt.errors import InputError
 from polaropt.optics import SceneParameters
-from studies.ablation_figures import draw
-from studies.camera import take
-from studies.kit.records import row_of, write_tables
-from studies.kit.run import effort_of, run_jobs, study_parser, workers_of
-from studies.photographs import N_PAIRS, Pair, n_pairs_of, pairs_of
+from studies.camera import Sample, SceneJob
+from studies.kit.charts import BLUE, ORANGE, Fill, crops, new_figure
+from studies.kit.frames import across, joined, markdown, mean, median, summary, values_of, where
+from studies.kit.run import effort_of, publish, run_study, study_parser
+from studies.photographs import N_PAIRS, n_pairs_of
 from studies.scenes import INCIDENCES_DEG, protocol
-from studies.scores import psnr_and_ssim
-from studies.ways import PARTS, Part, weights_digest
-from studies.ways import WHOLE as ALL
+from studies.scores import LAYERS, psnr_and_ssim
+from studies.ways import PARTS, WHOLE, Part, weights_digest
 
-LAYERS = ("transmission", "reflection")
+NAME = "ablation"
 QUICK_INCIDENCES_DEG, QUICK_SIZE, SIZE = (10, 60), 128, 256
+SHOWN_DEG = 60.0
+"""Incidence of the crops."""
+WORTH_DB = 0.05
+"""A part earns its place if the mean of either layer is better by this with it than without."""
+FEWEST_PAIRS = 4
+"""An interval over fewer says nothing."""
 _SEED = 0
-# A part earns its place if the mean of either layer is better by this with it than without.
-_WORTH_DB = 0.05
-# An interval over fewer pairs says nothing.
-_FEWEST_PAIRS = 4
-
-
-@dataclass(frozen=True)
-class Job:
-    """One scene, solved with every variant."""
-
-    photos: str | None
-    pair: int
-    incidence_deg: float
-    size: int
 
 
 @dataclass(frozen=True)
@@ -66,119 +59,155 @@ class Row:
     not_run: str = ""
 
 
-def run(job: Job) -> list[Row]:
-    """Solve one scene with every variant; those that ask the same of the estimate share it."""
-    pair = pairs_of(job.photos, job.size, job.size // 2)[job.pair]
-    capture = take(protocol(job.incidence_deg), pair).capture
-    noise = noise_level(capture)
-    found: dict[SceneParameters, SceneParameters] = {}
+def run(job: SceneJob) -> list[Row]:
+    """Solve one scene without each part; those that ask the same of the estimate share it."""
+    sample = job.sample()
+    noise = noise_level(sample.capture)
+    estimates: dict[SceneParameters, SceneParameters] = {}
     rows = []
     with threadpool_limits(1, "blas"):
-        for variant in PARTS:
-            if variant.hint not in found:
-                found[variant.hint] = variant.estimate(capture, noise)
-            rows.append(_row(job, pair, variant, capture, found[variant.hint]))
+        for part in PARTS:
+            if part.hint not in estimates:
+                estimates[part.hint] = part.estimate(sample.capture, noise)
+            rows.append(_row(job, part, sample, estimates[part.hint]))
     return rows
 
 
-def _row(job: Job, pair: Pair, variant: Part, capture: Capture, found: SceneParameters) -> Row:
+def _row(job: SceneJob, part: Part, sample: Sample, estimate: SceneParameters) -> Row:
     began = time.perf_counter()
     try:
-        solved = variant.solved(capture, found, take(protocol(job.incidence_deg), pair).scene)
+        solved = part.solved(sample.capture, estimate, sample.scene)
     except InputError as reason:
-        return Row(variant.name, job.pair, job.incidence_deg, not_run=str(reason))
+        return Row(part.name, job.pair, job.scene.value, not_run=str(reason))
     seconds = time.perf_counter() - began
-    quality = psnr_and_ssim(solved.layers, pair.layers)
-    return Row(variant.name, job.pair, job.incidence_deg, *quality, solved.solver.n_evaluations, seconds)
+    quality = psnr_and_ssim(solved.layers, sample.layers)
+    return Row(part.name, job.pair, job.scene.value, *quality, solved.solver.n_evaluations, seconds)
 
 
-def difference(rows: Sequence[Row], variant: Part, layer: str) -> tuple[float, float, float]:
+Gain = tuple[float, float, float]
+"""Mean and ends of its interval, in dB."""
+
+
+def difference(frame: DataFrame, part: Part, layer: str) -> Gain:
     """Mean PSNR with the part less that without it, in dB, and its 95 % interval over pairs."""
-
-    def per_pair(name: str) -> np.ndarray:
-        part = [row for row in rows if row.variant == name]
-        pairs = sorted({row.pair for row in part})
-        return np.array([np.mean([getattr(row, layer) for row in part if row.pair == pair]) for pair in pairs])
-
-    gain = per_pair(ALL) - per_pair(variant.name)
-    gain = -gain if variant.added else gain
-    mean = float(gain.mean())
-    if len(gain) < _FEWEST_PAIRS:
-        return mean, math.nan, math.nan
+    whole, other = (where(frame, variant=name).groupby("pair")[layer].mean() for name in (WHOLE, part.name))
+    gain = (other - whole if part.added else whole - other).to_numpy()
+    average = float(gain.mean())
+    if len(gain) < FEWEST_PAIRS:
+        return average, math.nan, math.nan
     if np.ptp(gain) == 0:
-        return mean, mean, mean
+        return average, average, average
     interval = bootstrap((gain,), np.mean, method="percentile", rng=np.random.default_rng(_SEED)).confidence_interval
-    return mean, float(interval.low), float(interval.high)
+    return average, float(interval.low), float(interval.high)
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Means over all scenes, and the worth of every part, as a Markdown table."""
-    head = "| part | instead | T | R | T SSIM | R SSIM | T gained by it | R gained by it | evaluations | s | |"
-    lines = [head, "|" + "---|" * 11]
-    return "\n".join([*lines, *(_line(rows, variant) for variant in PARTS)])
+_HEADS = (
+    "part", "instead", "T", "R", "T SSIM", "R SSIM", "T gained by it", "R gained by it", "evaluations", "s", "",
+)  # fmt: skip
+_MEANS = (
+    mean("transmission"), mean("reflection"), mean("transmission_ssim", ".3f"), mean("reflection_ssim", ".3f"),
+)  # fmt: skip
+_WORK = (median("evaluations", ".0f"), median("seconds"))
 
 
-def _line(rows: Sequence[Row], variant: Part) -> str:
-    part = [row for row in rows if row.variant == variant.name]
-    if reasons := [row.not_run for row in part if row.not_run]:
-        return f"| {variant.change} | {variant.instead} |" + " |" * 8 + f" not run: {reasons[0]} |"
-    means = [np.mean([getattr(row, name) for row in part]) for name in LAYERS]
-    likeness = [np.mean([getattr(row, f"{name}_ssim") for row in part]) for name in LAYERS]
-    gains = [difference(rows, variant, layer) for layer in LAYERS]
-    told = [f"{mean:+.2f}" + ("" if math.isnan(low) else f" ({low:+.2f} to {high:+.2f})") for mean, low, high in gains]
-    said = "" if variant.name == ALL else _verdict(gains, added=variant.added)
-    return (
-        f"| {variant.change} | {variant.instead} | " + " | ".join(f"{mean:.2f}" for mean in means) + " | "
-        + " | ".join(f"{mean:.3f}" for mean in likeness) + " | " + " | ".join(told if said else ["", ""])
-        + f" | {np.median([row.evaluations for row in part]):.0f} | {np.median([row.seconds for row in part]):.2f}"
-        f" | {said} |"
-    )  # fmt: skip
+def tables(frame: DataFrame) -> str:
+    """Means over all scenes and the worth of every part; PSNR of both layers per incidence."""
+    worth = DataFrame([_line(frame, part) for part in PARTS], columns=_HEADS, dtype=object)
+    both = joined(*_MEANS[:2])
+    by_incidence = across(
+        "incidence_deg",
+        sorted(values_of(frame, "incidence_deg")),
+        lambda rows: "not run" if max(rows.not_run) else both(rows),
+        "{:g} deg".format,
+    )
+    named = frame.assign(change=frame.variant.map({part.name: part.change for part in PARTS}))
+    return f"{markdown(worth)}\n\n{markdown(summary(named, {'part': 'change'}, by_incidence))}"
 
 
-def _verdict(gains: Sequence[tuple[float, float, float]], *, added: bool) -> str:
+def _line(frame: DataFrame, part: Part) -> list[str]:
+    rows = where(frame, variant=part.name)
+    if reason := max(rows.not_run):
+        return [part.change, part.instead, *[""] * (len(_HEADS) - 3), f"not run: {reason}"]
+    gains = [difference(frame, part, layer) for layer in LAYERS]
+    *gained, verdict = [""] * 3 if part.name == WHOLE else [*map(_in_words, gains), _verdict(gains, added=part.added)]
+    means, work = ([cell(rows) for cell in cells] for cells in (_MEANS, _WORK))
+    return [part.change, part.instead, *means, *gained, *work, verdict]
+
+
+def _in_words(gain: Gain) -> str:
+    average, low, high = gain
+    return f"{average:+.2f}" + ("" if math.isnan(low) else f" ({low:+.2f} to {high:+.2f})")
+
+
+def _verdict(gains: Sequence[Gain], *, added: bool) -> str:
     if math.isnan(gains[0][1]):
         return "too few pairs"
-    if any(mean > _WORTH_DB and low > 0 for mean, low, _ in gains):
+    if any(average > WORTH_DB and low > 0 for average, low, _ in gains):
         return "would earn a place" if added else "earns its place"
-    if any(mean < -_WORTH_DB and high < 0 for mean, _, high in gains):
+    if any(average < -WORTH_DB and high < 0 for average, _, high in gains):
         return "better without"
     return "does not show here"
 
 
-def incidence_table(rows: Sequence[Row]) -> str:
-    """PSNR of both layers per incidence, as a Markdown table."""
-    incidences = sorted({row.incidence_deg for row in rows})
-    lines = ["| part | " + " | ".join(f"{incidence:g} deg" for incidence in incidences) + " |"]
-    lines.append("|" + "---|" * (len(incidences) + 1))
-    for variant in PARTS:
-        cells = []
-        for incidence in incidences:
-            part = [row for row in rows if (row.variant, row.incidence_deg) == (variant.name, incidence)]
-            means = [np.mean([getattr(row, name) for row in part]) for name in LAYERS]
-            ran = not any(row.not_run for row in part)
-            cells.append(" / ".join(f"{mean:.2f}" for mean in means) if ran else "not run")
-        lines.append(f"| {variant.change} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+_COLUMNS = 8
+_TICKS_DB = (-10, -3, -1, -0.5, 0, 0.5, 1, 3, 10, 20)
+_FILLS = (Fill(BLUE, ""), Fill(ORANGE, "///"))
+
+
+def figures(frame: DataFrame, shown: SceneJob | None = None) -> dict[str, Callable[[], Any]]:
+    """What each part gains, and crops of a scene that is solved without each."""
+    absent = set(frame.variant[frame.not_run != ""])
+    parts = [part for part in PARTS if part.name not in absent]
+    charts = {"gained": lambda: _gains(frame, parts[1:])}
+    return charts if shown is None else charts | {"crops": lambda: crops(_solved(shown, parts), _COLUMNS)}
+
+
+def _gains(frame: DataFrame, parts: Sequence[Part]) -> Any:
+    """Bars of the dB that every part gains on both layers, with their intervals."""
+    figure = new_figure(8, 0.5 * len(parts) + 1.4)
+    axes = figure.subplots()
+    places = np.arange(len(parts))[::-1]
+    for i, (layer, fill) in enumerate(zip(LAYERS, _FILLS, strict=True)):
+        average, low, high = np.transpose([difference(frame, part, layer) for part in parts])
+        spread = np.nan_to_num(np.stack([average - low, high - average])).clip(0)
+        axes.barh(
+            places - 0.4 * i + 0.2, average, 0.38, xerr=spread, error_kw={"linewidth": 1}, label=layer, **fill.bar
+        )
+    axes.set_yticks(places, [part.name for part in parts])
+    axes.set_xscale("symlog", linthresh=1)
+    low, high = axes.get_xlim()
+    axes.set_xticks(_TICKS_DB, [f"{tick:g}" for tick in _TICKS_DB])
+    axes.set_xlim(min(low, -0.5), 1.3 * high)
+    axes.axvline(0, color="black", linewidth=0.8)
+    axes.set_xlabel("PSNR with the part less that without it (dB; linear within 1 dB, logarithmic beyond)")
+    axes.legend(loc="lower right")
+    return figure
+
+
+def _solved(job: SceneJob, parts: Sequence[Part]) -> dict[str, Sequence[np.ndarray]]:
+    """Both layers (h, w, 3) of one scene: the truth, and what is made of it without each part."""
+    sample = job.sample()
+    estimate = parts[0].estimate(sample.capture, noise_level(sample.capture))
+    shown: dict[str, Sequence[np.ndarray]] = {"truth": job.photographs.frames}
+    for part in parts:
+        layers = part.solved(sample.capture, estimate, sample.scene).layers
+        shown[part.change.replace("without ", "without\n").replace("with ", "with\n")] = [*map(planes_last, layers)]
+    return shown
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the tables and write them with all rows and figures."""
-    parser = study_parser(__doc__)
-    options = parser.parse_args(arguments)
+    """Run the study."""
+    options = study_parser(__doc__).parse_args(arguments)
     quick = effort_of(options) == "quick"
     size = QUICK_SIZE if quick else SIZE
-    n_pairs = n_pairs_of(options, 2 if quick else N_PAIRS, size, size // 2)
-    incidences = QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG
-    jobs = [Job(options.photos, pair, float(theta), size) for pair in range(n_pairs) for theta in incidences]
-    made = run_jobs(run, jobs, options.out / "ablation.json", {"weights": weights_digest()}, workers_of(options))
-    rows = [row_of(Row, row) for row in made]
-    text = f"{table(rows)}\n\n{incidence_table(rows)}"
-    print(text)
-    write_tables(options.out, "ablation", made, text)
-    absent = {row.variant for row in rows if row.not_run}
-    drawn = [variant for variant in PARTS[1:] if variant.name not in absent]
-    gains = {v.name: [difference(rows, v, layer) for layer in LAYERS] for v in drawn}
-    draw(gains, pairs_of(options.photos, size, size // 2)[0], [PARTS[0], *drawn], options.out)
+    jobs = [
+        SceneJob(protocol(incidence), pair, options.photos, size)
+        for pair in range(n_pairs_of(options, 2 if quick else N_PAIRS, size))
+        for incidence in (QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG)
+    ]
+    frame = run_study(NAME, run, jobs, Row, options, {"weights": weights_digest()})
+    shown = SceneJob(protocol(SHOWN_DEG), 0, options.photos, size)
+    publish(NAME, options, tables(frame), figures(frame, shown))
 
 
 if __name__ == "__main__":

@@ -10,9 +10,11 @@ import pytest
 from polaropt import separate
 from polaropt.capture.noise import noise_level
 from polaropt.simulation.metrics import psnr_db
-from studies.ablation import Job, Row, difference, incidence_table, run, table
-from studies.ways import PARTS as VARIANTS
-from studies.ways import WHOLE as ALL
+from studies.ablation import Row, difference, run, tables
+from studies.camera import SceneJob
+from studies.kit.frames import frame_of
+from studies.scenes import protocol
+from studies.ways import PARTS, WHOLE
 from tests.blends import blend
 
 
@@ -23,18 +25,18 @@ def example():
 
 @pytest.fixture(scope="module")
 def whole(example):
-    return solved(example, ALL)
+    return solved(example, WHOLE)
 
 
 def named(name):
-    (variant,) = [variant for variant in VARIANTS if variant.name == name]
-    return variant
+    (part,) = [part for part in PARTS if part.name == name]
+    return part
 
 
 def solved(example, name):
-    variant = named(name)
-    found = variant.estimate(example.capture, noise_level(example.capture))
-    return variant.solved(example.capture, found, example.scene)
+    part = named(name)
+    estimate = part.estimate(example.capture, noise_level(example.capture))
+    return part.solved(example.capture, estimate, example.scene)
 
 
 def test_the_whole_is_what_separate_does(example, whole):
@@ -55,27 +57,27 @@ def test_another_way_to_the_minimum_ends_near_it(example, whole, name):
     assert solved(example, name).solver.value == pytest.approx(whole.solver.value, rel=0.05)
 
 
-def rows(gains):
+def frame(gains):
     scene = {"incidence_deg": 60.0, "reflection": 30.0, "transmission_ssim": 1.0, "reflection_ssim": 1.0}
     rest = {**scene, "evaluations": 5, "seconds": 1.0}
-    for pair, gain in enumerate(gains):
-        for variant in VARIANTS:
-            worse = 0.0 if variant.name == ALL else gain
-            yield Row(variant.name, pair, transmission=40 - worse, **rest)
+    worse = [
+        (part.name, pair, 0.0 if part.name == WHOLE else gain) for pair, gain in enumerate(gains) for part in PARTS
+    ]
+    return frame_of(Row, [Row(name, pair, transmission=40 - less, **rest) for name, pair, less in worse])
 
 
 def test_a_gain_has_an_interval_over_pairs():
-    gains = [1.0, 2.0, 3.0, 2.0, 1.0, 3.0]
-    mean, low, high = difference(list(rows(gains)), named("misfit"), "transmission")
+    found = frame([1.0, 2.0, 3.0, 2.0, 1.0, 3.0])
+    mean, low, high = difference(found, named("misfit"), "transmission")
     assert mean == pytest.approx(2)
     assert 1 < low < 2 < high < 3
-    assert "| earns its place |" in table(list(rows(gains)))
+    assert "| earns its place |" in tables(found)
 
 
 def test_what_is_put_in_gains_where_it_is_better_with_it():
-    better = list(rows([-1.0, -2.0, -3.0, -2.0, -1.0, -3.0]))
+    better = frame([-1.0, -2.0, -3.0, -2.0, -1.0, -3.0])
     assert difference(better, named("learned start"), "transmission")[0] == pytest.approx(2)
-    assert "| would earn a place |" in table(better)
+    assert "| would earn a place |" in tables(better)
 
 
 def test_the_learned_start_is_what_separate_does(example):
@@ -86,18 +88,19 @@ def test_the_learned_start_is_what_separate_does(example):
 
 def test_without_torch_the_learned_start_is_not_run(monkeypatch):
     monkeypatch.setattr("polaropt.solving.starts.find_spec", lambda package: None)
-    monkeypatch.setattr("studies.ablation.PARTS", (named(ALL), named("learned start")))
-    made = run(Job(None, 0, 60.0, 48))
+    monkeypatch.setattr("studies.ablation.PARTS", (named(WHOLE), named("learned start")))
+    made = run(SceneJob(protocol(60.0), 0, size=48))
     assert [bool(row.not_run) for row in made] == [False, True]
-    assert "| not run: the start 'learned' needs torch" in table(made)
-    assert "| with learned start | not run |" in incidence_table(made)
+    text = tables(frame_of(Row, made))
+    assert "| not run: the start 'learned' needs torch" in text
+    assert "| with learned start | not run |" in text
 
 
 def test_few_pairs_have_none():
-    found = list(rows([1.0, 2.0]))
-    assert math.isnan(difference(found, named("misfit"), "transmission")[1])
-    assert "too few pairs" in table(found)
+    few = frame([1.0, 2.0])
+    assert math.isnan(difference(few, named("misfit"), "transmission")[1])
+    assert "too few pairs" in tables(few)
 
 
-def test_variants_have_names_of_their_own():
-    assert len({variant.name for variant in VARIANTS}) == len(VARIANTS)
+def test_parts_have_names_of_their_own():
+    assert len({part.name for part in PARTS}) == len(PARTS)
