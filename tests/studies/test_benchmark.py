@@ -16,44 +16,45 @@ pytest.importorskip("matplotlib")
 from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
 from solvers.base import Status, StopSolving
-from studies import benchmark, benchmark_kernels, benchmark_pipeline, benchmark_solvers
-from studies.benchmark_contestants import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD, contestants, race
-from studies.benchmark_race import Finish, Judge, Limits, Recorder, Verdict, find_finish
-from studies.benchmark_record import Place
-from studies.benchmark_scenes import example
-from studies.benchmark_tables import figure, ratio, with_spread
-from studies.benchmark_targets import Target
+from studies.benchmark import study
+from studies.benchmark.judge import Finish, Judge, Limits, Recorder, Verdict, find_finish
+from studies.benchmark.kernels import traffic_bytes
+from studies.benchmark.race import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD, Rounds, contestants, race
+from studies.benchmark.rows import TABLES, Place
+from studies.benchmark.study import sample_of
+from studies.benchmark.tables import Target, figure, ratio, with_spread
 from studies.kit.timing import Threads
 from studies.photographs import Photographs, Size
+from studies.scores import both_psnr
 
 SIZE = Size(48, 56)
 
 
 @pytest.fixture(scope="module")
 def judge():
-    return Judge(example(Photographs(), 60.0, SIZE))
+    return Judge(sample_of(Photographs(), 60.0, SIZE))
 
 
 @pytest.fixture(scope="module")
 def finish(judge):
-    return find_finish(judge, 200, lambda what: None)
+    return find_finish(judge, 200)
 
 
 def test_scenes_need_not_be_square():
-    scene = example(Photographs(), 20.0, SIZE)
+    sample = sample_of(Photographs(), 20.0, SIZE)
     assert str(SIZE) == "56x48"
-    assert scene.capture.shape[-2:] == (48, 56)
-    assert scene.layers.shape == (2, 3, 48, 56)
-    assert scene.psnr_db(scene.layers) == (200, 200)
+    assert sample.capture.shape[-2:] == (48, 56)
+    assert sample.layers.shape == (2, 3, 48, 56)
+    assert both_psnr(sample.layers, sample.layers) == (200, 200)
 
 
 def test_the_judge_sees_the_objective_that_the_solvers_see(judge):
     start = judge.start("closed-form")
     verdict = judge.verdict(start)
-    fresh = Problem(judge.example.capture, judge.example.scene, judge.noise, Weights())
+    fresh = Problem(judge.sample.capture, judge.sample.scene, judge.noise, Weights())
     objective = fresh.compiled(start)
     assert verdict.value == pytest.approx(objective.value_and_grad(objective.coordinates(start))[0], rel=1e-5)
-    expected = judge.example.psnr_db(fresh.canvas.crop(start))
+    expected = both_psnr(fresh.canvas.crop(start), judge.sample.layers)
     assert (verdict.transmission_db, verdict.reflection_db) == pytest.approx(expected, abs=1e-3)
 
 
@@ -115,17 +116,17 @@ def test_the_slow_ones_start_cold_too():
 
 
 def test_the_bound_counts_layers_gradient_and_data():
-    scene = example(Photographs(), 60.0, SIZE)
-    problem = Problem(scene.capture, scene.scene, 0.005, Weights())
+    sample = sample_of(Photographs(), 60.0, SIZE)
+    problem = Problem(sample.capture, sample.scene, 0.005, Weights())
     height, width = problem.canvas.shape
     expected = 4 * (3 * 6 * height * width + 6 * 48 * 56)
-    assert benchmark_kernels.traffic_bytes(problem) == expected
+    assert traffic_bytes(problem) == expected
 
 
 def test_a_measurement_tells_its_median_and_spread():
     place = Place("table", "case", "size")
     measured = place.measured("who", "what", "s", [3.0, 1.0, 2.0])
-    assert (measured.median, *measured.spread) == (2, 1, 3)
+    assert (measured.median, measured.low, measured.high) == (2, 1, 3)
     assert math.isnan(place.measured("who", "what", "s", []).median)
 
 
@@ -163,7 +164,7 @@ def test_figures_asked_for_are_compared(target, outcome):
 
 def test_an_unknown_table_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit):
-        benchmark.main(["--tables", "nonsense", "-o", str(tmp_path)])
+        study.main(["--tables", "nonsense", "-o", str(tmp_path)])
     assert "there are: imports" in capsys.readouterr().err
 
 
@@ -174,16 +175,16 @@ def few_contestants():
 
 
 def test_the_benchmark_is_one_command(tmp_path, monkeypatch, capsys):
-    rounds = benchmark_solvers.Rounds(1, 0.2, 0.2, 1, reference_evaluations=20)
-    quick = benchmark.PLANS["quick"]
+    rounds = Rounds(1, 0.2, 0.2, 1, reference_evaluations=20)
+    quick = study.PLANS["quick"]
     pace = replace(quick.pace, rounds=rounds, imports=1)
-    monkeypatch.setitem(benchmark.PLANS, "quick", replace(quick, pace=pace, blind=SIZE, memory=SIZE))
-    monkeypatch.setattr(benchmark_solvers, "contestants", few_contestants)
-    monkeypatch.setattr(benchmark_pipeline, "INCIDENCES_DEG", (10.0, 85.0))
-    benchmark.main(["--quick", "--sizes", "48", "-o", str(tmp_path)])
+    monkeypatch.setitem(study.PLANS, "quick", replace(quick, pace=pace, blind=SIZE, memory=SIZE))
+    monkeypatch.setattr("studies.benchmark.race.contestants", few_contestants)
+    monkeypatch.setattr(study, "RUNNING_ON_DEG", (10.0, 85.0))
+    study.main(["--quick", "--sizes", "48", "-o", str(tmp_path)])
     assert "Against the figures asked for" in capsys.readouterr().out
     document = document_of(tmp_path / "benchmark.json")
-    assert {row["table"] for row in document["results"]} == set(benchmark.TABLES)
+    assert {row["table"] for row in document["results"]} == set(TABLES)
     report = (tmp_path / "benchmark.md").read_text()
     for title in ("Time to gap 1e-3: hard", "Objective and gradient", "Running on", "Peak memory", "Imports"):
         assert f"## {title}" in report
@@ -192,6 +193,6 @@ def test_the_benchmark_is_one_command(tmp_path, monkeypatch, capsys):
 
 
 def test_tables_that_are_not_wanted_are_not_measured():
-    jobs = benchmark.jobs_of(benchmark.PLANS["quick"], Photographs(), ["imports"])
+    jobs = study.jobs_of(study.PLANS["quick"], Photographs(), ["imports"])
     assert [(job.table, job.size) for job in jobs] == [("imports", None)]
-    assert {job.table for job in benchmark.jobs_of(benchmark.PLANS["full"], Photographs())} == set(benchmark.TABLES)
+    assert {job.table for job in study.jobs_of(study.PLANS["full"], Photographs())} == set(TABLES)

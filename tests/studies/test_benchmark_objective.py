@@ -13,7 +13,7 @@ from polaropt.capture.capture import Capture
 from polaropt.solving.objective import Misfit, Weights, build_objective
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
-from studies.autograd_objective import AutogradObjective
+from studies.benchmark.autograd import AutogradObjective
 from tests.blends import blend
 
 WEIGHTS = Weights(misfit=0.7, gradient_sparsity=1.3, natural_image=0.9, edge_independence=20.0, nonnegativity=0.5)

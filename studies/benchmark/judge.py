@@ -16,9 +16,10 @@ from polaropt.capture import noise_level
 from polaropt.solving import Problem, Weights, take_start
 from solvers.base import Status, StoppingRule, StopSolving
 from solvers.registry import get_solver
-from studies.benchmark_scenes import Example
+from studies.camera import Sample
+from studies.kit.run import tell
 from studies.kit.timing import Clock
-from studies.scores import GAP, NEAR_DB
+from studies.scores import GAP, NEAR_DB, both_psnr
 
 Images = NDArray[np.float32]
 
@@ -48,13 +49,17 @@ class Judge:
         The start at the plain intensity.
     """
 
-    def __init__(self, example: Example) -> None:
-        self.example = example
-        self.noise = noise_level(example.capture)
+    def __init__(self, sample: Sample) -> None:
+        self.sample = sample
+        self.noise = noise_level(sample.capture)
         with threadpool_limits(1, "blas"):
-            self.problem = Problem(example.capture, example.scene, self.noise, Weights())
+            self.problem = self.new_problem()
         self.cold = self.start("cold")
         self._objective = self.problem.compiled(self.start("closed-form"))
+
+    def new_problem(self) -> Problem:
+        """What a contestant sets up by itself."""
+        return Problem(self.sample.capture, self.sample.scene, self.noise, Weights())
 
     def start(self, init: str) -> Images:
         """Canvas layers to start from, by name."""
@@ -66,7 +71,7 @@ class Judge:
         z = self._objective.coordinates(layers)
         there, terms = self._objective.solution(z)
         value = sum(term.weight * term.value for term in terms.values())
-        return Verdict(value, *self.example.psnr_db(self.problem.canvas.crop(there)))
+        return Verdict(value, *both_psnr(self.problem.canvas.crop(there), self.sample.layers))
 
 
 @dataclass(frozen=True)
@@ -89,13 +94,13 @@ class Finish:
         return Finish(min([self.best, *verdicts], key=lambda verdict: verdict.value), self.cold_value)
 
 
-def find_finish(judge: Judge, max_evaluations: int, tell: Callable[[str], None]) -> Finish:
+def find_finish(judge: Judge, max_evaluations: int, say: Callable[[str], None] = tell) -> Finish:
     """The lowest value that runs to a relative change of 1e-6 find from several starts."""
     stopping = StoppingRule(max_evaluations=max_evaluations, relative_change=_REFERENCE_CHANGE)
     verdicts = []
     with threadpool_limits(1, "blas"):
         for solver, init in _REFERENCE_RUNS:
-            tell(f"reference: {solver}, {init}")
+            say(f"reference: {solver}, {init}")
             start = judge.start(init)
             objective = judge.problem.compiled(start)
             solution = get_solver(solver).minimize(objective.value_and_grad, objective.coordinates(start), stopping)

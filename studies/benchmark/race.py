@@ -1,4 +1,4 @@
-"""Who races: polaropt's solvers in its own coordinates, and scipy and torch on the pixels with automatic gradients.
+"""Time and evaluations to the same gap: polaropt's solvers, and scipy and torch on the pixels with autograd.
 
 What a contestant needs is set up on its clock: Problem (closed form, spectra, penalties), start and coordinates. Those
 that start cold on the pixels are given the penalties for nothing.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,17 @@ from threadpoolctl import threadpool_limits
 from polaropt.solving import Problem, Weights, take_start
 from solvers.base import MissingPackage, Status, StoppingRule, StopSolving, TooLarge
 from solvers.registry import get_solver, solver_names
-from studies.benchmark_race import Finish, Judge, Limits, Recorder, Run, watched
+from studies.benchmark.judge import Finish, Judge, Limits, Recorder, Run, find_finish, watched
+from studies.benchmark.rows import Place, Row
+from studies.camera import Sample
 from studies.kit.timing import Threads
 
 Images = NDArray[np.float32]
 
+INCIDENCES_DEG = {"hard": 20.0, "easy": 60.0}
+REFERENCE = "lowest value found"
+LEAST_GAP = 1e-9
+"""Nothing falls below the lowest value; rounding of a logarithm's axis."""
 OURS = "polaropt lbfgs"
 SCIPY_AUTOGRAD = "scipy L-BFGS-B + autograd"
 TORCH_AUTOGRAD = "torch LBFGS + autograd"
@@ -32,8 +39,6 @@ _MOST = 100_000
 # Evaluations of a line search that finds nothing lower.
 _FRUITLESS = 25
 _TRIAL = 6
-
-
 _CHOICES = (Threads(torch=1, blas=1), Threads(blas=1), Threads())
 
 
@@ -70,12 +75,14 @@ def contestants() -> list[Contestant]:
     found = [Contestant(OURS, init, _registered("lbfgs")) for init in ("closed-form", "cold")]
     others = [name for name in solver_names() if name != "lbfgs"]
     found += [Contestant(f"{WHITENED} {name}", "closed-form", _registered(name)) for name in others]
-    if not _has_torch():
+    if find_spec("torch") is None:
         return found
-    if _has_gpu():
+    import torch
+
+    if torch.cuda.is_available():
         found.append(Contestant(f"{WHITENED} torch on cuda", "closed-form", _registered("torch", "cuda")))
-    inits = ("cold", "closed-form")
     rivals = {SCIPY_AUTOGRAD: _scipy_autograd, TORCH_AUTOGRAD: _torch_autograd}
+    inits = ("cold", "closed-form")
     return found + [Contestant(name, init, solve, True) for name, solve in rivals.items() for init in inits]
 
 
@@ -112,27 +119,14 @@ def race(contestant: Contestant, judge: Judge, finish: Finish, limits: Limits) -
     return run
 
 
-def _has_torch() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("torch") is not None
-
-
-def _has_gpu() -> bool:
-    import torch
-
-    return bool(torch.cuda.is_available())
-
-
 def _registered(name: str, device: str | None = None) -> Callable[[Judge, str, Recorder], Status]:
     """A registered solver in whitened coordinates, as `separate` runs it."""
 
     def solve(judge: Judge, init: str, recorder: Recorder) -> Status:
         minimizer = get_solver(name)
         place = device or ("cpu" if name == "torch" else None)
-        example = judge.example
         with threadpool_limits(1, "blas"):
-            problem = Problem(example.capture, example.scene, judge.noise, Weights())
+            problem = judge.new_problem()
             start = take_start(problem, init)
             objective = problem.compiled(start) if place is None else problem.readable(start, place)
             z = objective.coordinates(start)
@@ -164,9 +158,8 @@ def _pixels(judge: Judge, init: str) -> tuple[Problem, Images]:
     """The problem and the start; from cold both are given."""
     if init == "cold":
         return judge.problem, judge.cold.copy()
-    example = judge.example
     with threadpool_limits(1, "blas"):
-        problem = Problem(example.capture, example.scene, judge.noise, Weights())
+        problem = judge.new_problem()
         return problem, take_start(problem, init)
 
 
@@ -174,7 +167,7 @@ def _scipy_autograd(judge: Judge, init: str, recorder: Recorder) -> Status:
     """scipy's L-BFGS-B in float64 on the pixels of the canvas, gradients by torch in float32."""
     from scipy.optimize import minimize
 
-    from studies.autograd_objective import AutogradObjective
+    from studies.benchmark.autograd import AutogradObjective
 
     problem, start = _pixels(judge, init)
     objective = AutogradObjective(problem, Weights())
@@ -202,20 +195,15 @@ def _torch_autograd(judge: Judge, init: str, recorder: Recorder) -> Status:
     """torch.optim.LBFGS on the pixels of the canvas in float32."""
     import torch
 
-    from studies.autograd_objective import AutogradObjective
+    from studies.benchmark.autograd import AutogradObjective
 
     problem, start = _pixels(judge, init)
     objective = AutogradObjective(problem, Weights())
     layers = torch.nn.Parameter(torch.from_numpy(start))
     optimizer = torch.optim.LBFGS(
-        [layers],
-        max_iter=_MOST,
-        max_eval=_MOST,
-        tolerance_grad=0.0,
-        tolerance_change=0.0,
-        history_size=_HISTORY,
+        [layers], max_iter=_MOST, max_eval=_MOST, tolerance_grad=0.0, tolerance_change=0.0, history_size=_HISTORY,
         line_search_fn="strong_wolfe",
-    )
+    )  # fmt: skip
     recorder.set_up()
     unit = 0.0
 
@@ -232,3 +220,120 @@ def _torch_autograd(judge: Judge, init: str, recorder: Recorder) -> Status:
 
     optimizer.step(closure)
     return Status.ROUNDOFF_LIMITED
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """How often everything runs, and how long.
+
+    Attributes
+    ----------
+    repeats : int
+    cap_seconds : float
+        A solve is broken off after this time.
+    slow_seconds : float
+        A contestant that takes longer runs only `slow_repeats` times.
+    slow_repeats : int
+    reference_evaluations : int
+        Limit of each run that looks for the lowest value.
+    """
+
+    repeats: int
+    cap_seconds: float
+    slow_seconds: float
+    slow_repeats: int
+    reference_evaluations: int = 1000
+
+
+def measure_race(place: Place, sample: Sample, rounds: Rounds) -> list[Row]:
+    """Race all contestants on one scene."""
+    judge = Judge(sample)
+    finish = find_finish(judge, rounds.reference_evaluations, place.say)
+    runs = _runs(judge, finish, rounds, place)
+    verdicts = [point.verdict for several in runs.values() for run in several for point in run.points[-1:]]
+    finish = finish.lowered(verdicts)
+    rows = _reference(place, finish)
+    for contestant, several in runs.items():
+        rows += _measured(place, contestant, several, finish)
+    return rows
+
+
+def _runs(judge: Judge, finish: Finish, rounds: Rounds, place: Place) -> dict[Contestant, list[Run]]:
+    runs: dict[Contestant, list[Run]] = {}
+    for contestant in contestants():
+        place.say(f"{contestant.name}: warming up")
+        runs[warmed_up(contestant, judge, finish, rounds.cap_seconds)] = []
+    for repeat in range(rounds.repeats):
+        for contestant, earlier in runs.items():
+            if _again(earlier, rounds):
+                place.say(f"{contestant.name}: round {repeat + 1} of {rounds.repeats}")
+                earlier.append(race(contestant, judge, finish, Limits(rounds.cap_seconds)))
+    return runs
+
+
+def _again(earlier: list[Run], rounds: Rounds) -> bool:
+    """Whether a contestant is to run once more: not where it cannot, is slow, or was cut off."""
+    if not earlier:
+        return True
+    last = earlier[-1]
+    if not last.points or last.status is Status.TIME_LIMIT:
+        return False
+    return len(earlier) < rounds.slow_repeats or last.points[-1].seconds <= rounds.slow_seconds
+
+
+def _reference(place: Place, finish: Finish) -> list[Row]:
+    best = finish.best
+    values = {
+        ("objective", ""): best.value,
+        ("objective at the cold start", ""): finish.cold_value,
+        ("transmission", "dB"): best.transmission_db,
+        ("reflection", "dB"): best.reflection_db,
+    }
+    return [place.measured(REFERENCE, *quantity, [value]) for quantity, value in values.items()]
+
+
+def _measured(place: Place, contestant: Contestant, runs: list[Run], finish: Finish) -> list[Row]:
+    """Arrival of a contestant with all repeats, and the curve of its first run."""
+    name, first = contestant.name, runs[0]
+    if not first.points:
+        return [place.measured(name, "evaluations", "", [], note=first.note or "it did not start")]
+    arrivals = [run.arrival(finish) for run in runs]
+    arrived = [(run, at) for run, at in zip(runs, arrivals, strict=True) if at is not None]
+    # A run that did not arrive bounds the time from below.
+    ends = arrived or [(run, len(run.points) - 1) for run in runs]
+    bound = "" if arrived else ">="
+    note = "" if arrived else _shortfall(first, finish)
+    if contestant.chooses_threads:
+        note = "; ".join(filter(None, (note, f"threads, the fastest here: {contestant.threads}")))
+    points = [(run.points[at], run.set_up) for run, at in ends]
+    quantities: dict[tuple[str, str], list[float]] = {
+        ("wall, with set-up", "s"): [point.seconds for point, _ in points],
+        ("CPU, with set-up", "s"): [point.cpu_seconds for point, _ in points],
+        ("wall, solve", "s"): [point.seconds - set_up[0] for point, set_up in points],
+        ("CPU, solve", "s"): [point.cpu_seconds - set_up[1] for point, set_up in points],
+        ("evaluations", ""): [at + 1 for _, at in ends],
+    }
+    rows = [place.measured(name, *quantity, values, bound, note) for quantity, values in quantities.items()]
+    by_gap = [at + 1 for run in runs if (at := run.arrival(finish, near=False)) is not None]
+    if len(by_gap) == len(runs):
+        rows.append(place.measured(name, "evaluations, by the gap alone", "", by_gap))
+    return rows + _curve(place, name, first, finish)
+
+
+def _shortfall(run: Run, finish: Finish) -> str:
+    last = run.points[-1].verdict
+    off = last.transmission_db - finish.best.transmission_db
+    why = "broken off" if run.status is Status.TIME_LIMIT else "ended by itself"
+    return f"{why} at gap {finish.gap(last):.1e}, transmission {off:+.2f} dB"
+
+
+def _curve(place: Place, name: str, run: Run, finish: Finish) -> list[Row]:
+    points = run.points
+    columns = {
+        ("wall, with set-up", "s"): [point.seconds for point in points],
+        ("CPU, with set-up", "s"): [point.cpu_seconds for point in points],
+        ("gap", ""): [max(finish.gap(point.verdict), LEAST_GAP) for point in points],
+        ("transmission", "dB"): [point.verdict.transmission_db for point in points],
+        ("reflection", "dB"): [point.verdict.reflection_db for point in points],
+    }
+    return [place.measured(name, f"curve: {what}", unit, values) for (what, unit), values in columns.items()]

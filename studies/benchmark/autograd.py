@@ -32,59 +32,52 @@ class AutogradObjective:
         Factors on the terms; a term with factor 0 is not computed.
     sparsity : GradientSparsity, optional
         Replaces the problem's own.
-    device : str
-        As torch names it.
     """
 
-    def __init__(
-        self, problem: Problem, weights: Weights, sparsity: GradientSparsity | None = None, device: str = "cpu"
-    ) -> None:
+    def __init__(self, problem: Problem, weights: Weights, sparsity: GradientSparsity | None = None) -> None:
         capture, self._canvas = problem.capture, problem.canvas
         shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
         valid = capture.valid.reshape(shape).astype(np.float32)
 
-        def place(array: NDArray[Any]) -> Tensor:
-            return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32)).to(device)
-
-        self._device, self._weights, self._pse = device, weights, problem.pse
-        self._photographs = place(capture.intensities.reshape(shape))
-        self._precision = place(valid / np.float32(problem.noise))
+        self._weights, self._pse = weights, problem.pse
+        self._photographs = _tensor(capture.intensities.reshape(shape))
+        self._precision = _tensor(valid / np.float32(problem.noise))
         penalties = problem.penalties
         self._independence, self._nonnegativity = penalties.edge_independence, penalties.nonnegativity
         self._sparsity = sparsity or penalties.gradient_sparsity
         natural = penalties.natural_image
         # Half spectra stand for two halves.
         columns = column_multiplicity(self._canvas.shape[1]).astype(np.float32)
-        self._stiffness = place(natural.stiffness * columns)
-        self._mean, self._basis = place(natural.mean), place(natural.basis)
+        self._stiffness = _tensor(natural.stiffness * columns)
+        self._mean, self._basis = _tensor(natural.mean), _tensor(natural.basis)
 
     def value(self, layers: Tensor) -> Tensor:
         """Value (float64) at canvas layers (2, channel, H, W); differentiable."""
         within = self._canvas.crop(layers)
-        total = torch.zeros((), dtype=torch.float64, device=layers.device)
-        if self._weights.factor("misfit"):
-            total = total + self._weights.factor("misfit") * self._misfit(layers)
-        total = total + self._of_edges(within)
-        if self._weights.factor("nonnegativity"):
-            total = total + self._weights.factor("nonnegativity") * self._of_signs(within)
-        if self._weights.factor("natural_image"):
-            total = total + self._weights.factor("natural_image") * self._of_spectra(layers)
+        total = self._of_edges(within)
+        for name, term, point in (
+            ("misfit", self._misfit, layers),
+            ("nonnegativity", self._of_signs, within),
+            ("natural_image", self._of_spectra, layers),
+        ):
+            if factor := self._weights.factor(name):
+                total = total + factor * term(point)
         return total
 
     def value_and_grad(self, layers: NDArray[np.float32]) -> tuple[float, NDArray[np.float32]]:
         """Value and gradient at canvas layers (2, channel, H, W), from and to numpy."""
-        point = torch.from_numpy(layers).to(self._device).requires_grad_()
+        point = torch.from_numpy(layers).requires_grad_()
         value = self.value(point)
         (gradient,) = torch.autograd.grad(value, point)
-        return float(value.detach()), gradient.cpu().numpy()
+        return float(value.detach()), gradient.numpy()
 
     def _misfit(self, layers: Tensor) -> Tensor:
         shown = self._canvas.crop(self._pse.forward(layers))
         return 0.5 * _total(torch.square((shown - self._photographs) * self._precision))
 
     def _of_edges(self, within: Tensor) -> Tensor:
-        energies = [gradient_energy(within[i]) for i in (0, 1)]
-        total = torch.zeros((), dtype=torch.float64, device=within.device)
+        energies = [_gradient_energy(within[i]) for i in (0, 1)]
+        total = torch.zeros((), dtype=torch.float64)
         sparse = self._weights.factor("gradient_sparsity")
         for energy, layer in zip(energies, self._sparsity.layers, strict=True):
             if sparse and layer.strength:
@@ -105,7 +98,7 @@ class AutogradObjective:
         return 0.5 * _total(self._stiffness * torch.square(spectrum).sum(dim=-1))
 
 
-def gradient_energy(layer: Tensor) -> Tensor:
+def _gradient_energy(layer: Tensor) -> Tensor:
     """Gradient energy (h, w) of a layer (channel, h, w), all colours together: that of `priors.base.ColorGradient`."""
     down = functional.pad(layer[:, 1:] - layer[:, :-1], (0, 0, 0, 1))
     right = functional.pad(layer[..., 1:] - layer[..., :-1], (0, 1))
@@ -120,6 +113,10 @@ def _sparsity(energy: Tensor, layer: LayerSparsity, exponent: float) -> Tensor:
     pooled = functional.avg_pool2d(energy[None, None], 3, stride=1, padding=1) + layer.floor
     half = exponent / 2
     return layer.strength / layer.scale**half * (_total(pooled**half) - pooled.numel() * layer.floor**half)
+
+
+def _tensor(array: NDArray[Any]) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
 
 
 def _total(plane: Tensor) -> Tensor:

@@ -4,57 +4,61 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from polaropt.capture import noise_level
 from polaropt.solving import FusedMisfit, FusedPenalties, Problem, Weights, take_start
 from priors.gradient_sparsity import GradientSparsity
 from solvers.kernels import in_blocks, thread_count
-from studies.benchmark_record import Measurement, Place
-from studies.benchmark_scenes import Example
+from studies.benchmark.rows import Place, Row
+from studies.camera import Sample
+from studies.kit.timing import Threads
 
-TABLE = "kernels"
 N_GHOSTS = 2
-INCIDENCE_DEG = 60.0
 # The spectral prior needs a transform: what is measured are the passes over pixels.
 _WEIGHTS = Weights(natural_image=0.0)
 
-Tell = Callable[[str], None]
 
+def measure_kernels(place: Place, sample: Sample, repeats: int, vector_mib: int) -> list[Row]:
+    """Seconds of the compiled and the automatic gradient, and the bandwidth, with one thread and with all.
 
-@dataclass(frozen=True)
-class Effort:
-    """Repeats, and the length of the vectors whose product measures the bandwidth."""
-
-    repeats: int
-    vector_mib: int
-
-
-def measure(place: Place, example: Example, effort: Effort, tell: Tell) -> list[Measurement]:
-    """Seconds of the compiled and the automatic gradient, and the bandwidth, with one thread and with all."""
-    scene = replace(example.scene, n_bounces=N_GHOSTS)
-    problem = Problem(example.capture, scene, noise_level(example.capture), _WEIGHTS)
+    Parameters
+    ----------
+    place : Place
+    sample : Sample
+    repeats : int
+    vector_mib : int
+        Length of the vectors whose product measures the bandwidth.
+    """
+    scene = replace(sample.scene, n_bounces=N_GHOSTS)
+    problem = Problem(sample.capture, scene, noise_level(sample.capture), _WEIGHTS)
     if problem.pse.taps.shape[1] != N_GHOSTS + 1:
         raise AssertionError(f"{problem.pse.taps.shape[1] - 1} ghosts instead of {N_GHOSTS}")
     own = problem.penalties.gradient_sparsity
-    vector = _ones(effort.vector_mib)
+    vector = np.ones(vector_mib * 2**20 // 4, dtype=np.float32)
     subjects = {"bandwidth": _dot(vector)}
     for sparsity in (replace(own, exponent=1.0), own):
         name = f"p = {sparsity.exponent:g}"
         subjects[f"compiled, {name}"] = _compiled(problem, sparsity)
         subjects[f"torch autograd, {name}"] = _autograd(problem, sparsity)
-    measurements = [place.measured("bound", "traffic", "bytes", [traffic_bytes(problem)])]
+    rows = [place.measured("bound", "traffic", "bytes", [traffic_bytes(problem)])]
     for threads in dict.fromkeys((1, thread_count())):
-        tell(f"{threads} threads")
-        measurements += _interleaved(place, subjects, threads, effort, 2 * vector.nbytes)
-    return measurements
+        unit = f"{threads} thread" + ("s" if threads > 1 else "")
+        place.say(unit)
+        with _limited(threads):
+            samples = _interleaved(subjects, repeats)
+        rates = [2 * vector.nbytes / wall for wall, _ in samples.pop("bandwidth")]
+        rows.append(place.measured("bandwidth", f"{unit}: rate", "bytes/s", rates))
+        for name, seconds in samples.items():
+            rows.append(place.measured(name, f"{unit}: wall", "s", [wall for wall, _ in seconds]))
+            rows.append(place.measured(name, f"{unit}: CPU", "s", [cpu for _, cpu in seconds]))
+    return rows
 
 
 def traffic_bytes(problem: Problem) -> int:
@@ -69,50 +73,30 @@ def traffic_bytes(problem: Problem) -> int:
     return 4 * (layers + 2 * layers + data)
 
 
-def _interleaved(
-    place: Place, subjects: dict[str, Callable[[], object]], threads: int, effort: Effort, vector_bytes: int
-) -> list[Measurement]:
+def _interleaved(subjects: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, list[tuple[float, float]]]:
+    """Elapsed and processor seconds of every call, round by round; the first round warms up."""
     samples: dict[str, list[tuple[float, float]]] = {name: [] for name in subjects}
-    with limited(threads):
-        for repeat in range(effort.repeats + 1):
-            for name, call in subjects.items():
-                begun = (time.perf_counter(), time.process_time())
-                call()
-                taken = (time.perf_counter() - begun[0], time.process_time() - begun[1])
-                # The first warms up.
-                if repeat:
-                    samples[name].append(taken)
-    unit = f"{threads} thread" + ("s" if threads > 1 else "")
-    rows = [
-        place.measured("bandwidth", f"{unit}: rate", "bytes/s", [vector_bytes / s for s, _ in samples["bandwidth"]])
-    ]
-    for name in list(subjects)[1:]:
-        rows.append(place.measured(name, f"{unit}: wall", "s", [wall for wall, _ in samples[name]]))
-        rows.append(place.measured(name, f"{unit}: CPU", "s", [cpu for _, cpu in samples[name]]))
-    return rows
+    for _ in range(repeats + 1):
+        for name, call in subjects.items():
+            begun = (time.perf_counter(), time.process_time())
+            call()
+            samples[name].append((time.perf_counter() - begun[0], time.process_time() - begun[1]))
+    return {name: seconds[1:] for name, seconds in samples.items()}
 
 
 @contextmanager
-def limited(threads: int) -> Iterator[None]:
+def _limited(threads: int) -> Iterator[None]:
     """Within this context polaropt, torch and BLAS (one per block) use so many threads."""
-    import torch
-
-    before, torch_before = os.environ.get("OMP_NUM_THREADS"), torch.get_num_threads()
+    before = os.environ.get("OMP_NUM_THREADS")
     os.environ["OMP_NUM_THREADS"] = str(threads)
-    torch.set_num_threads(threads)
     try:
-        with threadpool_limits(1, "blas"):
+        with Threads(torch=threads, blas=1).set():
             yield
     finally:
-        torch.set_num_threads(torch_before)
         if before is None:
             del os.environ["OMP_NUM_THREADS"]
         else:
             os.environ["OMP_NUM_THREADS"] = before
-
-
-def _ones(mib: int) -> NDArray[np.float32]:
-    return np.ones(mib * 2**20 // 4, dtype=np.float32)
 
 
 def _dot(vector: NDArray[np.float32]) -> Callable[[], object]:
@@ -140,7 +124,7 @@ def _compiled(problem: Problem, sparsity: GradientSparsity) -> Callable[[], obje
 
 
 def _autograd(problem: Problem, sparsity: GradientSparsity) -> Callable[[], object]:
-    from studies.autograd_objective import AutogradObjective
+    from studies.benchmark.autograd import AutogradObjective
 
     objective = AutogradObjective(problem, _WEIGHTS, sparsity)
     layers = take_start(copy(problem), "closed-form")

@@ -1,0 +1,1 @@
+"""How fast the solver is against others, what its kernels reach of the memory, and what separations take."""
