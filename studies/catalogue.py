@@ -42,6 +42,7 @@ STUDIES = (
     ),
     Study("coverage", "Do the stated standard errors of the layers hold?"),
     Study("parameter_errors", "Do the stated standard errors of the scene's parameters hold?"),
+    Study("real_captures", "What does a separation make of real captures and of measured layers?", inputs=("--data",)),
     Study(
         "speed_accuracy",
         "What do other solvers, starts, models and tolerances cost and gain against the defaults?",

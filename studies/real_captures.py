@@ -1,44 +1,156 @@
 """Real captures and measured layers, separated blind: scene, seconds, warnings, and shared edges of the layers.
 
-Run ``python -m studies.real_captures --data DIR -o OUT``; DIR holds ``real_polar`` and ``layer_pairs``.
+Run ``polaropt study real_captures --data DIR -o OUT``; DIR holds ``real_polar`` and ``layer_pairs``. ``OUT/pictures``
+gets intensity, transmission and reflection of each: they are others' photographs, and not kept with the results.
 """
 
 from __future__ import annotations
 
-import argparse
+import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pandas import DataFrame
 
 from polaropt.capture import Capture, planes_last, read_capture, write_png_view
 from polaropt.optics import SceneParameters
-from polaropt.separation import Separation, separate
-from polaropt.simulation import psnr_db, simulate
+from polaropt.separation import separate
+from polaropt.simulation import simulate, stack_layers
+from studies.kit.frames import Cell, markdown, mean, summary
+from studies.kit.run import effort_of, publish, run_study, study_parser
+from studies.photographs import GAMMA
+from studies.scenes import BITS, NOISE, REFRACTIVE_INDEX, WATER_INDEX
+from studies.scores import both_psnr, psnr
 
 Image = NDArray[np.float32]
 
-MEASURED_INCIDENCES_DEG = (20.0, 45.0, 65.0)
-MEASURED_NOISE = 0.005
+NAME = "real_captures"
+REAL, MEASURED = "real_polar", "layer_pairs"
+"""Folders of captures, and of layers that were measured behind real glass."""
+INCIDENCES_DEG = (20.0, 45.0, 65.0)
+"""At which the engine polarizes measured layers."""
+AZIMUTH_DEG, GHOST_SHIFT_PX = 30.0, 4.2
+WHITE_QUANTILE = 0.99
+"""Of a picture: this value is shown white."""
+PEER = ("IMG_0287", "lei2020_IMG_0287_peerT16.png")
+"""A capture of which there is the transmission that another's network gives."""
+PEER_SHARE = (0.4, 0.7)
+"""Of its rows and columns: the part, at the upper left, where the reflection has edges."""
 
 
 @dataclass(frozen=True)
-class Example:
-    """A real capture: its files and what is told about the pane."""
+class Job:
+    """One capture.
+
+    Attributes
+    ----------
+    data, pictures : str
+        Folder of the data, and folder for the pictures.
+    name : str
+    files : tuple of str
+        Of a real capture; none of measured layers.
+    refractive_index : float
+    single_surface : bool
+    incidence_deg : float
+        At which measured layers are polarized.
+    """
+
+    data: str
+    pictures: str
+    name: str
+    files: tuple[str, ...] = ()
+    refractive_index: float = REFRACTIVE_INDEX
+    single_surface: bool = False
+    incidence_deg: float = math.nan
+
+
+def captures(data: str, pictures: str) -> list[Job]:
+    """The real ones, each with what is known of the pane."""
+    glass = tuple(f"lapray_glass_nir_{angle}.png" for angle in ("000", "045", "090", "135"))
+    return [
+        Job(data, pictures, PEER[0], ("lei2020_IMG_0287_mosaic16.png",)),
+        Job(data, pictures, "carps", ("maeda_carps_mosaic8.png",), WATER_INDEX, True),
+        Job(data, pictures, "glass", glass),
+    ]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One separation; not a number is what is not known of real captures, or not asked of measured layers.
+
+    Attributes
+    ----------
+    name : str
+    true_incidence_deg : float
+        Of measured layers, as `nothing`, `transmission` and `reflection`.
+    incidence_deg, azimuth_deg, ghost_shift, misfit, seconds
+        As estimated; mean squared residual in units of the noise; the seconds of a capture include reading.
+    edges_before, edges_after : float
+        Correlation of the edges of the plain intensity and of the transmission with those of the reflection.
+    edges_here, edges_peer : float
+        The same of the upper left of the transmission, and of another's.
+    nothing, transmission, reflection : float
+        PSNR in dB, of the plain intensity first.
+    warnings : tuple of str
+    """
 
     name: str
-    files: tuple[str, ...]
-    refractive_index: float = 1.5
-    single_surface: bool = False
+    true_incidence_deg: float
+    incidence_deg: float
+    azimuth_deg: float
+    ghost_shift: float
+    misfit: float
+    edges_before: float
+    edges_after: float
+    edges_here: float
+    edges_peer: float
+    nothing: float
+    transmission: float
+    reflection: float
+    seconds: float
+    warnings: tuple[str, ...]
 
 
-EXAMPLES = (
-    Example("IMG_0287", ("lei2020_IMG_0287_mosaic16.png",)),
-    Example("carps", ("maeda_carps_mosaic8.png",), 1.33, True),
-    Example("glass", tuple(f"lapray_glass_nir_{angle}.png" for angle in ("000", "045", "090", "135"))),
-)
+def run(job: Job) -> list[Row]:
+    """Read or simulate one capture, separate it and write its pictures."""
+    began = time.perf_counter()
+    true = None if job.files else _measured(job)
+    capture = _read(job) if true is None else _simulated(job, true)
+    result = separate(capture, refractive_index=job.refractive_index, single_surface=job.single_surface)
+    seconds = time.perf_counter() - began
+    intensity = capture.stokes[0]
+    edges, levels = [math.nan] * 4, [math.nan] * 3
+    if true is None:
+        shared = [edge_correlation(image, result.layers[1]) for image in (intensity, result.layers[0])]
+        edges = [*shared, *_beside_peer(job, result.layers)]
+    else:
+        truth = stack_layers(*true)
+        levels = [psnr(intensity, truth[0]), *both_psnr(result.layers, truth)]
+    _write_side_by_side(_picture(job), [planes_last(intensity), result.transmission, result.reflection])
+    warnings = tuple(warning.name for warning in result.diagnostics.warnings)
+    of_scene = (*result.scene.values(), result.diagnostics.misfit_ratio)
+    return [Row(job.name, job.incidence_deg, *of_scene, *edges, *levels, seconds, warnings)]
+
+
+def _read(job: Job) -> Capture:
+    return read_capture([Path(job.data) / REAL / file for file in job.files])
+
+
+def _measured(job: Job) -> list[Image]:
+    """Layers (h, w, 3) in linear light."""
+    from skimage.io import imread
+
+    files = [Path(job.data) / MEASURED / f"{job.name}_{part}.png" for part in "TR"]
+    return [(imread(file)[..., :3] / 255.0) ** GAMMA for file in files]
+
+
+def _simulated(job: Job, layers: Sequence[Image]) -> Capture:
+    scene = SceneParameters(job.incidence_deg, AZIMUTH_DEG, GHOST_SHIFT_PX)
+    return simulate(layers[0], layers[1], scene, noise=NOISE, bits=BITS, seed=1)
 
 
 def edge_correlation(first: Image, second: Image) -> float:
@@ -49,87 +161,81 @@ def edge_correlation(first: Image, second: Image) -> float:
     return float(np.corrcoef(sizes[0], sizes[1])[0, 1])
 
 
-def separate_example(example: Example, folder: Path) -> tuple[Capture, Separation, float]:
-    """Read and separate; the seconds include reading."""
-    begun = time.perf_counter()
-    capture = read_capture([folder / file for file in example.files])
-    result = separate(capture, refractive_index=example.refractive_index, single_surface=example.single_surface)
-    return capture, result, time.perf_counter() - begun
+def _beside_peer(job: Job, layers: Image) -> tuple[float, float]:
+    """Edges of the reflection that are left in the transmission, here and in the peer network's output."""
+    from skimage.io import imread
+
+    if job.name != PEER[0]:
+        return math.nan, math.nan
+    peer = imread(Path(job.data) / REAL / PEER[1]).astype(np.float32)
+    rows, columns = (int(share * side) for share, side in zip(PEER_SHARE, peer.shape, strict=True))
+    here, there, reflection = (image[:rows, :columns] for image in (layers[0], peer, layers[1]))
+    return edge_correlation(here, reflection), edge_correlation(there, reflection)
 
 
-def describe(name: str, capture: Capture, result: Separation, seconds: float) -> str:
-    """A table row."""
-    incidence, azimuth, shift = result.scene.values()
-    warnings = ", ".join(warning.name for warning in result.diagnostics.warnings) or "none"
-    correlations = [edge_correlation(image, result.layers[1]) for image in (capture.stokes[0], result.layers[0])]
-    return (
-        f"| {name} | {incidence:.1f} | {azimuth:.1f} | {shift:.2f} | {result.diagnostics.misfit_ratio:.1f} "
-        f"| {correlations[0]:.3f} | {correlations[1]:.3f} | {seconds:.1f} | {warnings} |"
-    )
+def _picture(job: Job) -> Path:
+    ending = "" if job.files else f"_{job.incidence_deg:g}"
+    return Path(job.pictures) / f"{job.name}{ending}.png"
 
 
-def write_side_by_side(path: Path, images: list[Image]) -> None:
-    """Images next to each other, each at its own exposure (99 % quantile to white)."""
-    shown = [np.clip(image / np.quantile(image, 0.99), 0, 1) for image in images]
+def _write_side_by_side(path: Path, images: Sequence[Image]) -> None:
+    """Images next to each other, each at its own exposure."""
+    shown = [np.clip(image / np.quantile(image, WHITE_QUANTILE), 0, 1) for image in images]
     write_png_view(path, np.concatenate(shown, axis=1).astype(np.float32))
 
 
-def against_peer(result: Separation, peer_file: Path) -> str:
-    """Edges of the reflection that are left in the transmission of IMG_0287, here and in the peer network's output."""
-    from skimage.io import imread
-
-    peer = imread(peer_file).astype(np.float32)
-    rows, columns = int(0.4 * peer.shape[0]), int(0.7 * peer.shape[1])
-    reflection = result.layers[1][:rows, :columns]
-    ours, theirs = (
-        edge_correlation(np.asarray(image[:rows, :columns], np.float32), reflection)
-        for image in (result.layers[0], peer)
-    )
-    return f"IMG_0287, upper left: edge correlation with the reflection {ours:.3f} (peer network: {theirs:.3f})"
-
-
-def measured_layers(folder: Path, out: Path | None) -> list[str]:
-    """Layers measured behind real glass, polarized by the engine and separated again."""
-    from skimage.io import imread
-
-    lines = ["| layers | theta | s0 | T blind | R blind | theta found |", "|" + "---|" * 6]
-    for name in ("mtr1", "mtr2"):
-        layers = [(imread(folder / f"{name}_{part}.png")[..., :3] / 255.0) ** 2.2 for part in "TR"]
-        for incidence in MEASURED_INCIDENCES_DEG:
-            scene = SceneParameters(incidence, 30.0, 4.2)
-            capture = simulate(layers[0], layers[1], scene, noise=MEASURED_NOISE, bits=12, seed=1)
-            result = separate(capture)
-            truth = [np.moveaxis(layer, -1, 0) for layer in layers]
-            values = [psnr_db(capture.stokes[0], truth[0], 16)]
-            values += [psnr_db(result.layers[i], truth[i], 16) for i in (0, 1)]
-            found = result.scene.incidence_deg
-            lines.append(f"| {name} | {incidence:g} | " + " | ".join(f"{v:.2f}" for v in values) + f" | {found:.1f} |")
-            if out:
-                images = [planes_last(capture.stokes[0]), result.transmission, result.reflection]
-                write_side_by_side(out / f"{name}_{incidence:g}.png", images)
-    return lines
+def tables(frame: DataFrame) -> str:
+    """The captures with what was found, beside a peer; measured layers beside the truth."""
+    if frame.empty:
+        return f"No captures were given: `--data DIR`, a folder with {REAL} and {MEASURED} in it."
+    of_captures: dict[str, Cell] = {
+        "theta": mean("incidence_deg", ".1f"),
+        "azimuth": mean("azimuth_deg", ".1f"),
+        "shift": mean("ghost_shift"),
+        "misfit": mean("misfit", ".1f"),
+        "edges s0-R": mean("edges_before", ".3f"),
+        "edges T-R": mean("edges_after", ".3f"),
+        "s": mean("seconds", ".1f"),
+        "warnings": lambda part: ", ".join(part.warnings.iloc[0]) or "none",
+    }
+    of_layers = {
+        "s0": mean("nothing"),
+        "T blind": mean("transmission"),
+        "R blind": mean("reflection"),
+        "theta found": mean("incidence_deg", ".1f"),
+    }
+    of_peer = frame[frame.edges_peer.notna()].itertuples()
+    real, measured = frame[frame.true_incidence_deg.isna()], frame[frame.true_incidence_deg.notna()]
+    return "\n\n".join([
+        markdown(summary(real, {"capture": "name"}, of_captures)),
+        *(
+            f"{row.name}, upper left: edge correlation with the reflection {row.edges_here:.3f} "
+            f"(peer network: {row.edges_peer:.3f})"
+            for row in of_peer
+        ),
+        markdown(summary(measured, {"layers": "name", "theta": "true_incidence_deg"}, of_layers)),
+    ])  # fmt: skip
 
 
-def main() -> None:
-    """Print the tables and write the pictures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, required=True, help="folder with real_polar and layer_pairs")
-    parser.add_argument("-o", "--out", type=Path, help="folder for the pictures: intensity, transmission, reflection")
-    options = parser.parse_args()
-    if options.out:
-        options.out.mkdir(parents=True, exist_ok=True)
-    print("| capture | theta | azimuth | shift | misfit | edges s0-R | edges T-R | s | warnings |\n|" + "---|" * 9)
-    peer = ""
-    for example in EXAMPLES:
-        capture, result, seconds = separate_example(example, options.data / "real_polar")
-        print(describe(example.name, capture, result, seconds), flush=True)
-        if example.name == "IMG_0287":
-            peer = against_peer(result, options.data / "real_polar" / "lei2020_IMG_0287_peerT16.png")
-        if options.out:
-            images = [capture.stokes[0], result.transmission, result.reflection]
-            write_side_by_side(options.out / f"{example.name}.png", images)
-    print("\n" + peer + "\n")
-    print("\n".join(measured_layers(options.data / "layer_pairs", options.out)))
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the study; without data it says what it wants."""
+    parser = study_parser(__doc__)
+    parser.add_argument("--data", metavar="DIR", help=f"folder with {REAL} and {MEASURED}")
+    options = parser.parse_args(arguments)
+    jobs = []
+    if options.data is not None:
+        quick = effort_of(options) == "quick"
+        pictures = options.out / "pictures"
+        pictures.mkdir(parents=True, exist_ok=True)
+        folders = str(Path(options.data).resolve()), str(pictures.resolve())
+        jobs = captures(*folders)[: 1 if quick else None]
+        jobs += [
+            Job(*folders, name, incidence_deg=incidence)
+            for name in (("mtr1",) if quick else ("mtr1", "mtr2"))
+            for incidence in INCIDENCES_DEG[: 1 if quick else None]
+        ]
+    frame = run_study(NAME, run, jobs, Row, options)
+    publish(NAME, options, tables(frame), {})
 
 
 if __name__ == "__main__":
