@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pandas import DataFrame
 
 from tests.browser import dom_of
 from tests.documents import document_of
@@ -20,15 +21,14 @@ pytest.importorskip("bokeh")
 from polaropt.separation import separate
 from polaropt.simulation.metrics import psnr_db
 from solvers.base import StoppingRule
-from studies import speed_accuracy
-from studies.photographs import Photographs, Size, sized_pair
-from studies.scores import BORDER_PX
-from studies.speed_accuracy import FEW, scene_sample
-from studies.speed_accuracy_labels import place_labels
-from studies.speed_accuracy_profiles import compared, ratios, share_within
-from studies.speed_accuracy_rows import LAYERS, Mark, Row, beaten_by, front, marks
-from studies.speed_accuracy_runs import run_ways
-from studies.speed_accuracy_tables import verdict
+from studies.kit.frames import frame_of
+from studies.photographs import Size
+from studies.scores import BORDER_PX, LAYERS
+from studies.speed_accuracy import study
+from studies.speed_accuracy.figures import ONE, place_labels
+from studies.speed_accuracy.marks import Mark, beaten_by, compared, front, marks, ratios, share_within, with_ways
+from studies.speed_accuracy.runs import run_ways
+from studies.speed_accuracy.study import FEW, Job, Row, verdict
 from studies.ways import DEFAULT, KNOWN, Way, crossed, one_at_a_time, other_methods, tolerances
 
 SCIPY, GHOSTS = replace(DEFAULT, solver="scipy"), replace(DEFAULT, rung="ghosts")
@@ -40,7 +40,11 @@ def mark(way: Way, seconds: float, transmission: float, reflection: float = 20.0
 
 def row(way: Way, scene: str, seconds: float, transmission: float, **more) -> Row:
     settings = (way.method, way.solver, way.start, way.rung, way.relative_change)
-    return Row("one at a time", "64x64", scene, 0, *settings, transmission, 20.0, (seconds,), (seconds,), **more)
+    return Row(ONE, "64x64", scene, 0, *settings, transmission, 20.0, (seconds,), (seconds,), **more)
+
+
+def frame(rows: list[Row]) -> DataFrame:
+    return with_ways(frame_of(Row, rows))
 
 
 def test_the_default_is_what_separate_does_by_itself():
@@ -90,22 +94,22 @@ def test_only_what_is_clearly_better_beats_the_default():
 def test_means_are_of_ways_that_ran_on_all_scenes():
     rows = [row(way, scene, 1.0, 40.0) for way in (DEFAULT, SCIPY) for scene in ("a", "b")]
     rows[-1] = row(SCIPY, "b", math.nan, math.nan, not_run="too large")
-    assert [one.way for one in marks(rows)] == [DEFAULT]
+    assert [one.way for one in marks(frame(rows))] == [DEFAULT]
 
 
 def test_profiles_count_the_scenes_solved_within_a_factor_of_the_fastest():
     rows = [row(DEFAULT, "a", 2.0, 40.0), row(GHOSTS, "a", 1.0, 40.1)]
     rows += [row(DEFAULT, "b", 1.0, 40.0), row(GHOSTS, "b", 0.5, 30.0)]
-    ways = compared(rows, "rung")
+    ways = compared(frame(rows), "rung")
     assert ways == [DEFAULT, GHOSTS]
-    ratio = ratios(rows, ways)
+    ratio = ratios(frame(rows), ways)
     np.testing.assert_array_equal(ratio[DEFAULT], [2, 1])
     np.testing.assert_array_equal(ratio[GHOSTS], [1, math.inf])
     np.testing.assert_array_equal(share_within(ratio[DEFAULT], np.array([1.0, 2.0])), [0.5, 1])
 
 
 def test_a_way_reaches_what_separate_reaches_with_its_settings():
-    sample = scene_sample(FEW[0], sized_pair(Photographs(), Size(48, 48)))
+    sample = Job(None, ONE, Size(48, 48), FEW[0], 0).sample()
     ways = (DEFAULT, replace(DEFAULT, solver="scipy", start="cold", rung="pixelwise"))
     timed = run_ways(sample, ways, 1)
     for way in ways:
@@ -133,13 +137,13 @@ def test_labels_keep_off_points_and_one_another():
 
 @pytest.mark.filterwarnings("default")
 def test_the_study_is_one_command(tmp_path, monkeypatch, capsys):
-    small = speed_accuracy.Step(Size(48, 48), FEW[:1], 1)
-    plan = speed_accuracy.Plan((small,), replace(small, scenes=()))
-    monkeypatch.setitem(speed_accuracy.PLANS, "quick", plan)
-    monkeypatch.setattr(speed_accuracy, "_warm_up", lambda scene: None)
-    monkeypatch.setattr(speed_accuracy, "other_methods", lambda: other_methods()[:2])
-    monkeypatch.setattr(speed_accuracy, "one_at_a_time", lambda: (DEFAULT, SCIPY, replace(SCIPY, start="cold")))
-    speed_accuracy.main(["--quick", "-o", str(tmp_path)])
+    small = study.Step(Size(48, 48), FEW[:1], 1)
+    plan = study.Plan((small,), replace(small, scenes=()))
+    monkeypatch.setitem(study.PLANS, "quick", plan)
+    monkeypatch.setattr(study, "_warm_up", lambda scene: None)
+    monkeypatch.setattr(study, "other_methods", lambda: other_methods()[:2])
+    monkeypatch.setattr(study, "one_at_a_time", lambda: (DEFAULT, SCIPY, replace(SCIPY, start="cold")))
+    study.main(["--quick", "-o", str(tmp_path)])
     assert "| **default** |" in capsys.readouterr().out
     for name in ("one_at_a_time_48x48", "profiles", "memory"):
         assert (tmp_path / f"speed_{name}.png").stat().st_size > 10_000

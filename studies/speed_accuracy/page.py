@@ -10,10 +10,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from studies.speed_accuracy_figures import STYLES, kind_of
-from studies.speed_accuracy_rows import LAYERS, Mark, Row, front, marks
+from pandas import DataFrame
+
+from studies.kit.frames import values_of, where
+from studies.scores import LAYERS
+from studies.speed_accuracy.figures import STYLES, kind_of
+from studies.speed_accuracy.marks import Mark, front, marks, with_ways
 
 _SHAPES = {"*": "star", "s": "square", "^": "triangle", "D": "diamond", "o": "circle", "X": "hex", ".": "dot"}
+_NAMES = {"default": "the defaults", "several": "several settings changed", "method": "another method"}
 _SIZES = {"default": 20, "several": 9}
 _SHOWN_DB = 30.0
 _HOW_TO_READ = (
@@ -32,35 +37,21 @@ _TIPS = (
 )
 
 
-def write_page(rows: Sequence[Row], out: Path) -> Path:
-    """Write ``speed_accuracy.html``: a tab for each size and part, a plot for each layer.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-    out : Path
-        Folder.
-    """
+def write_page(frame: DataFrame, out: Path) -> None:
+    """Write ``speed_accuracy.html`` into a folder: a tab for each size and part, a plot for each layer."""
     from bokeh.embed import file_html
+    from bokeh.layouts import row
     from bokeh.models import Div, TabPanel, Tabs
     from bokeh.resources import INLINE
 
-    parts = dict.fromkeys((row.part, row.size) for row in rows)
-    tabs = []
-    for part, size in parts:
-        found = marks([row for row in rows if (row.part, row.size) == (part, size)])
-        tabs.append(TabPanel(child=_pair(found), title=f"{size}, {part}"))
-    target = out / "speed_accuracy.html"
+    frame, tabs = with_ways(frame), []
+    for part, size in values_of(frame, "part", "size"):
+        found = marks(where(frame, part=part, size=size))
+        pair = row([_plot(found, layer) for layer in LAYERS], sizing_mode="stretch_width")
+        tabs.append(TabPanel(child=pair, title=f"{size}, {part}"))
     whole = [Div(text=_HOW_TO_READ, sizing_mode="stretch_width"), Tabs(tabs=tabs, sizing_mode="stretch_width")]
     page = file_html(whole, INLINE, "polaropt: seconds against accuracy")
-    target.write_text(page, encoding="utf-8")
-    return target
-
-
-def _pair(found: Sequence[Mark]) -> Any:
-    from bokeh.layouts import row
-
-    return row([_plot(found, layer) for layer in LAYERS], sizing_mode="stretch_width")
+    (out / "speed_accuracy.html").write_text(page, encoding="utf-8")
 
 
 def _plot(found: Sequence[Mark], layer: str) -> Any:
@@ -81,18 +72,12 @@ def _plot(found: Sequence[Mark], layer: str) -> Any:
     for kind, style in reversed(STYLES.items()):
         part = [mark for mark in seen if kind_of(mark) == kind]
         if part:
-            points.append(
-                plot.scatter(
-                    "seconds",
-                    layer,
-                    source=_source(part),
-                    marker=_SHAPES[style.marker],
-                    size=_SIZES.get(kind, 11),
-                    line_color="black" if kind != "several" else style.color,
-                    fill_color="fill",
-                    legend_label=_legend(kind),
-                )
-            )
+            marker = plot.scatter(
+                "seconds", layer, source=_source(part), marker=_SHAPES[style.marker], size=_SIZES.get(kind, 11),
+                line_color="black" if kind != "several" else style.color, fill_color="fill",
+                legend_label=_NAMES.get(kind, f"another {kind}"),
+            )  # fmt: skip
+            points.append(marker)
     plot.add_tools(HoverTool(renderers=points, tooltips=list(_TIPS)))
     plot.legend.click_policy = "hide"
     plot.legend.ncols = 3
@@ -100,12 +85,6 @@ def _plot(found: Sequence[Mark], layer: str) -> Any:
     levels = [mark.level(layer) for mark in seen]
     plot.y_range = Range1d(max(min(levels), max(levels) - _SHOWN_DB) - 1, max(levels) + 1)
     return plot
-
-
-def _legend(kind: str) -> str:
-    return {"default": "the defaults", "several": "several settings changed", "method": "another method"}.get(
-        kind, f"another {kind}"
-    )
 
 
 def _source(found: Sequence[Mark]) -> Any:

@@ -8,42 +8,47 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pandas import DataFrame
 
-from studies.kit.charts import Style, write_figures
-from studies.speed_accuracy_labels import place_labels
-from studies.speed_accuracy_profiles import FACTORS, SOLVED_DB, compared, ratios, share_within
-from studies.speed_accuracy_rows import LAYERS, Mark, Row, front, marks
+from studies.kit.charts import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, Style, new_figure
+from studies.kit.frames import values_of, where
+from studies.scores import LAYERS
+from studies.speed_accuracy.marks import (
+    FACTORS,
+    SOLVED_DB,
+    Mark,
+    compared,
+    front,
+    marks,
+    ratios,
+    scenes_of,
+    share_within,
+    with_ways,
+)
 from studies.ways import DEFAULT
 
+ONE, CROSSED = "one at a time", "crossed"
+_BROWN, _GREY, _INDIGO = "#8c564b", "#999999", "#332288"
 STYLES = {
     "default": Style("black", "-", "*"),
-    "solver": Style("#0072b2", "--", "s"),
-    "start": Style("#d55e00", "-.", "^"),
-    "rung": Style("#009e73", ":", "D"),
-    "tolerance": Style("#cc79a7", (0, (5, 1, 1, 1)), "o"),
-    "method": Style("#8c564b", (0, (1, 1)), "X"),
-    "several": Style("#999999", "-", "."),
+    "solver": Style(BLUE, "--", "s"),
+    "start": Style(VERMILION, "-.", "^"),
+    "rung": Style(GREEN, ":", "D"),
+    "tolerance": Style(PURPLE, (0, (5, 1, 1, 1)), "o"),
+    "method": Style(_BROWN, (0, (1, 1)), "X"),
+    "several": Style(_GREY, "-", "."),
 }
 _LINES = (
-    "-",
-    "--",
-    "-.",
-    ":",
-    (0, (5, 1, 1, 1)),
-    (0, (3, 2)),
-    (0, (6, 2)),
-    (0, (4, 1, 1, 1, 1, 1)),
-    (0, (1, 1)),
+    "-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (3, 2)), (0, (6, 2)), (0, (4, 1, 1, 1, 1, 1)), (0, (1, 1)),
     (0, (2, 4)),
-)
-_COLORS = ("black", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c564b", "#e69f00", "#56b4e9", "#332288", "#999999")
+)  # fmt: skip
+_COLORS = ("black", BLUE, VERMILION, GREEN, PURPLE, _BROWN, ORANGE, SKY, _INDIGO, _GREY)
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "d", "h")
 # How much of the top the lower row shows, in dB.
-_TOP_DB = {"one at a time": 2.0, "crossed": 1.0}
+_TOP_DB = {ONE: 2.0, CROSSED: 1.0}
 _FARTHEST = 30.0
 # From this ratio on an axis has numbers at powers of ten alone.
 _WIDE = 60.0
@@ -51,6 +56,14 @@ _NUMBERS = (1.0, 1.5, 2.0, 3.0, 5.0)
 # Below this ratio it has more of them.
 _NARROW = 4.0
 _MORE_NUMBERS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+# Labels, in points: distances tried from near to far, directions, height and width of a letter, half a point and star.
+_REACHES = (9.0, 15.0, 22.0, 30.0, 40.0)
+_DIRECTIONS = 16
+_HEIGHT, _WIDTH = 9.0, 5.0
+_GAP = 1.5
+_POINT, _STAR = 3.5, 7.0
+
+Box = tuple[float, float, float, float]
 
 
 def kind_of(mark: Mark) -> str:
@@ -64,39 +77,30 @@ def numbered(found: Sequence[Mark]) -> dict[Mark, int]:
     return {mark: number for number, mark in enumerate(named, 1)}
 
 
-def draw(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Draw all charts as PNG and SVG.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-    out : Path
-        Folder.
-    """
-    figures: dict[str, Callable[[], Any]] = {
-        f"speed_{part.replace(' ', '_')}_{size}": partial(_chart, rows, part, size)
-        for part, size in dict.fromkeys((row.part, row.size) for row in rows)
+def figures(frame: DataFrame) -> dict[str, Callable[[], Any]]:
+    """A chart of each part and size, the profiles, and the memory where it was measured."""
+    frame = with_ways(frame)
+    charts: dict[str, Callable[[], Any]] = {
+        f"speed_{part.replace(' ', '_')}_{size}": partial(_chart, where(frame, part=part, size=size), part, size)
+        for part, size in values_of(frame, "part", "size")
     }
-    one = [row for row in rows if row.part == "one at a time"]
-    figures["speed_profiles"] = lambda: _profiles(one)
-    if not all(math.isnan(row.peak_mb) for row in one):
-        figures["speed_memory"] = lambda: _memory(one)
-    return write_figures(out, figures)
+    one = where(frame, part=ONE)
+    charts["speed_profiles"] = partial(_profiles, one)
+    if one.peak_mb.notna().any():
+        charts["speed_memory"] = partial(_memory, one)
+    return charts
 
 
-def _chart(rows: Sequence[Row], part: str, size: str) -> Any:
-    from matplotlib.figure import Figure
-
-    rows = [row for row in rows if (row.part, row.size) == (part, size)]
-    found = marks(rows)
+def _chart(frame: DataFrame, part: str, size: str) -> Any:
+    found = marks(frame)
     numbers = numbered(found)
-    figure = Figure(figsize=(13, 8.4), layout="constrained")
+    figure = new_figure(13, 8.4)
     grid = figure.subplots(2, 2, sharex=False)
     panels = [(grid[row, column], layer, row == 1) for row in (0, 1) for column, layer in enumerate(LAYERS)]
     for axes, layer, top in panels:
         _scatter(axes, found, layer)
         _dress(axes, found, layer, _TOP_DB[part] if top else None)
-    scenes = len({(row.scene, row.pair) for row in rows})
+    scenes = len(scenes_of(frame))
     figure.suptitle(
         f"Seconds against accuracy, {size} in colour, mean of {scenes} scene{'s' if scenes > 1 else ''}, {part}; "
         "above all, below the best"
@@ -114,7 +118,12 @@ def _chart(rows: Sequence[Row], part: str, size: str) -> Any:
 
 def _scatter(axes: Any, found: Sequence[Mark], layer: str) -> None:
     seen = [mark for mark in found if not math.isnan(mark.level(layer))]
-    _crowd(axes, [(mark.seconds, mark.level(layer)) for mark in seen if kind_of(mark) == "several"])
+    # Hundreds of points at once.
+    crowd, several = [mark for mark in seen if kind_of(mark) == "several"], STYLES["several"]
+    axes.plot(
+        [mark.seconds for mark in crowd], [mark.level(layer) for mark in crowd], several.marker, color=several.color,
+        linestyle="none", markersize=4, zorder=2,
+    )  # fmt: skip
     for mark in (mark for mark in seen if kind_of(mark) != "several"):
         style, kind = STYLES[kind_of(mark)], kind_of(mark)
         if mark.high > mark.low:
@@ -128,15 +137,6 @@ def _scatter(axes: Any, found: Sequence[Mark], layer: str) -> None:
     axes.step(
         [mark.seconds for mark in steps], [mark.level(layer) for mark in steps], where="post", color="black",
         linewidth=1.1, zorder=1,
-    )  # fmt: skip
-
-
-def _crowd(axes: Any, points: Sequence[tuple[float, float]]) -> None:
-    """Hundreds of points at once."""
-    style = STYLES["several"]
-    axes.plot(
-        [x for x, _ in points], [y for _, y in points], style.marker, color=style.color, linestyle="none", markersize=4,
-        zorder=2,
     )  # fmt: skip
 
 
@@ -180,7 +180,8 @@ def _legend(found: Sequence[Mark], numbers: dict[Mark, int]) -> tuple[list[Any],
             markerfacecolor=style.color if blind else "white",
         )  # fmt: skip
 
-    entries = [(handle("default"), f"the defaults: {describe_default()}")]
+    settings = f"{DEFAULT.solver},\n{DEFAULT.start}, {DEFAULT.rung}, {DEFAULT.relative_change:g}"
+    entries = [(handle("default"), f"the defaults: {settings}")]
     entries += [(handle(kind_of(mark), mark.way.blind), f"{n}  {mark.way.label}") for mark, n in numbers.items()]
     if any(kind_of(mark) == "several" for mark in found):
         entries.append((handle("several"), "several settings changed"))
@@ -191,19 +192,12 @@ def _legend(found: Sequence[Mark], numbers: dict[Mark, int]) -> tuple[list[Any],
     return [entry[0] for entry in entries], [entry[1] for entry in entries]
 
 
-def describe_default() -> str:
-    """The defaults in words."""
-    return f"{DEFAULT.solver},\n{DEFAULT.start}, {DEFAULT.rung}, {DEFAULT.relative_change:g}"
-
-
-def _profiles(rows: Sequence[Row]) -> Any:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(17.5, 7.6), layout="constrained")
-    panels = figure.subplots(2, 3).flat
+def _profiles(frame: DataFrame) -> Any:
+    figure = new_figure(17.5, 7.6)
+    panels = list(figure.subplots(2, 3).flat)
     for axes, factor in zip(panels, FACTORS, strict=False):
-        ways = compared(rows, factor)
-        of_scenes = ratios(rows, ways)
+        ways = compared(frame, factor)
+        of_scenes = ratios(frame, ways)
         finite = [value for ratio in of_scenes.values() for value in ratio if math.isfinite(value)]
         within = np.geomspace(1, max([2.0, *finite]) * 1.3, 400)
         for i, way in enumerate(ways):
@@ -221,28 +215,22 @@ def _profiles(rows: Sequence[Row]) -> Any:
         axes.set_ylabel("scenes solved (%)")
         # Beside the lines: no corner is free of them in every panel.
         axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
-    _explain(list(figure.axes)[-1], rows)
+    # In the place of the last panel.
+    panels[-1].set_axis_off()
+    panels[-1].text(
+        0, 0.95, f"Performance profiles over {len(scenes_of(frame))} scenes of all sizes.\n\n"
+        f"A scene is solved where both layers are within {SOLVED_DB:g} dB\nof the best of the same panel.\n\n"
+        "At the left end: how often a way is the fastest.\nAt the right end: how often it solves the scene at all.",
+        va="top",
+    )  # fmt: skip
     return figure
 
 
-def _explain(axes: Any, rows: Sequence[Row]) -> None:
-    """What the profiles show, in the place of the last panel."""
-    axes.set_axis_off()
-    scenes = len({(row.size, row.scene, row.pair) for row in rows})
-    axes.text(
-        0, 0.95, f"Performance profiles over {scenes} scenes of all sizes.\n\nA scene is solved where both layers are "
-        f"within {SOLVED_DB:g} dB\nof the best of the same panel.\n\nAt the left end: how often a way is the fastest.\n"
-        "At the right end: how often it solves the scene at all.", va="top",
-    )  # fmt: skip
-
-
-def _memory(rows: Sequence[Row]) -> Any:
-    from matplotlib.figure import Figure
-
-    sizes = list(dict.fromkeys(row.size for row in rows if not math.isnan(row.peak_mb)))
-    by_size = {size: {m.way: m for m in marks([row for row in rows if row.size == size])} for size in sizes}
-    ways = [way for way in dict.fromkeys(row.way for row in rows) if any(way in found for found in by_size.values())]
-    figure = Figure(figsize=(9, 1.6 + 0.27 * len(ways)), layout="constrained")
+def _memory(frame: DataFrame) -> Any:
+    sizes = values_of(frame[frame.peak_mb.notna()], "size")
+    by_size = {size: {mark.way: mark for mark in marks(where(frame, size=size))} for size in sizes}
+    ways = [way for way in values_of(frame, "way") if any(way in found for found in by_size.values())]
+    figure = new_figure(9, 1.6 + 0.27 * len(ways))
     axes = figure.subplots()
     for i, size in enumerate(sizes):
         known = [(by_size[size][way].peak_mb, y) for y, way in enumerate(ways) if way in by_size[size]]
@@ -255,3 +243,56 @@ def _memory(rows: Sequence[Row]) -> Any:
     axes.set_xlabel("most memory above the photographs (MB)")
     figure.legend(loc="outside upper right", ncols=len(sizes), title="size of the photographs")
     return figure
+
+
+# Short labels beside points, moved aside where they would cover one another.
+
+
+def place_labels(
+    axes: Any, points: Sequence[tuple[float, float, str]], stars: Sequence[tuple[float, float]] = ()
+) -> None:
+    """Write labels beside points (x, y, text), each on the nearest free place; those out of sight have none.
+
+    Stars (x, y) are larger points without a label. The figure must have its layout.
+    """
+    scale = 72 / axes.figure.dpi
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    shown = [(x, y, text) for x, y, text in points if left <= x <= right and bottom <= y <= top]
+
+    def around(x: float, y: float, half: float) -> Box:
+        across, up = np.asarray(axes.transData.transform((x, y))) * scale
+        return (across - half, up - half, across + half, up + half)
+
+    taken = [around(x, y, _POINT) for x, y, _ in shown] + [around(x, y, _STAR) for x, y in stars]
+    for x, y, text in shown:
+        offset, box = _free(around(x, y, 0.0)[:2], text, taken)
+        taken.append(box)
+        far = math.hypot(*offset) > _REACHES[0] + 1
+        axes.annotate(
+            text, (x, y), xytext=offset, textcoords="offset points", fontsize=7.5, ha="center", va="center", zorder=8,
+            arrowprops={"arrowstyle": "-", "linewidth": 0.4, "shrinkA": 0, "shrinkB": 0} if far else None,
+        )  # fmt: skip
+
+
+def _free(place: tuple[float, float], text: str, taken: Sequence[Box]) -> tuple[tuple[float, float], Box]:
+    """The offset of least overlap, the nearest of them, and the box it makes."""
+    tried = []
+    for reach in _REACHES:
+        for turn in range(_DIRECTIONS):
+            angle = 2 * math.pi * (turn / _DIRECTIONS + 0.25)
+            offset = (reach * math.cos(angle), reach * math.sin(angle))
+            x, y = place[0] + offset[0], place[1] + offset[1]
+            half = _WIDTH * len(text) / 2 + _GAP
+            box = (x - half, y - _HEIGHT / 2, x + half, y + _HEIGHT / 2)
+            overlap = sum(_overlap(box, other) for other in taken)
+            if overlap == 0:
+                return offset, box
+            tried.append((overlap, offset, box))
+    _, offset, box = min(tried)
+    return offset, box
+
+
+def _overlap(first: Box, second: Box) -> float:
+    width = min(first[2], second[2]) - max(first[0], second[0])
+    height = min(first[3], second[3]) - max(first[1], second[1])
+    return max(width, 0.0) * max(height, 0.0)

@@ -6,12 +6,13 @@ those of the rung's own separation, less its solve, and of the solve. Rungs that
 
 from __future__ import annotations
 
+import math
 import resource
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from polaropt.capture import NoiseModel, measured_noise
 from polaropt.errors import InputError
@@ -21,8 +22,7 @@ from polaropt.solving import Settings, Solution, solve
 from solvers.base import MissingPackage
 from studies.camera import Sample
 from studies.kit.timing import peak_above
-from studies.scores import psnr
-from studies.speed_accuracy_rows import LAYERS
+from studies.scores import LAYERS, psnr
 from studies.ways import DEFAULT, Layers, NotRun, Way
 
 Made = TypeVar("Made")
@@ -32,15 +32,11 @@ _OF_THE_SOLVE = ("Closed form", "Setting up", "Solving")
 _SLOW_SECONDS = 3.0
 
 
-@dataclass(frozen=True)
-class Seconds:
-    """Elapsed, and of all threads together."""
+class Seconds(NamedTuple):
+    """By the clock, and of all threads together."""
 
     elapsed: float
     cpu: float
-
-    def __add__(self, other: Seconds) -> Seconds:
-        return Seconds(self.elapsed + other.elapsed, self.cpu + other.cpu)
 
 
 @dataclass
@@ -64,7 +60,7 @@ class Timed:
     rung: str = ""
     evaluations: int = 0
     seconds: list[Seconds] = field(default_factory=list)
-    peak_mb: float = float("nan")
+    peak_mb: float = math.nan
     not_run: str = ""
 
     @property
@@ -73,8 +69,34 @@ class Timed:
         return bool(self.not_run) or any(run.cpu > _SLOW_SECONDS for run in self.seconds)
 
 
-@dataclass(frozen=True)
-class _Found:
+def run_ways(sample: Sample, ways: Sequence[Way], repeats: int) -> dict[Way, Timed]:
+    """Run every way of a scene `repeats` times, round by round."""
+    timed = {way: Timed() for way in ways}
+    for _ in range(repeats):
+        here = _Round(sample)
+        for way, runs in timed.items():
+            if runs.over:
+                continue
+            try:
+                if way.ours:
+                    here.run(way, runs)
+                else:
+                    layers, seconds = _clocked(partial(way.layers, sample))
+                    runs.levels = _levels(sample, layers)
+                    runs.seconds.append(seconds)
+            except (InputError, MissingPackage, NotRun) as reason:
+                runs.not_run = str(reason)
+    return timed
+
+
+def measure_memory(sample: Sample, timed: dict[Way, Timed]) -> None:
+    """Run every way once more and note the most memory that it takes above its photographs."""
+    for way, runs in timed.items():
+        if not runs.not_run:
+            runs.peak_mb = peak_above(partial(way.separation if way.ours else way.layers, sample))
+
+
+class _Found(NamedTuple):
     """What a rung finds, the rung taken and the seconds of all but the solve."""
 
     scene: SceneParameters
@@ -83,93 +105,51 @@ class _Found:
     seconds: Seconds
 
 
-@dataclass(frozen=True)
-class _Solved:
-    """What a solve reached, and the seconds of it alone."""
+class _Round:
+    """One round of the full solve's ways, which share what they have in common."""
 
-    levels: dict[str, float]
-    evaluations: int
-    seconds: Seconds
+    def __init__(self, sample: Sample) -> None:
+        self._sample = sample
+        self._found: dict[str, _Found | InputError] = {}
+        self._solved: dict[tuple[object, ...], tuple[dict[str, float], int, Seconds]] = {}
 
+    def run(self, way: Way, runs: Timed) -> None:
+        """Run a way; raises InputError where its rung does not suit the photographs."""
+        found = self._find(way.rung)
+        key = (found.scene, way.solver, way.start, way.relative_change)
+        if key not in self._solved:
+            solution, seconds = _clocked(partial(self._solve, found, way))
+            levels = _levels(self._sample, (solution.layers[0], solution.layers[1]))
+            self._solved[key] = levels, solution.solver.n_evaluations, seconds
+        runs.levels, runs.evaluations, solving = self._solved[key]
+        runs.rung = found.rung
+        runs.seconds.append(Seconds(found.seconds.elapsed + solving.elapsed, found.seconds.cpu + solving.cpu))
 
-def run_ways(sample: Sample, ways: Sequence[Way], repeats: int) -> dict[Way, Timed]:
-    """Run every way `repeats` times, round by round.
-
-    Parameters
-    ----------
-    sample : Sample
-        The scene.
-    ways : sequence of Way
-    repeats : int
-    """
-    timed = {way: Timed() for way in ways}
-    for _ in range(repeats):
-        found: dict[str, _Found | str] = {}
-        solved: dict[tuple[object, ...], _Solved] = {}
-        for way, all_runs in timed.items():
-            if all_runs.over:
-                continue
+    def _find(self, rung: str) -> _Found:
+        if rung not in self._found:
             try:
-                if way.ours:
-                    _run_ours(sample, way, all_runs, found, solved)
-                else:
-                    layers, seconds = _clocked(partial(way.layers, sample))
-                    all_runs.levels = _levels(sample, layers)
-                    all_runs.seconds.append(seconds)
-            except (InputError, MissingPackage, NotRun) as reason:
-                all_runs.not_run = str(reason)
-    return timed
+                self._found[rung] = self._separated(rung)
+            except InputError as reason:
+                self._found[rung] = reason
+        found = self._found[rung]
+        if isinstance(found, InputError):
+            raise found
+        return found
 
+    def _separated(self, rung: str) -> _Found:
+        """Separate by default on this rung; what its solve takes is not counted."""
+        result = replace(DEFAULT, rung=rung).separation(self._sample)
+        elapsed, cpu = (
+            sum(seconds for stage, seconds in clock.items() if stage not in _OF_THE_SOLVE)
+            for clock in (result.seconds, result.cpu_seconds)
+        )
+        noise = measured_noise(self._sample.capture)
+        return _Found(result.scene, result.scene.rung, noise, Seconds(elapsed, cpu))
 
-def measure_memory(sample: Sample, timed: dict[Way, Timed]) -> None:
-    """Run every way once more and note the most memory that it takes above its photographs."""
-    for way, runs in timed.items():
-        if not runs.not_run:
-            runs.peak_mb = peak_above(_whole(sample, way))
-
-
-def _whole(sample: Sample, way: Way) -> Callable[[], object]:
-    return partial(way.separation if way.ours else way.layers, sample)
-
-
-def _run_ours(
-    sample: Sample,
-    way: Way,
-    runs: Timed,
-    found: dict[str, _Found | str],
-    solved: dict[tuple[object, ...], _Solved],
-) -> None:
-    if way.rung not in found:
-        try:
-            found[way.rung] = _find(sample, way.rung)
-        except InputError as reason:
-            found[way.rung] = str(reason)
-    here = found[way.rung]
-    if isinstance(here, str):
-        raise InputError(here)
-    key = (here.scene, way.solver, way.start, way.relative_change)
-    if key not in solved:
-        solution, seconds = _clocked(partial(_solve, sample, here, way))
-        levels = _levels(sample, (solution.layers[0], solution.layers[1]))
-        solved[key] = _Solved(levels, solution.solver.n_evaluations, seconds)
-    runs.rung, runs.levels, runs.evaluations = here.rung, solved[key].levels, solved[key].evaluations
-    runs.seconds.append(here.seconds + solved[key].seconds)
-
-
-def _find(sample: Sample, rung: str) -> _Found:
-    """Separate by default on this rung; what its solve takes is not counted."""
-    result = replace(DEFAULT, rung=rung).separation(sample)
-    elapsed, cpu = (
-        sum(seconds for stage, seconds in clock.items() if stage not in _OF_THE_SOLVE)
-        for clock in (result.seconds, result.cpu_seconds)
-    )
-    return _Found(result.scene, result.scene.rung, measured_noise(sample.capture), Seconds(elapsed, cpu))
-
-
-def _solve(sample: Sample, found: _Found, way: Way) -> Solution:
-    noise, growth = found.noise
-    settings = Settings(solver=way.solver, init=way.start, stopping=way.stopping)
-    return solve(sample.capture, found.scene, noise, settings, Stages(), growth=growth)
+    def _solve(self, found: _Found, way: Way) -> Solution:
+        noise, growth = found.noise
+        settings = Settings(solver=way.solver, init=way.start, stopping=way.stopping)
+        return solve(self._sample.capture, found.scene, noise, settings, Stages(), growth=growth)
 
 
 def _levels(sample: Sample, layers: Layers) -> dict[str, float]:
