@@ -21,20 +21,14 @@ _INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a study as a program of its own, each in its folder below OUT; the largest of their exit codes."""
-    names = [study.name for study in STUDIES]
-    parser = argparse.ArgumentParser(
-        prog="polaropt study",
-        description="Run a study: " + " ".join(f"{study.name}: {study.question}" for study in STUDIES),
-        epilog="All other options go to the study; polaropt study NAME --help tells them.",
-        add_help=False,
-    )
-    parser.add_argument("name", choices=[*names, ALL], nargs="?")
+    # Its help is `overview`; all other options go to the study.
+    parser = argparse.ArgumentParser(prog="polaropt study", add_help=False)
+    parser.add_argument("name", choices=[*(study.name for study in STUDIES), ALL], nargs="?")
     parser.add_argument("-h", "--help", action="store_true")
-    parser.add_argument("-o", "--out", type=Path, help="folder; each study has one of its own in it")
-    parser.add_argument("--workers", help="processes (0: one per core); of all studies those about seconds have one")
-    for study in STUDIES:
-        for name in study.inputs:
-            parser.add_argument(name, help=f"of {study.name}, alone or among all")
+    parser.add_argument("-o", "--out", type=Path)
+    parser.add_argument("--workers")
+    for name in (name for study in STUDIES for name in study.inputs):
+        parser.add_argument(name)
     options, rest = parser.parse_known_args(arguments)
     if options.name is None:
         print(overview())
@@ -85,11 +79,12 @@ def workers_of(study: Study, options: argparse.Namespace, rest: Sequence[str], a
 
 
 def overview() -> str:
-    """The studies, line by line."""
+    """The studies with their questions, line by line."""
     width = max(len(study.name) for study in STUDIES)
     lines = [f"  {study.name:{width}}  {study.question}" for study in STUDIES]
     usage = "polaropt study NAME [--quick|--full] [--photos DIR] -o OUT"
-    return "\n".join([usage, "", *lines, f"  {ALL:{width}}  All of them, one after the other."])
+    last = "polaropt study NAME --help tells all options of a study."
+    return "\n".join([usage, "", *lines, f"  {ALL:{width}}  All of them, one after the other.", "", last])
 
 
 def _run(name: str, rest: Sequence[str], out: Path | None) -> int:

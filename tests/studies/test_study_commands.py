@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from types import SimpleNamespace
 
 import pytest
@@ -22,6 +23,20 @@ def started(monkeypatch):
 
     monkeypatch.setattr("studies.__main__._run", run)
     return SimpleNamespace(commands=commands, codes=codes)
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"]])
+def test_without_a_name_the_studies_are_listed_with_their_questions(arguments, capsys):
+    assert main(arguments) == 0
+    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
+    assert [tuple(line) for line in lines[:-1]] == [(study.name, study.question) for study in STUDIES]
+
+
+def test_every_study_is_a_program():
+    for study in STUDIES:
+        found = find_spec(f"studies.{study.name}")
+        assert found is not None
+        assert not found.submodule_search_locations or find_spec(f"studies.{study.name}.__main__") is not None
 
 
 def test_all_share_the_cores_but_those_about_seconds(started, tmp_path):
