@@ -111,12 +111,6 @@ def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
             writer.writerow({k: " ".join(map(str, v)) if isinstance(v, (list, tuple)) else v for k, v in row.items()})
 
 
-def write_tables(out: Path, name: str, rows: Sequence[dict[str, Any]], table: str) -> None:
-    """Write a study's rows as CSV and its table as Markdown; the rows' JSON is there already."""
-    write_csv(out / f"{name}.csv", rows)
-    (out / f"{name}.md").write_text(table + "\n", encoding="utf-8")
-
-
 def plain(row: dict[str, Any]) -> dict[str, Any]:
     """A row for JSON, which knows no NaN: what was not measured is null."""
     return {name: None if value != value else value for name, value in row.items()}
