@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from polaropt.capture.capture import Capture
 from polaropt.capture.pair_gain import Floats, orthogonal_pairs, redundancy_residual, trusted_blocks
 from polaropt.capture.registration import (
+    SHIFTS_AND_TURNS,
     Images,
     Mask,
     far_from_invalid,
-    fit_small_shifts,
+    fit_small_motions,
     largest_distance,
     measure_shifts,
-    middle,
     products,
 )
-from polaropt.numerics import MAD_TO_SIGMA
+from polaropt.numerics import MAD_TO_SIGMA, middle_part
 
 _FEWEST_BLOCKS = 50
 _ENOUGH_BLOCKS = 3000
@@ -204,7 +204,7 @@ def visible_shift(capture: Capture, least_px: float = _LEAST) -> float:
     if capture.origin is not None and "mosaic" in capture.origin.layout:
         return 0.0
     block = 2 if min(capture.shape[-2:]) >= 1.5 * _SIDE else 1
-    rows, columns = middle(capture.shape, block * _SIDE)
+    rows, columns = middle_part(capture.shape, block * _SIDE)
     images, valid = capture.intensities[..., rows, columns], capture.valid[..., rows, columns]
     if capture.color:
         channel = capture.shape[0] // 2
@@ -225,7 +225,7 @@ def _near(images: Images, trusted: Mask, least_px: float) -> float:
         inside = far_from_invalid(trusted)[edge:-edge, edge:-edge]
         if np.count_nonzero(inside) < _FEWEST:
             return 0.0
-    found = fit_small_shifts(products(bands, inside, turning=True), at_rest=_ABOUT, n_motions=4)
+    found = fit_small_motions(products(bands, inside, SHIFTS_AND_TURNS), at_rest=_ABOUT, n_motions=SHIFTS_AND_TURNS)
     largest = max(largest_distance(found.pixels[:, :2]), largest_distance(found.pixels[:, 2:]))
     return largest if largest > least_px + _SURE_SHIFT * found.error else 0.0
 

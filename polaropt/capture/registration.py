@@ -26,11 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.numerics import block_mean
+from polaropt.numerics import block_mean, middle_part
 
 Matrix = NDArray[np.float64]
 Image = NDArray[np.float32]
 
+SHIFTS, SHIFTS_AND_TURNS = 2, 4
+"""Free motions of a photograph: down and right; these, turn and growth."""
 _MIRRORED = 16
 
 
@@ -55,10 +57,12 @@ class Motions:
         return cls(np.tile(np.eye(2), (len(shifts), 1, 1)), np.asarray(shifts, dtype=np.float64))
 
     def followed_by(self, step: Matrix, half_diagonal: float) -> Motions:
-        """After a small motion more, (k, 4): down, right, turn and growth in pixels at the corners."""
+        """After a small motion more: down, right, (k, 2), or also turn and growth in pixels at the corners, (k, 4)."""
+        offsets = self.offsets + (self.matrices @ step[:, :2, None])[..., 0]
+        if step.shape[1] == SHIFTS:
+            return Motions(self.matrices, offsets)
         turn, growth = step[:, 2] / half_diagonal, step[:, 3] / half_diagonal
         more = np.stack([np.stack([1 + growth, turn], -1), np.stack([-turn, 1 + growth], -1)], -2)
-        offsets = self.offsets + (self.matrices @ step[:, :2, None])[..., 0]
         return Motions(self.matrices @ more, offsets)
 
     def magnified(self, factor: float) -> Motions:
@@ -99,8 +103,11 @@ def _place(matrix: Matrix, offset: Matrix, shape: tuple[int, ...]) -> Matrix:
 
 def moved_back(image: Image, matrix: Matrix, offset: Matrix, order: int) -> Image:
     """An image (h, w) as the first photograph would show it, by splines; zero beyond its edges."""
-    from scipy.ndimage import affine_transform
+    from scipy.ndimage import affine_transform, shift
 
+    if (matrix == np.eye(2)).all():
+        # Several times as fast.
+        return np.asarray(shift(image, -offset, order=order), dtype=np.float32) if offset.any() else image
     place = _place(matrix, offset, image.shape)
     return np.asarray(affine_transform(image, matrix, place, order=order), dtype=np.float32)
 
@@ -131,8 +138,8 @@ _ROUNDS = 60
 
 
 @dataclass(frozen=True)
-class SmallShifts:
-    """Motions against the first photograph.
+class SmallMotions:
+    """Motions of about a pixel at most against the first photograph.
 
     Attributes
     ----------
@@ -146,7 +153,7 @@ class SmallShifts:
     error: float
 
 
-def products(images: Images, trusted: NDArray[np.bool_] | None = None, turning: bool = False) -> Matrix:
+def products(images: Images, trusted: NDArray[np.bool_] | None = None, n_motions: int = SHIFTS) -> Matrix:
     """Products of values, downward and rightward gradients of images (k, h, w), in strips, (strip, 3k, 3k).
 
     Parameters
@@ -155,15 +162,15 @@ def products(images: Images, trusted: NDArray[np.bool_] | None = None, turning: 
         Smooth, so that differences of neighbours are gradients.
     trusted : ndarray of bool, shape (h, w), optional
         Pixels that count; all if not given. Their neighbours must hold values, too.
-    turning : bool
-        Whether photographs may be turned and scaled as well: what both add comes after the gradients, (strip, 5k, 5k).
+    n_motions : int
+        `SHIFTS_AND_TURNS`: what turn and growth add comes after the gradients, (strip, 5k, 5k).
     """
     values = images[:, 1:-1, 1:-1]
     half = images.dtype.type(0.5)
     down = (images[:, 2:, 1:-1] - images[:, :-2, 1:-1]) * half
     right = (images[:, 1:-1, 2:] - images[:, 1:-1, :-2]) * half
     motions = [down, right]
-    if turning:
+    if n_motions == SHIFTS_AND_TURNS:
         y, x = (part.astype(images.dtype) for part in from_middle(images.shape[-2:]))
         y, x = y[1:-1], x[:, 1:-1]
         motions += [x * down - y * right, y * down + x * right]
@@ -183,7 +190,7 @@ def from_middle(shape: tuple[int, ...]) -> tuple[Matrix, Matrix]:
     return rows[:, None], columns[None, :]
 
 
-def disagreement(strips: Matrix, n_motions: int = 2) -> float:
+def disagreement(strips: Matrix, n_motions: int = SHIFTS) -> float:
     """Logarithm of the determinant of the photographs' correlations: 0 where they have nothing in common, else below.
 
     Unlike that of their covariance it does not fall because resampling smooths noise.
@@ -194,7 +201,7 @@ def disagreement(strips: Matrix, n_motions: int = 2) -> float:
     return float(np.linalg.slogdet(covariance)[1] - np.log(np.diag(covariance)).sum())
 
 
-def fit_small_shifts(strips: Matrix, at_rest: float = 1e-4, n_motions: int = 2) -> SmallShifts:
+def fit_small_motions(strips: Matrix, at_rest: float = 1e-4, n_motions: int = SHIFTS) -> SmallMotions:
     """Motions of about a pixel at most that make the determinant least, to first order in the gradients.
 
     The logarithm of a determinant lies below its tangents; each round minimizes the tangent, a quadratic function,
@@ -204,7 +211,7 @@ def fit_small_shifts(strips: Matrix, at_rest: float = 1e-4, n_motions: int = 2) 
     count = len(total) // (1 + n_motions)
     shifts: Matrix = np.zeros((count, n_motions))
     if not np.trace(total) > 0:
-        return SmallShifts(shifts, np.inf)
+        return SmallMotions(shifts, np.inf)
     for _ in range(_ROUNDS):
         before = shifts
         weights = _weights(total, shifts)
@@ -212,12 +219,12 @@ def fit_small_shifts(strips: Matrix, at_rest: float = 1e-4, n_motions: int = 2) 
         try:
             found = np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError:
-            return SmallShifts(np.zeros((count, n_motions)), np.inf)
+            return SmallMotions(np.zeros((count, n_motions)), np.inf)
         moving = np.asarray(found, dtype=np.float64).reshape(n_motions, -1).T
         shifts = np.concatenate([np.zeros((1, n_motions)), moving])
         if np.abs(shifts - before).max() < at_rest:
             break
-    return SmallShifts(shifts, _standard_error(strips, weights, matrix, shifts))
+    return SmallMotions(shifts, _standard_error(strips, weights, matrix, shifts))
 
 
 def _weights(total: Matrix, shifts: Matrix) -> Matrix:
@@ -261,7 +268,8 @@ _FINE, _COARSE = 0.7, 2.0
 """Widths of the two Gaussians of which the difference is taken: finer is noise, coarser is light and shade."""
 _MARGIN = 4
 _SIDE = 1024
-_STEPS, _LONGEST_STEP, _AT_REST = 8, 1.5, 0.004
+_MOST_STEPS, _LONGEST_STEP, _AT_REST = 10, 2.0, 0.004
+"""Of a climb: its most steps, and the longest step and the one that is hardly any more, in pixels (at the corners)."""
 FEWEST = 500
 BY_CHANCE = 300
 """What the best of all shifts gains on photographs of noise, times the number of pixels."""
@@ -306,55 +314,16 @@ def measure_shifts(capture: Capture) -> Shifts:
     resampling until nothing moves. Clipped pixels and their neighbours do not count. Of large captures the middle is
     looked at.
     """
-    images, valid = luminance(capture.part(*middle(capture.shape, _SIDE)))
-    bands = np.stack([band_passed(image, mask) for image, mask in zip(images, valid, strict=True)])
-    inner = np.stack([far_from_invalid(mask) for mask in valid])
-    start = coarse_shifts(bands)
-    nowhere = np.zeros_like(start)
+    level = _level(*luminance(capture.part(*middle_part(capture.shape, _SIDE))), block=1)
+    start = coarse_shifts(level.bands)
+    still = Motions.of_shifts(np.zeros_like(start))
     # Where the start is wrong the photographs may still lie nearly on each other.
-    tries = [_refined_shifts(bands, inner, first) for first in ([start, nowhere] if start.any() else [nowhere])]
-    values = [_compared(bands, inner, found.pixels) for found in tries]
-    best = int(np.argmin(values))
-    return Shifts(tries[best].pixels, tries[best].error, values[best] < 0)
-
-
-def _refined_shifts(bands: Images, inner: Mask, start: Matrix) -> SmallShifts:
-    """Shifts near a start, and their error; infinite where too little is left in common."""
-    shifts = start
-    for _ in range(_STEPS):
-        moved, common = _moved(bands, inner, shifts)
-        if np.count_nonzero(common) < FEWEST:
-            return SmallShifts(start, np.inf)
-        step = fit_small_shifts(products(moved, common))
-        shifts = shifts + np.clip(step.pixels, -_LONGEST_STEP, _LONGEST_STEP)
-        if np.abs(step.pixels).max() < _AT_REST:
-            return SmallShifts(shifts, step.error)
-    # What does not rest is known no better than its last step.
-    return SmallShifts(shifts, max(step.error, float(np.abs(step.pixels).max())))
-
-
-def _compared(bands: Images, inner: Mask, shifts: Matrix) -> float:
-    """How much less the photographs disagree with the shifts than without, on the same pixels; 0 if not surely less."""
-    moved, common = _moved(bands, inner, shifts)
-    common = common & inner.all(axis=0)
-    count = np.count_nonzero(common)
-    if count < FEWEST:
-        return 0.0
-    gain = disagreement(products(bands, common)) - disagreement(products(moved, common))
-    return -gain if gain > BY_CHANCE / count else 0.0
-
-
-def _moved(bands: Images, inner: Mask, shifts: Matrix) -> tuple[Images, Mask]:
-    """Photographs moved back by their shifts, and where all of them hold values that count."""
-    from scipy.ndimage import shift
-
-    moved = np.stack(
-        [shift(band, -offset, order=3) if offset.any() else band for band, offset in zip(bands, shifts, strict=True)]
-    )
-    common = np.ones(bands.shape[1:], dtype=bool)
-    for mask, offset in zip(inner, shifts, strict=True):
-        common &= shift(mask.astype(np.float32), -offset, order=1) > 0.999 if offset.any() else mask
-    return moved, common
+    starts = [Motions.of_shifts(start), still] if start.any() else [still]
+    climbs = [_climbed(level, first, SHIFTS) for first in starts]
+    gains = [_gain(level, still, motions) for motions, _ in climbs]
+    best = int(np.argmax(gains))
+    motions, error = climbs[best]
+    return Shifts(motions.offsets, error, gains[best] > 0)
 
 
 def coarse_shifts(bands: Images) -> Matrix:
@@ -423,12 +392,6 @@ def far_from_invalid(valid: Mask) -> Mask:
     return inner
 
 
-def middle(shape: tuple[int, ...], side: int) -> tuple[slice, slice]:
-    """Rows and columns of the middle of a frame (..., h, w), at most `side` pixels each."""
-    starts = [max(0, (whole - side) // 2) for whole in shape[-2:]]
-    return slice(starts[0], starts[0] + side), slice(starts[1], starts[1] + side)
-
-
 def largest_distance(pixels: Matrix) -> float:
     """Largest distance between two of the positions (k, 2)."""
     return float(max(np.hypot(*(a - b)) for a, b in combinations(pixels, 2)))
@@ -436,8 +399,6 @@ def largest_distance(pixels: Matrix) -> float:
 
 _SMALLEST = 64
 _LARGEST_BLOCK = 8
-_TURN_STEPS, _LONGEST_TURN_STEP, _TURNS_AT_REST = 10, 2.0, 0.004
-_MOTIONS = 4
 _WHOLE = 0.999
 
 
@@ -483,8 +444,8 @@ class _Level:
         """Photographs moved back, and where all of them hold values that count."""
         parts = list(zip(motions.matrices, motions.offsets, strict=True))
         bands = [moved_back(band, *part, order=3) for band, part in zip(self.bands, parts, strict=True)]
-        seen = [moved_back(m.astype(np.float32), *part, order=1) for m, part in zip(self.inner, parts, strict=True)]
-        return np.stack(bands), np.min(seen, axis=0) > _WHOLE
+        shares = [moved_back(m.astype(np.float32), *part, order=1) for m, part in zip(self.inner, parts, strict=True)]
+        return np.stack(bands), np.min(shares, axis=0) > _WHOLE
 
 
 def measure_turns(capture: Capture, shifts: Shifts) -> Turns:
@@ -496,11 +457,11 @@ def measure_turns(capture: Capture, shifts: Shifts) -> Turns:
     shifts : Shifts
         The best shifts alone (`polaropt.capture.registration.measure_shifts`).
     """
-    part = _evenly(middle(capture.shape, _SIDE), capture.shape)
+    part = _evenly(middle_part(capture.shape, _SIDE), capture.shape)
     images, valid = luminance(capture.part(*part))
     blocks = _blocks(images.shape)
     levels = [_level(images, valid, block) for block in blocks]
-    motions, error = _climbed(levels, _started(levels[0], shifts.pixels / blocks[0]))
+    motions, error = _climbed_up(levels, _started(levels[0], shifts.pixels / blocks[0]))
     better = _gain(levels[-1], Motions.of_shifts(shifts.pixels), motions) > 0
     turned = Motions(motions.matrices, np.zeros_like(motions.offsets)).displacements(corners(images.shape))
     at_corners = float(max(np.linalg.norm(a - b, axis=1).max() for a in turned for b in turned))
@@ -512,7 +473,7 @@ def measure_turns(capture: Capture, shifts: Shifts) -> Turns:
 def _started(level: _Level, shifts: Matrix) -> Motions:
     """Motions on the coarsest size: the best near no shift, near the best shifts, and where pairs correlate."""
     starts = (np.zeros_like(shifts), shifts, coarse_shifts(level.bands))
-    tries = [_refined_turns(level, Motions.of_shifts(start))[0] for start in starts]
+    tries = [_climbed(level, Motions.of_shifts(start), SHIFTS_AND_TURNS)[0] for start in starts]
     return max(tries, key=lambda motions: _gain(level, Motions.of_shifts(starts[0]), motions))
 
 
@@ -535,38 +496,37 @@ def _level(images: Images, valid: Mask, block: int) -> _Level:
     return _Level(bands, np.stack([far_from_invalid(mask) for mask in whole]))
 
 
-def _climbed(levels: list[_Level], motions: Motions) -> tuple[Motions, float]:
+def _climbed_up(levels: list[_Level], motions: Motions) -> tuple[Motions, float]:
     """Motions near a start on the coarsest level, refined up to the finest, in its pixels; and their error."""
     size, error = levels[0].bands.shape[-1], np.inf
     for level in levels:
         finer = level.bands.shape[-1]
-        motions, error = _refined_turns(level, motions.magnified(finer / size))
+        motions, error = _climbed(level, motions.magnified(finer / size), SHIFTS_AND_TURNS)
         size = finer
     return motions, error
 
 
-def _refined_turns(level: _Level, start: Motions) -> tuple[Motions, float]:
-    """Motions near a start, and their error; infinite where too little is left in common."""
+def _climbed(level: _Level, start: Motions, n_motions: int) -> tuple[Motions, float]:
+    """Motions near a start, free in so many ways, and their error; infinite where too little is left in common."""
     motions, longest = start, np.inf
-    for _ in range(_TURN_STEPS):
+    for _ in range(_MOST_STEPS):
         moved, common = level.moved(motions)
         if np.count_nonzero(common) < FEWEST:
             return start, np.inf
-        step = fit_small_shifts(products(moved, common, turning=True), n_motions=_MOTIONS)
+        step = fit_small_motions(products(moved, common, n_motions), n_motions=n_motions)
         if not np.isfinite(step.error):
             return start, np.inf
-        clipped = np.clip(step.pixels, -_LONGEST_TURN_STEP, _LONGEST_TURN_STEP)
-        motions = motions.followed_by(clipped, level.half_diagonal)
+        motions = motions.followed_by(np.clip(step.pixels, -_LONGEST_STEP, _LONGEST_STEP), level.half_diagonal)
         longest = float(np.abs(step.pixels).max())
-        if longest < _TURNS_AT_REST:
+        if longest < _AT_REST:
             return motions, step.error
     # What does not rest is known no better than its last step.
     return motions, max(step.error, longest)
 
 
-def _gain(level: _Level, alone: Motions, motions: Motions) -> float:
-    """How much less photographs disagree with motions than with shifts alone, on the same pixels; 0 if not surely."""
-    (shifted, common), (moved, also) = level.moved(alone), level.moved(motions)
+def _gain(level: _Level, others: Motions, motions: Motions) -> float:
+    """How much less photographs disagree with motions than with others, on the same pixels; 0 if not surely."""
+    (shifted, common), (moved, also) = level.moved(others), level.moved(motions)
     common = common & also
     count = np.count_nonzero(common)
     if count < FEWEST:

@@ -17,6 +17,7 @@ __all__ = [
     "local_minima",
     "local_minimum",
     "middle",
+    "middle_part",
     "minimum_error",
     "opponent_basis",
     "quantization_step",
@@ -31,6 +32,7 @@ __all__ = [
 from .blocks import block_mean as block_mean
 from .blocks import fill_gaps as fill_gaps
 from .blocks import middle as middle
+from .blocks import middle_part as middle_part
 from .color import Basis as Basis
 from .color import in_color as in_color
 from .color import opponent_basis as opponent_basis

@@ -53,6 +53,10 @@ def block_mean(images: Images, size: int, partial: bool = False) -> Images:
 
 def middle(images: Images, most: int) -> Images:
     """Images (..., h, w) cut to at most so many pixels a side around their middle."""
-    height, width = images.shape[-2:]
-    top, left = (max(0, (side - most) // 2) for side in (height, width))
-    return images[..., top : top + most, left : left + most]
+    return images[(..., *middle_part(images.shape, most))]
+
+
+def middle_part(shape: tuple[int, ...], most: int) -> tuple[slice, slice]:
+    """Rows and columns of the middle of a frame (..., h, w), at most so many pixels each."""
+    top, left = (max(0, (side - most) // 2) for side in shape[-2:])
+    return slice(top, top + most), slice(left, left + most)
