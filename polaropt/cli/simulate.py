@@ -20,10 +20,6 @@ if TYPE_CHECKING:
 
 
 _SET = "A data set instead of one pair"
-_INCIDENCE_DEG = 60.0
-_AZIMUTH_DEG = 0.0
-_SHIFT_PX = 6.3
-
 Format = Literal["png", "tiff", "npz"]
 
 
@@ -141,13 +137,15 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
 
 
 def _one_scene(pane: PaneOptions) -> SceneParameters:
-    from polaropt.optics import ghost_step
+    from polaropt.optics import SceneParameters, ghost_step
 
-    incidence = _INCIDENCE_DEG if pane.incidence is None else pane.incidence
-    shift = _SHIFT_PX if pane.shift is None else pane.shift
+    # The pane that is simulated where nothing is said.
+    incidence, azimuth, shift = SceneParameters().values()
+    incidence = incidence if pane.incidence is None else pane.incidence
+    azimuth = azimuth if pane.azimuth is None else pane.azimuth
+    shift = shift if pane.shift is None else pane.shift
     if pane.thickness_px is not None:
         shift = ghost_step(incidence, pane.index, pane.thickness_px, pane.thickness_kind)
-    azimuth = _AZIMUTH_DEG if pane.azimuth is None else pane.azimuth
     shift = 0.0 if pane.single_surface or (pane.focal_px is not None and pane.shift is None) else shift
     return pane.scene().replace(incidence_deg=incidence, azimuth_deg=azimuth, ghost_shift=shift)
 
