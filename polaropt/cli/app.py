@@ -87,4 +87,4 @@ def _usage_sentence(error: typer.TyperException) -> str:
     """What is wrong with the options, and where they are explained."""
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "polaropt"
-    return f"{error.format_message().replace('Value error, ', '').rstrip('.')}; see {command} --help"
+    return f"{error.format_message().rstrip('.')}; see {command} --help"

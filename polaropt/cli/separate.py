@@ -87,7 +87,7 @@ class SolveOptions:
                 if chosen[name] is not None:
                     StoppingRule(**{name: chosen[name]})
             except ValueError as error:
-                raise InputError(f"{option}{str(error).removeprefix(name)}") from None
+                raise InputError(f"{option}: {error}") from None
         return StoppingRule(**{name: value for name, value in chosen.items() if value is not None})
 
     def check_names(self) -> None:
