@@ -28,6 +28,9 @@ _DIAGONAL_35MM = math.hypot(36, 24)
 _SAME_SHAPE = 0.01
 _AGREE = 0.1
 
+VIEW_RANGE_DEG = (0.001, 179.0)
+"""Angles of view: from a telescope's to more than any lens has that keeps straight lines. Set by hand."""
+
 Size = tuple[int, int]
 
 
@@ -37,7 +40,7 @@ def focal_from_view(field_of_view_deg: float, longer_side: int) -> float:
     Parameters
     ----------
     field_of_view_deg : float
-        More than 0 and less than 180.
+        From 0.001 to 179.
     longer_side : int
         Pixels.
 
@@ -52,9 +55,10 @@ def focal_from_view(field_of_view_deg: float, longer_side: int) -> float:
 
 def check_view(field_of_view_deg: float) -> None:
     """InputError where an angle cannot be one of view."""
-    if not 0 < field_of_view_deg < 180:
+    narrowest, widest = VIEW_RANGE_DEG
+    if not narrowest <= field_of_view_deg <= widest:
         raise InputError(
-            f"the field of view is {field_of_view_deg:g} degrees; it must be more than 0 and less than 180"
+            f"the field of view is {field_of_view_deg:g} degrees; it must lie between {narrowest:g} and {widest:g}"
         )
 
 

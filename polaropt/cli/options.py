@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -109,6 +108,8 @@ class PaneOptions:
 
     def check(self) -> None:
         """InputError where two options contradict each other."""
+        from polaropt.optics import FARTHEST_SHIFT_PX
+
         if self.shift is not None and self.thickness_px is not None:
             raise InputError("--shift and --thickness-px both set the ghost shift; give one of them")
         if self.focal_px is not None and self.thickness_px is not None:
@@ -120,8 +121,8 @@ class PaneOptions:
         ):
             if self.single_surface and value is not None:
                 raise InputError(f"{name} is for a pane with a back face; leave it or --single-surface out")
-        if self.thickness_px is not None and not 0 <= self.thickness_px < math.inf:
-            raise InputError(f"--thickness-px is {self.thickness_px:g}; give 0 or more")
+        if self.thickness_px is not None and not 0 <= self.thickness_px <= FARTHEST_SHIFT_PX:
+            raise InputError(f"--thickness-px is {self.thickness_px:g}; give 0 to {FARTHEST_SHIFT_PX:g}")
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,10 @@ def _overcorrected(asked: SceneParameters, found: SceneEstimate) -> bool:
 
     The plain intensity is the whole correction off; more than twice that correction is further off on the other side.
     """
-    incidence, error = found.scene.incidence_deg or 0.0, _SURE * (found.errors.incidence_deg or 0.0)
+    incidence, error = (
+        found.scene.incidence_deg or 0.0,
+        _SURE * min(found.errors.incidence_deg or 0.0, INCIDENCE_LIMITS_DEG[1]),
+    )
     near = np.clip(np.linspace(incidence - error, incidence + error, 5), *INCIDENCE_LIMITS_DEG)
     return correction(asked) > 2 * max(correction(found.scene.replace(incidence_deg=float(angle))) for angle in near)
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.inversion.spectra import Spectrum
+from polaropt.inversion.spectra import RESOLUTION, Spectrum
 from polaropt.inversion.whitening import AssumedHessian
 from polaropt.numerics import Basis, column_multiplicity, each_plane, squared_frequencies
 from priors.natural_image import in_basis
@@ -49,12 +49,19 @@ def _diagonal(hessian: Hessian, c: int, y: int, t: Array, r: Array) -> None:
 
 
 @compiled
+def _determinant(t: Any, r: Any, k_re: Any, k_im: Any) -> Any:
+    """At least what rounding leaves uncertain."""
+    product = t * r
+    return max(product - (k_re * k_re + k_im * k_im), RESOLUTION * product)
+
+
+@compiled
 def _inverse_root(hessian: Hessian, c: int, y: int, t: Array, r: Array, mixed: Array) -> None:
     """Diagonal of H^(-1/2) in row y, and the factor on the cross information off it."""
     _diagonal(hessian, c, y, t, r)
     k_re, k_im = hessian.cross_re[y], hessian.cross_im[y]
     for x in range(t.size):
-        determinant = t[x] * r[x] - (k_re[x] * k_re[x] + k_im[x] * k_im[x])
+        determinant = _determinant(t[x], r[x], k_re[x], k_im[x])
         root = np.sqrt(determinant)
         factor = _ONE / np.sqrt(determinant * (t[x] + r[x] + root + root))
         of_t = t[x]
@@ -69,7 +76,7 @@ def _root(hessian: Hessian, c: int, y: int, t: Array, r: Array, mixed: Array) ->
     _diagonal(hessian, c, y, t, r)
     k_re, k_im = hessian.cross_re[y], hessian.cross_im[y]
     for x in range(t.size):
-        root = np.sqrt(t[x] * r[x] - (k_re[x] * k_re[x] + k_im[x] * k_im[x]))
+        root = np.sqrt(_determinant(t[x], r[x], k_re[x], k_im[x]))
         factor = _ONE / np.sqrt(t[x] + r[x] + root + root)
         t[x] = factor * (t[x] + root)
         r[x] = factor * (r[x] + root)

@@ -22,6 +22,9 @@ _N_BANDS = 8
 _TURNS_POWER_LAW = 3
 _TURNS_BANDS = 9
 TURNS = _TURNS_POWER_LAW + _TURNS_BANDS
+RESOLUTION = np.float32(2.0**-22)
+"""Share of a product that single precision tells from 0 in the difference of it and another: two roundings of 2^-23. A
+pane that shows both layers alike leaves a determinant below, which is then rounding, and may be negative."""
 # Share of all frequencies that a band must hold before it moves freely. Set by hand.
 _BAND_INERTIA = 2e-4
 # Entries of a table over the logarithm of frequency: a step is less than 0.3 %.
@@ -131,8 +134,8 @@ def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spe
     """
     h_t = information[0, 0].real + 1 / prior[0]
     h_r = information[1, 1].real + 1 / prior[1]
-    cross = information[0, 1]
-    determinant = h_t * h_r - np.abs(cross) ** 2
+    cross, product = information[0, 1], h_t * h_r
+    determinant = np.maximum(product - np.abs(cross) ** 2, RESOLUTION * product)
     uncertainty = np.stack([h_r, h_t]) / determinant
     coefficients = np.empty_like(right)
     coefficients[0] = uncertainty[0] * right[0] - cross / determinant * right[1]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.inversion.spectra import TURNS
+from polaropt.inversion.spectra import RESOLUTION, TURNS
 from polaropt.numerics import Basis
 from priors.base import CHROMA_WEIGHT
 
@@ -60,7 +60,8 @@ class Knowledge:
         of_t, of_r = (
             np.float32(precision) * self.told[i] + 1 / (np.float32(scales[i]) * self.prior[i]) for i in (0, 1)
         )
-        determinant = of_t * of_r - np.float32(precision) ** 2 * self.cross
+        product = of_t * of_r
+        determinant = np.maximum(product - np.float32(precision) ** 2 * self.cross, RESOLUTION * product)
         return np.asarray(np.stack([of_r, of_t]) / determinant)
 
     def edges(self, power: Power) -> NDArray[np.float64]:

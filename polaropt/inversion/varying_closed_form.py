@@ -28,7 +28,7 @@ from polaropt.inversion.closed_form import (
     normal_equations,
     wiener_layers,
 )
-from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Spectrum, fit_spectra
+from polaropt.inversion.spectra import RESOLUTION, FittedSpectra, FrequencyBands, Spectrum, fit_spectra
 from polaropt.inversion.transfer import ghost_transfer, ghost_transfer_at
 from polaropt.numerics import Basis, opponent_basis
 from polaropt.optics import VaryingPSE
@@ -105,7 +105,7 @@ def pixel_layers(
     weights = np.tensordot(precision.astype(np.float32), mixtures, axes=1)
     told = np.einsum("ilhw,imhw->lmhw", mixtures, weights)
     t, r, k = told[0, 0] + np.float32(stiffness), told[1, 1] + np.float32(stiffness), told[0, 1]
-    determinant = t * r - k * k
+    determinant = np.maximum(t * r - k * k, RESOLUTION * t * r)
     right = np.einsum("ilhw,ichw->lchw", weights, stokes)
     layers = np.stack([r * right[0] - k * right[1], t * right[1] - k * right[0]]) / determinant
     entries = [float((part / determinant).mean(dtype=np.float64)) for part in (r, -k, -k, t)]

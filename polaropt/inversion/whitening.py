@@ -15,7 +15,7 @@ import numpy as np
 from array_api_compat import array_namespace, is_torch_namespace
 from numpy.typing import NDArray
 
-from polaropt.inversion.spectra import Power, Spectrum
+from polaropt.inversion.spectra import RESOLUTION, Power, Spectrum
 from polaropt.numerics import Basis, column_multiplicity, squared_frequencies
 from priors.natural_image import in_basis
 
@@ -130,7 +130,7 @@ def _roots(hessian: AssumedHessian, width: int) -> list[tuple[NDArray[Any], NDAr
     """Diagonal (2, channel, ...) and upper entry (channel, ...) of H^(-1/2) and of H^(1/2)."""
     t, r = hessian.diagonal(width)
     # Square root of a 2x2 matrix B: (B + sqrt(det B)) / sqrt(tr B + 2 sqrt(det B)).
-    root = np.sqrt(t * r - np.abs(hessian.cross) ** 2)
+    root = np.sqrt(np.maximum(t * r - np.abs(hessian.cross) ** 2, RESOLUTION * t * r))
     scale = 1 / np.sqrt(t + r + 2 * root)
     inverse = (np.stack([r + root, t + root]) * scale / root, -hessian.cross * scale / root)
     return [inverse, (np.stack([t + root, r + root]) * scale, hessian.cross * scale)]

@@ -16,11 +16,12 @@ Values = NDArray[np.float64]
 _FARTHEST = 4.0
 
 
-def grid_sums(maps: NDArray[np.floating], groups: int) -> Values:
-    """Sums of maps (..., h, w) over a chessboard of up to groups x groups parts, flat: (..., part)."""
+def grid_sums(maps: NDArray[np.floating], groups: int | tuple[int, int]) -> Values:
+    """Sums of maps (..., h, w) over a chessboard of up to so many parts each way, flat: (..., part)."""
     sums = maps.astype(np.float64)
-    for axis, length in ((-2, maps.shape[-2]), (-1, maps.shape[-1])):
-        starts = np.linspace(0, length, min(groups, length) + 1)[:-1].astype(int)
+    rows, columns = (groups, groups) if isinstance(groups, int) else groups
+    for axis, most, length in ((-2, rows, maps.shape[-2]), (-1, columns, maps.shape[-1])):
+        starts = np.linspace(0, length, min(most, length) + 1)[:-1].astype(int)
         sums = np.add.reduceat(sums, starts, axis=axis)
     return sums.reshape(*maps.shape[:-2], -1)
 

@@ -1,4 +1,5 @@
 __all__ = [
+    "FARTHEST_SHIFT_PX",
     "FIELDS",
     "FLAT",
     "GHOST_SHIFT_SEARCH_PX",
@@ -70,6 +71,7 @@ from .plate import in_place_correction as in_place_correction
 from .plate import in_place_reflectance as in_place_reflectance
 from .plate import in_place_weights as in_place_weights
 from .plate import plate_at as plate_at
+from .scene import FARTHEST_SHIFT_PX as FARTHEST_SHIFT_PX
 from .scene import FIELDS as FIELDS
 from .scene import GHOST_SHIFT_SEARCH_PX as GHOST_SHIFT_SEARCH_PX
 from .scene import INCIDENCE_LIMITS_DEG as INCIDENCE_LIMITS_DEG

@@ -12,6 +12,12 @@ from polaropt.optics.fresnel import refraction_angle
 
 SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
 
+HIGHEST_INDEX = 10.0
+"""Nothing that light passes has a higher one: germanium has 4, lead telluride 6. Set by hand."""
+FARTHEST_SHIFT_PX = 1e5
+"""Ghost shift beyond which all ghosts lie outside any photograph. Set by hand."""
+FOCAL_RANGE_PX = (0.01, 1e10)
+"""Focal lengths: from one that sees half a turn in a pixel to rays that are parallel for any frame. Set by hand."""
 # Where a scene's numbers are looked for and worked with; what they may be at all is checked by `SceneParameters`. All
 # set by hand.
 INCIDENCE_SEARCH_DEG = (0.5, 88.0)
@@ -42,7 +48,7 @@ class SceneParameters:
     ghost_shift : float or None
         Distance from one ghost to the next in pixels along the azimuth, signed. None: to be estimated.
     refractive_index : float
-        Index of the pane, >= 1.
+        Index of the pane, from 1 to `HIGHEST_INDEX`.
     n_bounces : int or None
         The direct path and ghosts 1..n_bounces. None: all of them.
     single_surface : bool
@@ -95,8 +101,14 @@ class SceneParameters:
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
                 raise InputError(f"{name} is {value}; give a finite number")
-        if self.focal_px is not None and not (0 < self.focal_px < math.inf):
-            raise InputError(f"the focal length is {self.focal_px} px; it must be more than 0")
+        for name in ("ghost_shift", "transmission_ghost_shift"):
+            if abs(getattr(self, name) or 0.0) > FARTHEST_SHIFT_PX:
+                raise InputError(f"{name} is {getattr(self, name)} px; it must be {FARTHEST_SHIFT_PX:g} or less")
+        shortest, longest = FOCAL_RANGE_PX
+        if self.focal_px is not None and not (shortest <= self.focal_px <= longest):
+            raise InputError(
+                f"the focal length is {self.focal_px} px; it must be more than 0: {shortest:g} to {longest:g}"
+            )
         if len(self.bend_deg_per_px) != 3 or not all(math.isfinite(part) for part in self.bend_deg_per_px):
             raise InputError(f"bend_deg_per_px is {self.bend_deg_per_px}; give three finite numbers, zeros for flat")
         if self.n_bounces is not None and not (self.n_bounces >= 0 and self.n_bounces == int(self.n_bounces)):
@@ -166,8 +178,10 @@ def _check_incidence(incidence_deg: float | None) -> None:
 
 
 def _check_index(refractive_index: float) -> None:
-    if not (math.isfinite(refractive_index) and refractive_index >= 1):
-        raise InputError(f"the refractive index is {refractive_index}; it must be 1 or more")
+    if not 1 <= refractive_index <= HIGHEST_INDEX:
+        raise InputError(
+            f"the refractive index is {refractive_index}; it must be 1 or more, and {HIGHEST_INDEX:g} at most"
+        )
 
 
 def ghost_step(

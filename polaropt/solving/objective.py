@@ -42,7 +42,8 @@ _KNOWN_ENOUGH = 0.2
 _INDEPENDENCE = 0.1
 # Residual in standard deviations of the noise, beyond which a robust solve counts it linearly: set by hand.
 _ROBUST_SIGMAS = 3.0
-
+MOST_WEIGHT = 1e6
+"""Factor on a term's weight beyond which no other term counts, in single precision. Set by hand."""
 
 _PENALTY = "penalty"
 MakePenalty = Callable[[ClosedForm, float], Regularizer]
@@ -89,8 +90,8 @@ class Weights:
     def __post_init__(self) -> None:
         for term in fields(self):
             factor = getattr(self, term.name)
-            if factor is not None and not (np.isfinite(factor) and factor >= 0):
-                raise InputError(f"weight {term.name} is {factor}; give a factor of 0 (off) or more")
+            if factor is not None and not 0 <= factor <= MOST_WEIGHT:
+                raise InputError(f"weight {term.name} is {factor}; give a factor of 0 (off) to {MOST_WEIGHT:g}")
 
     def factor(self, name: str) -> float:
         """The factor on a term's weight."""

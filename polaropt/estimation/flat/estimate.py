@@ -14,16 +14,19 @@ from typing import Literal
 import numpy as np
 
 from polaropt.capture import Capture, PlateFrame, noise_level, plate_frame, stokes_images
+from polaropt.errors import InputError
 from polaropt.estimation.flat.azimuth import HIGH_STAKE, AxisCandidate, choose_axis, principal_axis
 from polaropt.estimation.flat.errors import widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
-from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneErrors, SceneParameters
+from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_LIMITS_DEG, SceneErrors, SceneParameters
 
 _POLARIZED_SNR = 10.0
 """Standard errors of what noise alone would leave that polarized light must have to be believed. Set by hand."""
 LEAST_NOISE = 1e-4
 """Standard deviation of a photograph's noise (white = 1) below which the model itself is not exact. Set by hand."""
+_LEAST_INDEX = 1.0001
+"""Below it a pane mirrors less than 3e-9 of the light at normal incidence, which no photograph shows. Set by hand."""
 _CLOSE = 0.06
 """Axes whose scores differ by less are compared again after the search. By trial."""
 _LEAST_OVERLAP = 1e-9
@@ -100,7 +103,16 @@ def estimate_scene(
     Returns
     -------
     SceneEstimate
+
+    Raises
+    ------
+    InputError
+        A pane that mirrors nothing, as its index is that of air, or a thickness outside its range.
     """
+    if scene.refractive_index < _LEAST_INDEX:
+        raise InputError(f"a pane of index {scene.refractive_index:g} mirrors nothing; give {_LEAST_INDEX:g} or more")
+    if thickness_px is not None and not 0 <= thickness_px <= FARTHEST_SHIFT_PX:
+        raise InputError(f"the thickness is {thickness_px} px; it must lie between 0 and {FARTHEST_SHIFT_PX:g}")
     noise = max(LEAST_NOISE, noise_level(capture) if noise is None else noise)
     stokes = stokes_images(capture, noise)
     axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])

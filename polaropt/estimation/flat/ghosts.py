@@ -39,6 +39,8 @@ _MOST_TILES = 128
 """Tiles that are looked at: enough to tell the spectra, and bounded time. Set by hand."""
 _MOST_BANDS = 8
 """Bands of tiles that are left out in turn for standard errors. Set by hand."""
+# Beyond this incidence in degrees single precision takes the pane for a mirror, with ghosts that never fade. By trial.
+_STEEPEST_DEG = 89.5
 
 
 @dataclass(frozen=True)
@@ -336,7 +338,8 @@ class ShiftLikelihood:
         -------
         ndarray, shape ([incidences,] shifts)
         """
-        incidences, steps = np.atleast_1d(incidence_deg), np.asarray(shifts, dtype=np.float64)
+        incidences = np.minimum(np.atleast_1d(incidence_deg), _STEEPEST_DEG)
+        steps = np.asarray(shifts, dtype=np.float64)
         own = self._scene.transmission_ghost_shift
         if transmission_shifts is None:
             transmission_shifts = steps if own is None else np.full(steps.shape, own)

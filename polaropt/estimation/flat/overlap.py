@@ -264,9 +264,14 @@ class EdgeOverlap:
         return math.exp(sum(math.log(part.value) for part in self.at(incidence_deg)) / max(1, len(self._scales)))
 
     def left_out(self, incidence_deg: float) -> Matrix:
-        """The joint overlap without each part of the frame, (part,)."""
+        """The joint overlap without each part of the frame, (part,); of a single part where no scale tells anything."""
+        if not self._scales:
+            return np.ones(1)
         factors = self._factors(incidence_deg)
-        logs = [np.log(_normalized(*left_out(_parts(scale, factors, self._covariance)))) for scale in self._scales]
+        rows, columns = (min(sides) for sides in zip(*(scale.shape for scale in self._scales), strict=True))
+        groups = min(PARTS, rows), min(PARTS, columns)
+        sums = [_parts(scale, factors, self._covariance, groups) for scale in self._scales]
+        logs = [np.log(_normalized(*left_out(part))) for part in sums]
         return np.asarray(np.exp(np.mean(logs, axis=0)))
 
     def at_best_scales(self, incidence_deg: float, n_scales: int = 3) -> EdgeOverlap:
@@ -329,7 +334,7 @@ def _triangle(distance: Matrix) -> Matrix:
 
 
 def _normalized(both: Any, reflection: Any, transmission: Any, n_blocks: Any) -> Any:
-    pseudo = FAINT_OVERLAP * n_blocks
+    pseudo = FAINT_OVERLAP * np.maximum(n_blocks, 1)
     return (both + pseudo) / (np.sqrt(reflection * transmission) + pseudo)
 
 
@@ -346,12 +351,12 @@ def _overlap(scale: _Scale, factors: Matrix, covariance: Matrix) -> Overlap:
     )
 
 
-def _parts(scale: _Scale, factors: Matrix, covariance: Matrix) -> Matrix:
+def _parts(scale: _Scale, factors: Matrix, covariance: Matrix, groups: tuple[int, int]) -> Matrix:
     """The same sums and the number of blocks over each part of the frame, (4, part)."""
     reflection, transmission = _energies(scale, factors, covariance)
     weight = np.ones_like(reflection) if scale.weight is None else scale.weight
     maps = np.stack([np.sqrt(reflection * transmission), reflection, transmission, weight])
-    return grid_sums(maps.reshape(4, *scale.shape), PARTS)
+    return grid_sums(maps.reshape(4, *scale.shape), groups)
 
 
 def _energies(scale: _Scale, factors: Matrix, covariance: Matrix) -> tuple[Images, Images]:

@@ -20,7 +20,14 @@ from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross
 from polaropt.estimation.flat.layer_shifts import own_shifts
 from polaropt.estimation.flat.overlap import BlockImages, EdgeOverlap, block_images
 from polaropt.numerics import grid_minimum, local_minima, local_minimum
-from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, ghost_step, interface, largest_search_shift
+from polaropt.optics import (
+    FARTHEST_SHIFT_PX,
+    INCIDENCE_SEARCH_DEG,
+    SceneParameters,
+    ghost_step,
+    interface,
+    largest_search_shift,
+)
 
 Curve = NDArray[np.float64]
 
@@ -67,8 +74,8 @@ class Thickness:
     kind: Literal["paper", "plate"]
 
     def step(self, incidence_deg: float, refractive_index: float) -> float:
-        """Ghost step at an incidence, in pixels."""
-        return ghost_step(incidence_deg, refractive_index, self.pixels, self.kind)
+        """Ghost step at an incidence, in pixels; where all are out of sight it does not matter how far."""
+        return min(ghost_step(incidence_deg, refractive_index, self.pixels, self.kind), FARTHEST_SHIFT_PX)
 
 
 @dataclass(frozen=True)
@@ -172,7 +179,8 @@ class SceneSearch:
         incidence, _, shift = found.values()
         likely = [] if self._thickness else self._likely_shifts(incidence, _CANDIDATE_STEP_PX, _N_CANDIDATES)
         rivals = [rival for rival in likely if abs(rival - shift) > 1]
-        return shift_errors(self._seen.spectra, found, rivals)
+        error, of_transmission = shift_errors(self._seen.spectra, found, rivals)
+        return error, of_transmission if self._scene.transmission_ghost_shift is None else None
 
     def _likeliest(self, incidence_deg: float) -> Trial:
         grid = self._shift_grid(incidence_deg, 1.0)
@@ -256,7 +264,7 @@ class SceneSearch:
 
     def _least_gain(self, incidence_deg: float) -> float:
         """What a shift must gain over none: more towards normal incidence and in noise, where errors mimic ghosts."""
-        least = _LEAST_GAIN * (1 + (_MIMIC_DEG / incidence_deg) ** _MIMIC_POWER)
+        least = _LEAST_GAIN * (1 + (_MIMIC_DEG / max(incidence_deg, INCIDENCE_SEARCH_DEG[0])) ** _MIMIC_POWER)
         return least if self._reflection_is_sharp(incidence_deg) else _IN_NOISE * least
 
     def _with_tied_shift(self, trial: Trial) -> Trial:

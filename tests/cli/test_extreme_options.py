@@ -1,0 +1,129 @@
+"""Extreme but legal options work; numbers outside their range are refused in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polaropt import InputError, SceneParameters, Weights
+from polaropt.capture.write import write_capture
+from polaropt.cli.app import main
+from polaropt.estimation import estimate_scene
+from polaropt.optics import FARTHEST_SHIFT_PX
+from polaropt.simulation import simulate
+from tests.captured import photographed, scene_intensities
+from tests.command_line import QUICK
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Photographs of several sizes, one of them of a pane with ghosts."""
+    folder = tmp_path_factory.mktemp("shelf")
+    for height, width in ((64, 64), (80, 100), (16, 16)):
+        write_capture(photographed((height, width), bits=12), folder / f"glass{width}.png")
+    layers = scene_intensities((2, 64, 64), (0.0,))[0]
+    ghosts = simulate(layers[0], layers[1], SceneParameters(60.0, 25.0, 4.0), bits=12, seed=1)
+    write_capture(ghosts, folder / "ghosts64.png")
+    return folder
+
+
+def files(folder: Path, name: str) -> list[str]:
+    return [str(folder / f"{name}_{angle:03d}.png") for angle in (0, 45, 90, 135)]
+
+
+ESTIMATES = {
+    "ghosts out of sight": ("glass100", "--shift", "1000"),
+    "ghosts half out of sight": ("glass64", "--shift", "180"),
+    "ghosts out of a small frame": ("glass16", "--shift", "15"),
+    "few parts at a coarse scale": ("ghosts64", "--shift", "20"),
+    "the farthest ghosts": ("glass64", "--shift", f"{FARTHEST_SHIFT_PX:g}"),
+    "another side": ("glass64", "--shift=-200", "--azimuth=-1000"),
+    "frontal": ("glass64", "--incidence", "0"),
+    "nearly frontal": ("glass64", "--incidence", "1e-9"),
+    "grazing": ("glass64", "--incidence", "89.9999999"),
+    "grazing diamond": ("ghosts64", "--incidence", "89.99", "--index", "4"),
+    "grazing mirror": ("ghosts64", "--incidence", "89.99", "--index", "10", "--model", "ghosts"),
+    "hardly a pane": ("glass64", "--index", "1.0001"),
+    "thick": ("glass64", "--thickness-px", "100000"),
+    "thin": ("glass64", "--thickness-px", "0"),
+    "an eye that sees all": ("glass64", "--focal-px", "0.01"),
+    "a telescope": ("glass64", "--field-of-view-deg", "0.001", "--model", "perspective"),
+    "far turned": ("glass64", "--azimuth", "1e300"),
+}
+
+
+@pytest.mark.parametrize("name", ESTIMATES)
+def test_extreme_panes_are_estimated(shelf, name, capsys):
+    photographs, *options = ESTIMATES[name]
+    assert main(["estimate", *files(shelf, photographs), *options, "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert np.isfinite(json.loads(said.out)["scene"]["incidence_deg"])
+
+
+SEPARATED = {
+    "frontal": ("ghosts64", "--incidence", "0", "--azimuth", "0", "--shift", "0"),
+    "nearly frontal": ("ghosts64", "--incidence", "1", "--azimuth", "45", "--shift", "0.5"),
+    "nearly frontal before a lens": ("glass16", "--incidence", "1", "--shift", "0.01", "--focal-px", "1e9"),
+    "nearly frontal, another incidence found": ("ghosts64", "--incidence", "5", "--shift", "180"),
+    "grazing": ("glass16", "--incidence", "89.9999999", "--azimuth", "0", "--shift", "3"),
+    "a pane that mirrors nothing": ("ghosts64", "--index", "1", "--incidence", "60", "--azimuth", "25", "--shift", "4"),
+    "ghosts out of sight": ("ghosts64", "--incidence", "60", "--shift", "1000"),
+    "the farthest transmission": ("glass16", "--transmission-shift", f"{FARTHEST_SHIFT_PX:g}", "--index", "2"),
+    "heavy": ("glass64", "--weights", "gradient_sparsity=1e6,misfit=1e-300"),
+    "light": ("glass64", "--weights", "misfit=0,natural_image=0"),
+}
+
+
+@pytest.mark.parametrize("name", SEPARATED)
+def test_extreme_panes_are_separated(shelf, tmp_path, name, capsys):
+    photographs, *options = SEPARATED[name]
+    assert main(["separate", *files(shelf, photographs), *options, "-o", str(tmp_path), *QUICK, "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert json.loads(said.out)["solver"]["status"] != "NOT_FINITE"
+
+
+REFUSED = {
+    "index of air": (["estimate", "--index", "1"], "mirrors nothing"),
+    "index": (["estimate", "--index", "11"], "10 at most"),
+    "shift": (["separate", "-o", "out", "--shift", "1e9"], "ghost_shift"),
+    "transmission shift": (["separate", "-o", "out", "--transmission-shift", "1e9"], "transmission_ghost_shift"),
+    "thickness": (["estimate", "--thickness-px", "1e9"], "--thickness-px"),
+    "focal length": (["estimate", "--focal-px", "1e-5"], "focal length"),
+    "focal length of a star": (["estimate", "--focal-px", "1e20"], "focal length"),
+    "field of view": (["estimate", "--field-of-view-deg", "179.9"], "field of view"),
+    "weights": (["separate", "-o", "out", "--weights", "misfit=1e300"], "weight misfit"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_numbers_outside_their_range_are_refused(shelf, tmp_path, name, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (command, *options), wanted = REFUSED[name]
+    assert main([command, *files(shelf, "glass64"), *options]) == 2
+    said = capsys.readouterr()
+    assert wanted in said.err
+    assert said.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_ranges_are_those_of_python_too():
+    capture = photographed((64, 64))
+    with pytest.raises(InputError, match="mirrors nothing"):
+        estimate_scene(capture, SceneParameters(None, None, None, 1.0))
+    with pytest.raises(InputError, match="thickness"):
+        estimate_scene(capture, SceneParameters(None, None, None), thickness_px=-1)
+    with pytest.raises(InputError, match="weight"):
+        Weights(misfit=1e7)
+
+
+def test_a_shift_that_was_given_has_no_error():
+    capture = photographed((64, 64))
+    errors = estimate_scene(capture, SceneParameters(60.0, 20.0, None, transmission_ghost_shift=3.0)).errors
+    assert errors.transmission_ghost_shift is None
