@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, StokesImages, noise_level, plate_frame, stokes_images
 from polaropt.estimation.flat.estimate import LEAST_NOISE, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
-from polaropt.estimation.rung import SCATTERS, noise_misfit
-from polaropt.estimation.wide.blocks import PolarizedBlocks
+from polaropt.estimation.rung import noise_misfit
+from polaropt.estimation.wide.blocks import SCATTERS, PolarizedBlocks
 from polaropt.estimation.wide.fits import fit_perspective
 from polaropt.numerics import grid_minimum, jackknife_error
 from polaropt.optics import SceneParameters
@@ -26,28 +26,36 @@ from polaropt.optics import SceneParameters
 Curve = NDArray[np.float64]
 
 _OPEN = SceneParameters(None, None, None)
+# Directions of ghosts and shifts in pixels that are looked at, and around the best ones. Set by hand.
 _DIRECTIONS_DEG: Curve = np.arange(0, 180, 10.0)
 _SHIFTS: Curve = np.arange(-16, 17.0)
 _FINE_DEG: Curve = np.arange(-10, 10.5, 2.5)
 _FINE_SHIFTS: Curve = np.arange(-4, 4.5) / 2
+# Steps of the fit of the layers' spectra. Set by hand.
 _ROUNDS = 2
 _APART_DEG = 25.0
-"""Directions closer than this share ghosts."""
+"""Directions closer than this share ghosts. Set by hand."""
 _RIVAL = 0.6
+"""Share of the likeliest direction's gain that others may have. By trial."""
 _GAIN, _GAIN_LOWER = 8e-3, 20e-3
-"""Log likelihood per frequency that ghosts must gain: edges that look like ghosts gain up to 6e-3, at a lower incidence
-than the one found up to 15e-3."""
+"""Measured log likelihood per frequency that ghosts must gain: edges that look like ghosts gain up to 6e-3, at a lower
+incidence than the one found up to 15e-3."""
 _STEADY_PX = 0.3
-"""A pane's ghosts have one shift all over the frame, whatever part is left out: its error is mostly below 0.1. Edges of
-a few things in the picture gain as much, but their shift, or its sense, hangs on those: its error is above 0.45."""
+"""Standard error of the shift. Measured: a pane's ghosts have one shift all over the frame, whatever part is left out:
+its error is mostly below 0.1. Edges of a few things in the picture gain as much, but their shift, or its sense, hangs
+on those: its error is above 0.45."""
 _EXCHANGED_DEG, _EXCHANGED = 56.0, 1.6
+"""Incidence from which on the axis across may have been taken, about Brewster's angle of glass, and how many times as
+much ghosts must gain on the other. By trial."""
 _OBLIQUE_DEG = 60.0
 LOWER_DEG = (-5.0, -2.5, 0.0)
-"""Ghosts along another direction than supposed make a pane look more oblique than it is, from 60 degrees on."""
+"""Ghosts along another direction than supposed make a pane look more oblique than it is, from 60 degrees on: lower
+incidences are looked at, too. By trial."""
 LEAST_DEG, MOST_DEG = 32.0, 76.0
-"""Between these incidences ghosts are bright and edges no match for them."""
+"""Between these incidences ghosts are bright and edges no match for them. By trial."""
 _MOST_LEFT = 4.0
-"""Polarized light that a constant azimuth may leave, in units of its noise: what is left looks like ghosts, too."""
+"""Polarized light that a constant azimuth may leave, in mean squares of its noise: what is left looks like ghosts, too.
+By trial."""
 
 
 @dataclass(frozen=True)
@@ -183,11 +191,16 @@ def _shift_error(spectra: CrossSpectra, incidence_deg: float) -> float:
 
 
 _ALONG = 4e-3
-"""Log likelihood per frequency that ghosts along the azimuth gain where there is no doubt about the angles."""
+"""Log likelihood per frequency that ghosts along the azimuth gain where there is no doubt about the angles. By
+trial."""
 _ELSEWHERE_DEG = 12.0
+"""Angle between ghosts and azimuth from which on the angles start elsewhere. Set by hand."""
 _MIRRORED_DEG = 6.0
+"""Angle up to which ghosts lie along the azimuth's mirror image. Set by hand."""
 _UNEXPLAINED = 1.5
+"""Polarized light across, in mean squares of its noise, from which on the reversed sense is looked at. Set by hand."""
 _EXPLAINED = 0.8
+"""Share of it that a pane must explain with the sense reversed. Set by hand."""
 
 
 class AngleMistake(Enum):

@@ -15,16 +15,13 @@ from typing import Literal
 from polaropt.capture import Capture, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
-from polaropt.estimation.rung import Attempt, Evidence, noise_misfit
+from polaropt.estimation.rung import LEAST_EXPLAINED, Attempt, Evidence, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
+from polaropt.estimation.wide.ghosts import LEAST_SHIFT_PX
 from polaropt.optics import SceneErrors, SceneParameters
 
 _LOWER = ("none", "pixelwise", "ghosts")
-# Share of what the plain pane leaves that a higher rung must explain.
-_LEAST_EXPLAINED = 0.5
-# Ghosts closer than this fall onto each other.
-_LEAST_SHIFT_PX = 0.5
 
 
 @dataclass(frozen=True)
@@ -135,7 +132,7 @@ def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> FoundS
 def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
     """The estimate with a ghost shift that cannot be told from none taken as none: the lower rung does."""
     shift = estimate.scene.values()[2]
-    if abs(shift) >= _LEAST_SHIFT_PX:
+    if abs(shift) >= LEAST_SHIFT_PX:
         return estimate
     errors = dataclasses.replace(estimate.errors, ghost_shift=None)
     return dataclasses.replace(estimate, scene=estimate.scene.replace(ghost_shift=0.0), errors=errors)
@@ -187,7 +184,7 @@ def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:
     told = [step for step in steps[1:] if step.attempt.known and step.attempt.told_by_edges]
     if told and told[0].attempt.misfit <= noise:
         return told[0]
-    able = [step for step in steps[1:] if step.attempt.known and _share(evidence, step) >= _LEAST_EXPLAINED]
+    able = [step for step in steps[1:] if step.attempt.known and _share(evidence, step) >= LEAST_EXPLAINED]
     lowest = [step for step in (steps[0], *able) if step.attempt.misfit <= noise]
     return lowest[0] if lowest else min((steps[0], *able), key=lambda step: step.score(evidence.blocks.n))
 
@@ -213,4 +210,4 @@ def _reason(evidence: Evidence, steps: list[_Step], step: _Step, taken: _Step) -
     told = f"{100 * share:.0f} % of the polarized light that the {steps[0].rung} rung leaves"
     if step is taken:
         return f"It explains {told}."
-    return f"It explains only {told}." if share < _LEAST_EXPLAINED else f"It explains {told}, another one more."
+    return f"It explains only {told}." if share < LEAST_EXPLAINED else f"It explains {told}, another one more."

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 
 from polaropt.capture import Capture, StokesImages
 from polaropt.estimation.flat.estimate import SceneEstimate
-from polaropt.estimation.wide.blocks import PolarizedBlocks
+from polaropt.estimation.wide.blocks import SCATTERS, PolarizedBlocks
 from polaropt.optics import SceneErrors, SceneParameters
 
-# Mean square, in units of the noise, up to which polarized light counts as explained, beside its own scatter.
+# Mean square, in units of the noise, up to which polarized light counts as explained, beside its own scatter. Set
+# by hand.
 _TOLERANCE = 0.1
-SCATTERS = 3.0
+# Share of what the plain pane leaves that a higher rung must explain. Set by hand.
+LEAST_EXPLAINED = 0.5
 
 
 @dataclass(frozen=True)

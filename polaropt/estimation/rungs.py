@@ -10,32 +10,35 @@ from dataclasses import replace
 from functools import partial
 
 from polaropt.estimation.polarized.lens import fit_polarized_perspective
-from polaropt.estimation.polarized.mixing import Mixture, looks_polarized
+from polaropt.estimation.polarized.mixing import OBLIQUE_DEG, Mixture, looks_polarized
 from polaropt.estimation.polarized.search import fit_polarized
-from polaropt.estimation.rung import SCATTERS, Attempt, Evidence, Rung, noise_misfit
+from polaropt.estimation.rung import LEAST_EXPLAINED, Attempt, Evidence, Rung, noise_misfit
+from polaropt.estimation.wide.blocks import SCATTERS
 from polaropt.estimation.wide.fits import PerspectiveFit, fit_curved, fit_perspective, fit_tolerant
 from polaropt.estimation.wide.ghosts import likeliest_shift
+from polaropt.estimation.wide.pane import LONGEST
 from polaropt.optics import SceneErrors, SceneParameters
 
-# How well a pane that is not seen from far must be known.
+# Standard error of its incidence up to which a pane that is not seen from far is known. Set by hand.
 _WORST_ERROR_DEG = 3.0
-# Share of what the plain pane leaves that a bent one must explain on large blocks to be looked at closely.
+# Share of what the plain pane leaves that a bent one must explain on large blocks to be looked at closely. By trial.
 _LEAST_BENT = 0.4
-# Share of what the plain pane leaves that a pane must explain where only blocks that agree count.
+# Share of what the plain pane leaves that a pane must explain where only blocks that agree count. By trial.
 _MOSTLY = 0.8
-# The same of a pane before a lens where the light of its layers may be polarized as well: it has most numbers.
+# The same of a pane before a lens where the light of its layers may be polarized as well: it has most numbers. By
+# trial.
 _NEARLY_ALL = 0.97
-# Share of the frame where layers may come out with less than no light.
+# Share of the frame where layers may come out with less than no light. Set by hand.
 _MOST_NEGATIVE = 0.02
-# Focal length over the longer side from which on incidence and azimuth hardly vary.
-_FAR = 30.0
-# Share of it that may lie off the plane of two Stokes vectors where polarized light may explain all, or most.
+# Share of what the plain pane leaves that may lie off the plane of two Stokes vectors, from and up to, where polarized
+# light may explain all, or most. By trial.
 _ALL_BUT, _MOST_BUT = (-math.inf, 0.2), (0.2, 0.7)
-# Misfit up to which a wrong pane may leave so little because polarized light mimics it.
+# Misfit, in units of the noise, up to which a wrong pane may leave so little because polarized light mimics it. By
+# trial.
 _LITTLE = 2.0
-# Score that polarized light must gain, and where nothing but edges and spectra speaks of it.
+# Score, in minus log likelihood per frequency and colour, that polarized light must gain, and where nothing but edges
+# and spectra speaks of it. By trial.
 _LEAST_GAIN, _LEAST_GAIN_OF_EDGES = 0.004, 0.03
-_OBLIQUE_DEG = 30.0
 
 
 def _may_vary(evidence: Evidence) -> bool:
@@ -77,7 +80,7 @@ def with_ghosts(evidence: Evidence, attempt: Attempt) -> Attempt:
 def _perspective(evidence: Evidence) -> Attempt:
     fit, told = _best_fit(evidence)
     known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
-    if evidence.misfit - fit.misfit < (evidence.misfit - 1) / 2 and not evidence.explained:
+    if evidence.misfit - fit.misfit < LEAST_EXPLAINED * (evidence.misfit - 1) and not evidence.explained:
         tolerant = _tolerant(evidence)
         if tolerant is not None:
             return tolerant
@@ -125,7 +128,7 @@ def _best_fit(evidence: Evidence) -> tuple[PerspectiveFit, bool]:
 
 def _from_afar(evidence: Evidence) -> Attempt:
     """The perspective rung where polarized light does not tell the tilt: the plain pane, seen by the lens."""
-    focal = evidence.focal_px or _FAR * max(evidence.capture.shape[-2:])
+    focal = evidence.focal_px or LONGEST * max(evidence.capture.shape[-2:])
     incidence, azimuth, _ = evidence.estimate.scene.values()
     ways = (azimuth % 360, (azimuth + 180) % 360)
     leaning = min(ways, key=lambda way: evidence.blocks.misfit(incidence, way, focal))
@@ -169,7 +172,7 @@ def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -
     if evidence.explained:
         # Frontal glass polarizes so little that a slight polarization of either layer would do as well, and the
         # transmission does not need to know.
-        oblique = evidence.estimate.scene.values()[0] > _OBLIQUE_DEG
+        oblique = evidence.estimate.scene.values()[0] > OBLIQUE_DEG
         return oblique and first and looks_polarized(evidence.stokes, evidence.estimate.scene)
     return off[0] <= (Mixture(evidence.stokes).misfit - 1) / (evidence.misfit - 1) < off[1]
 

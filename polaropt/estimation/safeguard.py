@@ -12,8 +12,14 @@ from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.estimation.ladder import FoundScene, Tried
 from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_correction
 
+# Share by which a given incidence may correct the layers more or less than the one found. Set by hand.
 _MUCH_CORRECTION = 1 / 3
+# Standard errors of the incidence found within which any may be right: 95 % of a normal distribution.
 _SURE = 2.0
+# How many times the right correction leaves the transmission as far off as none at all, on the other side.
+_NO_BETTER = 2
+# Incidences that are looked at within these errors. Set by hand.
+_N_INCIDENCES = 5
 _PLAIN = ("pixelwise", "ghosts")
 
 
@@ -77,12 +83,12 @@ def _overcorrected(asked: SceneParameters, found: SceneEstimate) -> bool:
 
     The plain intensity is the whole correction off; more than twice that correction is further off on the other side.
     """
-    incidence, error = (
-        found.scene.incidence_deg or 0.0,
-        _SURE * min(found.errors.incidence_deg or 0.0, INCIDENCE_LIMITS_DEG[1]),
+    lowest, highest = INCIDENCE_LIMITS_DEG
+    incidence, error = found.scene.incidence_deg or 0.0, _SURE * min(found.errors.incidence_deg or 0.0, highest)
+    near = np.clip(np.linspace(incidence - error, incidence + error, _N_INCIDENCES), lowest, highest)
+    return correction(asked) > _NO_BETTER * max(
+        correction(found.scene.replace(incidence_deg=float(angle))) for angle in near
     )
-    near = np.clip(np.linspace(incidence - error, incidence + error, 5), *INCIDENCE_LIMITS_DEG)
-    return correction(asked) > 2 * max(correction(found.scene.replace(incidence_deg=float(angle))) for angle in near)
 
 
 def left_alone(found: FoundScene, asked: Asked) -> FoundScene:

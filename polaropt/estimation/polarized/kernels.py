@@ -15,8 +15,9 @@ from solvers.kernels import compiled
 Array = NDArray[Any]
 
 FREEDOM = 4.0
-"""Degrees of freedom of Student's likelihood."""
+"""Degrees of freedom of Student's likelihood: what the model does not fit must not decide. Set by hand."""
 _SURPRISE = FREEDOM + 3.0
+"""Exponent of Student's density of three complex numbers, the Stokes components."""
 
 
 class Seen(NamedTuple):

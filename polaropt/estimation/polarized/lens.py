@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
-from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.estimation.wide.pane import AZIMUTH, INCIDENCE, LONGEST, SHORTEST, USUAL_VIEW, VIEW
+from polaropt.estimation.polarized.light import MOST_ANGLE_ERROR_DEG, MOST_DEGREE_ERROR
+from polaropt.estimation.wide.blocks import COARSE_BLOCKS, SCATTERS, PolarizedBlocks
+from polaropt.estimation.wide.pane import AZIMUTH, FRONTAL, INCIDENCE, LONGEST, SHORTEST, STEEPEST, USUAL_VIEW, VIEW
 from polaropt.optics import (
     SceneErrors,
     SceneParameters,
@@ -40,22 +41,30 @@ Numbers = tuple[int, ...]
 _BEHIND, _MIRRORED = (3, 4), (5, 6)
 """Of a point: after incidence and azimuth (rad) and half the longer side over the focal length, for each layer's light
 degree times cosine and sine of twice the angle of its polarization, in the camera's frame."""
-_COARSE = 12
+# Where the search begins: incidence and azimuth of the pane, angle and degree of one layer's polarization. By hand.
 _INCIDENCES_DEG, _AZIMUTHS_DEG, _ANGLES_DEG = (35.0, 50.0, 65.0), tuple(range(0, 360, 30)), (0.0, 45.0, 90.0, 135.0)
 _DEGREE = 0.4
+# Azimuths, the best start of each, that are followed from there. Set by hand.
 _N_STARTS = 8
+# A usual step of each number of a point: radians, half a side per focal length, degrees of polarization. Set by hand.
 _SCALE = np.array([0.2, 0.2, 0.1, 0.2, 0.2, 0.2, 0.2])
-_LOW = np.array([math.radians(0.5), -4 * math.pi, 0.5 / LONGEST, *4 * [-1.0]])
-_HIGH = np.array([math.radians(86.0), 4 * math.pi, 0.5 / SHORTEST, *4 * [1.0]])
+# Bounds of a point in the same units: azimuth free to turn, degree of polarization (each of its parts) at most 1.
+_LOW = np.array([FRONTAL, -4 * math.pi, 0.5 / LONGEST, *4 * [-1.0]])
+_HIGH = np.array([STEEPEST, 4 * math.pi, 0.5 / SHORTEST, *4 * [1.0]])
+# Least cosine of the incidence in a block (89.94 degrees): a trial pane may be seen from behind there. Set by hand.
 _GRAZING = 1e-3
+# Evaluations of all derivatives, from each start and from the best ones. Set by hand.
 _ROUGHLY, _CLOSELY = 25, 40
-"""Evaluations of all derivatives."""
+# Light off the plane, in standard deviations of the noise, from which on a block counts less while starts are compared
+# (soft L1); and how far inside its bounds a fit begins, in a point's units. Both set by hand.
 _OUTLYING, _INSIDE = 3.0, 1e-9
-_MUCH, _SCATTERS = 0.5, 3.0
+# Share of what one polarized layer leaves that two must explain. Set by hand.
+_MUCH = 0.5
+# Negative light, as a share of a layer's mean, that is not counted: the model is not that exact. Set by hand.
 _FAINT = 0.05
-"""Share of a layer's mean light."""
 _WIDER = 1.25
-"""Measured on 56 scenes of photographs that no figure is taken of: ghosts beside their place move the numbers, too."""
+"""Factor on standard errors. Measured on 56 scenes of photographs that no figure is taken of: ghosts beside their
+place move the numbers, too."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +105,9 @@ def fit_polarized_perspective(
     focal_px : float, optional
         Focal length, where it is known.
     """
-    coarse, blocks = (_OffPlane(part, plain) for part in (PolarizedBlocks(stokes, _COARSE), PolarizedBlocks(stokes)))
+    coarse, blocks = (
+        _OffPlane(part, plain) for part in (PolarizedBlocks(stokes, COARSE_BLOCKS), PolarizedBlocks(stokes))
+    )
     pane = (INCIDENCE, AZIMUTH) if focal_px is not None else (INCIDENCE, AZIMUTH, VIEW)
     view = USUAL_VIEW if focal_px is None else blocks.half_px / focal_px
     single = [_Search(coarse, pane + layer).ends(_grid(layer, view)) for layer in (_BEHIND, _MIRRORED)]
@@ -134,7 +145,7 @@ class _OffPlane:
         inverse = np.linalg.pinv(whitening @ shown)
         light = np.einsum("mli,icm->lcm", inverse @ whitening, self._blocks.stokes).sum(axis=1)
         noise = np.sqrt(self._blocks.stokes.shape[1] * np.square(inverse).sum(axis=2)).T
-        least = np.maximum(_SCATTERS * noise, _FAINT * np.abs(light).mean(axis=1, keepdims=True))
+        least = np.maximum(SCATTERS * noise, _FAINT * np.abs(light).mean(axis=1, keepdims=True))
         return float((light < -least).any(axis=0).mean())
 
     def _shown(self, point: Values) -> tuple[Values, Values]:
@@ -184,7 +195,8 @@ class _Minimum:
             return None
         degree = float(np.hypot(*self.point[list(light)]))
         error = math.sqrt(float(np.trace(covariance[np.ix_(light, light)])) / 2)
-        return min(error, 1.0), min(math.degrees(error / max(degree, 1e-9)) / 2, 90.0)
+        angle_deg = math.degrees(error / max(degree, 1e-9)) / 2
+        return min(error, MOST_DEGREE_ERROR), min(angle_deg, MOST_ANGLE_ERROR_DEG)
 
 
 @dataclass(frozen=True)
@@ -234,7 +246,7 @@ class _Search:
 def _simplest(found: Sequence[_Minimum]) -> _Minimum:
     """The better one with a single polarized layer, unless two explain much of what it leaves, and more than chance."""
     single, both = min(found[:-1], key=lambda minimum: minimum.misfit), found[-1]
-    enough = max(_MUCH * (single.misfit - 1), _SCATTERS * math.sqrt(2 / single.off.size))
+    enough = max(_MUCH * (single.misfit - 1), SCATTERS * math.sqrt(2 / single.off.size))
     return both if single.misfit - both.misfit > enough else single
 
 

@@ -18,15 +18,27 @@ from polaropt.optics import GhostSeries, SceneParameters, brewster_angle_deg, fr
 Point = NDArray[np.float64]
 Values = NDArray[np.float64]
 
+# Places of a point's numbers.
 INCIDENCE, AZIMUTH, SHIFT = 0, 1, 2
 OF_TRANSMISSION, OF_REFLECTION = slice(3, 5), slice(5, 7)
 LOWEST_DEG, HIGHEST_DEG = 3.0, 87.0
+"""Incidences among which a pane before polarized light is searched, inside those of unpolarized light: at 3 degrees
+glass polarizes 3e-4 of what it passes and 4e-3 of what it mirrors, and slightly polarized light would do as well; at 87
+it passes 15 %. Set by hand."""
 HIGHEST_DEGREE = 1.0
+"""Degree of fully polarized light. A search held at 0.97 exchanged a fully polarized screen with the reflection."""
+MOST_DEGREE_ERROR, MOST_ANGLE_ERROR_DEG = 1.0, 90.0
+"""Errors of the degree and of the angle of polarization (an axis) that leave them wholly open."""
 _BEYOND = 2.0
-"""Degrees of polarization up to this are taken for full polarization and errors of measurement."""
-_MOST_OFF, _NEAR_DEG = 0.1, 20.0
+"""Degrees of polarization up to this are taken for full polarization and errors of measurement. Set by hand."""
+_MOST_OFF = 0.1
+"""Degree of polarization by which a pane before unpolarized light may miss the one shown. Set by hand."""
+_NEAR_DEG = 20.0
+"""Difference of two incidences, on either side of Brewster's angle, that are taken for one between. Set by hand."""
 _LEAST_GAIN = 1e-6
+"""Share of light from which on it is divided by, where the pane passes or mirrors less. Set by hand."""
 _GRID_DEG = np.arange(LOWEST_DEG, HIGHEST_DEG, 0.5)
+"""Incidences between which the one that shows a degree of polarization is interpolated. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -28,19 +28,32 @@ from polaropt.optics import SceneParameters, frame_matrix
 Images = NDArray[np.float32]
 Values = NDArray[np.float64]
 
+# Longest side of the middle of the frame that is looked at, in pixels, and side of the blocks that it is averaged over.
+# Bounded time; set by hand.
 _SIDE, _HALF = 384, 2
+# Blocks at each side that the edge overlap leaves out, where the window fades. Set by hand.
 _LEFT_OUT = 6
+# Bands of frequency and orientations, smooth ones, in which each layer's spectrum has a level. Set by hand.
 _BANDS, _ORIENTATIONS = 5, 3
+# Bands and directions of the sectors that are left out in turn to see how far a gain scatters. Set by hand.
 _SECTOR_BANDS, _SECTOR_DIRECTIONS = 5, 9
+# Least frequency that is used, in cycles per frame: the window leaks those below. Set by hand.
 _LOWEST_CYCLES = 1.5
+# Steps of the fit of the layers' spectra. Set by hand.
 _ROUNDS = 8
+# Every third frequency is used, and every fourth of these for a glance: bounded time. Set by hand.
 _SPARSE, _SPARSER = 3, 4
+# Costs of a point, as minus log likelihood per frequency and colour, all by trial: for the square of the logarithm of
+# the layers' ratio of brightness; for each degree of incidence beyond 80; for polarized light in a layer at all and for
+# the square of its degree, more behind the pane than in the mirrored scene, where skies and walls often are.
 _BALANCE_COST = 0.002
 _GRAZING_DEG, _GRAZING_COST = 80.0, 0.003
 _PRESENCE_COST, _DEGREE_COST = np.array([0.004, 0.001]), np.array([0.01, 0.004])
-"""Of polarized light behind the pane and in the mirrored scene, where skies and walls often are."""
+# Frequencies up to this count in a point's misfit, in cycles per frame: those of coarse light. Set by hand.
 _LOW_CYCLES = 24
+# Least mean of a layer, as a share of the intensity, in the ratio of brightness. Set by hand.
 _DARKEST = 0.02
+# Least overlap of edges (1 where they coincide), and least factor of a level in one step of its fit. Both set by hand.
 _LEAST_OVERLAP, _LEAST_FACTOR = 1e-3, 1e-3
 _NOTHING = np.empty((0, 0, 0, 0), np.float32)
 

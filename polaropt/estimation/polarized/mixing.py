@@ -21,20 +21,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
-from polaropt.estimation.polarized.light import in_place, pane_light
+from polaropt.estimation.polarized.kernels import FREEDOM
+from polaropt.estimation.polarized.light import HIGHEST_DEGREE, in_place, pane_light
+from polaropt.estimation.wide.blocks import LEAST_SEEN, WHOLE
 from polaropt.numerics import Box, block_mean, local_minimum
-from polaropt.optics import SceneParameters, frame_matrix
+from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, frame_matrix
 
 Images = NDArray[np.float32]
 Values = NDArray[np.float64]
 
+# Blocks along the longer side, at most, and side of a window in blocks. Set by hand.
 _BLOCKS, _WINDOW = 64, 3
+# Directions over half a turn, of which each pair is tried. Set by hand.
 _DIRECTIONS = 36
-_WHOLE, _LEAST_SEEN = 0.999, 0.05
-_HIGHEST_DEGREE = 1.0
-_FREEDOM = 4.0
-"""Of Student's likelihood: windows that the model does not fit must not decide."""
+# Least squared sine between two directions (0.6 degrees), which is divided by. Set by hand.
 _LEAST_APART = 1e-4
+# From the best pair: first step in radians, and evaluations at most. Set by hand.
 _STEP, _EVALUATIONS = np.radians(2.0), 60
 
 
@@ -82,7 +84,7 @@ class Mixture:
         vector = self._unwhiten @ self._plane @ [math.cos(angle), math.sin(angle)]
         vector = vector * np.sign(vector[0] or 1.0) / max(abs(float(vector[0])), 1e-12)
         degree = float(np.hypot(vector[1], vector[2]))
-        vector[1:] *= min(1.0, _HIGHEST_DEGREE / max(degree, 1e-12))
+        vector[1:] *= min(1.0, HIGHEST_DEGREE / max(degree, 1e-12))
         return np.asarray(vector)
 
 
@@ -123,7 +125,7 @@ class Windows:
         c_xy = p * cos * sin + q * b_cos * b_sin
         det = c_xx * c_yy - c_xy**2
         distance = self._count * (c_yy * xx - 2 * c_xy * xy + c_xx * yy) / det
-        value = self._count * np.log(det) + (_FREEDOM + 2 * self._count) * np.log(_FREEDOM + distance)
+        value = self._count * np.log(det) + (FREEDOM + 2 * self._count) * np.log(FREEDOM + distance)
         return np.asarray(value.sum(axis=1) / self._count.sum())
 
     def directions(self) -> tuple[float, float]:
@@ -149,18 +151,24 @@ class Windows:
 
 def _seen(stokes: StokesImages, size: int) -> NDArray[np.bool_]:
     """Blocks (channel, h, w) without clipped pixels; all where these are too few."""
-    whole = block_mean(stokes.valid.astype(np.float32), size) > _WHOLE
-    return whole if whole.mean() > _LEAST_SEEN else np.ones_like(whole)
+    whole = block_mean(stokes.valid.astype(np.float32), size) > WHOLE
+    return whole if whole.mean() > LEAST_SEEN else np.ones_like(whole)
 
 
 _INCIDENCES_DEG = tuple(float(x) for x in range(4, 89, 3))
-_BOUNDS_DEG, _STEP_DEG, _TOLERANCE_DEG = (0.5, 89.0), 1.5, 0.2
+"""Incidences of which the likeliest begins the search for the nearest pane. Set by hand."""
+_BOUNDS_DEG = (INCIDENCE_SEARCH_DEG[0], 89.0)
+"""Where it ends. Polarized layers are compared with any pane at all before unpolarized light, and must not gain by a
+bound: so it lies beyond what is searched for a pane. Set by hand."""
+_STEP_DEG, _TOLERANCE_DEG = 1.5, 0.2
+"""First step and accuracy of that search. Set by hand."""
 _LEAST_GAIN = 0.012
-"""What polarized layers must gain in minus log likelihood per gradient."""
+"""What polarized layers must gain in minus log likelihood per gradient. By trial."""
 _GAIN_OF_GHOSTS, _STRONG_GHOSTS_DEG = 0.13, 65.0
-"""What strong ghosts, which are not in place, gain."""
-_OBLIQUE_DEG = 30.0
-"""Closer to normal incidence hardly anything tells the layers' directions apart."""
+"""What strong ghosts, which are not in place, gain in the same unit, and the incidence where they are strong. By
+trial."""
+OBLIQUE_DEG = 30.0
+"""Closer to normal incidence hardly anything tells the layers' directions apart. Set by hand."""
 
 
 def polarization_gain(stokes: StokesImages, scene: SceneParameters) -> float:
@@ -179,7 +187,7 @@ def polarization_gain(stokes: StokesImages, scene: SceneParameters) -> float:
     """
     mixture, azimuth = Mixture(stokes), scene.values()[1]
     cost, incidence = min(_nearest_pane(mixture, azimuth + turn, scene) for turn in (0, 90))
-    return cost - mixture.cost(mixture.vectors()) if incidence > _OBLIQUE_DEG else 0.0
+    return cost - mixture.cost(mixture.vectors()) if incidence > OBLIQUE_DEG else 0.0
 
 
 def _nearest_pane(mixture: Mixture, azimuth_deg: float, scene: SceneParameters) -> tuple[float, float]:

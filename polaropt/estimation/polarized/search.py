@@ -26,6 +26,8 @@ from polaropt.estimation.polarized.light import (
     HIGHEST_DEG,
     INCIDENCE,
     LOWEST_DEG,
+    MOST_ANGLE_ERROR_DEG,
+    MOST_DEGREE_ERROR,
     OF_REFLECTION,
     OF_TRANSMISSION,
     SHIFT,
@@ -45,13 +47,22 @@ from polaropt.optics import GHOST_SHIFT_SEARCH_PX, SceneErrors, SceneParameters,
 
 Values = NDArray[np.float64]
 
+# Factor on standard errors, and what is added to them in squares, with ghosts and in place: of incidence and azimuth
+# (degrees), ghost shift (px), and of each layer's light degree and angle (degrees) of polarization.
 _WIDER = 3.6
 _LEAST = np.array([0.8, 0.5, 0.18, 0.01, 0.5, 0.1, 0.5])
 _LEAST_IN_PLACE = np.array([5.0, 4.0, 0.0, 0.02, 2.0, 0.1, 20.0])
 """Measured on 48 scenes of photographs that no figure is taken of, screens and skies. In place several panes show the
 same, and which of them is the true one is told by what is likely of screens and skies alone."""
-_LEAST_CURVATURE, _FLATTEST, _UNPOLARIZED = 1e-6, 3e-3, 1e-6
-_MOST_DEGREE, _MOST_DEG = 1.0, 90.0
+# Least second derivative along one coordinate (of the log likelihood, per coordinate squared), and least one in any
+# direction, as a share where each coordinate's is 1. Both set by hand.
+_LEAST_CURVATURE, _FLATTEST = 1e-6, 3e-3
+# Error of an incidence, which is at most 90 degrees, or an azimuth, an axis, that leaves it wholly open.
+_MOST_ERROR_DEG = 90.0
+# Step of derivatives, in standard errors of a coordinate alone. Set by hand.
+_SLOPE_STEP = 1e-3
+# Degree of polarization below which light is unpolarized, a rounding error. Set by hand.
+_UNPOLARIZED = 1e-6
 
 
 def polarized_errors(
@@ -73,11 +84,11 @@ def polarized_errors(
     scale = 1 / np.sqrt(np.maximum(np.diag(curvature), _LEAST_CURVATURE))
     size, axes = np.linalg.eigh(curvature * np.outer(scale, scale))
     covariance = (axes / np.maximum(size, _FLATTEST)) @ axes.T * np.outer(scale, scale)
-    slopes = np.stack([_slope(point_at, x, i, 1e-3 * float(scale[i])) for i in range(x.size)], axis=1)
+    slopes = np.stack([_slope(point_at, x, i, _SLOPE_STEP * float(scale[i])) for i in range(x.size)], axis=1)
     spread = _WIDER * np.sqrt(np.maximum(np.diag(slopes @ covariance @ slopes.T), 0))
     point = point_at(x)
     errors = np.hypot(spread, _LEAST if point[SHIFT] else _LEAST_IN_PLACE)
-    errors[:3] = np.minimum(errors[:3], [_MOST_DEG, _MOST_DEG, GHOST_SHIFT_SEARCH_PX])
+    errors[:3] = np.minimum(errors[:3], [_MOST_ERROR_DEG, _MOST_ERROR_DEG, GHOST_SHIFT_SEARCH_PX])
     incidence, azimuth, shift = (float(errors[i]) if i in free else None for i in (INCIDENCE, AZIMUTH, SHIFT))
     return SceneErrors(
         incidence,
@@ -92,7 +103,7 @@ def _of_light(numbers: Values, errors: Values) -> tuple[float, float] | None:
     """Errors of degree and angle; None for light that is not polarized."""
     if math.hypot(*numbers) < _UNPOLARIZED:
         return None
-    return min(float(errors[0]), _MOST_DEGREE), min(float(errors[1]), _MOST_DEG)
+    return min(float(errors[0]), MOST_DEGREE_ERROR), min(float(errors[1]), MOST_ANGLE_ERROR_DEG)
 
 
 def _slope(point_at: Callable[[Values], Point], x: Values, i: int, step: float) -> Values:
@@ -116,25 +127,36 @@ def _numbers(point: Point) -> Values:
     return numbers
 
 
+# A score, and what it must gain, is minus log likelihood per frequency and colour, as of `PolarizedLikelihood`.
 _LEAST_SHIFT, _N_SHIFTS = 2.0, 3
+"""Pixels below which ghosts are not told from a blur, and how many shifts are compared closely. Set by hand."""
 _SHIFTS = np.arange(-GHOST_SHIFT_SEARCH_PX, GHOST_SHIFT_SEARCH_PX + 1)
+"""Ghost shifts that are looked at, in pixels: one pixel apart, all that are searched."""
 _TURNS_DEG = (-9.0, -4.5, 4.5, 9.0)
+"""Directions of ghosts that are looked at, from the azimuth of one polarized layer. Set by hand."""
 _LEAST_GHOST_GAIN, _BLUR_PX = 0.01, 4.0
-"""Score that ghosts must gain, more for those so close that they mimic a blur."""
+"""Score that ghosts must gain, and pixels at which it is double: closer ones mimic a blur. By trial."""
 _TWINS_DEG, _LEAST_OFF_DEG = 14.0, 4.0
+"""Distance from Brewster's angle up to which its other side is looked at, too, and how far from it at least. By
+trial."""
 _HOPELESS, _HOPELESS_START = 0.03, 0.01
-"""Score by which a candidate in place may be worse than the best one for its ghosts to be looked at, and with them."""
+"""Score by which a candidate in place may be worse than the best one for its ghosts to be looked at, and with them. By
+trial."""
+# Coordinates of the search: incidence and azimuth (degrees), ghost shift (px), and (s1, s2) that each layer shows.
+# First steps, and bounds: degrees of polarization short of 1, the rest wide enough for no minimum to meet. By hand.
 _STEPS = np.array([2.0, 1.0, 0.5, 0.02, 0.02, 0.03, 0.03])
 _LOW = np.array([LOWEST_DEG, -720, -40, *4 * [-0.995]])
 _HIGH = np.array([HIGHEST_DEG, 720, 40, *4 * [0.995]])
 _ROUGH = 40
-"""Evaluations."""
+"""Evaluations of a rough search. Set by hand."""
 _FINE_STEPS = np.array([1.0, 0.4, 0.1, 0.004, 0.004, 0.008, 0.008])
+"""Steps of second derivatives, in the units of the coordinates. Set by hand."""
 _NEWTON_STEPS, _REST = 3, 2e-5
+"""Newton steps at most, and the score below whose gain they end. Set by hand."""
 _SURE_OF_LIGHT = 2.0
-"""Standard errors by which ghosts on one side must explain more than on the other."""
+"""Standard errors by which ghosts on one side must explain more than on the other: 95 % of a normal distribution."""
 _OF_WINDOWS = 5.0
-"""Weight of the windows' likelihood per gradient against doubt."""
+"""Weight of the windows' likelihood per gradient against doubt. By trial."""
 
 
 @dataclass(frozen=True)
@@ -370,10 +392,12 @@ def _moved(point: Point, shift: float) -> Point:
 
 
 _CLOSE, _MOST = 0.02, 3
-"""Candidates whose rough scores differ by less are compared closely, so many at most."""
+"""Candidates whose rough scores differ by less are compared closely, so many at most. Set by hand."""
 _SAME_PLACE = np.array([3.0, 3.0, 0.5])
+"""Differences of incidence and azimuth (degrees) and ghost shift (px) of candidates that are one. Set by hand."""
 _SURELY_LIKELIER = 2.5
-"""Standard errors by which the less usual polarized light must explain more: behind the pane, and in both layers."""
+"""Standard errors by which the less usual polarized light must explain more: behind the pane, and in both layers. By
+trial; the test is Vuong's."""
 
 
 def finalists(rough: Sequence[Found]) -> list[Candidate]:

@@ -19,11 +19,17 @@ from polaropt.optics import FLAT, Bend, bent_normal, pixel_grid, plane_normal, v
 
 Values = NDArray[np.float64]
 
+# Blocks along the longer side, at most: for errors and misfits, and where a search begins. Set by hand.
 _BLOCKS = 48
-_WHOLE = 0.999
-# Share of the blocks below which those with clipped pixels must do, too.
-_LEAST_SEEN = 0.05
+COARSE_BLOCKS = 12
+# Share of a block's pixels that are not clipped from which on it is whole: all, but for rounding.
+WHOLE = 0.999
+# Share of the blocks below which those with clipped pixels must do, too. Set by hand.
+LEAST_SEEN = 0.05
+# Parts of the frame along each side that gradients are summed over for standard errors. Set by hand.
 _GROUPS = 8
+# Standard deviations of the noise beyond which something is no chance: 99.7 % of a normal distribution.
+SCATTERS = 3.0
 
 
 class PolarizedBlocks:
@@ -52,8 +58,8 @@ class PolarizedBlocks:
         means = block_mean(stokes.images[1:], size)
         self.noise = math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
         # A clipped pixel is no polarized light.
-        whole = block_mean(stokes.valid.astype(np.float32), size).min(axis=0).ravel() > _WHOLE
-        self._seen = seen = whole if whole.mean() > _LEAST_SEEN else np.ones_like(whole)
+        whole = block_mean(stokes.valid.astype(np.float32), size).min(axis=0).ravel() > WHOLE
+        self._seen = seen = whole if whole.mean() > LEAST_SEEN else np.ones_like(whole)
         self._s1, self._s2 = (means.astype(np.float64) / self.noise).reshape(2, means.shape[1], -1)[..., seen]
         rows, columns = means.shape[-2:]
         x, y = pixel_grid(rows, columns, ((width - size) / 2 / size, (height - size) / 2 / size))

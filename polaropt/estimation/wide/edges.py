@@ -26,8 +26,13 @@ Images = NDArray[np.float32]
 
 Values = NDArray[np.float64]
 
+# Side in pixels of the finest blocks, at least, and how many of them lie along the longer side, at most; how many
+# scales there are, each twice as coarse; blocks along the shorter side of the coarsest, at least. All set by hand.
 _FINEST, _MOST_BLOCKS, _SCALES, _LEAST_BLOCKS = 2, 128, 3, 8
+# Least cosine of the incidence in a block (88.9 degrees): a trial pane may be seen from behind there. Set by hand.
 _LEAST_COSINE = 0.02
+# Difference of the pane's two reflectances that is divided by, at least; at 0.5 degrees it is 1.5e-5. Set by hand.
+_LEAST_DIFFERENCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,7 @@ def _scale(stokes: StokesImages, size: int) -> _Scale:
 def _factors(par: Values, perp: Values) -> tuple[Values, Values]:
     """What s1' adds to s0 to make transmission and reflection, from the pane's two reflectances."""
     # Next to normal incidence nothing is told; the noise then drowns all.
-    difference = np.minimum(par - perp, -1e-9)
+    difference = np.minimum(par - perp, -_LEAST_DIFFERENCE)
     return -(par + perp) / difference, (2 - par - perp) / difference
 
 
@@ -120,14 +125,18 @@ def _beyond_noise(scale: _Scale, factor: Values, turn: tuple[Values, Values], co
 
 
 MIDDLE_BLOCKS = 24
-"""Blocks along the longer side that panes are fitted to while edges are looked at."""
-# The edges are asked along directions in which the pane is known worse than this.
+"""Blocks along the longer side that panes are fitted to while edges are looked at. Set by hand."""
+# The edges are asked along directions in which the pane is known worse than this (rad), so many at most. Set by hand.
 _OPEN, _MOST_ASKED = math.radians(1.5), 2
-# How a pane bends shows in few edges, at the frame's ends: twice as far off as parts left out tell, on 32 scenes.
+# Factor on a later answer's error. How a pane bends shows in few edges, at the frame's ends: twice as far off as parts
+# left out tell, on 32 scenes.
 _LATER_WIDER = 2.0
+# Search along a direction (rad): first step, accuracy and how far it goes either way. Set by hand.
 _STEP, _TOLERANCE, _REACH = math.radians(4), math.radians(0.3), math.radians(25)
+# Distance (rad) at which the overlap's curvature is taken. Set by hand.
 _JACKKNIFE_STEP = math.radians(1.5)
 _AROUND = (-_JACKKNIFE_STEP, 0.0, _JACKKNIFE_STEP)
+# Error (rad) of a value that is given: far below any that is told. Set by hand.
 _EXACTLY = 1e-4
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
-from polaropt.estimation.wide.blocks import PolarizedBlocks
+from polaropt.estimation.wide.blocks import COARSE_BLOCKS, PolarizedBlocks
 from polaropt.estimation.wide.edges import MIDDLE_BLOCKS, Candidate, PaneEdges, VaryingOverlap, candidate_near, named
 from polaropt.estimation.wide.pane import (
     ALONG_INCIDENCE,
@@ -43,17 +43,24 @@ from polaropt.optics import FLAT, Pane, SceneParameters, plane_normal, viewing_a
 
 Values = NDArray[np.float64]
 
-_COARSE_BLOCKS = 12
+# Where the search begins: focal lengths over the longer side, incidences and azimuths, of which so many of the best
+# points are followed. All set by hand.
 _FOCAL_RATIOS = (0.6, 1.0, 2.0, 5.0)
 _INCIDENCES_DEG = (10.0, 25.0, 40.0, 55.0, 68.0, 80.0)
 _AZIMUTHS_DEG = tuple(range(0, 360, 15))
 _N_STARTS = 4
-# Error of the incidence above which nothing is asked: directions that tell nothing leave no pane to look at.
+# Ways that a pane may lean that is known from far: the azimuth is one of two across, and of either sense.
+_TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
+# Spread of the incidence (rad) around that of the plain pane. Set by hand.
+_INCIDENCE_SPREAD = math.radians(12)
+# Error of the incidence (rad) above which nothing is asked: directions that tell nothing leave no pane to look at. Set
+# by hand.
 _WORST_ASKED = math.radians(10)
-# Standard errors, and at least an angle, by which the edges' incidence differs where the pane is not flat.
+# Standard errors, and at least an angle (rad), by which the edges' incidence differs where the pane is not flat. Set by
+# hand.
 _AWAY, _LEAST_AWAY = 4.0, math.radians(3)
-# Logarithm of edge overlap by which a flat pane before a lens may exceed the plain pane: true ones leave less than that
-# or 0.02 more, mistaken ones 0.2 to 0.8 more.
+# Natural logarithm of edge overlap by which a flat pane before a lens may exceed the plain pane. Measured: true ones
+# leave less than that or 0.02 more, mistaken ones 0.2 to 0.8 more.
 _MORE_OVERLAP = 0.1
 
 
@@ -137,7 +144,7 @@ def _incidences_agree(by_directions: PaneFit, incidence: float, error: float) ->
 
 def flat_pane(stokes: StokesImages, focal_px: float | None) -> Values:
     """The point of the flat pane that the directions of polarization on large blocks tell."""
-    coarse = PolarizedBlocks(stokes, _COARSE_BLOCKS)
+    coarse = PolarizedBlocks(stokes, COARSE_BLOCKS)
     rough = [fitted(coarse, start, _free(focal_px)) for start in _starts_before_lens(coarse, focal_px)]
     return min(rough, key=lambda point: coarse.misfit(*named(point, coarse)))
 
@@ -182,12 +189,14 @@ def _misfits(blocks: PolarizedBlocks, points: Values) -> Values:
     return np.asarray((cos * cos) @ s22 - 2 * (cos * sin) @ s12 + (sin * sin) @ s11)
 
 
-# Standard errors by which a lens must be told from one that sees all from far.
+# Standard errors by which a lens must be told from one that sees all from far: 99.7 % of a normal distribution.
 _SHOWS = 3.0
-# Errors of azimuth, view and bend from six numbers at once are a little small: of 56 scenes' bends 90 % lie within two.
+# Factors on the errors of a point's numbers. Those of azimuth, view and bend from six numbers at once are a little
+# small: of 56 scenes' bends 90 % lie within two.
 _BENT_WIDER = np.array([1.0, 1.35, 1.1, 1.2, 1.2, 1.2])
-_BEND_SPREAD, _BENT_INCIDENCE_SPREAD = math.radians(15), math.radians(12)
-# Difference of chi squared up to which the directions leave both planes of incidence open.
+# Spread of each part of the bend: how far the normal turns over half the longer side (rad). Set by hand.
+_BEND_SPREAD = math.radians(15)
+# Difference of chi squared up to which the directions leave both planes of incidence open. By trial.
 _AS_LIKELY = 20.0
 
 
@@ -242,7 +251,7 @@ def fit_curved(
     """
     blocks, overlap = PolarizedBlocks(stokes), VaryingOverlap(stokes, plain)
     prior, free = _bent_prior(blocks, plain, focal_px)
-    coarse = PolarizedBlocks(stokes, _COARSE_BLOCKS)
+    coarse = PolarizedBlocks(stokes, COARSE_BLOCKS)
     rough = _rough(coarse, _starts_of_bend(stokes, plain, blocks.half_px, prior.mean[VIEW]), free, prior)
     left, plain_left = coarse.misfit(*named(rough[0], coarse)), coarse.least_constant_misfit()
     if plain_left - left < enough * (plain_left - 1) or not overlap.usable:
@@ -269,7 +278,7 @@ def _bent_prior(
 ) -> tuple[Prior, tuple[int, ...]]:
     """What is known of a pane before it is looked at, and which numbers are to be found."""
     view = USUAL_VIEW if focal_px is None else blocks.half_px / focal_px
-    spread = np.array([_BENT_INCIDENCE_SPREAD, math.inf, VIEW_SPREAD, *3 * [_BEND_SPREAD]])
+    spread = np.array([_INCIDENCE_SPREAD, math.inf, VIEW_SPREAD, *3 * [_BEND_SPREAD]])
     mean = np.array([math.radians(plain.values()[0]), 0.0, view, 0.0, 0.0, 0.0])
     return Prior(mean, np.diag(1 / spread**2)), _ALL if focal_px is None else _OTHERS
 
@@ -296,7 +305,7 @@ def _likeliest(blocks: PolarizedBlocks, rough: list[Values], free: tuple[int, ..
 def _starts_of_bend(stokes: StokesImages, plain: SceneParameters, half_px: float, view: float) -> list[Values]:
     """The best flat pane before the lens, and the plain one leaning any way: bent enough, all may fit."""
     incidence, azimuth, _ = plain.values()
-    plains = [(math.radians(incidence), math.radians((azimuth + turn) % 360)) for turn in (0, 90, 180, 270)]
+    plains = [(math.radians(incidence), math.radians((azimuth + turn) % 360)) for turn in _TURNS_DEG]
     return [flat_pane(stokes, half_px / view), *(np.array([*angles, view, 0.0, 0.0, 0.0]) for angles in plains)]
 
 
@@ -332,14 +341,13 @@ def _result(blocks: PolarizedBlocks, fit: PaneFit) -> CurvedFit:
     )
 
 
-# Share of its polarized light that a block may have across.
+# Share of its polarized light that a block may have across. Set by hand.
 _SHARE = 0.1
-_TOLERANT_INCIDENCE_SPREAD = math.radians(12)
+# Fits, each with the weights of the one before. Set by hand.
 _ROUNDS = 5
-_TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
-# A block counts a quarter where it is this many times as far off as the median, in squares.
+# A block counts a quarter where it is this many times as far off as the median, in squares. Set by hand.
 _FAR = 2.0
-# Weights that the blocks themselves choose make them look surer than they are.
+# Factor on errors: weights that the blocks themselves choose make them look surer than they are. Set by hand.
 _TOLERANT_WIDER = 2.0
 
 
@@ -408,7 +416,7 @@ def _tolerant_prior(blocks: PolarizedBlocks, plain: SceneParameters, focal_px: f
     view = USUAL_VIEW if focal_px is None else blocks.half_px / focal_px
     point, spread = np.zeros(N_NUMBERS), np.full(N_NUMBERS, math.inf)
     point[[INCIDENCE, AZIMUTH, VIEW]] = math.radians(incidence), math.radians(azimuth % 360), view
-    spread[[INCIDENCE, VIEW]] = _TOLERANT_INCIDENCE_SPREAD, VIEW_SPREAD
+    spread[[INCIDENCE, VIEW]] = _INCIDENCE_SPREAD, VIEW_SPREAD
     free = (INCIDENCE, AZIMUTH, VIEW) if focal_px is None else (INCIDENCE, AZIMUTH)
     return _Search(point, Prior(point * (spread < math.inf), np.diag(1 / spread**2)), free)
 

@@ -20,17 +20,20 @@ from polaropt.optics import SceneParameters, largest_search_shift, pixel_grid, s
 
 Curve = NDArray[np.float64]
 
-# Parts per side, which overlap by half, and the least side of one in pixels.
+# Parts per side, which overlap by half, and the least side of one in pixels. Set by hand.
 _PARTS = 3
 _LEAST_SIDE = 48
+# Shifts in pixels that are compared around the best whole one. Set by hand.
 _FINE: Curve = np.arange(-8.0, 8.5) / 8
+# Steps of the fit of the layers' spectra, in the search and where a shift is compared with none. Set by hand.
 _ROUNDS, _CLOSELY = 2, 16
-# Radii and directions of the layers' spectra where misfits with and without ghosts are compared.
+# Radii and directions of the layers' spectra where misfits with and without ghosts are compared. Set by hand.
 _DETAIL = (6, 6)
-# Gain per frequency that a shift must have.
+# Gain in minus log likelihood per frequency that a shift must have. By trial.
 _LEAST_GAIN = 3e-3
-# Ghosts closer than the first fall onto each other; those closer than the other look like a blur.
-_LEAST_SHIFT_PX, _CLOSE_PX = 0.5, 3.0
+# Ghosts closer than the first, in pixels, fall onto each other: half a pixel. Those closer than the other look like a
+# blur; by trial.
+LEAST_SHIFT_PX, _CLOSE_PX = 0.5, 3.0
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class VaryingShift:
     def shows(self) -> bool:
         """Whether chance would hardly gain as much: the closer the ghosts, the more blurred scenes look like them."""
         size = abs(self.pixels)
-        return size >= _LEAST_SHIFT_PX and self.gain > _LEAST_GAIN * max(1.0, _CLOSE_PX / size) ** 3
+        return size >= LEAST_SHIFT_PX and self.gain > _LEAST_GAIN * max(1.0, _CLOSE_PX / size) ** 3
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ the two (in Stokes' plane), plus what no axis explains. Only the sine is fitted:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,29 +17,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.optics import FLAT, bent_normal, incidence_trace, viewing_angles
+from polaropt.optics import FLAT, INCIDENCE_SEARCH_DEG, bent_normal, incidence_trace, viewing_angles
 
 Values = NDArray[np.float64]
 Numbers = tuple[int, ...]
 
+# Places of a point's numbers.
 INCIDENCE, AZIMUTH, VIEW, BEND = 0, 1, 2, (3, 4, 5)
 N_NUMBERS = 6
 ALONG_INCIDENCE = np.eye(N_NUMBERS)[INCIDENCE]
 
-# Half the longer side over the focal length of a usual lens, and its spread.
+# Half the longer side over the focal length of a usual lens, and its spread: 45 mm before a full frame, 28 to 120. Set
+# by hand.
 USUAL_VIEW, VIEW_SPREAD = 0.4, 0.25
 
-# Focal length over the longer side: from a fisheye's middle to a telephoto lens that sees everything in parallel.
+# Focal length over the longer side: from a fisheye's middle to a telephoto lens that sees everything in parallel. Set
+# by hand.
 SHORTEST, LONGEST = 0.4, 30.0
+# Half the longer side over an infinite focal length.
 FROM_AFAR = 0.0
-_STEEPEST = np.radians(86.0)
-_MOST_BENT = np.radians(40.0)
-_LOW = np.array([np.radians(0.5), -2 * np.pi, 0.5 / LONGEST, *3 * [-_MOST_BENT]])
+# Incidences at the middle (rad) between which a pane before a lens, or bent, is searched. The upper bound, 86 degrees,
+# is lower than that of a pane seen from far: an end of the frame sees the pane at a greater incidence yet. Set by hand.
+FRONTAL, STEEPEST = math.radians(INCIDENCE_SEARCH_DEG[0]), math.radians(86.0)
+# Most that a pane's normal turns over half the longer side (rad). Set by hand.
+_MOST_BENT = math.radians(40.0)
+# Bounds of a point; the azimuth's (rad) leave it free to turn.
+_LOW = np.array([FRONTAL, -2 * np.pi, 0.5 / LONGEST, *3 * [-_MOST_BENT]])
 # A bent pane's view may come out a little beyond that of parallel rays, so that its errors are those of an open end.
+# Half the longer side over the focal length, set by hand.
 _BEYOND = -0.3
-_HIGH = np.array([_STEEPEST, 4 * np.pi, 0.5 / SHORTEST, *3 * [_MOST_BENT]])
+_HIGH = np.array([STEEPEST, 4 * np.pi, 0.5 / SHORTEST, *3 * [_MOST_BENT]])
+# Least curvature in any direction, as a share of the largest: rounding errors. Set by hand.
 _LEAST_CURVATURE = 1e-12
 # Of cost and numbers, relative: panes are the same to four digits. Only those that fit nowhere need more evaluations.
+# By trial.
 _TOLERANCE, _MOST_EVALUATIONS = 1e-12, 50
 # A step so small that its square vanishes beside 1: imaginary, it gives derivatives without a difference.
 _IMAGINARY_STEP = 1e-30
