@@ -15,9 +15,18 @@ from polaropt.capture.noise import noise_level
 from polaropt.capture.polarization import StokesImages, stokes_images
 from polaropt.estimation.ladder import find_scene
 from polaropt.estimation.polarized.kernels import pane_vectors
-from polaropt.estimation.polarized.light import Place, candidates, pane_light, point_showing, scene_at, shown_by
+from polaropt.estimation.polarized.light import (
+    Candidate,
+    Place,
+    candidates,
+    pane_light,
+    point_showing,
+    scene_at,
+    shown_by,
+)
 from polaropt.estimation.polarized.likelihood import PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture, looks_polarized
+from polaropt.estimation.polarized.search import Search
 from polaropt.numerics.minima import Box
 from polaropt.optics.plate import plate_at
 from polaropt.optics.scene import SceneErrors, SceneParameters
@@ -131,8 +140,8 @@ def test_the_true_pane_is_the_likeliest(change: tuple[int, float]) -> None:
     true = point_of(made.scene)
 
     def evidence(point: np.ndarray) -> float:
-        likelihood.prepare(likelihood.pane(point))
-        return likelihood.evidence(likelihood.pane(point))
+        pane = likelihood.pane(point)
+        return likelihood.evidence(pane, likelihood.levels(pane))
 
     for sign in (-1, 1):
         other = true.copy()
@@ -287,7 +296,31 @@ def test_parts_of_the_spectra_add_up_to_their_likelihood() -> None:
     made = blend(size=96, ghost_shift=6.3, **SCREEN)
     likelihood = PolarizedLikelihood(stokes_of(made.capture), BLIND)
     point = point_of(made.scene)
-    assert likelihood.sectors(point).sum() == pytest.approx(likelihood.spectral(likelihood.pane(point)), rel=1e-5)
+    pane = likelihood.pane(point)
+    spectral = likelihood.spectral(pane, likelihood.levels(pane))
+    assert likelihood.sectors(point).sum() == pytest.approx(spectral, rel=1e-5)
+
+
+class _Watched(PolarizedLikelihood):
+    """Keeps the spectra that glances at panes rest on."""
+
+    glances: list[np.ndarray]
+
+    def glance(self, pane, levels):
+        self.glances.append(levels.copy())
+        return super().glance(pane, levels)
+
+
+def test_all_shifts_and_directions_of_ghosts_are_glanced_at_with_the_same_spectra() -> None:
+    made = blend(size=96, ghost_shift=6.3, **SCREEN)
+    likelihood = _Watched(stokes_of(made.capture), BLIND)
+    likelihood.glances = []
+    point = point_of(made.scene.replace(ghost_shift=0.0))
+    Search(likelihood, Mixture(stokes_of(made.capture)), BLIND).rough([Candidate(point, True, False)])
+    assert len(likelihood.glances) > 200
+    # Those along the azimuth come first, others after a few panes were fitted.
+    for levels in likelihood.glances:
+        np.testing.assert_array_equal(levels, likelihood.glances[0])
 
 
 @pytest.mark.parametrize("changes", [{}, {"n_bounces": 0}, {"single_surface": True}])

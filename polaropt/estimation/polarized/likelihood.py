@@ -27,6 +27,8 @@ from polaropt.optics import SceneParameters, frame_matrix
 
 Images = NDArray[np.float32]
 Values = NDArray[np.float64]
+Levels = NDArray[np.float64]
+"""How much of each shape of natural spectra each layer's light holds, (layer, channel, shape)."""
 
 # Longest side of the middle of the frame that is looked at, in pixels, and side of the blocks that it is averaged over.
 # Bounded time; set by hand.
@@ -111,7 +113,7 @@ class PolarizedLikelihood:
         self._some, self._few = (_Part(self._seen, shapes, sample[::every]) for every in (1, _SPARSER))
         bright = {name: getattr(self._seen, name)[..., :1, :].copy() for name in ("re", "im", "power")}
         self._bright = dataclasses.replace(self._all, seen=self._seen._replace(**bright))
-        self._levels = np.ones((2, images.shape[1], len(shapes)))
+        self._n_levels = (2, images.shape[1], len(shapes))
         self.n: float = self._some.weight * images.shape[1]
         """How many numbers the evidence is the mean of."""
         places = np.arctan2(self._rows, self._columns), np.hypot(self._rows, self._columns)
@@ -131,34 +133,33 @@ class PolarizedLikelihood:
         light[..., 0] = shown
         return Pane(self._whiten, light)
 
-    def prepare(self, pane: Pane) -> None:
-        """Fit the layers' spectra to a pane: evidence for others like it rests on them."""
-        vectors = self._vectors(pane, self._some.which)
-        self._levels = np.ones_like(self._levels)
+    def levels(self, pane: Pane) -> Levels:
+        """The layers' spectra fitted to a pane: evidence for others like it rests on them."""
+        vectors, levels = self._vectors(pane, self._some.which), np.ones(self._n_levels)
         for _ in range(_ROUNDS):
-            self._levels = self._some.fitted(vectors, self._levels)
+            levels = self._some.fitted(vectors, levels)
+        return levels
 
-    def spectral(self, pane: Pane) -> float:
-        """Minus log likelihood per frequency and colour."""
+    def spectral(self, pane: Pane, levels: Levels) -> float:
+        """Minus log likelihood per frequency and colour, with spectra that were fitted to a pane like it."""
         vectors = self._vectors(pane, self._some.which)
         # One step towards the spectra that suit this pane: fixed ones would hold it where they were fitted.
-        return self._some.misfit(vectors, self._some.fitted(vectors, self._levels))[0]
+        return self._some.misfit(vectors, self._some.fitted(vectors, levels))[0]
 
-    def glance(self, pane: Pane) -> float:
-        """The same roughly: from few frequencies, with the spectra that were fitted."""
-        return self._few.misfit(self._vectors(pane, self._few.which), self._levels)[0]
+    def glance(self, pane: Pane, levels: Levels) -> float:
+        """The same roughly: from few frequencies, with the spectra as they were fitted."""
+        return self._few.misfit(self._vectors(pane, self._few.which), levels)[0]
 
     def sectors(self, point: Point) -> Values:
         """What the frequencies of each direction and band add to the spectral part of a point's evidence, (sector,)."""
         pane = self.pane(point)
-        self.prepare(pane)
-        levels = self._some.fitted(self._vectors(pane, self._some.which), self._levels)
+        levels = self._some.fitted(self._vectors(pane, self._some.which), self.levels(pane))
         sums = [part.misfit(self._vectors(pane, part.which), levels)[0] * part.weight for part in self._sectors]
         return np.array(sums) / self._some.weight
 
-    def evidence(self, pane: Pane) -> float:
-        """The same with the weighted log overlap of the layers' edges; less is better."""
-        return self.spectral(pane) + OVERLAP_WEIGHT * math.log(self._overlap(pane))
+    def evidence(self, pane: Pane, levels: Levels) -> float:
+        """`spectral` with the weighted log overlap of the layers' edges; less is better."""
+        return self.spectral(pane, levels) + OVERLAP_WEIGHT * math.log(self._overlap(pane, levels))
 
     def doubt(self, point: Point) -> float:
         """What speaks against a point before anything is seen, to be added to the evidence.
@@ -195,11 +196,11 @@ class PolarizedLikelihood:
         pane_vectors(pane.mixing, light, np.cos(phase), np.sin(phase), vectors)
         return vectors
 
-    def _overlap(self, pane: Pane) -> float:
+    def _overlap(self, pane: Pane, levels: Levels) -> float:
         """Edge overlap of the brightness of the layers that the Wiener filter leaves."""
         from scipy.fft import irfft2
 
-        layers = self._bright.misfit(self._vectors(pane, slice(None)), self._levels[:, :1])[1]
+        layers = self._bright.misfit(self._vectors(pane, slice(None)), levels[:, :1])[1]
         spectra = layers.view(np.complex64).reshape(self._shape[0], -1, 2)
         images = irfft2(np.moveaxis(spectra, -1, 0), s=self._shape, norm="ortho")
         edge = min(_LEFT_OUT, min(self._shape) // 8)
@@ -225,20 +226,20 @@ class _Part:
         """How much these frequencies count together."""
         return float(self.seen.weight.sum())
 
-    def fitted(self, vectors: Images, levels: Values) -> Values:
+    def fitted(self, vectors: Images, levels: Levels) -> Levels:
         """Levels one step closer to those of greatest likelihood."""
         slope = np.empty((2, *levels.shape[:2], self.seen.weight.size), np.float32)
         explain(self.seen, vectors, self._powers(levels), slope, np.empty((slope.shape[-1], 2, 2), np.float32))
         more, less = slope @ self.shapes.T
         return np.asarray(levels * np.maximum(more / np.maximum(less, 1e-30), _LEAST_FACTOR))
 
-    def misfit(self, vectors: Images, levels: Values) -> tuple[float, Images]:
+    def misfit(self, vectors: Images, levels: Levels) -> tuple[float, Images]:
         """Minus log likelihood per frequency and colour, and the estimate of the first channel (n, layer, re/im)."""
         layers = np.empty((self.seen.weight.size, 2, 2), np.float32)
         value = explain(self.seen, vectors, self._powers(levels), _NOTHING, layers)
         return float(value) / (self.weight * levels.shape[1]), layers
 
-    def _powers(self, levels: Values) -> Images:
+    def _powers(self, levels: Levels) -> Images:
         return np.asarray(levels.astype(np.float32) @ self.shapes)
 
 

@@ -40,7 +40,7 @@ from polaropt.estimation.polarized.light import (
     scene_at,
     shown_by,
 )
-from polaropt.estimation.polarized.likelihood import PolarizedLikelihood
+from polaropt.estimation.polarized.likelihood import Levels, PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture
 from polaropt.numerics import Box, jackknife_error, left_out
 from polaropt.optics import GHOST_SHIFT_SEARCH_PX, SceneErrors, SceneParameters, brewster_angle_deg
@@ -265,8 +265,8 @@ class Search:
         """Score of a point, its spectra fitted."""
         likelihood = self._likelihood
         pane = likelihood.pane(point)
-        likelihood.prepare(pane)
-        return (likelihood.evidence if edges else likelihood.spectral)(pane) + likelihood.doubt(point)
+        evidence = likelihood.evidence if edges else likelihood.spectral
+        return evidence(pane, likelihood.levels(pane)) + likelihood.doubt(point)
 
     def _with_ghosts(self, candidate: Candidate) -> list[Candidate]:
         """The candidate with its likeliest shifts of ghosts that stand out, along its azimuth and along others.
@@ -277,14 +277,14 @@ class Search:
         incidence, azimuth, _ = candidate.point[:3]
         shown = shown_by(candidate.point, asked)
         # Spectra fitted with ghosts far away suit all of them alike.
-        likelihood.prepare(likelihood.pane(_moved(candidate.point, GHOST_SHIFT_SEARCH_PX)))
+        levels = likelihood.levels(likelihood.pane(_moved(candidate.point, GHOST_SHIFT_SEARCH_PX)))
 
         def likeliest(turns: Sequence[float]) -> Point | None:
             rows = [
                 [point_showing(Place(incidence, azimuth + turn, shift), shown, asked) for shift in _SHIFTS]
                 for turn in turns
             ]
-            likely = self._valleys(rows)
+            likely = self._valleys(rows, levels)
             return min(likely, key=self._fitted) if likely else None
 
         along = likeliest((0.0,))
@@ -294,10 +294,10 @@ class Search:
         found = [dataclasses.replace(candidate, point=_moved(candidate.point, shift)) for shift in shifts]
         return found if turned is None else [*found, Candidate(turned, True, True)]
 
-    def _valleys(self, rows: Sequence[Sequence[Point]]) -> list[Point]:
+    def _valleys(self, rows: Sequence[Sequence[Point]], levels: Levels) -> list[Point]:
         """Where a glance at points, a row along the shifts each, sees the lowest valleys."""
         likelihood = self._likelihood
-        scores = np.array([[likelihood.glance(likelihood.pane(point)) for point in row] for row in rows])
+        scores = np.array([[likelihood.glance(likelihood.pane(point), levels) for point in row] for row in rows])
         scores[:, np.abs(_SHIFTS) < _LEAST_SHIFT] = np.inf
         inside = scores[:, 1:-1]
         valleys = np.argwhere((inside <= scores[:, :-2]) & (inside < scores[:, 2:])) + np.array([0, 1])
@@ -340,9 +340,9 @@ class Search:
     def _score(self, point: Point, edges: bool) -> Callable[[Point], float]:
         """Score of points near one, whose spectra it rests on."""
         likelihood = self._likelihood
-        likelihood.prepare(likelihood.pane(point))
+        levels = likelihood.levels(likelihood.pane(point))
         evidence = likelihood.evidence if edges else likelihood.spectral
-        return lambda point: evidence(likelihood.pane(point)) + likelihood.doubt(point)
+        return lambda near: evidence(likelihood.pane(near), levels) + likelihood.doubt(near)
 
     def _best(self, candidate: Candidate, score: Callable[[Point], float], most: int) -> Candidate:
         """The candidate at the point of least score near it."""
