@@ -301,6 +301,23 @@ def test_parts_of_the_spectra_add_up_to_their_likelihood() -> None:
     assert likelihood.sectors(point).sum() == pytest.approx(spectral, rel=1e-5)
 
 
+@pytest.mark.parametrize(("number", "step"), [(0, 0.5), (1, 0.2), (2, 0.05)])
+def test_the_likelihood_is_smooth_enough_for_its_curvature(number: int, step: float) -> None:
+    made = blend(size=96, ghost_shift=6.3, **SCREEN)
+    likelihood = PolarizedLikelihood(stokes_of(made.capture), BLIND)
+    point = point_of(made.scene)
+    levels = likelihood.levels(likelihood.pane(point))
+
+    def curvature(step: float) -> float:
+        move = step * np.eye(point.size)[number]
+        before, here, after = (likelihood.spectral(likelihood.pane(point + k * move), levels) for k in (-1, 0, 1))
+        return (before - 2 * here + after) / step**2
+
+    # What is left of bright spectra is the small difference of large sums.
+    assert curvature(step) == pytest.approx(curvature(2 * step), rel=0.3)
+    assert curvature(step) == pytest.approx(curvature(step / 2), rel=0.3)
+
+
 class _Watched(PolarizedLikelihood):
     """Keeps the spectra that glances at panes rest on."""
 

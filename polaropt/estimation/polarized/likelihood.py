@@ -191,8 +191,8 @@ class PolarizedLikelihood:
         light, shown = pane.light.copy(), in_place(pane.light) @ pane.mixing.T
         light[..., :2] /= np.linalg.norm(shown, axis=1)[:, None, None]
         x, y = (distance / _HALF for distance in pane.step)
-        phase = (x * self._columns[which] - y * self._rows[which]).astype(np.float32)
-        vectors = np.empty((phase.size, 2, 3, 2), np.float32)
+        phase = x * self._columns[which] - y * self._rows[which]
+        vectors = np.empty((phase.size, 2, 3, 2))
         pane_vectors(pane.mixing, light, np.cos(phase), np.sin(phase), vectors)
         return vectors
 
@@ -262,5 +262,6 @@ def _seen(spectra: NDArray[np.complex64], rows: Values, columns: Values, shape: 
     bands = np.maximum(0, 1 - np.abs(position - np.arange(_BANDS)[:, None]))
     turn = 2 * (np.arctan2(rows, columns) - np.pi / _ORIENTATIONS * np.arange(_ORIENTATIONS)[:, None])
     shapes = (bands[:, None] * (1 + np.cos(turn)) * radius**-NATURAL_POWER_LAW).reshape(-1, radius.size)
-    power = np.einsum("icn,icn->cn", spectra.real, spectra.real) + np.einsum("icn,icn->cn", spectra.imag, spectra.imag)
-    return Seen(spectra.real, spectra.imag, power, weight), shapes.astype(np.float32)
+    re, im = spectra.real.astype(np.float64), spectra.imag.astype(np.float64)
+    power = np.einsum("icn,icn->cn", re, re) + np.einsum("icn,icn->cn", im, im)
+    return Seen(re, im, power, weight), shapes.astype(np.float32)
