@@ -15,7 +15,6 @@ __all__ = [
     "PlateFrame",
     "StokesImages",
     "align",
-    "block_means",
     "encode_srgb",
     "find_mistakes",
     "fit_gamma",
@@ -71,7 +70,6 @@ from .noise import noise_classes as noise_classes
 from .noise import noise_level as noise_level
 from .noise import noise_of_blocks as noise_of_blocks
 from .pair_gain import PLAUSIBLE_GAIN as PLAUSIBLE_GAIN
-from .pair_gain import block_means as block_means
 from .pair_gain import orthogonal_pairs as orthogonal_pairs
 from .pair_gain import pair_gain_of as pair_gain_of
 from .polarization import PlateFrame as PlateFrame

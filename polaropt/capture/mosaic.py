@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.errors import InputError
+from polaropt.numerics import block_mean
 
 Raw = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -105,18 +106,12 @@ def _alternation(rows: NDArray[np.floating[Any]]) -> float:
     """Alternation along rows, over blocks; the typical one of those that are bright enough."""
     second = rows[:, 1:-1] - (rows[:, :-2] + rows[:, 2:]) / 2
     second[:, ::2] *= -1
-    size = (_TEST_BLOCK // 2, _TEST_BLOCK)
-    height, width = (second.shape[k] // size[k] * size[k] for k in (0, 1))
-    if height == 0 or width == 0:
+    block = (_TEST_BLOCK // 2, _TEST_BLOCK)
+    brightness = block_mean(rows[:, 1:-1], block)
+    if not brightness.size:
         return 0.0
-
-    def means(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-        blocks = image[:height, :width].reshape(height // size[0], size[0], width // size[1], size[1])
-        return np.asarray(blocks.mean(axis=(1, 3)))
-
-    brightness = means(rows[:, 1:-1])
     bright = brightness >= max(float(np.quantile(brightness, 0.25)), 1e-9)
-    return float(np.median(np.abs(means(second)[bright]) / brightness[bright])) / 2 if bright.any() else 0.0
+    return float(np.median(np.abs(block_mean(second, block)[bright]) / brightness[bright])) / 2 if bright.any() else 0.0
 
 
 def _listed(values: Any) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.numerics import block_mean
 from polaropt.optics import analyzer_matrix
 
 Floats = NDArray[np.floating[Any]]
@@ -37,18 +38,9 @@ def orthogonal_pairs(angles_deg: Sequence[float], tolerance_deg: float = 0.5) ->
     return None
 
 
-def block_means(images: Floats, block: int = BLOCK) -> Floats:
-    """Means over whole blocks of the last two axes, (..., h // block, w // block)."""
-    rows, columns = images.shape[-2] // block, images.shape[-1] // block
-    cut = images[..., : rows * block, : columns * block]
-    blocks = cut.reshape(*images.shape[:-2], rows, block, columns, block)
-    # Column sums first: contiguous rows are the fast direction.
-    return np.asarray(blocks.sum(axis=-3).sum(axis=-1) / block**2)
-
-
 def trusted_blocks(intensities: Floats, valid: NDArray[np.bool_], block: int = BLOCK) -> Floats:
     """Block means of photographs (k, [channel,] h, w) where all of a block is valid in all of them, shape (k, n)."""
-    means = block_means(intensities, block)
+    means = block_mean(intensities, block)
     rows, columns = means.shape[-2:]
     every: NDArray[np.bool_] = np.asarray(valid.all(axis=0))
     every = every[..., : rows * block, : columns * block]

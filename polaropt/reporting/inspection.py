@@ -13,7 +13,6 @@ from polaropt.capture import (
     EncodingHint,
     GammaFit,
     Origin,
-    block_means,
     fit_gamma,
     noise_level,
     orthogonal_pairs,
@@ -21,7 +20,7 @@ from polaropt.capture import (
     swapped_photographs,
     visible_shift,
 )
-from polaropt.numerics import quantization_step
+from polaropt.numerics import block_mean, quantization_step
 from polaropt.optics import stokes_from_intensities
 from polaropt.reporting.report import json_values
 
@@ -203,8 +202,8 @@ def _polarization(capture: Capture) -> dict[str, float]:
     """DoLP and AoLP of small blocks that are valid at every angle (of all blocks, if there are none)."""
     images = capture.intensities.mean(axis=1) if capture.color else capture.intensities
     valid = capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0)
-    stokes = stokes_from_intensities(block_means(images, _SUMMARY_BLOCK), capture.angles_deg)
-    whole = block_means(np.asarray(valid, dtype=np.float32), _SUMMARY_BLOCK) == 1
+    stokes = stokes_from_intensities(block_mean(images, _SUMMARY_BLOCK), capture.angles_deg)
+    whole = block_mean(np.asarray(valid, dtype=np.float32), _SUMMARY_BLOCK) == 1
     whole &= stokes[0] > 0
     s0, s1, s2 = stokes[:, whole] if whole.any() else stokes.reshape(3, -1)
     polarized = np.hypot(s1, s2)

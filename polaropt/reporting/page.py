@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, block_means, encode_srgb, planes_last
+from polaropt.capture import Capture, encode_srgb, planes_last
+from polaropt.numerics import block_mean
 from polaropt.optics import Component
 from polaropt.reporting.pictures import (
     AOLP_TICKS,
@@ -170,8 +171,7 @@ def _picture(
 def _reduced(planes: Image) -> Image:
     """Planes ([channel,] h, w) to an image of at most about a thousand pixels along its long side."""
     block = -(-max(planes.shape[-2:]) // _LONG_SIDE)
-    means: Any = planes if block == 1 else block_means(planes, block)
-    return planes_last(np.asarray(means, dtype=np.float32))
+    return planes_last(np.asarray(block_mean(planes, block), dtype=np.float32))
 
 
 def _gradient(colors: Picture) -> str:

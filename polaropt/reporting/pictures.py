@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, block_means, encode_srgb, planes_last
-from polaropt.numerics import in_color
+from polaropt.capture import Capture, encode_srgb, planes_last
+from polaropt.numerics import block_mean, in_color
 from polaropt.optics import dolp_aolp, stokes_from_intensities
 
 if TYPE_CHECKING:
@@ -162,12 +162,12 @@ def _gray_stokes(capture: Capture) -> tuple[Floats, NDArray[np.bool_]]:
     images = capture.intensities.mean(axis=1) if capture.color else capture.intensities
     valid = capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0)
     block = _reduction(capture)
-    whole = block_means(np.asarray(valid, dtype=np.float32), block) > 0.5
-    return stokes_from_intensities(block_means(images, block), capture.angles_deg), whole
+    whole = block_mean(np.asarray(valid, dtype=np.float32), block) > 0.5
+    return stokes_from_intensities(block_mean(images, block), capture.angles_deg), whole
 
 
 def _intensity_panel(capture: Capture) -> Picture:
-    s0 = block_means(capture.stokes[0], _reduction(capture))
+    s0 = block_mean(capture.stokes[0], _reduction(capture))
     view = encode_srgb(s0 / max(float(np.quantile(s0, _WHITE_QUANTILE)), _LEAST_WHITE))
     if capture.color and view.shape[0] == 3:
         return np.round(255 * np.moveaxis(view, 0, -1)).astype(np.uint8)
