@@ -19,6 +19,7 @@ from polaropt.optics.geometry import pixel_grid, plane_normal, viewing_angles
 from polaropt.reporting.files import write_uncertainty
 from polaropt.solving.solution import tiles
 from studies.coverage import LAYERS, Job, run
+from studies.scenes import protocol
 from tests.blends import blend
 
 
@@ -36,7 +37,7 @@ def test_two_standard_errors_cover_nine_of_ten_true_values(incidence_deg, color)
 
 def test_frontal_glass_is_covered_on_average_over_pictures():
     # Slow errors of one picture are few draws.
-    rows = [row for pair in range(4) for row in run(Job(None, pair, 10, 0.005, blind=False, size=128))]
+    rows = [row for pair in range(4) for row in run(Job(protocol(10, noise=0.005), pair, size=128, way="known"))]
     for layer in LAYERS:
         assert 0.9 <= np.mean([row.covered for row in rows if row.layer == layer]) <= 0.99
 

@@ -186,7 +186,7 @@ class PolarizedLikelihood:
         weight = np.broadcast_to(self._seen.weight[low], left.shape)
         return float(np.sum(weight * left) / np.sum(weight)) / self._faded, int(np.sum(weight))
 
-    def _vectors(self, pane: Pane, which: NDArray[np.intp] | slice) -> Images:
+    def _vectors(self, pane: Pane, which: NDArray[np.intp] | slice) -> Values:
         """Vectors of both layers at the frequencies, each of length 1 in place: (n, layer, component, re/im)."""
         light, shown = pane.light.copy(), in_place(pane.light) @ pane.mixing.T
         light[..., :2] /= np.linalg.norm(shown, axis=1)[:, None, None]
