@@ -56,9 +56,8 @@ class FrequencyBands:
         rows, columns = squared_frequencies(height, width)
         # The finite frequency at zero stands for all that is slower than the frame.
         self._squared: Power = (rows[:, None] + columns + (2 * np.pi / max(height, width)) ** 2).astype(np.float32)
-        self.sample, weight = _sampled(self._squared.ravel())
-        multiplicity = column_multiplicity(width)[self.sample % len(columns)]
-        self.share: Power = (weight * multiplicity / (height * width)).astype(np.float32)
+        self.sample, counts = _sampled(self._squared, column_multiplicity(width))
+        self.share: Power = (counts / (height * width)).astype(np.float32)
         self.squared_frequency: Power = self._squared.ravel()[self.sample]
         self._span = np.log([float(self._squared.min()), float(self._squared.max())])
         position = self._position(self.squared_frequency)
@@ -102,16 +101,24 @@ class FrequencyBands:
         return np.asarray(lower + upper, dtype=np.float64)
 
 
-def _sampled(squared: Power) -> tuple[NDArray[np.intp], Power]:
-    """Flat indices of a sample, and for how many frequencies each stands."""
-    if squared.size <= _SAMPLED:
-        return np.arange(squared.size), np.ones(squared.size, dtype=np.float32)
-    n_low = _SAMPLED // 4
-    order = np.argpartition(squared, n_low)
-    drawn = np.random.default_rng(0).integers(n_low, squared.size, _SAMPLED - n_low)
-    weight = np.full(_SAMPLED, (squared.size - n_low) / len(drawn), dtype=np.float32)
-    weight[:n_low] = 1
-    return np.concatenate([order[:n_low], order[drawn]]), weight
+def _sampled(squared: Power, multiplicity: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Flat indices of a sample of the half spectrum, and for how many frequencies of the whole one each stands.
+
+    Columns stand for themselves and, by `multiplicity` (columns,), for their conjugates.
+    """
+    flat, n_slow = squared.ravel(), _SAMPLED // 4
+    if flat.size <= _SAMPLED:
+        return np.arange(flat.size), np.tile(multiplicity, len(squared))
+    # By values and places alone: the order in which a partition leaves frequencies depends on the processor.
+    limit = np.partition(flat, n_slow)[n_slow]
+    slow, rest = np.flatnonzero(flat < limit), np.flatnonzero(flat >= limit)
+    drawn = rest[np.random.default_rng(0).integers(rest.size, size=_SAMPLED - slow.size)]
+    sample = np.concatenate([slow, drawn])
+    counts = multiplicity[sample % multiplicity.size]
+    # Those drawn stand for all the rest, however many of them stand for two.
+    of_rest = multiplicity.sum() * len(squared) - counts[: slow.size].sum()
+    counts[slow.size :] *= of_rest / counts[slow.size :].sum()
+    return sample, counts
 
 
 def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spectrum, Power]:

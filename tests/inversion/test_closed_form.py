@@ -78,6 +78,16 @@ def test_the_sampled_frequencies_stand_for_all(size):
     assert (bands.share / bands.squared_frequency).sum() == pytest.approx(expected, rel=0.02)
 
 
+def test_the_sample_does_not_hang_on_the_order_of_equal_frequencies(monkeypatch):
+    partitioned = np.partition
+    monkeypatch.setattr(np, "partition", lambda values, kth: partitioned(values[::-1].copy(), kth))
+    other = FrequencyBands(300, 311)
+    monkeypatch.undo()
+    bands = FrequencyBands(300, 311)
+    np.testing.assert_array_equal(other.sample, bands.sample)
+    assert bands.share.sum() == pytest.approx(1, rel=1e-6)
+
+
 @pytest.mark.parametrize("incidence_deg", [10, 40, 70])
 def test_all_ghosts_at_once_beat_doing_nothing(incidence_deg):
     example = blend(incidence_deg, 96)
