@@ -226,14 +226,14 @@ class _Part:
         """How much these frequencies count together."""
         return float(self.seen.weight.sum())
 
-    def fitted(self, vectors: Images, levels: Levels) -> Levels:
+    def fitted(self, vectors: Values, levels: Levels) -> Levels:
         """Levels one step closer to those of greatest likelihood."""
         slope = np.empty((2, *levels.shape[:2], self.seen.weight.size), np.float32)
         explain(self.seen, vectors, self._powers(levels), slope, np.empty((slope.shape[-1], 2, 2), np.float32))
         more, less = slope @ self.shapes.T
         return np.asarray(levels * np.maximum(more / np.maximum(less, 1e-30), _LEAST_FACTOR))
 
-    def misfit(self, vectors: Images, levels: Levels) -> tuple[float, Images]:
+    def misfit(self, vectors: Values, levels: Levels) -> tuple[float, Images]:
         """Minus log likelihood per frequency and colour, and the estimate of the first channel (n, layer, re/im)."""
         layers = np.empty((self.seen.weight.size, 2, 2), np.float32)
         value = explain(self.seen, vectors, self._powers(levels), _NOTHING, layers)
