@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from polaropt.capture.capture import MOST_NEGATIVE, SMALLEST_SIDE, Capture, FloatImages
 from polaropt.capture.registration import (
+    MIRRORED_PX,
+    WHOLE,
     Matrix,
     Motions,
     corners,
@@ -22,8 +24,6 @@ from polaropt.errors import InputError
 Mask = NDArray[np.bool_]
 Moved = Callable[[FloatImages, FloatImages, int], tuple[FloatImages, FloatImages]]
 """Puts a plane of photograph k and the shares of its valid pixels back."""
-
-_MIRRORED = 16
 
 
 def align(capture: Capture) -> Capture:
@@ -107,7 +107,7 @@ def _moved_back(image: FloatImages, valid: Mask, k: int, moved_back: Moved) -> t
     moved, kept = np.empty_like(image), np.empty_like(valid)
     for plane in np.ndindex(image.shape[:-2]):
         moved[plane], share = moved_back(image[plane], valid[plane].astype(np.float32), k)
-        kept[plane] = share > 0.999
+        kept[plane] = share > WHOLE
     # Overshoot at clipped pixels and at dark edges; what noise has left below black stays there.
     return np.clip(moved, min(0.9 * MOST_NEGATIVE, float(image.min())), max(1.0, float(image.max()))), kept
 
@@ -139,8 +139,8 @@ def _fourier_moved(plane: FloatImages, offset: Matrix) -> FloatImages:
     from scipy.fft import irfft2, next_fast_len, rfft2
     from scipy.ndimage import fourier_shift
 
-    sides = [next_fast_len(side + 2 * _MIRRORED, real=True) for side in plane.shape]
-    padding = [(_MIRRORED, whole - side - _MIRRORED) for whole, side in zip(sides, plane.shape, strict=True)]
+    sides = [next_fast_len(side + 2 * MIRRORED_PX, real=True) for side in plane.shape]
+    padding = [(MIRRORED_PX, whole - side - MIRRORED_PX) for whole, side in zip(sides, plane.shape, strict=True)]
     spectrum = rfft2(np.pad(plane, padding, mode="symmetric"))
     moved: FloatImages = irfft2(fourier_shift(spectrum, offset, n=sides[1]), s=sides)
-    return moved[_MIRRORED : _MIRRORED + plane.shape[0], _MIRRORED : _MIRRORED + plane.shape[1]]
+    return moved[MIRRORED_PX : MIRRORED_PX + plane.shape[0], MIRRORED_PX : MIRRORED_PX + plane.shape[1]]

@@ -17,6 +17,9 @@ from polaropt.numerics import block_mean, quantization_step, quietest_combinatio
 from polaropt.optics import stokes_from_intensities
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
+"""Polarizer angles of polarization cameras (Sony IMX250MZR), and what is taken where none are given."""
+_EQUAL_DEG = 1e-3
+"""Polarizer angles that are nearer to each other are equal; set by hand, far below what a filter is turned to."""
 
 
 def planes_first(image: FloatImages) -> FloatImages:
@@ -349,7 +352,7 @@ def _check_angles(angles_deg: tuple[float, ...]) -> None:
         raise InputError("a polarizer angle is not a number; give angles in degrees")
     wrapped = np.sort(np.asarray(angles_deg) % 180)
     gaps = np.diff(np.append(wrapped, wrapped[0] + 180))
-    if gaps.min() < 1e-3:
+    if gaps.min() < _EQUAL_DEG:
         listed = ", ".join(f"{angle:g}" for angle in angles_deg)
         raise InputError(
             f"two polarizer angles are equal (modulo 180 degrees): {listed}; each photograph needs its own"

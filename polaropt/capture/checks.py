@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
+from polaropt.capture.decode import GAMMA_RANGE
 from polaropt.capture.pair_gain import Floats, orthogonal_pairs, redundancy_residual, trusted_blocks
 from polaropt.capture.registration import (
+    FEWEST_PIXELS,
     SHIFTS_AND_TURNS,
     Images,
     Mask,
@@ -26,17 +28,27 @@ from polaropt.capture.registration import (
 )
 from polaropt.numerics import MAD_TO_SIGMA, block_mean, middle_part
 
-_FEWEST_BLOCKS = 50
-_ENOUGH_BLOCKS = 3000
+# All of these by trial.
+_FEWEST_BLOCKS, _ENOUGH_BLOCKS = 50, 3000
+"""Blocks of 8x8 pixels: fewer tell nothing, more only cost time."""
 _CERTAIN = 0.15
-# Blocks are no independent samples: an accusation needs far more than the usual three deviations.
-_SURE_GAMMA, _LIKELY = 10.5, 6.0
-# Differences in exposure between the photographs of one pair, as logarithms.
+"""Standard error of an exponent that means something, relative to it."""
+_SURE_GAMMA, _LIKELY_GAMMA = 10.5, 6.0
+"""Standard errors from 1 at which an exponent accuses: blocks are no independent samples, three are far too few."""
 _EXPOSURES = (0.02, 0.02)
+"""Differences in exposure between the photographs of a pair that may be expected, as logarithms."""
 _LINEAR = (0.75, 1.3)
+"""Exponents of linear photographs: encodings in use begin at 1.8."""
 _BRIGHT = 0.4
-_MUCH_BETTER = 0.5
+"""Blocks that count for an exponent: at least so bright, relative to the median."""
+_PAIR_ROUNDS, _AT_REST = 8, (1e-3, 0.2)
+"""Most rounds of a fit of the exponent, and the change that ends it: itself, or in standard errors."""
+_OUTLIERS = 3.0
+"""Robust deviations from which on a block does not count."""
+_MUCH_BETTER, _AS_GOOD = 0.5, 1.1
+"""Misfit with two photographs exchanged, relative to the one as given, that accuses; relative to the best: as good."""
 _ABOVE_NOISE = 0.003
+"""Misfit relative to the intensity that may be noise."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +78,7 @@ class GammaFit:
     @property
     def likely_encoded(self) -> bool:
         """Whether they are not linear, if something else tells that the pairs do not add up."""
-        return self._differs(_LIKELY)
+        return self._differs(_LIKELY_GAMMA)
 
     def _differs(self, deviations: float) -> bool:
         beyond = abs(np.log(self.exponent)) * self.exponent > deviations * self.standard_error
@@ -105,12 +117,12 @@ def fit_gamma(capture: Capture, blocks: Floats | None = None) -> GammaFit | None
     if blocks.shape[1] < _FEWEST_BLOCKS:
         return None
     exponent, error = 1.0, 0.0
-    for _ in range(8):
+    for _ in range(_PAIR_ROUNDS):
         slope, error = _pair_slope(blocks**exponent, pairs)
         factor = float(np.clip(1 + 2 * slope, 0.5, 2))
-        exponent = float(np.clip(exponent * factor, 0.1, 10))
+        exponent = float(np.clip(exponent * factor, *GAMMA_RANGE))
         # Much below the error further rounds tell nothing.
-        if abs(factor - 1) < max(1e-3, 0.2 * error):
+        if abs(factor - 1) < max(_AT_REST[0], _AT_REST[1] * error):
             break
     return GammaFit(exponent, 2 * error * exponent)
 
@@ -146,7 +158,7 @@ def _robust_regression(columns: Floats, values: Floats, expected: tuple[float, .
         error = float(np.sqrt(np.linalg.inv(normal)[0, 0]))
         residual = values - columns @ weights
         variance = float(np.mean(residual[kept] ** 2))
-        kept = np.abs(residual) <= 3 * max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), 1e-9)
+        kept = np.abs(residual) <= _OUTLIERS * max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), 1e-9)
     return weights, error
 
 
@@ -169,7 +181,7 @@ def swapped_photographs(capture: Capture, blocks: Floats | None = None) -> tuple
     best = float(misfits.min())
     if given < _ABOVE_NOISE or best > _MUCH_BETTER * given:
         return ()
-    return tuple(exchanges[k] for k in np.flatnonzero(misfits <= 1.1 * best + 1e-6))
+    return tuple(exchanges[k] for k in np.flatnonzero(misfits <= _AS_GOOD * best + 1e-6))
 
 
 def _exchanged(blocks: Floats, first: int, second: int) -> Floats:
@@ -184,17 +196,22 @@ def _misfit(blocks: Floats, angles_deg: Sequence[float]) -> float:
     return float(np.mean(np.abs(residual - np.median(residual, axis=-1, keepdims=True))))
 
 
-_SIDE = 256
-_LEAST = 0.5
+# All of these by trial.
+_LOOKED_AT_PX = 256
+"""Side of the middle of a frame that is looked at, after halving where there is enough of it."""
+_VISIBLE_PX, _BLIND_PX = 0.5, 0.3
+"""Shifts that are worth a warning; those that mislead the search for the pane."""
 _SURE_SHIFT = 5.0
-_FEWEST = 500
-_WIDE = 3
-_ABOUT = 0.01
-_CLEARLY_HIGHER = 1.3
-_ABOVE_CHANCE = 7.0
+"""Standard errors by which a shift must be larger than that."""
+_WIDE_PX = 3
+"""Distance of the pixels whose mean is taken off: coarser is light and shade."""
+_AT_REST_PX = 0.01
+"""A look needs no more than this."""
+_CLEARLY_HIGHER, _ABOVE_CHANCE = 1.3, 7.0
+"""Peak of a correlation: times its value without shift, and times its standard deviation."""
 
 
-def visible_shift(capture: Capture, least_px: float = _LEAST) -> float:
+def visible_shift(capture: Capture, least_px: float = _VISIBLE_PX) -> float:
     """Largest distance between two photographs in pixels, 0 where it is not surely more than `least_px`.
 
     A look at one colour in the middle of the frame: good to a tenth of a pixel up to about one pixel, beyond that only
@@ -203,8 +220,8 @@ def visible_shift(capture: Capture, least_px: float = _LEAST) -> float:
     """
     if capture.origin is not None and "mosaic" in capture.origin.layout:
         return 0.0
-    block = 2 if min(capture.shape[-2:]) >= 1.5 * _SIDE else 1
-    rows, columns = middle_part(capture.shape, block * _SIDE)
+    block = 2 if min(capture.shape[-2:]) >= 1.5 * _LOOKED_AT_PX else 1
+    rows, columns = middle_part(capture.shape, block * _LOOKED_AT_PX)
     images, valid = capture.intensities[..., rows, columns], capture.valid[..., rows, columns]
     if capture.color:
         channel = capture.shape[0] // 2
@@ -221,13 +238,15 @@ def _near(images: Images, trusted: Mask, least_px: float) -> float:
     bands = _band(images)
     inside = None
     if not trusted.all():
-        edge = _WIDE + 1
+        edge = _WIDE_PX + 1
         inside = far_from_invalid(trusted)[edge:-edge, edge:-edge]
-        if np.count_nonzero(inside) < _FEWEST:
+        if np.count_nonzero(inside) < FEWEST_PIXELS:
             return 0.0
-    found = fit_small_motions(products(bands, inside, SHIFTS_AND_TURNS), at_rest=_ABOUT, n_motions=SHIFTS_AND_TURNS)
-    largest = max(largest_distance(found.pixels[:, :2]), largest_distance(found.pixels[:, 2:]))
-    return largest if largest > least_px + _SURE_SHIFT * found.error else 0.0
+    motions = fit_small_motions(
+        products(bands, inside, SHIFTS_AND_TURNS), at_rest=_AT_REST_PX, n_motions=SHIFTS_AND_TURNS
+    )
+    largest = max(largest_distance(motions.pixels[:, :2]), largest_distance(motions.pixels[:, 2:]))
+    return largest if largest > least_px + _SURE_SHIFT * motions.error else 0.0
 
 
 def _far(images: Images) -> float:
@@ -255,17 +274,18 @@ def _band(images: Images) -> Images:
     """What is finer than about 3 px and coarser than single pixels."""
     across = images[..., :-2] + 2 * images[..., 1:-1] + images[..., 2:]
     smooth = across[..., :-2, :] + 2 * across[..., 1:-1, :] + across[..., 2:, :]
-    middle = slice(_WIDE, -_WIDE)
-    around = smooth[..., : -2 * _WIDE, middle] + smooth[..., 2 * _WIDE :, middle]
-    around += smooth[..., middle, : -2 * _WIDE] + smooth[..., middle, 2 * _WIDE :]
+    middle = slice(_WIDE_PX, -_WIDE_PX)
+    around = smooth[..., : -2 * _WIDE_PX, middle] + smooth[..., 2 * _WIDE_PX :, middle]
+    around += smooth[..., middle, : -2 * _WIDE_PX] + smooth[..., middle, 2 * _WIDE_PX :]
     band: Images = smooth[..., middle, middle] - np.float32(0.25) * around
     return band
 
 
-_LEAST_SHIFT_PX, _MOVED_PX = 0.3, 0.5
-_SAMPLE = 2**15
-# Spread of the residual over its robust spread: 1 for noise, more where edges or bright places break the identity.
+_ENOUGH_SAMPLES = 2**15
+"""Values of a photograph that the spread is measured on."""
 _HARDLY_BROKEN, _BROKEN = 1.02, 1.15
+"""Spread of the residual over its robust spread: 1 for noise, more where edges or bright places break the identity; by
+trial."""
 
 
 @dataclass(frozen=True)
@@ -289,7 +309,7 @@ class Mistakes:
     @property
     def moved(self) -> bool:
         """Whether they are shifted by more than half a pixel."""
-        return self.shift_px > _MOVED_PX
+        return self.shift_px > _VISIBLE_PX
 
     @property
     def encoded(self) -> bool:
@@ -303,7 +323,7 @@ def find_mistakes(capture: Capture) -> Mistakes:
     swapped = bool(swapped_photographs(capture, blocks))
     ratio = identity_ratio(capture)
     # Unlike the order, movement can be seen beside a wrong order.
-    shift = visible_shift(capture, _LEAST_SHIFT_PX)
+    shift = visible_shift(capture, _BLIND_PX)
     if not shift and ratio > _BROKEN and not swapped:
         shift = _measured_shift(capture)
     if swapped or shift:
@@ -315,7 +335,7 @@ def identity_ratio(capture: Capture) -> float:
     """Spread of what no Stokes vector explains over its robust spread; 1 for three angles, where nothing is left."""
     if len(capture.angles_deg) < 4:
         return 1.0
-    step = max(1, capture.intensities[0].size // _SAMPLE)
+    step = max(1, capture.intensities[0].size // _ENOUGH_SAMPLES)
     valid = capture.valid.reshape(len(capture.angles_deg), -1)[:, ::step].all(axis=0)
     samples = capture.intensities.reshape(len(capture.angles_deg), -1)[:, ::step][:, valid]
     if samples.shape[1] < 2:
@@ -331,7 +351,7 @@ def _measured_shift(capture: Capture) -> float:
     if capture.origin is not None and "mosaic" in capture.origin.layout:
         return 0.0
     shifts = measure_shifts(capture)
-    return shifts.largest if shifts.certain and shifts.largest > _LEAST_SHIFT_PX else 0.0
+    return shifts.largest if shifts.certain and shifts.largest > _BLIND_PX else 0.0
 
 
 def _gamma(capture: Capture, blocks: Floats, ratio: float) -> float:

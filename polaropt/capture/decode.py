@@ -21,6 +21,9 @@ from polaropt.errors import InputError
 
 AnyPath = str | PathLike[str]
 
+GAMMA_RANGE = (0.1, 10.0)
+"""Exponents of encodings that can be given or measured: usual ones are 1.8 to 2.6; set by hand."""
+
 
 def read_file(path: AnyPath) -> FileContent:
     """Read a PNG, TIFF (one or several pages), JPEG or npz file, told apart by their first bytes.
@@ -51,7 +54,7 @@ def parse_gamma(gamma: float | str | None) -> float | str | None:
         exponent = float(gamma)
     except (TypeError, ValueError):
         exponent = np.nan
-    if not 0.1 <= exponent <= 10:
+    if not GAMMA_RANGE[0] <= exponent <= GAMMA_RANGE[1]:
         raise InputError(f'gamma {gamma!r} is no encoding; give "srgb" or an exponent from 0.1 to 10, such as 2.2')
     return exponent
 
@@ -161,15 +164,15 @@ def _decode_tiff(data: bytes) -> FileContent:
     if not arrays or any("page offset" in text or "first page" in text or "corrupted" in text for text in complaints):
         raise InputError("the TIFF ends too early; it is incomplete, copy it again")
     angles = metadata.get("angles_deg")
-    told = tuple(float(angle) for angle in angles) if angles else None
+    angles_deg = tuple(float(angle) for angle in angles) if angles else None
     pages = [page for array, stack in arrays for page in (array if stack else array[None])]
     if len({page.shape for page in pages}) > 1:
         sizes = ", ".join(sorted({f"{page.shape[1]}x{page.shape[0]}" for page in pages}))
         raise InputError(f"its pages differ in size ({sizes}); all photographs must have the same")
     focal = focal_from_exif(exif, (pages[0].shape[1], pages[0].shape[0]))
     if len(pages) == 1:
-        return FileContent(pages[0], angles_deg=told, focal_px=focal)
-    return FileContent(np.stack(pages), stack=True, angles_deg=told, focal_px=focal)
+        return FileContent(pages[0], angles_deg=angles_deg, focal_px=focal)
+    return FileContent(np.stack(pages), stack=True, angles_deg=angles_deg, focal_px=focal)
 
 
 def _channels_last(pixels: Pixels, axes: str) -> tuple[Pixels, bool]:
@@ -209,8 +212,8 @@ def _decode_npz(data: bytes) -> FileContent:
     except (zipfile.BadZipFile, ValueError, EOFError) as error:
         raise InputError(f"not a readable npz file ({one_line(error)}); write it again with numpy.savez") from None
     if "intensities" not in arrays:
-        found = ", ".join(sorted(arrays)) or "nothing"
-        raise InputError(f"holds {found} but no array 'intensities' of shape (angle, [channel,] height, width)")
+        names = ", ".join(sorted(arrays)) or "nothing"
+        raise InputError(f"holds {names} but no array 'intensities' of shape (angle, [channel,] height, width)")
     return _npz_content(arrays)
 
 
@@ -224,9 +227,9 @@ def _npz_content(arrays: dict[str, Pixels]) -> FileContent:
         intensities = np.moveaxis(intensities, 1, -1)
         valid = None if valid is None else np.moveaxis(valid, 1, -1)
     angles = arrays.get("angles_deg")
-    told = None if angles is None else tuple(float(angle) for angle in np.atleast_1d(angles))
+    angles_deg = None if angles is None else tuple(float(angle) for angle in np.atleast_1d(angles))
     mask = None if valid is None else valid.astype(bool)
-    return FileContent(intensities, stack=intensities.ndim > 2, angles_deg=told, valid=mask)
+    return FileContent(intensities, stack=intensities.ndim > 2, angles_deg=angles_deg, valid=mask)
 
 
 def one_line(error: Exception) -> str:

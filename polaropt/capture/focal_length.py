@@ -10,7 +10,7 @@ from typing import Any
 
 from polaropt.errors import InputError
 
-# Tags of EXIF 2.3: a rational is a number here.
+# Tags of EXIF 2.3 (CIPA DC-008): a rational is a number here.
 _FOCAL_MM, _FOCAL_35MM = 0x920A, 0xA405
 _PLANE_X, _PLANE_UNIT = 0xA20E, 0xA210
 _WIDTH, _HEIGHT = 0xA002, 0xA003
@@ -24,9 +24,13 @@ _NAMES = {
 }
 _EXIF_DIRECTORY = 0x8769
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+"""Millimetres of EXIF's units of resolution: inch and centimetre; 4 and 5 are in use though not in the standard."""
 _DIAGONAL_35MM = math.hypot(36, 24)
+"""Diagonal of a frame of 35 mm film in millimetres, to which equivalent focal lengths refer (CIPA DCG-001)."""
 _SAME_SHAPE = 0.01
+"""Logarithm of the ratio of sides up to which a picture was not cropped: rounding of a small copy; set by hand."""
 _AGREE = 0.1
+"""Logarithm of the ratio of two focal lengths that do not contradict each other: whole millimetres; set by hand."""
 
 VIEW_RANGE_DEG = (0.001, 179.0)
 """Angles of view: from a telescope's to more than any lens has that keeps straight lines. Set by hand."""
@@ -86,8 +90,8 @@ def focal_from_exif(tags: Mapping[int, Any], size: Size) -> float | None:
     from_plane = lens * resolution / unit if lens and resolution and unit else None
     if from_film and from_plane and abs(math.log(from_film / from_plane)) > _AGREE:
         from_plane = None
-    found = from_plane or from_film
-    return scale * found if found else None
+    focal = from_plane or from_film
+    return scale * focal if focal else None
 
 
 def exif_of_picture(data: bytes) -> Mapping[int, Any]:

@@ -19,9 +19,14 @@ Raw = NDArray[Any]
 Mask = NDArray[np.bool_]
 
 SONY_CELL = (90.0, 45.0, 135.0, 0.0)
+"""Polarizer angles of a cell of Sony's IMX250MZR and MYR: top left, top right, bottom left, bottom right."""
+WHITE_16 = 2**16 - 1
+"""White in 16 bits."""
 _CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 _COLOR_CONTRAST = 0.045
-_TEST_BLOCK = 8
+"""Between what mono and colour mosaics were measured to have, see `looks_color`."""
+_TEST_BLOCK = (4, 8)
+"""Cells that contrast is averaged over, every other row of cells."""
 
 
 def check_cell_order(cell_order: Sequence[float]) -> tuple[float, ...]:
@@ -106,12 +111,15 @@ def _alternation(rows: NDArray[np.floating[Any]]) -> float:
     """Alternation along rows, over blocks; the typical one of those that are bright enough."""
     second = rows[:, 1:-1] - (rows[:, :-2] + rows[:, 2:]) / 2
     second[:, ::2] *= -1
-    block = (_TEST_BLOCK // 2, _TEST_BLOCK)
-    brightness = block_mean(rows[:, 1:-1], block)
+    brightness = block_mean(rows[:, 1:-1], _TEST_BLOCK)
     if not brightness.size:
         return 0.0
     bright = brightness >= max(float(np.quantile(brightness, 0.25)), 1e-9)
-    return float(np.median(np.abs(block_mean(second, block)[bright]) / brightness[bright])) / 2 if bright.any() else 0.0
+    return (
+        float(np.median(np.abs(block_mean(second, _TEST_BLOCK)[bright]) / brightness[bright])) / 2
+        if bright.any()
+        else 0.0
+    )
 
 
 def _listed(values: Any) -> str:
@@ -123,7 +131,6 @@ def _listed(values: Any) -> str:
 
 # polanalyser names its pictures after Sony's cell: 0 is its bottom right corner, and so on. Corner to list position:
 _OF_CORNER = (2, 1, 3, 0)
-_WHITE16 = 65535
 
 
 def demosaic_full(
@@ -188,7 +195,7 @@ def _interpolate(raw: Raw, color: bool) -> list[Raw]:
 def _integers(linear: NDArray[np.float32]) -> tuple[Raw, np.float32, np.float32]:
     """16-bit values as OpenCV takes them; linear = lowest + step * integer."""
     lowest, highest = linear.min(), linear.max()
-    step = np.float32(max(float(highest - lowest), 1e-30) / _WHITE16)
+    step = np.float32(max(float(highest - lowest), 1e-30) / WHITE_16)
     return np.round((linear - lowest) / step).astype(np.uint16), np.float32(lowest), step
 
 

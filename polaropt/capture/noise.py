@@ -22,13 +22,15 @@ from polaropt.capture.pair_gain import (
 from polaropt.numerics import quantization_step, quietest_combination, robust_spread, second_differences
 
 _LEAST = 1e-6
-_ENOUGH_SAMPLES = 1000
-_FEWEST_SAMPLES = 100
+"""Noise of photographs without any (white = 1): weights go with its inverse square."""
+_ENOUGH_SAMPLES, _FEWEST_SAMPLES = 1000, 100
+"""Pixels that the noise is measured on: away from clipped ones if there are so many, else any that are not clipped."""
 _PILE = 5e-4
-# In steps of the grey levels: below, the noise is rounding, which does not look normal.
+"""Share of the values at the lowest one from which on they are clipped there; by trial."""
 ROUNDED = 0.5
+"""Noise in steps of the grey levels, below which it is rounding, which does not look normal; by trial."""
 _MOST_VALUES, _BAND = 2**18, 16
-"""Values of a photograph that are enough, and rows of a band that is taken from a larger one."""
+"""Values of a photograph that are enough, and rows of a band that is taken from a larger one; set by hand."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Redundancy:
     intensity: NDArray[np.float32]
 
 
-def noise_level(capture: Capture, seen: Redundancy | None = None) -> float:
+def noise_level(capture: Capture, redundant: Redundancy | None = None) -> float:
     """Standard deviation of the noise of one photograph (white = 1), quantization included.
 
     From the redundancy ``I0 + I90 - I45 - I135`` (its generalization for other sets of angles), robustly, after a
@@ -60,7 +62,7 @@ def noise_level(capture: Capture, seen: Redundancy | None = None) -> float:
     Parameters
     ----------
     capture : Capture
-    seen : Redundancy, optional
+    redundant : Redundancy, optional
         That of the capture, where it is at hand.
     """
     if capture.origin is not None and capture.origin.raw_noise is not None:
@@ -69,7 +71,7 @@ def noise_level(capture: Capture, seen: Redundancy | None = None) -> float:
     if len(capture.angles_deg) == 3:
         spread = _noise_of_three_photographs(capture, step)
     else:
-        spread = robust_spread((seen or redundancy(capture)).residual, step / 2)
+        spread = robust_spread((redundant or redundancy(capture)).residual, step / 2)
     return float(max(_LEAST, spread, step / np.sqrt(12)))
 
 
@@ -161,14 +163,18 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 Floats = NDArray[np.float64]
 
 _BINS, _FEWEST_IN_BIN, _FEWEST_BINS = 24, 200, 4
-_TURNS = 4
+"""Bins of intensity, the pixels that one needs at least, and the bins that a line needs; set by hand."""
+_REWEIGHTINGS = 4
+"""Rounds of a weighted line whose weights follow from itself; set by hand."""
 _ENOUGH_PIXELS = 2**16
-# Of the variance of a robust spread, in units of variance^2 / n (median absolute deviation of normal values).
+"""Pixels that the growth of the noise is measured on; set by hand."""
 _MAD_VARIANCE = 4 * 1.36
-# Growth that is believed: in its standard errors, and as variance of the brightest tenth against the darkest.
-_SIGNIFICANT = 6.0
-_LEAST_GROWTH = 1.5
+"""Variance of a squared robust spread in units of variance^2 / n: the median absolute deviation of normal values has
+an efficiency of 37 %, that is 1 / (2 * 1.36)."""
+_SIGNIFICANT, _LEAST_GROWTH = 6.0, 1.5
+"""Growth that is believed: in its standard errors, and the brightest bin's variance over the darkest's; by trial."""
 _CLASSES = 16
+"""Classes of equal noise: steps of a few percent; set by hand."""
 
 
 @dataclass(frozen=True)
@@ -220,12 +226,12 @@ class NoiseClasses:
 
 def measured_noise(capture: Capture) -> tuple[float, NoiseModel]:
     """`noise_level` and `noise_model` of a capture."""
-    seen = redundancy(capture) if len(capture.angles_deg) > 3 else None
-    level = noise_level(capture, seen)
-    return level, noise_model(capture, level, seen)
+    redundant = redundancy(capture) if len(capture.angles_deg) > 3 else None
+    level = noise_level(capture, redundant)
+    return level, noise_model(capture, level, redundant)
 
 
-def noise_model(capture: Capture, level: float, seen: Redundancy | None = None) -> NoiseModel:
+def noise_model(capture: Capture, level: float, redundant: Redundancy | None = None) -> NoiseModel:
     """How the noise grows with the intensity, where that can be told.
 
     Parameters
@@ -233,7 +239,7 @@ def noise_model(capture: Capture, level: float, seen: Redundancy | None = None) 
     capture : Capture
     level : float
         `noise_level` of the capture: the answer where no growth is significant.
-    seen : Redundancy, optional
+    redundant : Redundancy, optional
         That of the capture, where it is at hand.
 
     Notes
@@ -247,8 +253,8 @@ def noise_model(capture: Capture, level: float, seen: Redundancy | None = None) 
     step = quantization_step(capture.intensities)
     if level < ROUNDED * step:
         return constant
-    seen = _sample(seen or redundancy(capture))
-    intensity, variance, count = _binned(seen, step / 2)
+    redundant = _sample(redundant or redundancy(capture))
+    intensity, variance, count = _binned(redundant, step / 2)
     if len(intensity) < _FEWEST_BINS:
         return constant
     dark, growth, error = _line(intensity, variance, count)
@@ -257,7 +263,7 @@ def noise_model(capture: Capture, level: float, seen: Redundancy | None = None) 
         return constant
     # Interpolated pixels are less noisy than raw ones, whose level is what counts.
     interpolated = capture.origin is not None and capture.origin.raw_noise is not None
-    scale = level**2 / (dark + growth * float(np.median(seen.intensity))) if interpolated else 1.0
+    scale = level**2 / (dark + growth * float(np.median(redundant.intensity))) if interpolated else 1.0
     return NoiseModel(math.sqrt(dark * scale), growth * scale)
 
 
@@ -279,18 +285,18 @@ def noise_classes(capture: Capture, model: NoiseModel) -> NoiseClasses | None:
     return NoiseClasses(np.sqrt(steps[1:] * steps[:-1]), classes.reshape(sigma.shape))
 
 
-def _sample(seen: Redundancy) -> Redundancy:
-    stride = max(1, seen.intensity.size // _ENOUGH_PIXELS)
-    return Redundancy(seen.residual[:, ::stride], seen.intensity[::stride])
+def _sample(redundant: Redundancy) -> Redundancy:
+    stride = max(1, redundant.intensity.size // _ENOUGH_PIXELS)
+    return Redundancy(redundant.residual[:, ::stride], redundant.intensity[::stride])
 
 
-def _binned(seen: Redundancy, step: float) -> tuple[Floats, Floats, Floats]:
+def _binned(redundant: Redundancy, step: float) -> tuple[Floats, Floats, Floats]:
     """Mean intensity, robust variance and number of values of bins of as many pixels each."""
-    order = np.argsort(seen.intensity)
+    order = np.argsort(redundant.intensity)
     parts = np.array_split(order, max(1, min(_BINS, len(order) // _FEWEST_IN_BIN)))
-    intensity = [seen.intensity[part].mean(dtype=np.float64) for part in parts]
-    variance = [robust_spread(seen.residual[:, part], step) ** 2 for part in parts]
-    return np.array(intensity), np.array(variance), np.array([seen.residual[:, part].size for part in parts])
+    intensity = [redundant.intensity[part].mean(dtype=np.float64) for part in parts]
+    variance = [robust_spread(redundant.residual[:, part], step) ** 2 for part in parts]
+    return np.array(intensity), np.array(variance), np.array([redundant.residual[:, part].size for part in parts])
 
 
 def _line(intensity: Floats, variance: Floats, count: Floats) -> tuple[float, float, float]:
@@ -298,7 +304,7 @@ def _line(intensity: Floats, variance: Floats, count: Floats) -> tuple[float, fl
     from scipy.optimize import nnls
 
     fitted = np.full_like(variance, max(float(variance.mean()), 1e-12))
-    for _ in range(_TURNS):
+    for _ in range(_REWEIGHTINGS):
         root = np.sqrt(count / _MAD_VARIANCE) / fitted
         design = np.stack([root, root * intensity], axis=1)
         (dark, growth), _ = nnls(design, root * variance)

@@ -19,9 +19,13 @@ Floats = NDArray[np.floating[Any]]
 Pairs = tuple[tuple[int, int], tuple[int, int]]
 
 BLOCK = 8
+"""Side in pixels of the blocks over which noise is averaged; set by hand."""
 PLAUSIBLE_GAIN = (0.9, 1.1)
+"""Gains that a sensor's pairs can have: those of real cameras are 1.01 to 1.03; set by hand."""
 _DARK = 0.05
+"""Blocks below this share of the brightest (99 % of them are below it) do not count: black levels; set by hand."""
 _FEWEST_BLOCKS = 12
+"""Blocks that a gain needs; set by hand."""
 
 
 def orthogonal_pairs(angles_deg: Sequence[float], tolerance_deg: float = 0.5) -> Pairs | None:

@@ -15,8 +15,8 @@ Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Information in units of a photograph below which noise would be amplified more than tenfold.
-_TOLD = 0.01
+_LEAST_INFORMATION = 0.01
+"""Information in units of a photograph's, below which its noise would be amplified more than tenfold."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:
 def _weighted_entries(values: Images, valid: Mask, mixing: Matrix, around: Images) -> Images:
     """Entries (entries, pixels) of valid photographs (k, pixels), by least squares; `around` where they hardly tell."""
     normal = np.einsum("kp,ke,kf->pef", valid, mixing, mixing)
-    told, directions = np.linalg.eigh(normal)
+    information, directions = np.linalg.eigh(normal)
     right = np.einsum("kp,ke,pef->pf", valid * values, mixing, directions)
     elsewhere = np.einsum("ep,pef->pf", around, directions)
-    along = np.where(told > _TOLD, right / np.maximum(told, _TOLD), elsewhere)
+    along = np.where(information > _LEAST_INFORMATION, right / np.maximum(information, _LEAST_INFORMATION), elsewhere)
     return np.asarray(np.einsum("pef,pf->ep", directions, along), dtype=np.float32)

@@ -25,11 +25,19 @@ from polaropt.capture.noise import noise_level
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
 from polaropt.errors import InputError
 
-_FEWEST = 16
-_SHARE = 1e-5
-_LARGE_SHARE = 1e-3
+# Where values are clipped below full scale, see `_is_clipped`; all by trial.
+_SMALLEST_PILE = 16
+"""Pixels at the highest value."""
+_SHARE, _LARGE_SHARE = 1e-5, 1e-3
+"""Share of the pixels at the highest value: where that is the full scale of some depth, and elsewhere."""
 _STEEP = 8
-_MANY_LEVELS = 32
+"""How many times as many there are as at each of the levels below."""
+_LEVELS_BELOW = 32
+"""Levels that are compared with; with no more in all nothing is told."""
+_SAME_LENS = 1.01
+"""Ratio of focal lengths of photographs that were not zoomed in between; set by hand."""
+_GAIN_RANGE = (0.5, 2.0)
+"""Pair gains that a person can give; set by hand."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +105,12 @@ def _is_clipped(pixels: NDArray[Any], highest: float) -> bool:
     it must be large.
     """
     levels, counts = np.unique(pixels[pixels >= highest / 2], return_counts=True)
-    below = counts[:-1][-_MANY_LEVELS:]
-    if levels.size <= _MANY_LEVELS:
+    below = counts[:-1][-_LEVELS_BELOW:]
+    if levels.size <= _LEVELS_BELOW:
         return False
     pile = int(counts[-1])
     share = _SHARE if _is_full_scale(int(highest)) else _LARGE_SHARE
-    return pile >= max(_FEWEST, share * pixels.size) and pile >= _STEEP * float(below.mean())
+    return pile >= max(_SMALLEST_PILE, share * pixels.size) and pile >= _STEEP * float(below.mean())
 
 
 def _is_full_scale(value: int) -> bool:
@@ -162,7 +170,7 @@ def checked_options(
     if white is not None and white <= black:
         raise InputError(f"the white level {white:g} is not above the black level {black:g}; correct one of them")
     gain = None if pair_gain is None else _number(pair_gain, "the pair gain")
-    if gain is not None and not 0.5 <= gain <= 2:
+    if gain is not None and not _GAIN_RANGE[0] <= gain <= _GAIN_RANGE[1]:
         raise InputError(f"the pair gain is {gain:g}; give a value near 1 (0.5 to 2)")
     cell = check_cell_order(cell_order)
     encoding = parse_gamma(gamma)
@@ -317,9 +325,9 @@ def _one_per_angle(files: Sequence[str]) -> FileContent:
         if content.pixels.dtype.kind == "f" and not np.all(np.isfinite(content.pixels)):
             raise InputError(f"{name}: holds NaN or infinite values; replace them")
     stacked = np.stack([content.pixels for content in contents])
-    told = [content.focal_px for content in contents if content.focal_px is not None]
+    lengths = [content.focal_px for content in contents if content.focal_px is not None]
     # A lens that was zoomed between the photographs has none.
-    focal = told[0] if told and max(told) < 1.01 * min(told) else None
+    focal = lengths[0] if lengths and max(lengths) < _SAME_LENS * min(lengths) else None
     return FileContent(stacked, stack=True, encoding_hint=first.encoding_hint, focal_px=focal)
 
 

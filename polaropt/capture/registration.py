@@ -33,7 +33,11 @@ Image = NDArray[np.float32]
 
 SHIFTS, SHIFTS_AND_TURNS = 2, 4
 """Free motions of a photograph: down and right; these, turn and growth."""
-_MIRRORED = 16
+MIRRORED_PX = 16
+"""Pixels that an image is mirrored beyond its edges before it is resampled: splines and Fourier sums fade over fewer;
+set by hand."""
+WHOLE = 0.999
+"""Share of a pixel that counts from which on it is whole: linear interpolation of ones rounds."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +124,10 @@ def finely_moved_back(image: Image, matrix: Matrix, offset: Matrix) -> Image:
     from scipy.ndimage import affine_transform, spline_filter
     from scipy.signal import resample
 
-    padded = np.pad(image, _MIRRORED, mode="symmetric")
+    padded = np.pad(image, MIRRORED_PX, mode="symmetric")
     doubled = resample(resample(padded, 2 * padded.shape[0], axis=0), 2 * padded.shape[1], axis=1)
     coefficients = spline_filter(doubled, order=3, output=np.float32)
-    place = 2 * (_place(matrix, offset, image.shape) + _MIRRORED)
+    place = 2 * (_place(matrix, offset, image.shape) + MIRRORED_PX)
     moved = affine_transform(
         coefficients, 2 * matrix, place, output_shape=image.shape, order=3, mode="nearest", prefilter=False
     )
@@ -133,8 +137,11 @@ def finely_moved_back(image: Image, matrix: Matrix, offset: Matrix) -> Image:
 Images = NDArray[np.floating[Any]]
 
 _STRIPS = 12
+"""Parts of a frame by whose disagreement errors are measured; set by hand."""
 _FLOOR = 1e-6
+"""Least variance of noise, relative to all variance: photographs without any have no determinant; set by hand."""
 _ROUNDS = 60
+"""Most rounds of a fit of small motions; set by hand."""
 
 
 @dataclass(frozen=True)
@@ -178,8 +185,8 @@ def products(images: Images, trusted: NDArray[np.bool_] | None = None, n_motions
     chosen = features.reshape(len(features), -1) if trusted is None else features[:, trusted[1:-1, 1:-1]]
     length = chosen.shape[1] // _STRIPS
     strips = chosen[:, : length * _STRIPS].reshape(len(features), _STRIPS, length).transpose(1, 0, 2)
-    found: Matrix = (strips @ strips.transpose(0, 2, 1)).astype(np.float64)
-    return found
+    sums: Matrix = (strips @ strips.transpose(0, 2, 1)).astype(np.float64)
+    return sums
 
 
 def from_middle(shape: tuple[int, ...]) -> tuple[Matrix, Matrix]:
@@ -217,10 +224,10 @@ def fit_small_motions(strips: Matrix, at_rest: float = 1e-4, n_motions: int = SH
         weights = _weights(total, shifts)
         matrix, right = _normal_equations(total, weights)
         try:
-            found = np.linalg.solve(matrix, right)
+            motions = np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError:
             return SmallMotions(np.zeros((count, n_motions)), np.inf)
-        moving = np.asarray(found, dtype=np.float64).reshape(n_motions, -1).T
+        moving = np.asarray(motions, dtype=np.float64).reshape(n_motions, -1).T
         shifts = np.concatenate([np.zeros((1, n_motions)), moving])
         if np.abs(shifts - before).max() < at_rest:
             break
@@ -265,17 +272,23 @@ def _standard_error(strips: Matrix, weights: Matrix, matrix: Matrix, shifts: Mat
 Mask = NDArray[np.bool_]
 
 _FINE, _COARSE = 0.7, 2.0
-"""Widths of the two Gaussians of which the difference is taken: finer is noise, coarser is light and shade."""
-_MARGIN = 4
-_SIDE = 1024
+"""Deviations in pixels of the two Gaussians of which the difference is taken: finer is noise, coarser is light and
+shade; by trial."""
+_MARGIN_PX = 4
+"""Distance from invalid pixels at which a band-passed image is free of them: two deviations of the wider Gaussian."""
+_LOOKED_AT_PX = 1024
+"""Side of the middle of a frame that is looked at; set by hand, for the time it takes."""
 _MOST_STEPS, _LONGEST_STEP, _AT_REST = 10, 2.0, 0.004
-"""Of a climb: its most steps, and the longest step and the one that is hardly any more, in pixels (at the corners)."""
-FEWEST = 500
-BY_CHANCE = 300
-"""What the best of all shifts gains on photographs of noise, times the number of pixels."""
-SURE = 3.0
-NEGLIGIBLE = 0.05
-"""Below this, in pixels, resampling costs more than it gains."""
+"""Of a climb: its most steps, and the longest step and the one that is hardly any more, in pixels (at the corners); by
+trial."""
+FEWEST_PIXELS = 500
+"""Pixels that photographs must have in common; set by hand."""
+_BY_CHANCE = 300
+"""What the best of all shifts gains on photographs of noise, times the number of pixels; by trial."""
+_SURE = 3.0
+"""Standard errors that a motion must be larger than to be believed."""
+_NEGLIGIBLE_PX = 0.05
+"""Below this resampling costs more than it gains; by trial."""
 
 
 @dataclass(frozen=True)
@@ -304,7 +317,7 @@ class Shifts:
     @property
     def certain(self) -> bool:
         """Whether moving the photographs is better than leaving them."""
-        return self.better and self.largest > max(SURE * self.error, NEGLIGIBLE)
+        return self.better and self.largest > max(_SURE * self.error, _NEGLIGIBLE_PX)
 
 
 def measure_shifts(capture: Capture) -> Shifts:
@@ -314,7 +327,7 @@ def measure_shifts(capture: Capture) -> Shifts:
     resampling until nothing moves. Clipped pixels and their neighbours do not count. Of large captures the middle is
     looked at.
     """
-    level = _level(*luminance(capture.part(*middle_part(capture.shape, _SIDE))), block=1)
+    level = _level(*luminance(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX))), block=1)
     start = coarse_shifts(level.bands)
     still = Motions.of_shifts(np.zeros_like(start))
     # Where the start is wrong the photographs may still lie nearly on each other.
@@ -336,18 +349,18 @@ def coarse_shifts(bands: Images) -> Matrix:
 
     count = len(bands)
     pairs = list(combinations(range(count), 2))
-    found = _correlation_peaks(bands, pairs)
+    peaks = _correlation_peaks(bands, pairs)
     differences = np.zeros((len(pairs), count))
     for row, (a, b) in enumerate(pairs):
         differences[row, [a, b]] = -1, 1
     shifts = np.zeros((count, 2))
     for axis in (0, 1):
-        seen = found[:, axis]
+        measured = peaks[:, axis]
 
-        def contradiction(unknown: Matrix, seen: Matrix = seen) -> Matrix:
-            return np.asarray(differences[:, 1:] @ unknown - seen)
+        def contradiction(unknown: Matrix, measured: Matrix = measured) -> Matrix:
+            return np.asarray(differences[:, 1:] @ unknown - measured)
 
-        shifts[1:, axis] = least_squares(contradiction, seen[: count - 1], loss="soft_l1", f_scale=0.3).x
+        shifts[1:, axis] = least_squares(contradiction, measured[: count - 1], loss="soft_l1", f_scale=0.3).x
     return shifts
 
 
@@ -388,7 +401,7 @@ def far_from_invalid(valid: Mask) -> Mask:
     """Pixels more than a few steps away from invalid ones and from the frame's edge."""
     from scipy.ndimage import binary_erosion
 
-    inner: Mask = binary_erosion(valid, iterations=_MARGIN)
+    inner: Mask = binary_erosion(valid, iterations=_MARGIN_PX)
     return inner
 
 
@@ -397,9 +410,10 @@ def largest_distance(pixels: Matrix) -> float:
     return float(max(np.hypot(*(a - b)) for a, b in combinations(pixels, 2)))
 
 
-_SMALLEST = 64
-_LARGEST_BLOCK = 8
-_WHOLE = 0.999
+_SMALLEST_PX = 64
+"""Least side of the coarsest photographs; set by hand."""
+_BLOCKS = (8, 4, 2)
+"""Sides of the blocks of which coarser photographs are made: a turn moves the corners of the first by few pixels."""
 
 
 @dataclass(frozen=True)
@@ -426,7 +440,7 @@ class Turns:
     @property
     def certain(self) -> bool:
         """Whether turning the photographs back is better than shifting them only."""
-        return self.better and self.at_corners > max(SURE * self.error, NEGLIGIBLE)
+        return self.better and self.at_corners > max(_SURE * self.error, _NEGLIGIBLE_PX)
 
 
 @dataclass(frozen=True)
@@ -445,7 +459,7 @@ class _Level:
         parts = list(zip(motions.matrices, motions.offsets, strict=True))
         bands = [moved_back(band, *part, order=3) for band, part in zip(self.bands, parts, strict=True)]
         shares = [moved_back(m.astype(np.float32), *part, order=1) for m, part in zip(self.inner, parts, strict=True)]
-        return np.stack(bands), np.min(shares, axis=0) > _WHOLE
+        return np.stack(bands), np.min(shares, axis=0) > WHOLE
 
 
 def measure_turns(capture: Capture, shifts: Shifts) -> Turns:
@@ -457,7 +471,7 @@ def measure_turns(capture: Capture, shifts: Shifts) -> Turns:
     shifts : Shifts
         The best shifts alone (`polaropt.capture.registration.measure_shifts`).
     """
-    part = _evenly(middle_part(capture.shape, _SIDE), capture.shape)
+    part = _evenly(middle_part(capture.shape, _LOOKED_AT_PX), capture.shape)
     images, valid = luminance(capture.part(*part))
     blocks = _blocks(images.shape)
     levels = [_level(images, valid, block) for block in blocks]
@@ -473,20 +487,20 @@ def measure_turns(capture: Capture, shifts: Shifts) -> Turns:
 def _started(level: _Level, shifts: Matrix) -> Motions:
     """Motions on the coarsest size: the best near no shift, near the best shifts, and where pairs correlate."""
     starts = (np.zeros_like(shifts), shifts, coarse_shifts(level.bands))
-    tries = [_climbed(level, Motions.of_shifts(start), SHIFTS_AND_TURNS)[0] for start in starts]
-    return max(tries, key=lambda motions: _gain(level, Motions.of_shifts(starts[0]), motions))
+    climbs = [_climbed(level, Motions.of_shifts(start), SHIFTS_AND_TURNS)[0] for start in starts]
+    return max(climbs, key=lambda motions: _gain(level, Motions.of_shifts(starts[0]), motions))
 
 
 def _evenly(part: tuple[slice, slice], shape: tuple[int, ...]) -> tuple[slice, slice]:
     """The part, cut so that blocks of every size fill it."""
     ends = [min(rows.stop, side) for rows, side in zip(part, shape[-2:], strict=True)]
-    sides = [(end - rows.start) // _LARGEST_BLOCK * _LARGEST_BLOCK for rows, end in zip(part, ends, strict=True)]
+    sides = [(end - rows.start) // _BLOCKS[0] * _BLOCKS[0] for rows, end in zip(part, ends, strict=True)]
     return slice(part[0].start, part[0].start + sides[0]), slice(part[1].start, part[1].start + sides[1])
 
 
 def _blocks(shape: tuple[int, ...]) -> list[int]:
     """Sides of the blocks whose means are looked at, coarsest first."""
-    return [size for size in (8, 4, 2) if min(shape[-2:]) // size >= _SMALLEST] + [1]
+    return [size for size in _BLOCKS if min(shape[-2:]) // size >= _SMALLEST_PX] + [1]
 
 
 def _level(images: Images, valid: Mask, block: int) -> _Level:
@@ -511,7 +525,7 @@ def _climbed(level: _Level, start: Motions, n_motions: int) -> tuple[Motions, fl
     motions, longest = start, np.inf
     for _ in range(_MOST_STEPS):
         moved, common = level.moved(motions)
-        if np.count_nonzero(common) < FEWEST:
+        if np.count_nonzero(common) < FEWEST_PIXELS:
             return start, np.inf
         step = fit_small_motions(products(moved, common, n_motions), n_motions=n_motions)
         if not np.isfinite(step.error):
@@ -529,7 +543,7 @@ def _gain(level: _Level, others: Motions, motions: Motions) -> float:
     (shifted, common), (moved, also) = level.moved(others), level.moved(motions)
     common = common & also
     count = np.count_nonzero(common)
-    if count < FEWEST:
+    if count < FEWEST_PIXELS:
         return 0.0
     gain = disagreement(products(shifted, common)) - disagreement(products(moved, common))
-    return gain if gain > BY_CHANCE / count else 0.0
+    return gain if gain > _BY_CHANCE / count else 0.0

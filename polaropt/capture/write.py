@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polaropt.capture.capture import Capture
 from polaropt.capture.decode import AnyPath
+from polaropt.capture.mosaic import WHITE_16
 from polaropt.errors import InputError
 
 _PREFIX = ".polaropt-"
@@ -160,9 +161,6 @@ def encode_srgb(linear: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
     return np.asarray(np.where(clipped <= 0.0031308, 12.92 * clipped, power), dtype=np.float32)
 
 
-_WHITE16 = 65535
-
-
 def write_capture(capture: Capture, path: AnyPath) -> tuple[Path, ...]:
     """Write a capture; what is written can be read by `polaropt.read_capture`.
 
@@ -217,9 +215,9 @@ def _write_tiff(capture: Capture, target: Path) -> None:
 
 
 def _write_pngs(capture: Capture, target: Path) -> tuple[Path, ...]:
-    levels = np.round(np.clip(capture.intensities.astype(np.float64), 0, 1) * _WHITE16)
+    levels = np.round(np.clip(capture.intensities.astype(np.float64), 0, 1) * WHITE_16)
     # The highest level means clipped.
-    pixels = _channels_last(np.where(capture.valid, np.minimum(levels, _WHITE16 - 1), _WHITE16).astype(np.uint16))
+    pixels = _channels_last(np.where(capture.valid, np.minimum(levels, WHITE_16 - 1), WHITE_16).astype(np.uint16))
     files = tuple(target.with_name(f"{target.stem}_{angle:03g}.png") for angle in capture.angles_deg)
     for name, image in zip(files, pixels, strict=True):
         write_png(name, image)

@@ -12,8 +12,8 @@ from polaropt.numerics.minima import vertex
 
 Values = NDArray[np.float64]
 
-# Steps up to which a parabola is followed.
 _FARTHEST = 4.0
+"""Steps up to which a parabola is followed beyond its three points; set by hand."""
 
 
 def grid_sums(maps: NDArray[np.floating], groups: int | tuple[int, int]) -> Values:

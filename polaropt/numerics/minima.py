@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 _CLOSER = 0.35
+"""The next step of a search on a line, in units of the last; set by hand."""
 _MOST_MOVES = 4
+"""Steps to the side before the steps become shorter anyway; set by hand."""
 
 
 def local_minimum(
@@ -68,10 +70,11 @@ def local_minima(values: Values) -> NDArray[np.bool_]:
 
 
 _TOLERANCE = 0.02
+"""Tolerance of a minimum in units of the first step; set by hand."""
 _SHARES = (1.0, 0.5, 0.25, 0.1)
-"""Of a Newton step that are tried."""
+"""Shares of a Newton step that are compared until one is worth it; set by hand."""
 _FLATTEST = 1e-4
-"""Least curvature in units of the greatest: where there is hardly any, a step would go anywhere."""
+"""Least curvature in units of the greatest: where there is hardly any, a step would go anywhere; set by hand."""
 
 
 @dataclass(frozen=True)

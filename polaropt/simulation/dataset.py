@@ -19,8 +19,11 @@ from polaropt.simulation.pictures import SHIPPED, cut, photographs_in, read_phot
 from polaropt.simulation.simulator import MARGIN, Camera, Image, photograph_pair, without_margin
 
 INCIDENCES_DEG = (10.0, 85.0)
+"""Incidences of random panes: below, they hardly polarize; above, they pass hardly any light."""
 THICKNESSES_PX = (0.0, 12.0)
+"""Thicknesses of random panes: up to a little more than the 10 px of the paper's protocol; set by hand."""
 _LARGEST_SIDE = 8192
+"""Side of a frame in pixels: four photographs in colour take 3 GB; set by hand."""
 
 Progress = Callable[[str, float], None]
 

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+# Where nothing else is said numbers of this module are set by hand, to look like photographs.
 _SMALLEST_PX, _LARGEST_SHARE = (2.0, 9.0), 0.4
+"""Radius of the smallest leaves of a picture, between these; of the largest, as a share of its side."""
 _MOST_LEAVES = 4000
-# Drawn larger by this factor and averaged, so that edges are as smooth as a lens makes them.
 _FINER = 2
+"""Pictures are drawn larger by this factor and averaged, so that edges are as smooth as a lens makes them."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 _SIMILARITY_SIGMA_PX = 1.5
+"""Deviation of the Gaussian window of SSIM (Wang et al. 2004)."""
+_LEAST_SQUARE = 1e-20
+"""Mean square that equal images are given: 200 dB."""
 
 
 def psnr_db(image: ArrayLike, reference: ArrayLike, border: int = 0, peak: float = 1.0) -> float:
@@ -36,7 +39,7 @@ def psnr_db(image: ArrayLike, reference: ArrayLike, border: int = 0, peak: float
         difference = difference[..., border:-border, border:-border]
     if difference.size == 0:
         raise ValueError(f"a border of {border} px leaves nothing of images of shape {np.shape(image)}")
-    return float(10 * np.log10(peak**2 / max(float(np.mean(difference**2)), 1e-20)))
+    return float(10 * np.log10(peak**2 / max(float(np.mean(difference**2)), _LEAST_SQUARE)))
 
 
 def similarity_map(image: ArrayLike, reference: ArrayLike, peak: float = 1.0) -> NDArray[np.float64]:

@@ -56,10 +56,10 @@ def photographs_in(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: is no folder; give one that holds photographs")
-    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
-    if len(found) < 2:
-        raise InputError(f"{folder}: holds {len(found)} photographs (PNG, JPEG, TIFF); at least 2 are needed")
-    return found
+    photographs = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    if len(photographs) < 2:
+        raise InputError(f"{folder}: holds {len(photographs)} photographs (PNG, JPEG, TIFF); at least 2 are needed")
+    return photographs
 
 
 def common_middle(images: Sequence[Image]) -> list[Image]:

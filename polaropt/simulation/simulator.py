@@ -105,6 +105,7 @@ def _as_linear(image: ArrayLike) -> FloatImages:
 Image = NDArray[np.float32]
 
 MARGIN = 64
+"""Pixels of the layers around a frame, so that what the ghosts carry in from outside is there; set by hand."""
 
 
 @dataclass(frozen=True)
