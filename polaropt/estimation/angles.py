@@ -122,7 +122,9 @@ def find_start_angle(capture: Capture) -> Capture:
     return capture.replace(angles_deg=angles).with_origin(start_deg=found.start_deg)
 
 
-def ghost_direction(capture: Capture, noise: float, incidence_deg: float, azimuth_deg: float) -> GhostDirection:
+def ghost_direction(
+    capture: Capture, noise: float, incidence_deg: float, azimuth_deg: float, pane: SceneParameters = _OPEN
+) -> GhostDirection:
     """Search the direction of ghosts freely.
 
     Parameters
@@ -132,33 +134,38 @@ def ghost_direction(capture: Capture, noise: float, incidence_deg: float, azimut
         Standard deviation of the noise of one photograph.
     incidence_deg, azimuth_deg : float
         Of the pane as far as polarization and edges tell them, ghosts apart.
+    pane : SceneParameters
+        Index and surfaces of the pane; its geometry is not used.
     """
     noise = max(noise, LEAST_NOISE)
-    found = _of_axis(capture, noise, incidence_deg, azimuth_deg)
+    pane = _OPEN.replace(refractive_index=pane.refractive_index, single_surface=pane.single_surface)
+    found = _of_axis(capture, noise, incidence_deg, azimuth_deg, pane)
     if not found.certain or incidence_deg < _EXCHANGED_DEG:
         return found
     # Where the axis across was taken for the right one, its layers exchanged, ghosts gain more on the right one.
-    given = _OPEN.replace(azimuth_deg=azimuth_deg + 90, ghost_shift=0.0)
+    given = pane.replace(azimuth_deg=azimuth_deg + 90, ghost_shift=0.0)
     across_incidence = estimate_scene(capture, given, noise=noise).scene.values()[0]
-    across = _of_axis(capture, noise, across_incidence, azimuth_deg + 90)
+    across = _of_axis(capture, noise, across_incidence, azimuth_deg + 90, pane)
     return replace(found, rival=across.gain) if across.gain > _EXCHANGED * found.gain else found
 
 
-def _of_axis(capture: Capture, noise: float, incidence_deg: float, azimuth_deg: float) -> GhostDirection:
+def _of_axis(
+    capture: Capture, noise: float, incidence_deg: float, azimuth_deg: float, pane: SceneParameters
+) -> GhostDirection:
     spectra = cross_spectra(plate_frame(stokes_images(capture, noise), azimuth_deg))
-    found = _likeliest(spectra, np.array([incidence_deg]), _GAIN)
+    found = _likeliest(spectra, pane, np.array([incidence_deg]), _GAIN)
     if not found.certain and incidence_deg > _OBLIQUE_DEG:
-        lower = _likeliest(spectra, incidence_deg + np.array(LOWER_DEG), _GAIN_LOWER)
+        lower = _likeliest(spectra, pane, incidence_deg + np.array(LOWER_DEG), _GAIN_LOWER)
         found = lower if lower.certain else found
     return found
 
 
-def _likeliest(spectra: CrossSpectra, incidences: Curve, least: float) -> GhostDirection:
+def _likeliest(spectra: CrossSpectra, pane: SceneParameters, incidences: Curve, least: float) -> GhostDirection:
     """The direction in which ghosts gain most, at any of some incidences."""
     gains = np.empty(_DIRECTIONS_DEG.shape)
     places = []
     for k, direction in enumerate(_DIRECTIONS_DEG):
-        likelihood = ShiftLikelihood(spectra.with_ghosts_along(float(direction)), _OPEN)
+        likelihood = ShiftLikelihood(spectra.with_ghosts_along(float(direction)), pane)
         misfit = likelihood.misfit(incidences, _SHIFTS, rounds=_ROUNDS)
         places.append(np.unravel_index(np.argmin(misfit), misfit.shape))
         gains[k] = misfit[:, _SHIFTS.size // 2].min() - misfit.min()
@@ -167,25 +174,27 @@ def _likeliest(spectra: CrossSpectra, incidences: Curve, least: float) -> GhostD
     row, column = places[best]
     direction, incidence, error = float(_DIRECTIONS_DEG[best]), float(incidences[row]), math.inf
     if gains[best] > least:
-        direction = _refined(spectra, incidence, float(_SHIFTS[column]), direction)
-        error = _shift_error(spectra.with_ghosts_along(direction), incidence)
+        direction = _refined(spectra, pane, incidence, float(_SHIFTS[column]), direction)
+        error = _shift_error(spectra.with_ghosts_along(direction), pane, incidence)
     azimuth, rival = spectra.azimuth_deg % 180, float(gains[apart].max())
     return GhostDirection(direction % 180, azimuth, incidence, float(gains[best]), rival, least, error)
 
 
-def _refined(spectra: CrossSpectra, incidence_deg: float, ghost_shift: float, direction_deg: float) -> float:
+def _refined(
+    spectra: CrossSpectra, pane: SceneParameters, incidence_deg: float, ghost_shift: float, direction_deg: float
+) -> float:
     """The likeliest direction near one, the shift free to follow."""
     shifts = ghost_shift + _FINE_SHIFTS
     turned = [spectra.with_ghosts_along(direction_deg + turn) for turn in _FINE_DEG]
-    misfit = np.array([ShiftLikelihood(part, _OPEN).misfit(incidence_deg, shifts).min() for part in turned])
+    misfit = np.array([ShiftLikelihood(part, pane).misfit(incidence_deg, shifts).min() for part in turned])
     return direction_deg + grid_minimum(_FINE_DEG, misfit)
 
 
-def _shift_error(spectra: CrossSpectra, incidence_deg: float) -> float:
+def _shift_error(spectra: CrossSpectra, pane: SceneParameters, incidence_deg: float) -> float:
     """Standard error of the likeliest shift in pixels by the jackknife: each part is free to prefer any other shift."""
     shifts = []
     for part in spectra.left_out():
-        misfit = ShiftLikelihood(part, _OPEN).misfit(incidence_deg, _SHIFTS, rounds=_ROUNDS)
+        misfit = ShiftLikelihood(part, pane).misfit(incidence_deg, _SHIFTS, rounds=_ROUNDS)
         shifts.append(grid_minimum(_SHIFTS, misfit))
     return jackknife_error(np.array(shifts))
 
@@ -240,13 +249,13 @@ def angle_mistake(
     if estimate is None or not estimate.polarized or capture.start_unknown:
         return None
     if unexplained > _UNEXPLAINED or scene.rung == "curved":
-        return AngleMistake.REVERSED if _fits_reversed(capture, noise, unexplained) else None
+        return AngleMistake.REVERSED if _fits_reversed(capture, noise, scene, unexplained) else None
     if scene.single_surface or scene.focal_px is not None or scene.polarized or _ghosts_along(estimate):
         return None
     incidence, azimuth, _ = scene.values()
     if not LEAST_DEG <= incidence <= MOST_DEG - min(LOWER_DEG):
         return None
-    found = ghost_direction(capture, noise, incidence, azimuth)
+    found = ghost_direction(capture, noise, incidence, azimuth, scene)
     if not found.certain or abs(found.start_deg) < _ELSEWHERE_DEG:
         return None
     mirrored = (found.direction_deg + found.azimuth_deg + 90) % 180 - 90
@@ -259,12 +268,15 @@ def _ghosts_along(estimate: SceneEstimate) -> bool:
     return bool(without.any()) and float(estimate.shift_misfit[without][0]) > _ALONG
 
 
-def _fits_reversed(capture: Capture, noise: float, unexplained: float) -> bool:
+def _fits_reversed(capture: Capture, noise: float, scene: SceneParameters, unexplained: float) -> bool:
     """Whether a pane before a wide lens explains the capture with its angles counted the other way, and only so."""
     stokes = stokes_images(capture, noise)
     mirror = np.array([1, 1, -1])
     images = stokes.images * mirror[:, None, None, None].astype(np.float32)
-    fit = fit_perspective(StokesImages(images, stokes.covariance * np.outer(mirror, mirror), stokes.valid))
+    reversed_stokes = StokesImages(images, stokes.covariance * np.outer(mirror, mirror), stokes.valid)
+    incidence, azimuth, _ = scene.values()
+    plain = SceneParameters(incidence, -azimuth, 0.0, scene.refractive_index, single_surface=scene.single_surface)
+    fit = fit_perspective(reversed_stokes, plain=plain)
     gained = unexplained - fit.misfit
     clearly = gained > SCATTERS * math.sqrt(2 / fit.n) and gained > _EXPLAINED * (unexplained - 1)
     return clearly and fit.misfit < noise_misfit(fit.n)

@@ -12,7 +12,9 @@ from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, 
 from polaropt.capture.write import write_capture
 from polaropt.cli.app import main
 from polaropt.estimation.angles import AngleMistake, angle_mistake, ghost_direction
+from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.ladder import find_scene
+from polaropt.estimation.wide.fits import fit_perspective
 from polaropt.reporting.words import start_sentence
 from polaropt.simulation.metrics import psnr_db
 from studies.camera import take
@@ -175,3 +177,25 @@ def test_no_such_angles(turned_file: str, angles: str, capsys: pytest.CaptureFix
 def test_a_capture_is_not_asked_about_a_scene_that_was_given() -> None:
     capture = counted(blend(60, 96).capture, 40)
     assert angle_mistake(capture, NOISE, SceneParameters(60.0, 345.0, 0.0), None) is None
+
+
+def test_the_angles_are_checked_with_the_pane_of_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def fit(stokes, focal_px=None, plain=OPEN):
+        asked.append(plain)
+        return fit_perspective(stokes, focal_px, plain)
+
+    monkeypatch.setattr("polaropt.estimation.angles.fit_perspective", fit)
+    water = SceneParameters(40.0, 70.0, 0.0, 1.33, single_surface=True)
+    example = blend(60, 96, ghost_shift=0.0)
+    estimate = estimate_scene(example.capture, noise=NOISE)
+    angle_mistake(example.capture, NOISE, water, estimate, unexplained=3.0)
+    assert asked == [SceneParameters(40.0, -70.0, 0.0, 1.33, single_surface=True)]
+
+
+def test_ghosts_are_looked_for_behind_a_pane_of_the_scenes_index() -> None:
+    example = blend(55.0, SIZE, ghost_shift=7.0, refractive_index=2.2)
+    told = ghost_direction(example.capture, NOISE, 55.0, 25.0, example.scene)
+    assert apart(told.direction_deg, 25.0) < 1.5
+    assert told.gain > ghost_direction(example.capture, NOISE, 55.0, 25.0).gain
