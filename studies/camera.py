@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import ANGLES_DEG, Capture
-from polaropt.optics import SceneParameters, interface, plane_normal
+from polaropt.optics import SceneParameters, in_place_reflectance, plane_normal
 from polaropt.simulation import digitized, exact_photographs, stack_layers
 from studies.photographs import SIZE_PX, Pair, pairs_of
 from studies.scenes import BLIND, Light, Scene, Taking, focal_px, random_bend
@@ -221,8 +221,7 @@ def bent_photographs(layers: Images, scene: SceneParameters, bend_deg: float, an
 
 def _intensity_weights(incidence_deg: float, refractive_index: float) -> NDArray[np.float64]:
     """What of each layer passes along and across the plane of incidence, all bounces together: (2, layer)."""
-    single = np.asarray(interface(incidence_deg, refractive_index).reflection[:2])
-    reflected = 2 * single / (1 + single)
+    reflected = np.array(in_place_reflectance(incidence_deg, refractive_index, single_surface=False))
     return np.stack([1 - reflected, reflected], axis=1)
 
 
