@@ -141,11 +141,11 @@ class CrossSpectra:
         return (common * hann_autocorrelation(shifts * math.sin(direction) / self.tile)).astype(np.float32)
 
 
-def cross_spectra(frame: PlateFrame, tile: int = _TILE_PX) -> CrossSpectra:
-    """Welch's mean periodograms over half-overlapping Hann tiles of `tile` pixels, a bounded number of them."""
+def cross_spectra(frame: PlateFrame) -> CrossSpectra:
+    """Welch's mean periodograms over half-overlapping Hann tiles, a bounded number of them."""
     from scipy.fft import rfft2
 
-    side = min(tile, *frame.images.shape[-2:])
+    side = min(_TILE_PX, *frame.images.shape[-2:])
     profile = hann_window(side)
     window = np.outer(profile, profile)
     window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)

@@ -192,6 +192,8 @@ _ABOVE_NOISE = 1.4
 """Times the noise's own that gradients must have for edges to stand out. By trial."""
 PARTS = 4
 """Parts per side of the frame that are left out in turn for standard errors. Set by hand."""
+_N_SCALES = 3
+"""Scales that the overlap is the mean of, from the finest that tells something. By trial."""
 _LEAST_VARIANCE = 1e-30
 """Of a gradient that nothing is left of."""
 
@@ -274,13 +276,13 @@ class EdgeOverlap:
         logs = [np.log(_normalized(*left_out(part))) for part in sums]
         return np.asarray(np.exp(np.mean(logs, axis=0)))
 
-    def at_best_scales(self, incidence_deg: float, n_scales: int = 3) -> EdgeOverlap:
+    def at_best_scales(self, incidence_deg: float) -> EdgeOverlap:
         """The same on the finest scale at which the reflection's edges stand out of the noise, and coarser ones."""
         seen = [part.reflection_seen for part in self.at(incidence_deg)]
         first = seen.index(True) if True in seen else len(seen) - 1
-        first = max(0, min(first, len(seen) - n_scales))
+        first = max(0, min(first, len(seen) - _N_SCALES))
         chosen = copy.copy(self)
-        chosen._scales = self._scales[first : first + n_scales]
+        chosen._scales = self._scales[first : first + _N_SCALES]
         return chosen
 
     def _factors(self, incidence_deg: float) -> Matrix:
