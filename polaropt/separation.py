@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, measured_noise, planes_last
 from polaropt.errors import InputError
 from polaropt.estimation import (
-    FoundScene,
+    LadderResult,
+    RungReport,
     SceneEstimate,
-    Tried,
     find_scene,
     left_alone,
     model_names,
@@ -54,7 +54,7 @@ class Separation:
         Complete: given or estimated.
     errors : SceneErrors
         Standard errors of what was estimated.
-    tried : tuple of Tried
+    tried : tuple of RungReport
         The rungs of the ladder that were looked at, with why they were taken or left; empty where the scene was given.
     terms : dict of str to Term
         Raw value and weight of each term of the objective at the solution.
@@ -77,7 +77,7 @@ class Separation:
     layers: Images = field(repr=False)
     scene: SceneParameters
     errors: SceneErrors
-    tried: tuple[Tried, ...]
+    tried: tuple[RungReport, ...]
     terms: dict[str, Term]
     solver: SolverResult
     diagnostics: Diagnostics
@@ -251,7 +251,7 @@ class _Case:
     growth: NoiseModel
     mistakes: Mistakes
     doubtful_incidence: bool
-    found: FoundScene
+    found: LadderResult
 
 
 def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:

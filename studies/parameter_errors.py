@@ -16,7 +16,7 @@ import numpy as np
 from pandas import DataFrame, concat
 
 from polaropt.capture import noise_level
-from polaropt.estimation import FoundScene, find_scene
+from polaropt.estimation import LadderResult, find_scene
 from polaropt.optics import SceneParameters
 from studies.camera import photograph
 from studies.kit.charts import BLUE, new_figure
@@ -72,7 +72,7 @@ def run(job: Job) -> list[Row]:
     return [Row(*of_job, *number) for number in compared(scene, found)]
 
 
-def compared(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, float, float, float]]:
+def compared(scene: SceneParameters, found: LadderResult) -> Iterator[tuple[str, float, float, float]]:
     """Name, truth, estimate and its error of each number; both azimuths that name the same pane are right."""
     errors, estimate = found.errors, found.scene
     incidence, azimuth, shift = scene.values()
@@ -93,7 +93,7 @@ def compared(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, f
     yield from ((name, true, value, error) for name, true, value, error in numbers if error is not None)
 
 
-def _of_light(scene: SceneParameters, found: FoundScene) -> Iterator[tuple[str, float, float, float]]:
+def _of_light(scene: SceneParameters, found: LadderResult) -> Iterator[tuple[str, float, float, float]]:
     """The same of degree and angle of each layer's light; no angle is true of unpolarized light."""
     for name in POLARIZED_KINDS.values():
         (degree, angle), estimate, errors = (getattr(part, name) for part in (scene, found.scene, found.errors))

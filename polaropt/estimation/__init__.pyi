@@ -1,9 +1,9 @@
 __all__ = [
     "NOTABLE_STAKE",
     "AngleMistake",
-    "FoundScene",
+    "LadderResult",
+    "RungReport",
     "SceneEstimate",
-    "Tried",
     "angle_mistake",
     "estimate_scene",
     "find_scene",
@@ -20,8 +20,8 @@ from .angles import find_start_angle as find_start_angle
 from .flat.azimuth import NOTABLE_STAKE as NOTABLE_STAKE
 from .flat.estimate import SceneEstimate as SceneEstimate
 from .flat.estimate import estimate_scene as estimate_scene
-from .ladder import FoundScene as FoundScene
-from .ladder import Tried as Tried
+from .ladder import LadderResult as LadderResult
+from .ladder import RungReport as RungReport
 from .ladder import find_scene as find_scene
 from .ladder import model_names as model_names
 from .safeguard import left_alone as left_alone

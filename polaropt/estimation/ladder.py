@@ -15,7 +15,7 @@ from typing import Literal
 from polaropt.capture import Capture, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
-from polaropt.estimation.rung import LEAST_EXPLAINED, Attempt, Evidence, noise_misfit
+from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
 from polaropt.estimation.wide.ghosts import LEAST_SHIFT_PX
@@ -25,7 +25,7 @@ _LOWER = ("none", "pixelwise", "ghosts")
 
 
 @dataclass(frozen=True)
-class Tried:
+class RungReport:
     """One rung that was looked at.
 
     Attributes
@@ -51,12 +51,12 @@ class Tried:
 
 
 @dataclass(frozen=True)
-class FoundScene:
+class LadderResult:
     """A complete scene, how it was estimated (None where it was given) and the rungs that were looked at."""
 
     scene: SceneParameters
     estimate: SceneEstimate | None
-    tried: tuple[Tried, ...]
+    tried: tuple[RungReport, ...]
 
     @property
     def errors(self) -> SceneErrors:
@@ -83,7 +83,7 @@ def find_scene(
     *,
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
-) -> FoundScene:
+) -> LadderResult:
     """Complete a scene on the lowest rung that explains the capture, or on the one asked for.
 
     Parameters
@@ -98,7 +98,7 @@ def find_scene(
         As for `estimate_scene`.
     """
     if asked.complete and thickness_px is None:
-        return FoundScene(asked, None, ())
+        return LadderResult(asked, None, ())
     if asked.focal_px is not None and model == "auto":
         model = "perspective"
     if asked.bent:
@@ -123,10 +123,10 @@ def find_scene(
 _ASKED = "It is the one asked for."
 
 
-def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> FoundScene:
+def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> LadderResult:
     scene = estimate.scene.replace(signal=False)
-    tried = Tried("none", None, None, seconds, True, reason)
-    return FoundScene(scene, dataclasses.replace(estimate, scene=scene), (tried,))
+    tried = RungReport("none", None, None, seconds, True, reason)
+    return LadderResult(scene, dataclasses.replace(estimate, scene=scene), (tried,))
 
 
 def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
@@ -143,21 +143,21 @@ class _Step:
     """One rung of the way up, and its seconds."""
 
     rung: str
-    attempt: Attempt
+    attempt: RungFit
     seconds: float
 
     def score(self, n: int) -> float:
         return n * math.log(max(self.attempt.compared, 1e-9)) + self.attempt.n_parameters * math.log(n)
 
-    def tried(self, evidence: Evidence, taken: bool, reason: str) -> Tried:
+    def tried(self, evidence: Evidence, taken: bool, reason: str) -> RungReport:
         parts = (self.attempt.misfit, self.score(evidence.blocks.n), self.seconds)
-        return Tried(self.rung, *parts, taken, " ".join(filter(None, (reason, self.attempt.remark))))
+        return RungReport(self.rung, *parts, taken, " ".join(filter(None, (reason, self.attempt.remark))))
 
 
-def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
+def _climbed(evidence: Evidence, seconds: float) -> LadderResult:
     """Rung by rung up to the first that leaves nothing but noise, or the best of all."""
     wanted, plain = evidence.wanted, evidence.estimate.scene
-    steps = [_Step(plain.rung, Attempt(plain, evidence.misfit, 1, True, errors=evidence.estimate.errors), seconds)]
+    steps = [_Step(plain.rung, RungFit(plain, evidence.misfit, 1, True, errors=evidence.estimate.errors), seconds)]
     for rung in RUNGS:
         if wanted not in ("auto", rung.name) or not rung.may_help(evidence):
             continue
@@ -173,7 +173,7 @@ def _climbed(evidence: Evidence, seconds: float) -> FoundScene:
     steps[steps.index(best)] = taken
     tried = tuple(step.tried(evidence, step is taken, _reason(evidence, steps, step, taken)) for step in steps)
     scene = taken.attempt.scene
-    return FoundScene(scene, dataclasses.replace(evidence.estimate, scene=scene, errors=taken.attempt.errors), tried)
+    return LadderResult(scene, dataclasses.replace(evidence.estimate, scene=scene, errors=taken.attempt.errors), tried)
 
 
 def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:

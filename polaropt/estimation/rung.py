@@ -73,7 +73,7 @@ def noise_misfit(n: int) -> float:
 
 
 @dataclass(frozen=True)
-class Attempt:
+class RungFit:
     """What a rung makes of the evidence.
 
     Attributes
@@ -87,7 +87,7 @@ class Attempt:
     known : bool
         Whether the capture tells these numbers well enough to rely on them.
     remark : str
-        A sentence for `Tried.reason`: why they are not known, or what else is to be said. May be empty.
+        A sentence for `RungReport.reason`: why they are not known, or what else is to be said. May be empty.
     errors : SceneErrors
         Standard errors of those numbers.
     agreed_misfit : float or None
@@ -118,4 +118,4 @@ class Rung:
 
     name: str
     may_help: Callable[[Evidence], bool]
-    attempt: Callable[[Evidence], Attempt]
+    attempt: Callable[[Evidence], RungFit]

@@ -12,7 +12,7 @@ from functools import partial
 from polaropt.estimation.polarized.lens import fit_polarized_perspective
 from polaropt.estimation.polarized.mixing import OBLIQUE_DEG, Mixture, looks_polarized
 from polaropt.estimation.polarized.search import fit_polarized
-from polaropt.estimation.rung import LEAST_EXPLAINED, Attempt, Evidence, Rung, noise_misfit
+from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.blocks import SCATTERS
 from polaropt.estimation.wide.fits import PerspectiveFit, fit_curved, fit_perspective, fit_tolerant
 from polaropt.estimation.wide.ghosts import likeliest_shift
@@ -58,7 +58,7 @@ def _plain(evidence: Evidence) -> SceneParameters:
     )
 
 
-def with_ghosts(evidence: Evidence, attempt: Attempt) -> Attempt:
+def with_ghosts(evidence: Evidence, attempt: RungFit) -> RungFit:
     """An attempt whose pane varies over the frame, with the ghost shift that the capture shows if that is open."""
     scene = attempt.scene
     # The likelihood of ghosts where incidence varies knows unpolarized light alone.
@@ -77,7 +77,7 @@ def with_ghosts(evidence: Evidence, attempt: Attempt) -> Attempt:
     return replace(attempt, scene=scene.replace(ghost_shift=found.pixels), remark=remark)
 
 
-def _perspective(evidence: Evidence) -> Attempt:
+def _perspective(evidence: Evidence) -> RungFit:
     fit, told = _best_fit(evidence)
     known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
     if evidence.misfit - fit.misfit < LEAST_EXPLAINED * (evidence.misfit - 1) and not evidence.explained:
@@ -96,10 +96,10 @@ def _perspective(evidence: Evidence) -> Attempt:
         refused = evidence.focal_px is not None and not told
         remark = "The focal length that the file tells does not fit." if refused else ""
     errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
-    return Attempt(scene, fit.misfit, 2 if told else 3, known and flat, remark, errors)
+    return RungFit(scene, fit.misfit, 2 if told else 3, known and flat, remark, errors)
 
 
-def _tolerant(evidence: Evidence) -> Attempt | None:
+def _tolerant(evidence: Evidence) -> RungFit | None:
     """The pane that most of the frame agrees on where part of the scene is polarized itself; None without one."""
     found = fit_tolerant(evidence.stokes, evidence.estimate.scene, evidence.focal_px, _MOSTLY)
     fit, told = found.pane, evidence.focal_px
@@ -112,7 +112,7 @@ def _tolerant(evidence: Evidence) -> Attempt | None:
     errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
     remark = "That is where most of the picture agrees; the rest of the scene may be polarized itself."
     agreed = 1 + (1 - min(found.explained, 1.0)) * (evidence.misfit - 1)
-    return Attempt(scene, misfit, 2 if told else 3, True, remark, errors, agreed)
+    return RungFit(scene, misfit, 2 if told else 3, True, remark, errors, agreed)
 
 
 def _best_fit(evidence: Evidence) -> tuple[PerspectiveFit, bool]:
@@ -126,7 +126,7 @@ def _best_fit(evidence: Evidence) -> tuple[PerspectiveFit, bool]:
     return (free, False) if clearly else (fit, True)
 
 
-def _from_afar(evidence: Evidence) -> Attempt:
+def _from_afar(evidence: Evidence) -> RungFit:
     """The perspective rung where polarized light does not tell the tilt: the plain pane, seen by the lens."""
     focal = evidence.focal_px or LONGEST * max(evidence.capture.shape[-2:])
     incidence, azimuth, _ = evidence.estimate.scene.values()
@@ -135,10 +135,10 @@ def _from_afar(evidence: Evidence) -> Attempt:
     scene = _plain(evidence).replace(azimuth_deg=leaning, focal_px=focal)
     misfit = evidence.blocks.misfit(incidence, leaning, focal)
     remark = "Incidence and azimuth are those of the plain pane."
-    return Attempt(scene, misfit, 1, True, remark, evidence.estimate.errors)
+    return RungFit(scene, misfit, 1, True, remark, evidence.estimate.errors)
 
 
-def _curved(evidence: Evidence) -> Attempt:
+def _curved(evidence: Evidence) -> RungFit:
     plain = evidence.estimate.scene
     asked = evidence.wanted == "curved"
     # A pane that leaves most of it is not bent so: its edges are not worth their time.
@@ -158,7 +158,7 @@ def _curved(evidence: Evidence) -> Attempt:
         focal_px=fit.focal_error_px if lens_found else None,
         bend_deg_per_px=fit.bend_error_deg_per_px,
     )
-    return Attempt(scene, fit.misfit, 5 + lens_found, known, remark, errors)
+    return RungFit(scene, fit.misfit, 5 + lens_found, known, remark, errors)
 
 
 def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -> bool:
@@ -177,16 +177,16 @@ def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -
     return off[0] <= (Mixture(evidence.stokes).misfit - 1) / (evidence.misfit - 1) < off[1]
 
 
-def _polarized(evidence: Evidence) -> Attempt:
+def _polarized(evidence: Evidence) -> RungFit:
     plain = evidence.estimate.scene
     fit = fit_polarized(evidence.stokes, evidence.asked, plain)
     if fit is None:
-        return Attempt(plain, evidence.misfit, 1, False, "No polarization of the layers' light explains it.")
+        return RungFit(plain, evidence.misfit, 1, False, "No polarization of the layers' light explains it.")
     enough = _LEAST_GAIN if evidence.misfit > _LITTLE else _LEAST_GAIN_OF_EDGES
     enough = 0.0 if fit.misfit <= noise_misfit(evidence.blocks.n) < evidence.misfit else enough
     known = evidence.wanted == "polarized" or fit.gain > enough
     remark = "" if known else "Polarized light makes it hardly any likelier."
-    return Attempt(fit.scene, fit.misfit, 5, known, remark, fit.errors, told_by_edges=fit.gain > _LEAST_GAIN_OF_EDGES)
+    return RungFit(fit.scene, fit.misfit, 5, known, remark, fit.errors, told_by_edges=fit.gain > _LEAST_GAIN_OF_EDGES)
 
 
 def _may_be_polarized_and_vary(evidence: Evidence) -> bool:
@@ -194,7 +194,7 @@ def _may_be_polarized_and_vary(evidence: Evidence) -> bool:
     return _may_vary(evidence) and not evidence.asked.polarized and not evidence.explained
 
 
-def _polarized_perspective(evidence: Evidence) -> Attempt:
+def _polarized_perspective(evidence: Evidence) -> RungFit:
     fit = fit_polarized_perspective(evidence.stokes, _plain(evidence), evidence.asked.focal_px)
     told = (fit.errors.incidence_deg or 0.0) <= _WORST_ERROR_DEG
     explained = (evidence.misfit - fit.misfit) / (evidence.misfit - 1)
@@ -202,7 +202,7 @@ def _polarized_perspective(evidence: Evidence) -> Attempt:
     remark = "Incidence and azimuth change over the picture." if known else "Nor does it before a lens."
     if fit.negative > _MOST_NEGATIVE:
         remark = f"A layer would have less than no light in {100 * fit.negative:.0f} % of the picture."
-    return Attempt(fit.scene, fit.misfit, fit.n_parameters, known, remark, fit.errors)
+    return RungFit(fit.scene, fit.misfit, fit.n_parameters, known, remark, fit.errors)
 
 
 RUNGS = (

@@ -9,7 +9,7 @@ import numpy as np
 from polaropt.capture import MOST_NEGATIVE, Capture, Mistakes, align, noise_level, noise_of_blocks
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
-from polaropt.estimation.ladder import FoundScene, Tried
+from polaropt.estimation.ladder import LadderResult, RungReport
 from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_correction
 
 # Share by which a given incidence may correct the layers more or less than the one found. Set by hand.
@@ -49,7 +49,7 @@ def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> tuple[Ca
 
 
 @dataclass(frozen=True)
-class Asked:
+class CheckedScene:
     """What is to be found of a scene, and whether the photographs speak against the incidence that was given.
 
     It is harmful where the layers would be further from the truth than the plain intensity is.
@@ -60,22 +60,22 @@ class Asked:
     harmful: bool = False
 
 
-def with_incidence_checked(source: Capture, asked: SceneParameters, noise: float) -> Asked:
+def with_incidence_checked(source: Capture, asked: SceneParameters, noise: float) -> CheckedScene:
     """Compare an incidence that was given with the one that would be found.
 
     Where the layers would be corrected by a third too much or too little with it, the azimuth found without it is
     kept: with a wrong incidence the one across often seems to explain the photographs better.
     """
     if asked.incidence_deg is None or asked.complete:
-        return Asked(asked)
+        return CheckedScene(asked)
     open_scene = asked.replace(incidence_deg=None, focal_px=None)
     found = estimate_scene(source, open_scene, noise=noise)
     if not found.polarized:
-        return Asked(asked)
+        return CheckedScene(asked)
     if abs(correction(asked) / correction(found.scene) - 1) <= _MUCH_CORRECTION:
-        return Asked(asked)
+        return CheckedScene(asked)
     azimuth = found.scene.azimuth_deg if asked.azimuth_deg is None else asked.azimuth_deg
-    return Asked(asked.replace(azimuth_deg=azimuth), doubtful=True, harmful=_overcorrected(asked, found))
+    return CheckedScene(asked.replace(azimuth_deg=azimuth), doubtful=True, harmful=_overcorrected(asked, found))
 
 
 def _overcorrected(asked: SceneParameters, found: SceneEstimate) -> bool:
@@ -91,7 +91,7 @@ def _overcorrected(asked: SceneParameters, found: SceneEstimate) -> bool:
     )
 
 
-def left_alone(found: FoundScene, asked: Asked) -> FoundScene:
+def left_alone(found: LadderResult, asked: CheckedScene) -> LadderResult:
     """The scene that was found, or none where the plain intensity is the better guess of the transmission.
 
     That is where a pane across, its layers exchanged, explains the photographs about as well, and where an incidence
@@ -107,8 +107,8 @@ def left_alone(found: FoundScene, asked: Asked) -> FoundScene:
     else:
         return found
     scene = found.scene.replace(signal=False)
-    tried = (*(replace(rung, taken=False) for rung in found.tried), Tried("none", None, None, 0.0, True, reason))
-    return FoundScene(scene, replace(estimate, scene=scene), tried)
+    tried = (*(replace(rung, taken=False) for rung in found.tried), RungReport("none", None, None, 0.0, True, reason))
+    return LadderResult(scene, replace(estimate, scene=scene), tried)
 
 
 def correction(scene: SceneParameters) -> float:

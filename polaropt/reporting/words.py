@@ -16,7 +16,7 @@ from polaropt.reporting.pictures import LAYERS
 from polaropt.reporting.report import is_set, scene_report
 
 if TYPE_CHECKING:
-    from polaropt.estimation import FoundScene
+    from polaropt.estimation import LadderResult
 
 
 _LAYOUTS = {
@@ -289,13 +289,13 @@ def _amount(field: Field, value: Any, error: Any) -> str:
 
 
 def estimate_sentences(
-    found: FoundScene, given: SceneParameters, focal_hint_px: float | None = None, *, from_thickness: bool = False
+    found: LadderResult, given: SceneParameters, focal_hint_px: float | None = None, *, from_thickness: bool = False
 ) -> list[str]:
     """The scene, line by line, and what it rests on.
 
     Parameters
     ----------
-    found : FoundScene
+    found : LadderResult
     given : SceneParameters
         What was asked for; None in it was estimated.
     focal_hint_px : float, optional

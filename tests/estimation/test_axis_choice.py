@@ -15,7 +15,7 @@ from polaropt.estimation.flat.azimuth import HIGH_STAKE, NOTABLE_STAKE, AxisCand
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.search import SceneSearch, Trial, evidence
 from polaropt.estimation.ladder import find_scene
-from polaropt.estimation.safeguard import Asked, left_alone, with_incidence_checked
+from polaropt.estimation.safeguard import CheckedScene, left_alone, with_incidence_checked
 from polaropt.judging.warnings import diagnose
 from polaropt.optics.plate import in_place_correction
 from polaropt.simulation.metrics import psnr_db
@@ -123,4 +123,4 @@ def test_who_tells_the_whole_scene_gets_it() -> None:
     scene = SceneParameters(80.0, 25.0, 0.0)
     found = find_scene(capture, scene, 0.005)
     assert left_alone(found, with_incidence_checked(capture, scene, 0.005)) is found
-    assert with_incidence_checked(capture, scene, 0.005) == Asked(scene)
+    assert with_incidence_checked(capture, scene, 0.005) == CheckedScene(scene)

@@ -8,7 +8,7 @@ import pytest
 from polaropt import Capture, SceneParameters, SeparationWarning, separate
 from polaropt.capture.capture import ANGLES_DEG
 from polaropt.capture.checks import Mistakes, find_mistakes, identity_ratio
-from polaropt.estimation.safeguard import Asked, correction, linear, mended, with_incidence_checked
+from polaropt.estimation.safeguard import CheckedScene, correction, linear, mended, with_incidence_checked
 from polaropt.simulation.metrics import psnr_db
 from polaropt.simulation.simulator import exact_photographs
 from tests.blends import blend
@@ -100,7 +100,7 @@ def test_an_incidence_that_was_given_is_kept_and_doubted_where_it_is_far_off(tol
 
 def test_without_an_incidence_there_is_nothing_to_doubt():
     capture, asked = blend(60, 96).capture, SceneParameters(None, 25.0, None)
-    assert with_incidence_checked(capture, asked, 0.005) == Asked(asked)
+    assert with_incidence_checked(capture, asked, 0.005) == CheckedScene(asked)
 
 
 def test_the_correction_is_what_turns_polarized_light_into_transmission():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from polaropt.estimation.ladder import FoundScene
+from polaropt.estimation.ladder import LadderResult
 from polaropt.judging.warnings import SeparationWarning
 from polaropt.optics.scene import FIELDS, SceneErrors, SceneParameters
 from polaropt.reporting.inspection import inspect_capture
@@ -76,7 +76,7 @@ FULL = SceneParameters(
 def test_every_quantity_of_the_scene_is_said_everywhere() -> None:
     report = {**scene_report(FULL, OPEN), "errors": json_values(SceneErrors(incidence_deg=0.4))}
     assert report["estimated"] == [field.name for field in FIELDS if field.estimable]
-    sentence, lines = pane_sentence(report), estimate_sentences(FoundScene(FULL, None, ()), OPEN)
+    sentence, lines = pane_sentence(report), estimate_sentences(LadderResult(FULL, None, ()), OPEN)
     assert len(parameters(report)) == len(FIELDS)
     for field in FIELDS:
         assert ("bent by" if field.name == "bend_deg_per_px" else field.label) in sentence
@@ -97,4 +97,4 @@ def test_what_a_scene_lacks_is_said_nowhere(scene: SceneParameters, absent: str)
     report = {**scene_report(scene, OPEN), "errors": json_values(SceneErrors())}
     assert absent not in pane_sentence(report)
     assert not any(absent in row.name.lower() for row in parameters(report))
-    assert not any(line.startswith(absent) for line in estimate_sentences(FoundScene(scene, None, ()), OPEN))
+    assert not any(line.startswith(absent) for line in estimate_sentences(LadderResult(scene, None, ()), OPEN))

@@ -20,7 +20,7 @@ _SURPRISE = FREEDOM + 3.0
 """Exponent of Student's density of three complex numbers, the Stokes components."""
 
 
-class Seen(NamedTuple):
+class WhitenedSpectra(NamedTuple):
     """What is seen at the frequencies."""
 
     re: Array
@@ -95,7 +95,7 @@ def _estimate(gram: tuple[float, float, float, float], along: Array, powers: Arr
 
 
 @compiled
-def explain(seen: Seen, pane: Array, powers: Array, slope: Array, layers: Array) -> float:
+def explain(seen: WhitenedSpectra, pane: Array, powers: Array, slope: Array, layers: Array) -> float:
     """Minus log likelihood of the layers' powers (layer, channel, n), up to a constant.
 
     `slope` (2, layer, channel, n) becomes what speaks for more and what for less power, unless it is empty, and

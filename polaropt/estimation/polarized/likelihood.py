@@ -19,7 +19,7 @@ from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghost_overlap import coarse_overlap, fading
 from polaropt.estimation.flat.ghosts import HIGHEST_FREQUENCY
 from polaropt.estimation.flat.search import OVERLAP_WEIGHT
-from polaropt.estimation.polarized.kernels import Seen, explain, pane_vectors
+from polaropt.estimation.polarized.kernels import WhitenedSpectra, explain, pane_vectors
 from polaropt.estimation.polarized.light import AZIMUTH, INCIDENCE, SHIFT, Point, entering_light, in_place, pane_light
 from polaropt.inversion import NATURAL_POWER_LAW
 from polaropt.numerics import block_mean, column_multiplicity, frequencies, middle, opponent_basis
@@ -107,7 +107,7 @@ class PolarizedLikelihood:
         spectra = rfft2(images.astype(np.float32), norm="ortho").reshape(*images.shape[:2], -1)
         rows, columns = frequencies(*self._shape)
         self._rows, self._columns = (part.ravel() for part in np.broadcast_arrays(rows, columns))
-        self._seen, shapes = _seen(spectra, self._rows, self._columns, self._shape)
+        self._seen, shapes = _whitened(spectra, self._rows, self._columns, self._shape)
         self._all = _Part(self._seen, shapes, slice(None))
         sample = np.flatnonzero(self._seen.weight)[::_SPARSE]
         self._some, self._few = (_Part(self._seen, shapes, sample[::every]) for every in (1, _SPARSER))
@@ -211,7 +211,7 @@ class PolarizedLikelihood:
 class _Part:
     """Some of the frequencies: what is seen there, and the shapes (shape, n) that make up the layers' powers."""
 
-    seen: Seen
+    seen: WhitenedSpectra
     shapes: Images
     which: NDArray[np.intp] | slice
 
@@ -219,7 +219,7 @@ class _Part:
         for name in ("seen", "shapes"):
             whole = getattr(self, name)
             parts = [np.ascontiguousarray(part[..., self.which]) for part in (whole if name == "seen" else (whole,))]
-            object.__setattr__(self, name, Seen(*parts) if name == "seen" else parts[0])
+            object.__setattr__(self, name, WhitenedSpectra(*parts) if name == "seen" else parts[0])
 
     @property
     def weight(self) -> float:
@@ -251,7 +251,9 @@ def _sectors(direction: Values, radius: Values) -> list[NDArray[np.intp]]:
     return [np.flatnonzero(sector == k) for k in np.unique(sector)]
 
 
-def _seen(spectra: NDArray[np.complex64], rows: Values, columns: Values, shape: tuple[int, int]) -> tuple[Seen, Images]:
+def _whitened(
+    spectra: NDArray[np.complex64], rows: Values, columns: Values, shape: tuple[int, int]
+) -> tuple[WhitenedSpectra, Images]:
     """What is seen at all frequencies, and the shapes of natural spectra: a power law in bands and orientations."""
     radius, lowest = np.hypot(rows, columns), 2 * np.pi / max(shape)
     weight = np.tile(column_multiplicity(shape[1]), shape[0]) * (
@@ -264,4 +266,4 @@ def _seen(spectra: NDArray[np.complex64], rows: Values, columns: Values, shape: 
     shapes = (bands[:, None] * (1 + np.cos(turn)) * radius**-NATURAL_POWER_LAW).reshape(-1, radius.size)
     re, im = spectra.real.astype(np.float64), spectra.imag.astype(np.float64)
     power = np.einsum("icn,icn->cn", re, re) + np.einsum("icn,icn->cn", im, im)
-    return Seen(re, im, power, weight), shapes.astype(np.float32)
+    return WhitenedSpectra(re, im, power, weight), shapes.astype(np.float32)

@@ -160,7 +160,7 @@ _OF_WINDOWS = 5.0
 
 
 @dataclass(frozen=True)
-class Found:
+class ScoredCandidate:
     """A candidate and its score: less is better."""
 
     candidate: Candidate
@@ -213,7 +213,7 @@ class Search:
         told = gap > _SURE_OF_LIGHT * jackknife_error(left_out(gaps))
         return errors if told else dataclasses.replace(errors, ghost_shift=max(shift_error, abs(shift)))
 
-    def rough(self, panes: Sequence[Candidate]) -> list[Found]:
+    def rough(self, panes: Sequence[Candidate]) -> list[ScoredCandidate]:
         """The candidates in place, and those with ghosts that explain more than any of them; by spectra alone."""
         in_place = [self._in_place(candidate) for candidate in panes]
         if not self._ghosts or not in_place:
@@ -224,14 +224,14 @@ class Search:
         ghosts = [self._improved(start) for start in starts if self._fitted(start.point) < limit + _HOPELESS_START]
         return in_place + [found for found in ghosts if limit - found.score > _least_gain(found.candidate.point)]
 
-    def finely(self, candidate: Candidate) -> Found:
+    def finely(self, candidate: Candidate) -> ScoredCandidate:
         """The candidate where spectra are likeliest; spectra and edges make its score."""
         if candidate.point[SHIFT]:
             candidate = self._refined(candidate).candidate
         # In place the windows' likelihood has told all that edges tell, and no more than four numbers are told.
-        return Found(candidate, self._fitted(candidate.point, edges=True))
+        return ScoredCandidate(candidate, self._fitted(candidate.point, edges=True))
 
-    def beyond_brewster(self, found: Found) -> Found:
+    def beyond_brewster(self, found: ScoredCandidate) -> ScoredCandidate:
         """The better of what was found and its like on the other side of Brewster's angle.
 
         In place the reflection shows the same there: only ghosts tell the two apart.
@@ -251,13 +251,13 @@ class Search:
         twin = self.finely(self._improved(dataclasses.replace(candidate, point=bounded(point))).candidate)
         return min(found, twin, key=lambda one: one.score)
 
-    def with_both_polarized(self, found: Found) -> Found:
+    def with_both_polarized(self, found: ScoredCandidate) -> ScoredCandidate:
         """The same with polarized light in both layers, which ghosts tell; what was found where there are none."""
         if not found.candidate.point[SHIFT]:
             return found
         return self.finely(dataclasses.replace(found.candidate, transmission=True, reflection=True))
 
-    def finished(self, found: Found) -> Found:
+    def finished(self, found: ScoredCandidate) -> ScoredCandidate:
         """The same where spectra and edges are likeliest."""
         return self._refined(found.candidate, edges=True) if found.candidate.point[SHIFT] else found
 
@@ -304,7 +304,7 @@ class Search:
         valleys = valleys[np.argsort(scores[tuple(valleys.T)])][:_N_SHIFTS]
         return [bounded(rows[i][j]) for i, j in valleys]
 
-    def _in_place(self, candidate: Candidate) -> Found:
+    def _in_place(self, candidate: Candidate) -> ScoredCandidate:
         """The candidate where what it shows in place is likeliest."""
 
         def score(point: Point) -> float:
@@ -312,14 +312,14 @@ class Search:
             return _OF_WINDOWS * cost + self._likelihood.doubt(point)
 
         found = self._best(candidate, score, _ROUGH)
-        return Found(found, self._fitted(found.point))
+        return ScoredCandidate(found, self._fitted(found.point))
 
-    def _improved(self, candidate: Candidate) -> Found:
+    def _improved(self, candidate: Candidate) -> ScoredCandidate:
         """The candidate moved to where its spectra are likeliest, roughly."""
         found = self._best(candidate, self._score(candidate.point, False), _ROUGH)
-        return Found(found, self._fitted(found.point))
+        return ScoredCandidate(found, self._fitted(found.point))
 
-    def _refined(self, candidate: Candidate, edges: bool = False) -> Found:
+    def _refined(self, candidate: Candidate, edges: bool = False) -> ScoredCandidate:
         """The candidate moved to where its spectra, or spectra and edges, are likeliest, by Newton steps."""
         before, curvature = math.inf, None
         free = _free(candidate, self._asked)
@@ -331,7 +331,7 @@ class Search:
             if before - step.value < _REST:
                 break
             before, curvature = step.value, step.curvature
-        return Found(candidate, self._fitted(candidate.point, edges))
+        return ScoredCandidate(candidate, self._fitted(candidate.point, edges))
 
     def _score_at(self, score: Callable[[Point], float], candidate: Candidate, coordinates: Values, x: Values) -> float:
         """A score where the coordinates that are to be found are x."""
@@ -400,7 +400,7 @@ _SURELY_LIKELIER = 2.5
 trial; the test is Vuong's."""
 
 
-def finalists(rough: Sequence[Found]) -> list[Candidate]:
+def finalists(rough: Sequence[ScoredCandidate]) -> list[Candidate]:
     """Candidates that may be the best, without those that came to the same place as a better one of their kind.
 
     The best one with a single polarized layer is always among them, and the best one with each where both come close.
@@ -418,7 +418,7 @@ def finalists(rough: Sequence[Found]) -> list[Candidate]:
     return chosen
 
 
-def choose(search: Search, likelihood: PolarizedLikelihood, candidates: Sequence[Candidate]) -> Found:
+def choose(search: Search, likelihood: PolarizedLikelihood, candidates: Sequence[Candidate]) -> ScoredCandidate:
     """The likeliest candidate, where spectra and edges put it, with polarized light in both layers if that is sure.
 
     Two polarized layers before unknown ghosts explain nearly anything a little better. How much better may be an
@@ -433,7 +433,7 @@ def choose(search: Search, likelihood: PolarizedLikelihood, candidates: Sequence
     return search.finished(both if _surely_better(likelihood, both, single) else single)
 
 
-def _single_layer(search: Search, likelihood: PolarizedLikelihood, fine: Sequence[Found]) -> Found:
+def _single_layer(search: Search, likelihood: PolarizedLikelihood, fine: Sequence[ScoredCandidate]) -> ScoredCandidate:
     """The best one with a single polarized layer: the mirrored one's unless the other's is surely better."""
     best = search.beyond_brewster(min(fine, key=_score))
     skies = [found for found in fine if found.candidate.reflection]
@@ -443,7 +443,7 @@ def _single_layer(search: Search, likelihood: PolarizedLikelihood, fine: Sequenc
     return best if _surely_better(likelihood, best, sky) else sky
 
 
-def _surely_better(likelihood: PolarizedLikelihood, found: Found, simpler: Found) -> bool:
+def _surely_better(likelihood: PolarizedLikelihood, found: ScoredCandidate, simpler: ScoredCandidate) -> bool:
     """Whether a gain in score exceeds what it scatters over parts of the spectra."""
     gains = likelihood.sectors(simpler.candidate.point) - likelihood.sectors(found.candidate.point)
     return simpler.score - found.score > _SURELY_LIKELIER * jackknife_error(left_out(gains))
@@ -457,7 +457,7 @@ def _kind(candidate: Candidate) -> tuple[bool, bool]:
     return candidate.transmission, candidate.reflection
 
 
-def _score(found: Found) -> float:
+def _score(found: ScoredCandidate) -> float:
     return found.score
 
 

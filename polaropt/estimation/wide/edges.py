@@ -127,7 +127,7 @@ def _beyond_noise(scale: _Scale, factor: Values, turn: tuple[Values, Values], co
 MIDDLE_BLOCKS = 24
 """Blocks along the longer side that panes are fitted to while edges are looked at. Set by hand."""
 # The edges are asked along directions in which the pane is known worse than this (rad), so many at most. Set by hand.
-_OPEN, _MOST_ASKED = math.radians(1.5), 2
+_OPEN, _MOST_DIRECTIONS = math.radians(1.5), 2
 # Factor on a later answer's error. How a pane bends shows in few edges, at the frame's ends: twice as far off as parts
 # left out tell, on 32 scenes.
 _LATER_WIDER = 2.0
@@ -148,18 +148,20 @@ class Candidate:
     prior: Prior
     free: tuple[int, ...]
     fit: PaneFit
-    asked: tuple[Values, ...] = ()
+    directions: tuple[Values, ...] = ()
 
-    def told(self, direction: Values, value: float, error: float) -> Candidate:
+    def with_measurement(self, direction: Values, value: float, error: float) -> Candidate:
         """The pane with one more measurement."""
-        known = candidate_near(self.blocks, self.prior.told(direction, value, error), self.free, self.fit.point)
-        return replace(known, asked=(*self.asked, direction))
+        known = candidate_near(
+            self.blocks, self.prior.with_measurement(direction, value, error), self.free, self.fit.point
+        )
+        return replace(known, directions=(*self.directions, direction))
 
     def worst_known(self) -> tuple[Values, float]:
         """The direction in which the pane is known worst, across those that edges told, and the error there."""
         across = np.eye(N_NUMBERS)
-        if self.asked:
-            axes = np.linalg.qr(np.stack(self.asked, axis=1))[0]
+        if self.directions:
+            axes = np.linalg.qr(np.stack(self.directions, axis=1))[0]
             across = across - axes @ axes.T
         variances, directions = np.linalg.eigh(across @ self.fit.covariance @ across)
         return directions[:, -1], math.sqrt(max(float(variances[-1]), 0.0))
@@ -167,7 +169,7 @@ class Candidate:
     def given(self, direction: Values, value: float, blocks: PolarizedBlocks) -> Values:
         """The likeliest point that has a value along a direction."""
         start = self.fit.point + direction * (value - direction @ self.fit.point)
-        return fitted(blocks, start, self.free, self.prior.told(direction, value, _EXACTLY))
+        return fitted(blocks, start, self.free, self.prior.with_measurement(direction, value, _EXACTLY))
 
 
 def candidate_near(blocks: PolarizedBlocks, prior: Prior, free: tuple[int, ...], start: Values) -> Candidate:
@@ -187,17 +189,17 @@ class PaneEdges:
 
     def completed(self, candidate: Candidate) -> Candidate:
         """The pane with what the edges tell along directions in which it is known badly."""
-        while len(candidate.asked) < _MOST_ASKED and candidate.worst_known()[1] > _OPEN:
-            candidate = self.asked(candidate)
+        while len(candidate.directions) < _MOST_DIRECTIONS and candidate.worst_known()[1] > _OPEN:
+            candidate = self.with_worst_direction(candidate)
         return candidate
 
-    def asked(self, candidate: Candidate) -> Candidate:
+    def with_worst_direction(self, candidate: Candidate) -> Candidate:
         """The pane with what the edges tell along the direction in which it is known worst."""
         direction, _ = candidate.worst_known()
-        value, error = self.told(candidate, direction)
-        return candidate.told(direction, value, _LATER_WIDER * error if candidate.asked else error)
+        value, error = self.minimum_along(candidate, direction)
+        return candidate.with_measurement(direction, value, _LATER_WIDER * error if candidate.directions else error)
 
-    def told(self, candidate: Candidate, direction: Values) -> tuple[float, float]:
+    def minimum_along(self, candidate: Candidate, direction: Values) -> tuple[float, float]:
         """Where along a direction the edges overlap least, and its standard error."""
 
         def logs(value: float) -> Values:

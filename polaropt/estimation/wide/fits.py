@@ -31,7 +31,7 @@ from polaropt.estimation.wide.pane import (
     FROM_AFAR,
     INCIDENCE,
     N_NUMBERS,
-    NOTHING,
+    NO_PRIOR,
     USUAL_VIEW,
     VIEW,
     VIEW_SPREAD,
@@ -55,7 +55,7 @@ _TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 _INCIDENCE_SPREAD = math.radians(12)
 # Error of the incidence (rad) above which nothing is asked: directions that tell nothing leave no pane to look at. Set
 # by hand.
-_WORST_ASKED = math.radians(10)
+_WORST_INCIDENCE = math.radians(10)
 # Standard errors, and at least an angle (rad), by which the edges' incidence differs where the pane is not flat. Set by
 # hand.
 _AWAY, _LEAST_AWAY = 4.0, math.radians(3)
@@ -109,15 +109,15 @@ def fit_perspective(
         Index and surfaces of the pane; the geometry is that of the pane seen from far that explains the capture best.
     """
     blocks, overlap = PolarizedBlocks(stokes), VaryingOverlap(stokes, plain)
-    by_directions = candidate_near(blocks, NOTHING, _free(focal_px), flat_pane(stokes, focal_px))
+    by_directions = candidate_near(blocks, NO_PRIOR, _free(focal_px), flat_pane(stokes, focal_px))
     errors = np.sqrt(np.diag(by_directions.fit.covariance))
-    if not overlap.usable or errors[INCIDENCE] > _WORST_ASKED:
+    if not overlap.usable or errors[INCIDENCE] > _WORST_INCIDENCE:
         return fit_result(blocks, by_directions.fit, True)
-    told, agree = asked_of_edges(by_directions, overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS), plain)
-    return fit_result(blocks, told.fit, agree)
+    completed, agree = with_edges(by_directions, overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS), plain)
+    return fit_result(blocks, completed.fit, agree)
 
 
-def asked_of_edges(
+def with_edges(
     pane: Candidate, overlap: VaryingOverlap, blocks: PolarizedBlocks, plain: SceneParameters
 ) -> tuple[Candidate, bool]:
     """The pane with the incidence that the edges tell, if it is about its own, and whether they agree that it is flat.
@@ -126,20 +126,20 @@ def asked_of_edges(
     less overlap, but far off the plain pane does.
     """
     edges = PaneEdges(overlap, blocks)
-    incidence, error = edges.told(pane, ALONG_INCIDENCE)
+    incidence, error = edges.minimum_along(pane, ALONG_INCIDENCE)
     if not _incidences_agree(pane.fit, incidence, error):
         return pane, False
-    told = pane.told(ALONG_INCIDENCE, incidence, error)
+    completed = pane.with_measurement(ALONG_INCIDENCE, incidence, error)
     incidence_deg, azimuth_deg, _ = plain.values()
     of_plain = float(overlap.log(Pane(plane_normal(incidence_deg, azimuth_deg), FLAT, 0.0)).mean())
-    return told, edges.log_overlap(told) - of_plain <= _MORE_OVERLAP
+    return completed, edges.log_overlap(completed) - of_plain <= _MORE_OVERLAP
 
 
 def _incidences_agree(by_directions: PaneFit, incidence: float, error: float) -> bool:
     """Whether the incidence of the edges, with its error, is the one that the directions tell; radians."""
     away = abs(incidence - by_directions.point[INCIDENCE])
-    told = math.sqrt(by_directions.covariance[INCIDENCE, INCIDENCE])
-    return bool(away <= max(_AWAY * math.hypot(error, told), _LEAST_AWAY))
+    own = math.sqrt(by_directions.covariance[INCIDENCE, INCIDENCE])
+    return bool(away <= max(_AWAY * math.hypot(error, own), _LEAST_AWAY))
 
 
 def flat_pane(stokes: StokesImages, focal_px: float | None) -> Values:
@@ -261,11 +261,11 @@ def fit_curved(
     found = _likeliest(blocks, rough, free, prior)
     edges = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS))
     if len(found) > 1:
-        found = sorted((edges.asked(candidate) for candidate in found), key=edges.log_overlap)
+        found = sorted((edges.with_worst_direction(candidate) for candidate in found), key=edges.log_overlap)
     best = edges.completed(found[0])
     if focal_px is None and not _lens_shows(best.fit):
         remote = candidate_near(blocks, best.prior, _OTHERS, _from_afar(best.fit.point))
-        best = edges.completed(replace(remote, asked=best.asked))
+        best = edges.completed(replace(remote, directions=best.directions))
     return _result(blocks, best.fit)
 
 
@@ -397,8 +397,8 @@ def fit_tolerant(
     overlap = VaryingOverlap(stokes, plain)
     if found.explained < enough or not overlap.usable:
         return found
-    told, agree = asked_of_edges(best, overlap, best.blocks, plain)
-    widened = replace(told.fit, covariance=_TOLERANT_WIDER**2 * told.fit.covariance)
+    completed, agree = with_edges(best, overlap, best.blocks, plain)
+    widened = replace(completed.fit, covariance=_TOLERANT_WIDER**2 * completed.fit.covariance)
     return TolerantFit(fit_result(best.blocks, widened, agree), plain_misfit)
 
 

@@ -65,7 +65,7 @@ class Prior:
     mean: Values
     precision: Values
 
-    def told(self, direction: Values, value: float, error: float) -> Prior:
+    def with_measurement(self, direction: Values, value: float, error: float) -> Prior:
         """With a measurement of the numbers along a direction (6,), and its standard error."""
         information = direction / error**2
         precision = self.precision + np.outer(direction, information)
@@ -77,7 +77,7 @@ class Prior:
         return float((point - self.mean) @ self.precision @ (point - self.mean))
 
 
-NOTHING = Prior(np.zeros(N_NUMBERS), np.zeros((N_NUMBERS, N_NUMBERS)))
+NO_PRIOR = Prior(np.zeros(N_NUMBERS), np.zeros((N_NUMBERS, N_NUMBERS)))
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class PaneFit:
     covariance: Values
 
 
-def fitted(blocks: PolarizedBlocks, start: Values, free: Numbers, prior: Prior = NOTHING) -> Values:
+def fitted(blocks: PolarizedBlocks, start: Values, free: Numbers, prior: Prior = NO_PRIOR) -> Values:
     """The minimum near a start.
 
     Parameters
@@ -139,7 +139,7 @@ def fitted(blocks: PolarizedBlocks, start: Values, free: Numbers, prior: Prior =
     return at(found.x)
 
 
-def with_errors(blocks: PolarizedBlocks, point: Values, free: Numbers, prior: Prior = NOTHING) -> PaneFit:
+def with_errors(blocks: PolarizedBlocks, point: Values, free: Numbers, prior: Prior = NO_PRIOR) -> PaneFit:
     """The minimum with the covariance of its errors.
 
     From curvature and scatter of the gradient between parts of the frame (a block jackknife's limit): so residuals that
