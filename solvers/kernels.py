@@ -97,6 +97,8 @@ def _renew_with(stamp: str, kernel: Any) -> None:
     cache._cache_file = made_of(
         cache_path=cache.cache_path, filename_base=cache._impl.filename_base, source_stamp=stamp
     )
+    # What another version has kept is not even unpickled: it may hold types that are no more.
+    cache._cache_file._version = f"{cache._cache_file._version}, {stamp}"
 
 
 @contextmanager

@@ -120,6 +120,15 @@ def test_a_change_in_another_file_that_a_kernel_is_made_of_compiles_it_anew(tmp_
     assert run(tmp_path, RUN_OF_OTHERS).splitlines() == [str(value)]
 
 
+def test_a_tuple_of_another_name_compiles_its_kernels_anew(tmp_path):
+    for name, text in (("base.py", BASE), ("middle.py", MIDDLE), ("kernel.py", KERNEL_OF_OTHERS)):
+        (tmp_path / name).write_text(text)
+    assert run(tmp_path, RUN_OF_OTHERS).splitlines()[0] == "12.0"
+    for name in ("base.py", "kernel.py"):
+        (tmp_path / name).write_text((tmp_path / name).read_text().replace("Pair", "Couple"))
+    assert run(tmp_path, RUN_OF_OTHERS.replace("Pair", "Couple")).splitlines()[0] == "12.0"
+
+
 def test_without_a_folder_for_the_cache_it_compiles_every_time(tmp_path):
     (tmp_path / "kernel.py").write_text(KERNEL)
     # A locator that serves nothing but IPython's cells: what numba finds where no folder can be written to.
