@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.polaropt-installed
 PEERS := .venv-peers
+# Tests run side by side in so many processes.
+WORKERS ?= 2
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test lint peers clean
@@ -29,7 +31,7 @@ demo: setup
 	$(BIN)/polaropt demo --output demo-output
 
 test: setup
-	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal $(PYTEST_OPTIONS)
 
 lint: setup
 	$(BIN)/ruff check .
