@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, measured_noise, planes_last
+from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, measured_noise, noise_level, planes_last
 from polaropt.errors import InputError
 from polaropt.estimation import (
     LadderResult,
@@ -217,20 +217,24 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
     with threadpool_limits(1, "blas"), compilations_reported_to(stages.compiling):
         stages.begin("Measuring the noise", 0.0)
         noise, growth = measured_noise(capture)
-        mistakes = find_mistakes(capture)
+        # A scene is estimated from the cells of a mosaic, in their pixels.
+        registered, scale = capture.registered, capture.scale
+        mistakes = find_mistakes(registered)
         stages.begin("Estimating the scene", 0.02)
-        source, of_source = scene_source(capture, noise, mistakes)
-        checked = with_incidence_checked(source, asked, of_source)
+        of_registered = noise if registered is capture else noise_level(registered)
+        source, of_source = scene_source(registered, of_registered, mistakes)
+        checked = with_incidence_checked(source, asked.scaled(1 / scale), of_source)
         found = find_scene(
             source,
             checked.scene,
             of_source,
             settings.model,
-            thickness_px=settings.thickness_px,
+            thickness_px=None if settings.thickness_px is None else settings.thickness_px / scale,
             thickness_kind=settings.thickness_kind,
         )
         if settings.model == "auto":
             found = left_alone(found, checked)
+        found = found.scaled(scale)
         case = _Case(capture, asked, settings, noise, growth, mistakes, checked.doubtful, found)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:

@@ -13,11 +13,14 @@ __all__ = [
     "NoiseModel",
     "Origin",
     "PlateFrame",
+    "RawSamples",
+    "RegisteredCells",
     "StokesImages",
     "align",
     "encode_srgb",
     "find_mistakes",
     "fit_gamma",
+    "grey_levels",
     "least_squares_entries",
     "linearize",
     "measured_noise",
@@ -51,6 +54,9 @@ from .capture import Capture as Capture
 from .capture import EncodingHint as EncodingHint
 from .capture import FloatImages as FloatImages
 from .capture import Origin as Origin
+from .capture import RawSamples as RawSamples
+from .capture import RegisteredCells as RegisteredCells
+from .capture import grey_levels as grey_levels
 from .capture import planes_first as planes_first
 from .capture import planes_last as planes_last
 from .checks import GammaFit as GammaFit

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polaropt.capture.pair_gain import redundancy_residual
 from polaropt.errors import InputError
 from polaropt.numerics import block_mean, quantization_step, quietest_combination, robust_spread, second_differences
-from polaropt.optics import stokes_from_intensities
+from polaropt.optics import Sampling, stokes_from_intensities
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 """Polarizer angles of polarization cameras (Sony IMX250MZR), and what is taken where none are given."""
@@ -110,7 +110,11 @@ class Origin:
     encoding_hint : EncodingHint
         What the file's format says about its encoding.
     raw_noise : float, optional
-        Noise measured on raw pixels before they were interpolated (white = 1).
+        Noise of a sample of a mosaic whose photographs are interpolated (white = 1).
+    grey_levels : int, optional
+        Levels between black and white that the samples of a mosaic lie on.
+    left_out_px : (int, int)
+        Rows and columns at the far sides of a mosaic that make no whole pattern and were left out.
     shifts_px : tuple of pairs of float
         How far down and to the right each photograph lay from the first and was moved back; empty if none was.
     shift_error_px : float, optional
@@ -136,6 +140,8 @@ class Origin:
     gamma: float | str | None = None
     encoding_hint: EncodingHint = EncodingHint.NONE
     raw_noise: float | None = None
+    grey_levels: int | None = None
+    left_out_px: tuple[int, int] = (0, 0)
     shifts_px: tuple[tuple[float, float], ...] = ()
     shift_error_px: float | None = None
     rotations_deg: tuple[float, ...] = ()
@@ -144,6 +150,59 @@ class Origin:
     angle_sense: str = "ccw"
     start_unknown: bool = False
     start_deg: float | None = None
+
+
+def grey_levels(step: float, origin: Origin) -> int | None:
+    """Levels between black and white of values that are `step` apart (white = 1); None where they lie on no grid."""
+    if step == 0:
+        return None
+    if origin.sample_type.startswith(("int", "uint")):
+        # Integers are apart by whole numbers, which float32 has rounded.
+        span = origin.white_level - origin.black_level
+        step = max(1, round(step * span)) / span
+    return round(1 / step) + 1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RawSamples:
+    """What a sensor with a mosaic measured: one value in each pixel.
+
+    Attributes
+    ----------
+    values : ndarray of float32, shape (h, w)
+        Linear, white = 1; gains divided out.
+    valid : ndarray of bool, shape (h, w)
+    sampling : Sampling
+        Which photograph and colour each value belongs to.
+    """
+
+    values: FloatImages
+    valid: NDArray[np.bool_]
+    sampling: Sampling
+
+    def part(self, rows: slice, columns: slice) -> RawSamples:
+        """Those of a part of the frame."""
+        corner = (rows.start or 0, columns.start or 0)
+        return RawSamples(self.values[rows, columns], self.valid[rows, columns], self.sampling.moved(*corner))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RegisteredCells:
+    """A mosaic's photographs of one pixel per pattern, which a scene is estimated from.
+
+    Attributes
+    ----------
+    capture : Capture
+        All samples referred to the middle of their pattern by one low pass, see `polaropt.capture.demosaic`.
+    scale : int
+        Pixels of the capture that these belong to per pixel of theirs.
+    noise_share : float
+        Standard deviation of their noise in units of a raw sample's.
+    """
+
+    capture: Capture
+    scale: int
+    noise_share: float
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -168,6 +227,10 @@ class Capture:
     valid : ndarray of bool, shape (k, [channel,] h, w)
     origin : Origin or None
         Where it was read from; None for a capture made in memory.
+    samples : RawSamples or None
+        What the sensor measured, where the photographs are interpolated between samples of a mosaic.
+    cells : RegisteredCells or None
+        A mosaic's photographs as a scene is estimated from them; None where the photographs are good for that.
 
     Notes
     -----
@@ -186,6 +249,8 @@ class Capture:
     angles_deg: tuple[float, ...] = field(init=False)
     valid: NDArray[np.bool_] = field(init=False)
     origin: Origin | None = field(init=False)
+    samples: RawSamples | None = field(init=False)
+    cells: RegisteredCells | None = field(init=False)
 
     def __init__(
         self,
@@ -210,6 +275,8 @@ class Capture:
         angles_deg: Sequence[float] = ANGLES_DEG,
         valid: ArrayLike | None = None,
         origin: Origin | None = None,
+        samples: RawSamples | None = None,
+        cells: RegisteredCells | None = None,
     ) -> Capture:
         """A capture of photographs whose channels come first, (k, [channel,] h, w), as its own attributes are.
 
@@ -219,29 +286,46 @@ class Capture:
         angles_deg : sequence of k floats
         valid : array_like of bool, same shape, optional
         origin : Origin, optional
+        samples : RawSamples, optional
+        cells : RegisteredCells, optional
         """
         capture = cls.__new__(cls)
         trusted = None if valid is None else np.asarray(valid, dtype=bool)
-        capture._take(_photographs(intensities), angles_deg, trusted, origin)
+        capture._take(_photographs(intensities), angles_deg, trusted, origin, samples, cells)
         return capture
 
     def _take(
-        self, planes: NDArray[Any], angles_deg: Sequence[float], valid: NDArray[np.bool_] | None, origin: Origin | None
+        self,
+        planes: NDArray[Any],
+        angles_deg: Sequence[float],
+        valid: NDArray[np.bool_] | None,
+        origin: Origin | None,
+        samples: RawSamples | None = None,
+        cells: RegisteredCells | None = None,
     ) -> None:
         """Keep photographs (k, [channel,] h, w) that pass all checks."""
         intensities = np.ascontiguousarray(planes, dtype=np.float32)
         trusted = intensities < 1 if valid is None else np.ascontiguousarray(valid)
-        self._keep(intensities, _angles(angles_deg), trusted, origin)
+        self._keep(intensities, _angles(angles_deg), trusted, origin, samples, cells)
         _check_values(intensities, trusted)
-        _check_black_level(intensities, trusted, self.angles_deg)
+        # What is interpolated between samples has no noise of its own: their cells are checked instead.
+        if samples is None and cells is None:
+            _check_black_level(intensities, trusted, self.angles_deg)
 
     def _keep(
-        self, intensities: FloatImages, angles_deg: tuple[float, ...], valid: NDArray[np.bool_], origin: Origin | None
+        self,
+        intensities: FloatImages,
+        angles_deg: tuple[float, ...],
+        valid: NDArray[np.bool_],
+        origin: Origin | None,
+        samples: RawSamples | None,
+        cells: RegisteredCells | None,
     ) -> None:
         """Keep planes of the right shape, whatever their values."""
         _check_angles(angles_deg)
         _check_shape(intensities, angles_deg, valid)
         kept = {"intensities": intensities, "angles_deg": angles_deg, "valid": valid, "origin": origin}
+        kept |= {"samples": samples, "cells": cells}
         for name, value in kept.items():
             object.__setattr__(self, name, value)
 
@@ -255,20 +339,59 @@ class Capture:
     ) -> Capture:
         """The same capture but for what is given, photographs as planes (k, [channel,] h, w).
 
-        The values are not checked again: they may be such as no camera gives (all clipped, beyond white).
+        The values are not checked again: they may be such as no camera gives (all clipped, beyond white). Samples of a
+        mosaic stay what they are; its cells have the angles that are given.
         """
         other = object.__new__(type(self))
+        cells = self.cells
+        if cells is not None and angles_deg is not None:
+            cells = replace(cells, capture=cells.capture.replace(angles_deg=angles_deg))
         other._keep(
             self.intensities if intensities is None else np.ascontiguousarray(intensities, dtype=np.float32),
             self.angles_deg if angles_deg is None else _angles(angles_deg),
             self.valid if valid is None else np.ascontiguousarray(valid),
             self.origin if origin is None else origin,
+            self.samples,
+            cells,
         )
+        return other
+
+    def without_mosaic(self) -> Capture:
+        """The photographs alone, whatever they were interpolated from."""
+        other = object.__new__(type(self))
+        other._keep(self.intensities, self.angles_deg, self.valid, self.origin, None, None)
         return other
 
     def with_origin(self, **changes: Any) -> Capture:
         """The same capture, of which other facts are known: `changes` are attributes of `Origin`."""
-        return self.replace(origin=replace(self.origin or Origin(), **changes))
+        other = self.replace(origin=replace(self.origin or Origin(), **changes))
+        if self.cells is not None:
+            if changes.get("focal_px") is not None:
+                changes["focal_px"] /= self.cells.scale
+            cells = replace(self.cells, capture=self.cells.capture.with_origin(**changes))
+            object.__setattr__(other, "cells", cells)
+        return other
+
+    @property
+    def registered(self) -> Capture:
+        """The photographs as a scene is estimated from them: the cells of a mosaic, else these."""
+        return self if self.cells is None else self.cells.capture
+
+    @property
+    def scale(self) -> int:
+        """Pixels of this capture per pixel of `registered`."""
+        return 1 if self.cells is None else self.cells.scale
+
+    @property
+    def observed(self) -> Capture:
+        """The photographs as far as they were measured: those of a mosaic are valid where it was sampled alone."""
+        samples = self.samples
+        if samples is None:
+            return self
+        k, shape = len(self.angles_deg), self.intensities.shape
+        measured = samples.sampling.spread(samples.values, k).reshape(shape)
+        valid = samples.sampling.spread(samples.valid, k).reshape(shape)
+        return self.without_mosaic().replace(intensities=measured, valid=valid)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -302,7 +425,11 @@ class Capture:
     def part(self, rows: slice, columns: slice) -> Capture:
         """A part of the frame, which need not be a capture that makes sense by itself (all clipped, all black)."""
         part = (..., rows, columns)
-        return self.replace(intensities=self.intensities[part], valid=self.valid[part])
+        other = object.__new__(type(self))
+        samples = None if self.samples is None else self.samples.part(rows, columns)
+        intensities, valid = (np.ascontiguousarray(images[part]) for images in (self.intensities, self.valid))
+        other._keep(intensities, self.angles_deg, valid, self.origin, samples, None)
+        return other
 
     def __repr__(self) -> str:
         return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"

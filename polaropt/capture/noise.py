@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import Capture
+from polaropt.capture.capture import Capture, RegisteredCells
 from polaropt.capture.pair_gain import (
     BLOCK,
     divide_out_gain,
@@ -56,8 +56,7 @@ def noise_level(capture: Capture, redundant: Redundancy | None = None) -> float:
     pair gain is divided out. With three angles nothing is said twice: there it comes from the finest detail of
     the combination of the photographs in which the scene cancels best, an upper bound.
 
-    Clipped pixels and their neighbours do not count. A capture demosaiced to full resolution has the noise of its raw
-    pixels, measured before their interpolation.
+    Clipped pixels and their neighbours do not count. A mosaic's is that of its samples.
 
     Parameters
     ----------
@@ -226,9 +225,18 @@ class NoiseClasses:
 
 def measured_noise(capture: Capture) -> tuple[float, NoiseModel]:
     """`noise_level` and `noise_model` of a capture."""
+    if capture.cells is not None:
+        return _of_samples(capture, capture.cells)
     redundant = redundancy(capture) if len(capture.angles_deg) > 3 else None
     level = noise_level(capture, redundant)
     return level, noise_model(capture, level, redundant)
+
+
+def _of_samples(capture: Capture, cells: RegisteredCells) -> tuple[float, NoiseModel]:
+    """The noise of a mosaic's samples, from its cells, whose noise is a known share of it."""
+    level, model = measured_noise(cells.capture)
+    raw = level / cells.noise_share if capture.origin is None else capture.origin.raw_noise or level
+    return raw, NoiseModel(model.read * raw / level, model.shot * (raw / level) ** 2)
 
 
 def noise_model(capture: Capture, level: float, redundant: Redundancy | None = None) -> NoiseModel:
@@ -261,10 +269,7 @@ def noise_model(capture: Capture, level: float, redundant: Redundancy | None = N
     darkest, brightest = (max(dark + growth * float(intensity[i]), 1e-12) for i in (0, -1))
     if growth < _SIGNIFICANT * error or brightest < _LEAST_GROWTH * darkest:
         return constant
-    # Interpolated pixels are less noisy than raw ones, whose level is what counts.
-    interpolated = capture.origin is not None and capture.origin.raw_noise is not None
-    scale = level**2 / (dark + growth * float(np.median(redundant.intensity))) if interpolated else 1.0
-    return NoiseModel(math.sqrt(dark * scale), growth * scale)
+    return NoiseModel(math.sqrt(dark), growth)
 
 
 def noise_classes(capture: Capture, model: NoiseModel) -> NoiseClasses | None:

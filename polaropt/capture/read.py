@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,20 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import ANGLES_DEG, Capture, FileContent, Origin
+from polaropt.capture.capture import ANGLES_DEG, SMALLEST_SIDE, Capture, FileContent, Origin, RawSamples, RegisteredCells, grey_levels
 from polaropt.capture.decode import AnyPath, linearize, parse_gamma, read_file
 from polaropt.capture.focal_length import check_view, focal_from_view
-from polaropt.capture.mosaic import (
-    SONY_CELL,
-    check_cell_order,
-    looks_color,
-    merge_green_masks,
-    merge_greens,
-    split_mosaic,
-)
+from polaropt.capture.demosaic import registered_cells, share_of_noise, wiener_photographs
+from polaropt.capture.mosaic import SONY_CELL, check_cell_order, looks_color, sampling_of
 from polaropt.capture.noise import noise_level
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
 from polaropt.errors import InputError
+from polaropt.numerics import block_mean, quantization_step
 
 # Where values are clipped below full scale, see `_is_clipped`; all by trial.
 _SMALLEST_PILE = 16
@@ -121,6 +117,7 @@ def _is_full_scale(value: int) -> bool:
 
 SENSORS = ("auto", "mono", "color")
 SENSES = ("ccw", "cw")
+RESOLUTIONS = ("sensor", "cell")
 
 
 @dataclass(frozen=True)
@@ -134,7 +131,7 @@ class ReaderOptions:
     white_level: float | None
     pair_gain: float | None
     gamma: float | str | None
-    full_resolution: bool
+    resolution: str
     angle_sense: str
     field_of_view_deg: float | None
 
@@ -151,7 +148,7 @@ def checked_options(
     white_level: float | None,
     pair_gain: float | None,
     gamma: float | str | None,
-    full_resolution: bool,
+    resolution: str,
     *,
     angle_sense: str = "ccw",
     field_of_view_deg: float | None = None,
@@ -159,6 +156,8 @@ def checked_options(
     """Check every option of `polaropt.capture.read.read_capture` by itself; InputError with what to give instead."""
     if sensor not in SENSORS:
         raise InputError(f"sensor {sensor!r} does not exist; choose one of {', '.join(SENSORS)}")
+    if resolution not in RESOLUTIONS:
+        raise InputError(f"resolution {resolution!r} does not exist; choose one of {', '.join(RESOLUTIONS)}")
     if angle_sense not in SENSES:
         raise InputError(f"angle sense {angle_sense!r} does not exist; choose one of {', '.join(SENSES)}")
     if field_of_view_deg is not None:
@@ -175,7 +174,7 @@ def checked_options(
     cell = check_cell_order(cell_order)
     encoding = parse_gamma(gamma)
     return ReaderOptions(
-        angles, sensor, cell, black, white, gain, encoding, full_resolution, angle_sense, field_of_view_deg
+        angles, sensor, cell, black, white, gain, encoding, resolution, angle_sense, field_of_view_deg
     )
 
 
@@ -203,7 +202,7 @@ def read_capture(
     pair_gain: float | None = None,
     *,
     gamma: float | str | None = None,
-    full_resolution: bool = False,
+    resolution: str = "sensor",
     angle_sense: str = "ccw",
     field_of_view_deg: float | None = None,
 ) -> Capture:
@@ -211,9 +210,8 @@ def read_capture(
 
     Several files are one photograph each, in the order of `angles_deg`. One file is a stack if it has several pages
     (TIFF) or is an npz with an array ``intensities``, (k, h, w), (k, h, w, 3) or, as `write_capture` has it,
-    (k, channel, h, w); it is a raw mosaic if it holds a single image. A mosaic becomes one pixel per 2x2 cell (mono,
-    half size) or per 4x4 block (colour, quarter size, the two greens averaged), so that no value is
-    interpolated and the noise stays independent.
+    (k, channel, h, w); it is a raw mosaic if it holds a single image. The photographs of a mosaic are interpolated
+    between its samples, which the capture keeps: what is solved for in the end are the samples.
 
     Parameters
     ----------
@@ -235,8 +233,9 @@ def read_capture(
         (`polaropt.capture.pair_gain.pair_gain_of`) and used if it is between 0.9 and 1.1; 1 for everything else.
     gamma : float or "srgb", optional
         Encoding to undo. Default: the values are linear.
-    full_resolution : bool
-        Interpolate mosaics to full size with the package polanalyser (``pip install polaropt[demosaic]``).
+    resolution : {"sensor", "cell"}
+        Of what comes of a mosaic: as many pixels as the sensor has, or one per pattern of 2x2 (mono) or 4x4 pixels
+        (colour), all angles and colours referred to its middle: a quarter of the time.
     angle_sense : {"ccw", "cw"}
         Sense in which `angles_deg`, `cell_order` and angles stored in the file are counted. "cw": clockwise, as of a
         filter turned the other way or of mirrored pictures.
@@ -263,7 +262,7 @@ def read_capture(
         white_level,
         pair_gain,
         gamma,
-        full_resolution,
+        resolution,
         angle_sense=angle_sense,
         field_of_view_deg=field_of_view_deg,
     )
@@ -337,8 +336,8 @@ def _size(pixels: NDArray[Any]) -> str:
 
 
 def _from_photographs(content: FileContent, levels: Levels, options: ReaderOptions) -> Capture:
-    if options.sensor != "auto" or options.full_resolution:
-        asked = "full resolution" if options.full_resolution else f"sensor {options.sensor!r}"
+    if options.sensor != "auto" or options.resolution != "sensor":
+        asked = "resolution 'cell'" if options.resolution != "sensor" else f"sensor {options.sensor!r}"
         raise InputError(f"{asked} is for one raw mosaic, not for {len(content.pixels)} photographs; leave it out")
     if len(content.pixels) < 3:
         raise InputError(f"holds {len(content.pixels)} photograph(s); at least 3 polarizer angles are needed")
@@ -358,15 +357,53 @@ def _from_mosaic(content: FileContent, levels: Levels, options: ReaderOptions) -
         raise InputError("one single image is taken as a mosaic; give its angles as the cell order")
     intensities, valid = levels.apply(raw)
     color = looks_color(intensities) if options.sensor == "auto" else options.sensor == "color"
-    linear = linearize(intensities, options.gamma)
-    cells, angles = split_mosaic(linear, color, options.cell_order)
-    masks, _ = split_mosaic(valid, color, options.cell_order)
-    gain = options.pair_gain or _sensor_gain(cells, angles, masks)
+    sampling, angles = sampling_of(color, options.cell_order)
+    height, width = (side // sampling.period * sampling.period for side in raw.shape)
+    if min(height, width) < SMALLEST_SIDE * sampling.period:
+        raise InputError(
+            f"the mosaic is {raw.shape[1]}x{raw.shape[0]} px; at least {SMALLEST_SIDE * sampling.period} px a side, "
+            f"{SMALLEST_SIDE} cells, are needed"
+        )
+    samples = RawSamples(
+        np.ascontiguousarray(linearize(intensities, options.gamma)[:height, :width]),
+        np.ascontiguousarray(valid[:height, :width]),
+        sampling,
+    )
     origin = _origin("color mosaic" if color else "mono mosaic", content, levels, options)
-    if color:
-        cells, masks = merge_greens(cells), merge_green_masks(masks)
-    capture = _finished(cells, masks, options.counted(angles), origin, gain)
-    return _in_full(linear, valid, capture, options) if options.full_resolution else capture
+    origin = replace(origin, left_out_px=(raw.shape[0] - height, raw.shape[1] - width))
+    return _of_samples(samples, angles, origin, options)
+
+
+def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, options: ReaderOptions) -> Capture:
+    """The photographs of a mosaic whose values are linear, with what a scene is estimated from."""
+    sampling, k = samples.sampling, len(angles)
+    step = quantization_step(samples.values[None])
+    photographs, valid = registered_cells(samples.values, samples.valid, sampling, k)
+    gain = options.pair_gain or _sensor_gain(photographs, angles, valid)
+    photographs = divide_out_gain(photographs, angles, gain)
+    if gain != 1:
+        pairs = orthogonal_pairs(angles)
+        assert pairs is not None
+        gains = np.ones((k, sampling.n_channels))
+        gains[list(pairs[1])] = gain
+        samples = replace(samples, values=samples.values / sampling.laid_out(gains, samples.values.shape))
+    origin, counted = replace(origin, pair_gain=gain, grey_levels=grey_levels(step, origin)), options.counted(angles)
+    color = sampling.n_channels > 1
+    planes = (photographs, valid) if color else (photographs[:, 0], valid[:, 0])
+    cells = Capture.of_planes(planes[0], counted, planes[1], origin)
+    noise_share = share_of_noise(sampling)
+    noise = max(noise_level(cells) / noise_share, step / math.sqrt(12))
+    full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs)
+    at_sensor = options.resolution == "sensor"
+    registered = RegisteredCells(cells, sampling.period if at_sensor else 1, noise_share)
+    if at_sensor:
+        every = np.repeat(np.repeat(planes[1], sampling.period, axis=-2), sampling.period, axis=-1)
+    else:
+        full, every = block_mean(full, sampling.period), planes[1]
+    full = full if color else full[:, 0]
+    return Capture.of_planes(
+        full, counted, every, replace(origin, raw_noise=noise), samples if at_sensor else None, registered
+    )
 
 
 def _single_plane(pixels: NDArray[Any]) -> NDArray[Any]:
@@ -384,17 +421,6 @@ def _single_plane(pixels: NDArray[Any]) -> NDArray[Any]:
 def _sensor_gain(cells: Images, angles: tuple[float, ...], masks: Mask) -> float:
     gain = pair_gain_of(cells, angles, masks)
     return gain if gain is not None and plausible(gain) else 1.0
-
-
-def _in_full(linear: Images, valid: Mask, cells: Capture, options: ReaderOptions) -> Capture:
-    """The same mosaic at full size, with the gain and the noise measured on its cells."""
-    from polaropt.capture.mosaic import demosaic_full
-
-    assert cells.origin is not None
-    color = cells.origin.layout == "color mosaic"
-    images, masks, angles = demosaic_full(linear, valid, color, options.cell_order)
-    origin = replace(cells.origin, raw_noise=noise_level(cells))
-    return _finished(images, masks, options.counted(angles), origin, cells.origin.pair_gain)
 
 
 def _origin(layout: str, content: FileContent, levels: Levels, options: ReaderOptions) -> Origin:

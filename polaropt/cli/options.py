@@ -250,15 +250,15 @@ class CaptureOptions:
             rich_help_panel=_FILES,
         ),
     ] = None
-    full_resolution: Annotated[
-        bool,
+    resolution: Annotated[
+        str,
         typer.Option(
-            "--full-resolution",
-            metavar="",
-            help="Interpolate a mosaic to full size instead of one pixel per cell.",
+            metavar="NAME",
+            help="What comes of a mosaic: sensor (as many pixels as the sensor has) or cell (one pixel per pattern of "
+            "2x2, in colour 4x4, pixels, in a quarter of the time).",
             rich_help_panel=_FILES,
         ),
-    ] = False
+    ] = "sensor"
     field_of_view_deg: Annotated[
         float | None,
         typer.Option(
@@ -293,7 +293,7 @@ class CaptureOptions:
             self.white_level,
             self.pair_gain,
             gamma=self.gamma,
-            full_resolution=self.full_resolution,
+            resolution=self.resolution,
             angle_sense=self.angle_sense,
             field_of_view_deg=self.field_of_view_deg,
         )

@@ -63,6 +63,11 @@ class LadderResult:
         """Standard errors of what was estimated."""
         return SceneErrors() if self.estimate is None else self.estimate.errors
 
+    def scaled(self, factor: float) -> LadderResult:
+        """The same of photographs with so many times the pixels a side."""
+        estimate = None if self.estimate is None else self.estimate.scaled(factor)
+        return LadderResult(self.scene.scaled(factor), estimate, self.tried)
+
     @property
     def unexplained(self) -> float:
         """Polarized light that the rung taken leaves, in units of its noise: 1 where it explains all."""

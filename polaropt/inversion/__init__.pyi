@@ -9,6 +9,7 @@ __all__ = [
     "Knowledge",
     "canvas_for",
     "ghost_layers",
+    "mosaic_layers",
     "natural_image_layers",
     "per_pixel_layers",
     "variance_table",
@@ -22,6 +23,7 @@ from .closed_form import ClosedForm as ClosedForm
 from .closed_form import natural_image_layers as natural_image_layers
 from .closed_form import per_pixel_layers as per_pixel_layers
 from .compiled_whitening import FusedPreconditioner as FusedPreconditioner
+from .mosaic_closed_form import mosaic_layers as mosaic_layers
 from .spectra import NATURAL_POWER_LAW as NATURAL_POWER_LAW
 from .variance import SCALES as SCALES
 from .variance import Knowledge as Knowledge

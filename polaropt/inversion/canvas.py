@@ -84,15 +84,27 @@ class Canvas:
         return (rows[:, None] * columns[None, :]).astype(np.float32)
 
 
-def canvas_for(pse: PSE | VaryingPSE, height: int, width: int) -> Canvas:
-    """Canvas that holds the ghosts which show, with sides that the Fourier transform likes."""
+def canvas_for(pse: PSE | VaryingPSE, height: int, width: int, period: int = 1) -> Canvas:
+    """Canvas that holds the ghosts which show, with sides that the Fourier transform likes.
+
+    Parameters
+    ----------
+    pse : PSE or VaryingPSE
+    height, width : int
+        Of the frame.
+    period : int
+        Its sides are multiples of it: that of a mosaic's pattern.
+    """
     from scipy.fft import next_fast_len
 
     reach = _reach(pse, height, width)
     margin = min(MOST_MARGIN, max(LEAST_MARGIN, math.ceil(reach)), height // 2, width // 2)
-    rows, columns = (int(next_fast_len(side + 2 * margin, real=True)) for side in (height, width))
+    rows, columns = (
+        period * int(next_fast_len(-(-(side + 2 * margin) // period), real=True)) for side in (height, width)
+    )
     more_rows, more_columns = rows - height - 2 * margin, columns - width - 2 * margin
-    more_rows, more_columns = min(more_rows, height - margin), min(more_columns, width - margin)
+    if period == 1:
+        more_rows, more_columns = min(more_rows, height - margin), min(more_columns, width - margin)
     return Canvas(height, width, margin, margin + more_rows, margin, margin + more_columns)
 
 

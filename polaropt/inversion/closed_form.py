@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, least_squares_entries
 from polaropt.inversion.canvas import Canvas
-from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Power, Spectrum, fit_spectra
+from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Power, Spectrum, fit_spectra, moments_of
 from polaropt.inversion.transfer import plate_transfer
 from polaropt.inversion.variance import Knowledge
 from polaropt.inversion.whitening import AssumedHessian
@@ -125,7 +125,7 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     level = entries.mean(axis=(-1, -2), keepdims=True)
     equations = normal_equations(plate_transfer(pse, *canvas.shape), precision, half_spectra(entries, level, canvas))
     sums = pse.taps.sum(axis=1).T
-    mean = _means(level[..., 0, 0], sums, precision * canvas.height * canvas.width, basis)
+    mean = means_of(level[..., 0, 0], sums, precision * canvas.height * canvas.width, basis)
     return fitted_closed_form(equations, initial_power(entries[0] + entries[1]), mean, basis, canvas)
 
 
@@ -208,7 +208,7 @@ def _fitted(equations: NormalEquations, bands: FrequencyBands, power: NDArray[np
     both = equations.cross.ravel()[bands.sample]
     information = np.array([[of_t, both], [both.conj(), of_r]])
     sampled = equations.right.reshape(*equations.right.shape[:2], -1)[..., bands.sample]
-    return fit_spectra(information, sampled, bands, power)
+    return fit_spectra(moments_of(information, sampled), bands, power)
 
 
 def _sampled(equations: NormalEquations, bands: FrequencyBands, prior: Power, basis: Basis) -> Knowledge:
@@ -236,7 +236,7 @@ def initial_power(total: Images) -> NDArray[np.float64]:
     return np.asarray(np.maximum(power, _LEAST_SHARE * float(power.max()) + _LEAST_POWER))
 
 
-def _means(level: NDArray[np.float32], sums: Matrix, precision: Matrix, basis: Basis) -> Images:
+def means_of(level: NDArray[np.float32], sums: Matrix, precision: Matrix, basis: Basis) -> Images:
     """Means of the layers (2, channel, 1, 1): all bounces in place, with a weak prior at the mean intensity."""
     intensity = float(np.sqrt(np.square(level[0] + level[1]).sum()))
     expected = intensity * np.eye(basis.shape[0])[0]

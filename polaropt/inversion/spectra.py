@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -41,6 +42,10 @@ class FrequencyBands:
     ----------
     height, width : int
         Of the images.
+    sample : ndarray of int, shape (n,), optional
+        Flat indices of the frequencies to stand for all. Default: all slow ones and some others.
+    counts : ndarray, shape (n,), optional
+        For how many frequencies of the whole spectrum each of them stands.
 
     Attributes
     ----------
@@ -52,11 +57,19 @@ class FrequencyBands:
         Of the sample.
     """
 
-    def __init__(self, height: int, width: int) -> None:
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        sample: NDArray[np.intp] | None = None,
+        counts: NDArray[np.float64] | None = None,
+    ) -> None:
         rows, columns = squared_frequencies(height, width)
         # The finite frequency at zero stands for all that is slower than the frame.
         self._squared: Power = (rows[:, None] + columns + (2 * np.pi / max(height, width)) ** 2).astype(np.float32)
-        self.sample, counts = _sampled(self._squared, column_multiplicity(width))
+        if sample is None or counts is None:
+            sample, counts = _sampled(self._squared, column_multiplicity(width))
+        self.sample = sample
         self.share: Power = (counts / (height * width)).astype(np.float32)
         self.squared_frequency: Power = self._squared.ravel()[self.sample]
         self._span = np.log([float(self._squared.min()), float(self._squared.max())])
@@ -179,16 +192,18 @@ class FittedSpectra:
         )
 
 
-def fit_spectra(
-    information: Spectrum, right: Spectrum, bands: FrequencyBands, gradient_power: NDArray[np.float64]
-) -> FittedSpectra:
+Moments = Callable[[Power], tuple[Power, Power]]
+"""From the power of each layer, (2, channel, n), to the power expected once the photographs are seen, and that part of
+it that remains open."""
+
+
+def fit_spectra(moments: Moments, bands: FrequencyBands, gradient_power: NDArray[np.float64]) -> FittedSpectra:
     """Spectra under which the photographs are most likely: first a power law, then its correction in each band.
 
     Parameters
     ----------
-    information : ndarray, shape (2, 2, n)
-        At the sample of `bands`, else as for `posterior`.
-    right : ndarray, shape (2, channel, n)
+    moments : callable
+        At the sample of `bands`.
     bands : FrequencyBands
     gradient_power : ndarray, shape (channel,)
         Mean squared gradient per colour to start from.
@@ -198,17 +213,22 @@ def fit_spectra(
     logarithms = np.zeros((*power.shape, _N_BANDS))
     prior: Power = (power[..., None] / law).astype(np.float32)
     for _ in range(_TURNS_POWER_LAW):
-        power = (_expected_power(information, right, prior) * (law * bands.share)).sum(axis=-1, dtype=np.float64)
+        power = (moments(prior)[0] * (law * bands.share)).sum(axis=-1, dtype=np.float64)
         prior = (power[..., None] / law).astype(np.float32)
     for _ in range(_TURNS_BANDS):
-        ratio = _expected_power(information, right, prior) / prior
+        ratio = moments(prior)[0] / prior
         for where in np.ndindex(power.shape):
             step = bands.smoothed_logarithm(ratio[where])
             logarithms[where] += step
             prior[where] *= bands.at_sample(step)
-    return FittedSpectra(power, logarithms, prior, posterior(information, right, prior)[1])
+    return FittedSpectra(power, logarithms, prior, moments(prior)[1])
 
 
-def _expected_power(information: Spectrum, right: Spectrum, prior: Power) -> Power:
-    coefficients, uncertainty = posterior(information, right, prior)
-    return np.square(coefficients.real) + np.square(coefficients.imag) + uncertainty
+def moments_of(information: Spectrum, right: Spectrum) -> Moments:
+    """Moments of layers that mix frequency by frequency; parameters as of `posterior`, at a sample (..., n)."""
+
+    def moments(prior: Power) -> tuple[Power, Power]:
+        coefficients, uncertainty = posterior(information, right, prior)
+        return np.square(coefficients.real) + np.square(coefficients.imag) + uncertainty, uncertainty
+
+    return moments

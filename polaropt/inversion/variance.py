@@ -35,9 +35,9 @@ class Knowledge:
 
     Attributes
     ----------
-    told : ndarray, shape (2, n)
+    told : ndarray, shape (2, n) or (2, channel, n)
         What the photographs tell of each layer (inverse variance).
-    cross : ndarray, shape (n,)
+    cross : ndarray, shape (n,) or (channel, n)
         Squared modulus of what they tell of both together.
     prior : ndarray, shape (2, channel, n)
         Power before the photographs are seen, in the colour basis.
@@ -63,6 +63,10 @@ class Knowledge:
         product = of_t * of_r
         determinant = np.maximum(product - np.float32(precision) ** 2 * self.cross, RESOLUTION * product)
         return np.asarray(np.stack([of_r, of_t]) / determinant)
+
+    def told_share(self) -> float:
+        """Numbers that the photographs tell of both layers and all colours, per pixel."""
+        return float(((1 - self.uncertainty() / self.prior) @ self.share).sum())
 
     def edges(self, power: Power) -> NDArray[np.float64]:
         """Gradient energy of spectra (2, channel, n), chroma weighted as the penalties do, (2,)."""

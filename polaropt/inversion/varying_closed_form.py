@@ -28,7 +28,7 @@ from polaropt.inversion.closed_form import (
     normal_equations,
     wiener_layers,
 )
-from polaropt.inversion.spectra import RESOLUTION, FittedSpectra, FrequencyBands, Spectrum, fit_spectra
+from polaropt.inversion.spectra import RESOLUTION, FittedSpectra, FrequencyBands, Spectrum, fit_spectra, moments_of
 from polaropt.inversion.transfer import ghost_transfer, ghost_transfer_at
 from polaropt.numerics import Basis, opponent_basis
 from polaropt.optics import VaryingPSE
@@ -194,7 +194,7 @@ def _fitted(panes: _Panes, rest: Images, bands: FrequencyBands, power: NDArray[n
         equations = panes.equations_at(place, sampled, bands.sample[own])
         information[..., own] = [[equations.told[0], equations.cross], [equations.cross.conj(), equations.told[1]]]
         right[..., own] = equations.right
-    return fit_spectra(information, right, bands, power)
+    return fit_spectra(moments_of(information, right), bands, power)
 
 
 def _blended(panes: _Panes, rest: Images, prior: Images, mean: Images, basis: Basis) -> tuple[NormalEquations, Images]:

@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes
+from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, noise_level
 from polaropt.estimation import NOTABLE_STAKE, AngleMistake, SceneEstimate, angle_mistake
 from polaropt.optics import SceneParameters, stokes_from_intensities
 
@@ -163,11 +163,14 @@ def diagnose(
     polarized = estimate is None or estimate.polarized
     if scene is None and estimate is not None:
         scene = estimate.scene
-    mistakes, mistake = find_mistakes(capture) if mistakes is None else mistakes, None
+    mistakes, mistake = find_mistakes(capture.registered) if mistakes is None else mistakes, None
     # An azimuth that was given may be the one that is wrong.
     free = estimate is None or np.isfinite(estimate.axis_margin)
     if scene is not None and free and mistakes == Mistakes():
-        mistake = angle_mistake(capture, noise, scene, estimate, unexplained)
+        small = 1 / capture.scale
+        registered, of_cells = capture.registered, None if estimate is None else estimate.scaled(small)
+        of_registered = noise if registered is capture else noise_level(registered)
+        mistake = angle_mistake(registered, of_registered, scene.scaled(small), of_cells, unexplained)
     deserved = {
         SeparationWarning.NO_POLARIZATION: not polarized,
         SeparationWarning.REFLECTION_NOT_IDENTIFIABLE: not polarized or reflection_unknown > _UNKNOWN_REFLECTION,

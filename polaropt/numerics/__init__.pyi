@@ -1,10 +1,13 @@
 __all__ = [
     "MAD_TO_SIGMA",
+    "AliasGroups",
     "Basis",
     "Box",
+    "Members",
     "block_mean",
     "column_multiplicity",
     "each_plane",
+    "explained_groups",
     "fill_gaps",
     "frequencies",
     "grid_minimum",
@@ -27,8 +30,13 @@ __all__ = [
     "squared_frequencies",
     "tukey_window",
     "vertex",
+    "wiener_spectra",
 ]
 
+from .aliases import AliasGroups as AliasGroups
+from .aliases import Members as Members
+from .aliases import explained_groups as explained_groups
+from .aliases import wiener_spectra as wiener_spectra
 from .blocks import block_mean as block_mean
 from .blocks import fill_gaps as fill_gaps
 from .blocks import middle as middle

@@ -15,6 +15,8 @@ __all__ = [
     "GhostSum",
     "Pane",
     "Plate",
+    "SampledPSE",
+    "Sampling",
     "SceneErrors",
     "SceneParameters",
     "VaryingPSE",
@@ -71,6 +73,8 @@ from .plate import in_place_correction as in_place_correction
 from .plate import in_place_reflectance as in_place_reflectance
 from .plate import in_place_weights as in_place_weights
 from .plate import plate_at as plate_at
+from .sampling import SampledPSE as SampledPSE
+from .sampling import Sampling as Sampling
 from .scene import FARTHEST_SHIFT_PX as FARTHEST_SHIFT_PX
 from .scene import FIELDS as FIELDS
 from .scene import GHOST_SHIFT_SEARCH_PX as GHOST_SHIFT_SEARCH_PX

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from polaropt.errors import InputError
 from polaropt.optics.fresnel import refraction_angle
@@ -167,6 +167,15 @@ class SceneParameters:
             raise InputError(f"the scene lacks {', '.join(missing)}; estimate or set it first")
         return self.incidence_deg, self.azimuth_deg, self.ghost_shift
 
+    def scaled(self, factor: float) -> SceneParameters:
+        """The same scene in photographs with so many times the pixels a side."""
+        lengths = ("ghost_shift", "transmission_ghost_shift", "focal_px")
+        changes: dict[str, object] = {
+            name: None if getattr(self, name) is None else factor * getattr(self, name) for name in lengths
+        }
+        changes["bend_deg_per_px"] = tuple(bend / factor for bend in self.bend_deg_per_px)
+        return self if factor == 1 else self.replace(**changes)
+
     def replace(self, **changes: object) -> SceneParameters:
         """Copy with some fields changed (names as in the constructor)."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
@@ -251,6 +260,16 @@ class SceneErrors:
     bend_deg_per_px: tuple[float, float, float] | None = None
     transmission_polarization: tuple[float, float] | None = None
     reflection_polarization: tuple[float, float] | None = None
+
+    def scaled(self, factor: float) -> SceneErrors:
+        """Those of the same scene in photographs with so many times the pixels a side."""
+        lengths = ("ghost_shift", "transmission_ghost_shift", "focal_px")
+        changes: dict[str, Any] = {
+            name: None if getattr(self, name) is None else factor * getattr(self, name) for name in lengths
+        }
+        if self.bend_deg_per_px is not None:
+            changes["bend_deg_per_px"] = tuple(bend / factor for bend in self.bend_deg_per_px)
+        return dataclasses.replace(self, **changes)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from polaropt.capture import (
     GammaFit,
     Origin,
     fit_gamma,
+    grey_levels,
     noise_level,
     orthogonal_pairs,
     pair_gain_of,
@@ -126,7 +127,7 @@ def inspect_capture(capture: Capture) -> Inspection:
     -------
     Inspection
     """
-    origin = capture.origin
+    photographs, origin, capture = capture, capture.origin, capture.registered
     removed = 1.0 if origin is None else origin.pair_gain
     swapped = swapped_photographs(capture)
     moved = visible_shift(capture)
@@ -134,8 +135,8 @@ def inspect_capture(capture: Capture) -> Inspection:
     gamma = None if swapped or moved else fit_gamma(capture)
     hint = EncodingHint.NONE if origin is None or origin.gamma is not None else origin.encoding_hint
     return Inspection(
-        width=capture.shape[-1],
-        height=capture.shape[-2],
+        width=photographs.shape[-1],
+        height=photographs.shape[-2],
         channels=capture.shape[0] if capture.color else 1,
         angles_deg=capture.angles_deg,
         layout="memory" if origin is None else origin.layout,
@@ -145,7 +146,7 @@ def inspect_capture(capture: Capture) -> Inspection:
         white_level=1.0 if origin is None else origin.white_level,
         brightest=float(capture.intensities.max()),
         darkest=_darkest(capture),
-        noise=noise_level(capture),
+        noise=noise_level(photographs),
         pair_gain=_gain_as_photographed(capture, removed),
         pair_gain_removed=removed,
         saturated_share=float(np.mean(~capture.valid.all(axis=0))),
@@ -183,19 +184,12 @@ def _gain_as_photographed(capture: Capture, removed: float) -> float | None:
 
 def _grey_levels(capture: Capture) -> int | None:
     origin = capture.origin or Origin()
+    if origin.grey_levels is not None:
+        return origin.grey_levels
     # A divided gain makes the levels of its pair denser or sparser; the first pair is as stored.
     pairs = orthogonal_pairs(capture.angles_deg)
     photograph = capture.intensities[0 if pairs is None else pairs[0][0]]
-    # Of a colour mosaic the greens are means of two values, on a grid half as wide; the reds are as stored.
-    stored = photograph[:1] if origin.layout == "color mosaic" else photograph
-    step = quantization_step(stored[None])
-    if step == 0:
-        return None
-    if origin.sample_type.startswith(("int", "uint")):
-        # Integers are apart by whole numbers, which float32 has rounded.
-        span = origin.white_level - origin.black_level
-        step = max(1, round(step * span)) / span
-    return round(1 / step) + 1
+    return grey_levels(quantization_step(photograph[None]), origin)
 
 
 def _polarization(capture: Capture) -> dict[str, float]:

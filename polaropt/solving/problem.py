@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseClasses, NoiseModel, noise_classes
-from polaropt.inversion import Canvas, ClosedForm, FourierPreconditioner, canvas_for, natural_image_layers
+from polaropt.inversion import Canvas, ClosedForm, FourierPreconditioner, canvas_for, mosaic_layers, natural_image_layers
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.solving.objective import (
     Misfit,
@@ -34,7 +34,8 @@ _MUCH = 2e-3
 
 def worth_filling(capture: Capture) -> bool:
     """Whether so much is missing that a closed form, which cannot leave pixels out, suffers from it."""
-    return bool(np.count_nonzero(capture.valid) < (1 - _MUCH) * capture.valid.size)
+    valid = capture.valid if capture.samples is None else capture.samples.valid
+    return bool(np.count_nonzero(valid) < (1 - _MUCH) * valid.size)
 
 
 def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
@@ -45,10 +46,11 @@ def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
     capture : Capture
     expected : ndarray, shape (k, channel, h, w)
     """
-    seen = capture.intensities
+    observed = capture.observed
+    seen = observed.intensities
     expected = expected.reshape(seen.shape)
     values = np.where(seen >= 1, np.maximum(expected, seen), expected)
-    whole = np.where(capture.valid, seen, values).astype(np.float32)
+    whole = np.where(observed.valid, seen, values).astype(np.float32)
     return capture.replace(intensities=whole, valid=np.ones_like(capture.valid))
 
 
@@ -111,11 +113,14 @@ class Problem:
         self.noise = noise if classes is None else classes.typical
         self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
         self.capture, self.scene = capture, scene
+        # What is compared with the layers: of a mosaic the samples alone.
+        self._observed = capture.observed
         self._weights, self._robust = weights, robust
         self.pse = engine or engine_for(scene, capture.angles_deg, self.noise, capture.shape[-2:], center)
-        self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:])
+        period = 1 if capture.samples is None else capture.samples.sampling.period
+        self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:], period)
         self.known: ClosedForm = self._closed_form()
-        self.penalties = default_penalties(self.known, noise)
+        self.penalties = default_penalties(self.known, noise, capture.samples is not None)
 
     def _closed_form(self) -> ClosedForm:
         known = self._closed_form_of(self.capture)
@@ -129,7 +134,8 @@ class Problem:
 
     def _closed_form_of(self, capture: Capture) -> ClosedForm:
         if isinstance(self.pse, PSE):
-            return natural_image_layers(capture, self.pse, self.canvas, self.noise)
+            flat = natural_image_layers if capture.samples is None else mosaic_layers
+            return flat(capture, self.pse, self.canvas, self.noise)
         from polaropt.inversion import ghost_layers, varying_layers
 
         varying = ghost_layers if self.scene.has_ghosts else varying_layers
@@ -145,11 +151,11 @@ class Problem:
         from polaropt.solving.compiled import FusedGhostMisfit, FusedMisfit, FusedVaryingMisfit, ReadableMisfit
 
         if self._robust:
-            return ReadableMisfit(Misfit(self.capture, self._on_canvas(), self.canvas, self._pixel_noise, robust=True))
+            return ReadableMisfit(Misfit(self._observed, self._on_canvas(), self.canvas, self._pixel_noise, robust=True))
         if isinstance(self.pse, PSE):
-            return FusedMisfit(self.capture, self.pse, self.canvas, self._pixel_noise)
+            return FusedMisfit(self._observed, self.pse, self.canvas, self._pixel_noise)
         varying = FusedGhostMisfit if self.scene.has_ghosts else FusedVaryingMisfit
-        return varying(self.capture, self.pse, self.canvas, self._pixel_noise)
+        return varying(self._observed, self.pse, self.canvas, self._pixel_noise)
 
     def _on_canvas(self) -> PSE | VaryingPSE:
         """The engine for images of the canvas's size."""
@@ -163,7 +169,7 @@ class Problem:
         from polaropt.solving.compiled import FusedPenalties, assumed_hessian
 
         place = np.asarray if device is None else on_device(device)
-        misfit = Misfit(self.capture, self._on_canvas(), self.canvas, self._pixel_noise, self._robust, place)
+        misfit = Misfit(self._observed, self._on_canvas(), self.canvas, self._pixel_noise, self._robust, place)
         objective = build_objective(misfit, self.penalties.placed(place), self.canvas, self._weights)
         known, natural = self.known, self.penalties.natural_image
         local = FusedPenalties(self.penalties, self.canvas, start.shape[1])
@@ -183,13 +189,16 @@ class Problem:
     @property
     def misfit_of_noise(self) -> float:
         """Misfit that the true layers have: half of one per trusted value."""
-        return 0.5 * float(self.capture.valid.sum())
+        return 0.5 * float(np.count_nonzero(self._observed.valid))
 
     def misfit_ratio(self, misfit: float) -> float:
         """Mean squared residual in units of the noise, less what the unknowns take up."""
-        k = len(self.capture.angles_deg)
-        free = max(1.0, float(self.capture.valid.sum()) * (k - 2) / k)
-        return 2 * misfit / free
+        k, n = len(self.capture.angles_deg), np.count_nonzero(self._observed.valid)
+        if self.capture.samples is None:
+            return 2 * misfit / max(1.0, n * (k - 2) / k)
+        # Two layers have more values than a mosaic has samples: what counts is what these tell of them.
+        told = self.known.sampled.told_share()
+        return 2 * misfit / max(1.0, n - told * self.canvas.height * self.canvas.width)
 
 
 def component_images(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images) -> Images:

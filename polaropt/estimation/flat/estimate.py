@@ -72,6 +72,11 @@ class SceneEstimate:
     shift_grid: Curve
     shift_misfit: Curve
 
+    def scaled(self, factor: float) -> SceneEstimate:
+        """The same of photographs with so many times the pixels a side."""
+        lengths = {"scene": self.scene.scaled(factor), "errors": self.errors.scaled(factor)}
+        return replace(self, **lengths, shift_grid=factor * self.shift_grid)
+
     @property
     def better_left(self) -> bool:
         """Whether the plain intensity is the better guess of the transmission, as the pane may lie across."""
