@@ -111,6 +111,8 @@ class Origin:
         What the file's format says about its encoding.
     raw_noise : float, optional
         Noise of a sample of a mosaic whose photographs are interpolated (white = 1).
+    low_passed : bool
+        Whether the photographs went through a low pass, as the cells of a mosaic: their noise is not white.
     grey_levels : int, optional
         Levels between black and white that the samples of a mosaic lie on.
     left_out_px : (int, int)
@@ -140,6 +142,7 @@ class Origin:
     gamma: float | str | None = None
     encoding_hint: EncodingHint = EncodingHint.NONE
     raw_noise: float | None = None
+    low_passed: bool = False
     grey_levels: int | None = None
     left_out_px: tuple[int, int] = (0, 0)
     shifts_px: tuple[tuple[float, float], ...] = ()

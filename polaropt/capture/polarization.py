@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.numerics import fill_gaps
+from polaropt.numerics import block_mean, fill_gaps
 from polaropt.optics import analyzer_matrix, frame_matrix
 
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_SECOND_DIFFERENCE = 1.5
+"""Variance of a value less the mean of its two neighbours, in units of theirs."""
 _LEAST_INFORMATION = 0.01
 """Information in units of a photograph's, below which its noise would be amplified more than tenfold."""
 
@@ -29,11 +32,36 @@ class StokesImages:
         s0, s1, s2; pixels that cannot be trusted hold values from around them.
     covariance : ndarray, shape (3, 3)
     valid : ndarray of bool, shape (channel, h, w)
+    aliased : bool
+        Whether they come from a mosaic: fine detail of s0 then looks like polarized light, here and there.
     """
 
     images: Images
     covariance: Matrix
     valid: Mask
+    aliased: bool = False
+
+    def block_noise(self, size: int) -> float:
+        """Standard deviation of means over blocks, in units of what white noise of the covariance would leave.
+
+        What aliases differs from block to block, a pane's polarized light far less: it is measured on second
+        differences of neighbours, in the light polarized across the frame's axis.
+        """
+        if not self.aliased:
+            return 1.0
+        white = math.sqrt(float(np.trace(self.covariance[1:, 1:])) / 2) / size
+        polarized = block_mean(self.images[1:], size)
+        _, axes = np.linalg.eigh(np.einsum("ichw,jchw->ij", polarized, polarized, dtype=np.float64))
+        across = np.tensordot(axes[:, 0], polarized, axes=1)
+        squares = [
+            np.square(second).mean(dtype=np.float64) / _SECOND_DIFFERENCE
+            for second in (
+                across[..., 1:-1] - (across[..., :-2] + across[..., 2:]) / 2,
+                across[..., 1:-1, :] - (across[..., :-2, :] + across[..., 2:, :]) / 2,
+            )
+            if second.size
+        ]
+        return max(1.0, math.sqrt(float(np.mean(squares))) / white) if squares else 1.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +88,8 @@ def stokes_images(capture: Capture, noise: float) -> StokesImages:
     if not valid.all():
         # Where fewer do, what one of them tells beside what is filled in looks like polarized light.
         images = fill_gaps(images, valid)
-    return StokesImages(images, noise**2 * inverse @ inverse.T, valid)
+    aliased = capture.origin is not None and capture.origin.low_passed
+    return StokesImages(images, noise**2 * inverse @ inverse.T, valid, aliased)
 
 
 def plate_frame(stokes: StokesImages, azimuth_deg: float) -> PlateFrame:

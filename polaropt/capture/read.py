@@ -390,7 +390,7 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
     origin, counted = replace(origin, pair_gain=gain, grey_levels=grey_levels(step, origin)), options.counted(angles)
     color = sampling.n_channels > 1
     planes = (photographs, valid) if color else (photographs[:, 0], valid[:, 0])
-    cells = Capture.of_planes(planes[0], counted, planes[1], origin)
+    cells = Capture.of_planes(planes[0], counted, planes[1], replace(origin, low_passed=True))
     noise_share = share_of_noise(sampling)
     noise = max(noise_level(cells) / noise_share, step / math.sqrt(12))
     full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs)

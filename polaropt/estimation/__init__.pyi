@@ -1,4 +1,5 @@
 __all__ = [
+    "with_sense_of_samples",
     "NOTABLE_STAKE",
     "AngleMistake",
     "LadderResult",
@@ -27,3 +28,4 @@ from .ladder import model_names as model_names
 from .safeguard import left_alone as left_alone
 from .safeguard import scene_source as scene_source
 from .safeguard import with_incidence_checked as with_incidence_checked
+from .sampled_sense import with_sense_of_samples as with_sense_of_samples

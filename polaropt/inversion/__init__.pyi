@@ -7,6 +7,7 @@ __all__ = [
     "FourierPreconditioner",
     "FusedPreconditioner",
     "Knowledge",
+    "SampleLikelihood",
     "canvas_for",
     "ghost_layers",
     "mosaic_layers",
@@ -23,6 +24,7 @@ from .closed_form import ClosedForm as ClosedForm
 from .closed_form import natural_image_layers as natural_image_layers
 from .closed_form import per_pixel_layers as per_pixel_layers
 from .compiled_whitening import FusedPreconditioner as FusedPreconditioner
+from .mosaic_closed_form import SampleLikelihood as SampleLikelihood
 from .mosaic_closed_form import mosaic_layers as mosaic_layers
 from .spectra import NATURAL_POWER_LAW as NATURAL_POWER_LAW
 from .variance import SCALES as SCALES

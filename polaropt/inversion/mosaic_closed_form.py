@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, RawSamples
-from polaropt.inversion.canvas import Canvas
+from polaropt.inversion.canvas import Canvas, canvas_for
 from polaropt.inversion.closed_form import (
     ClosedForm,
     NormalEquations,
@@ -24,16 +24,19 @@ from polaropt.inversion.closed_form import (
     plate_entries,
 )
 from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Moments, Power, Spectrum, fit_spectra
-from polaropt.inversion.transfer import plate_transfer
+from polaropt.inversion.transfer import ghost_transfer_at, plate_transfer
 from polaropt.inversion.variance import Knowledge
 from polaropt.numerics import AliasGroups, Basis, Members, explained_groups, opponent_basis, wiener_spectra
-from polaropt.optics import PSE
+from polaropt.optics import PSE, SceneParameters
 from priors.natural_image import in_basis
 
 Images = NDArray[np.float32]
 
 # Frequencies that the spectra are fitted to, as many as for four full photographs.
 _SAMPLED = 6144
+# Cycles a pixel up to which frequencies are compared with each other and with their aliases. By trial: with more the
+# roll-off of a lens, which the spectra's bands do not follow, is taken for ghosts close together.
+_COMPARED_BELOW = 0.12
 
 
 def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> ClosedForm:
@@ -71,6 +74,52 @@ def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> C
     return replace(closed, layers=layers, sampled=known)
 
 
+class SampleLikelihood:
+    """How likely a mosaic's samples are under flat panes that differ in their ghosts.
+
+    Parameters
+    ----------
+    capture : Capture
+        With samples.
+    scene : SceneParameters
+        Under which spectra are fitted.
+    noise : float
+    """
+
+    def __init__(self, capture: Capture, scene: SceneParameters, noise: float) -> None:
+        samples = capture.samples
+        if samples is None:
+            raise ValueError("the capture has no samples of a mosaic")
+        self._capture, self._noise = capture, noise
+        pse = PSE(scene, capture.angles_deg)
+        self._canvas = canvas_for(pse, *capture.shape[-2:], samples.sampling.period)
+        self._basis = opponent_basis(samples.sampling.n_channels)
+        entries = in_basis(self._basis.astype(np.float32), plate_entries(capture, pse), np)
+        level = in_basis(self._basis.T.astype(np.float32), entries.mean(axis=(-1, -2), keepdims=True), np)
+        mixture = _Mixture(samples, pse, self._canvas, noise, self._basis)
+        data = mixture.spectrum(capture, level[..., 0, 0])
+        fitted, bands, _ = mixture.fitted(data, initial_power(entries[0] + entries[1]))
+        self._members = mixture.groups.slow(_COMPARED_BELOW)
+        self._combs, self._data = mixture.combs, self._members.of(data)
+        self._power = self._members.of(fitted.everywhere(bands))
+
+    @property
+    def n(self) -> int:
+        """Values that a score is the mean of."""
+        return self._data.size
+
+    def score(self, scene: SceneParameters) -> float:
+        """Minus twice the log likelihood per sample, but for a constant, with the spectra that were fitted."""
+        pse = PSE(scene, self._capture.angles_deg)
+        transfer = self._members.conjugated(
+            ghost_transfer_at(pse.taps, pse.displacements, self._canvas.shape, self._members.index.ravel()).reshape(
+                -1, 2, *self._data.shape
+            )
+        )
+        covariance = _covariance(transfer, self._power)
+        return explained_groups(self._combs, covariance, self._noise**2, self._data).score
+
+
 class _Mixture:
     """How a pane and a mosaic mix the frequencies of both layers."""
 
@@ -82,13 +131,13 @@ class _Mixture:
         # Each pixel of a colour mosaic tells one colour of three, and one photograph of four.
         self.precision: NDArray[np.float64] = self._mixing.T @ self._mixing / noise**2
         self.precision /= sampling.n_channels * len(self._mixing)
-        self._groups = AliasGroups(*canvas.shape, sampling.period)
+        self.groups = AliasGroups(*canvas.shape, sampling.period)
         seen = sampling.moved(-canvas.top, -canvas.left)
         weights = [
             [[self._mixing[k, e] * of_color[c] for k, c, *_ in seen.places] for e in range(self._mixing.shape[1])]
             for of_color in basis
         ]
-        self._combs = self._groups.combs(np.array(weights))
+        self.combs = self.groups.combs(np.array(weights))
 
     def spectrum(self, capture: Capture, level: NDArray[Any]) -> Spectrum:
         """Half spectrum of the samples off the level (entry, channel), mirrored and fading in the margins."""
@@ -118,7 +167,7 @@ class _Mixture:
 
     def fitted(self, data: Spectrum, power: NDArray[np.float64]) -> tuple[FittedSpectra, FrequencyBands, Knowledge]:
         """Spectra under which the samples are likeliest, and what is known of the layers under them."""
-        members, counts = self._groups.sample(_SAMPLED // self._groups.period**2)
+        members, counts = self.groups.sample(_SAMPLED // self.groups.period**2)
         height, width = self._canvas.shape
         shares = np.broadcast_to(counts, members.index.shape).ravel()
         bands = FrequencyBands(height, width, members.index.ravel(), shares)
@@ -134,7 +183,7 @@ class _Mixture:
         def moments(prior: Power) -> tuple[Power, Power]:
             power = prior.reshape(*prior.shape[:2], *samples.shape)
             found = explained_groups(
-                self._combs, _covariance(transfer, power), self._noise_power, samples, information=True
+                self.combs, _covariance(transfer, power), self._noise_power, samples, information=True
             )
             mean = power * np.einsum("elag,ceag->lcag", transfer.conj(), found.mean)
             told = np.einsum(
@@ -154,7 +203,7 @@ class _Mixture:
         """
         power = prior.reshape(*prior.shape[:2], *samples.shape)
         found = explained_groups(
-            self._combs, _covariance(transfer, power), self._noise_power, samples, information=True
+            self.combs, _covariance(transfer, power), self._noise_power, samples, information=True
         )
         told = np.einsum("elag,cefag,fmag->clmag", transfer.conj(), found.information, transfer, optimize=True)
         p_t, p_r = power
@@ -180,7 +229,7 @@ class _Mixture:
             )
             return found
 
-        spectra = wiener_spectra(self._groups, self._combs, power, images, self._noise_power, data, 2)
+        spectra = wiener_spectra(self.groups, self.combs, power, images, self._noise_power, data, 2)
         colors, _ = spectra.shape[:2]
         own = np.empty((2, colors, *self._canvas.shape), np.float32)
         for c, layer in np.ndindex(colors, 2):

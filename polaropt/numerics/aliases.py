@@ -41,7 +41,10 @@ class Members:
 
     def of(self, spectra: Array) -> Array:
         """Values (..., alias, group) of half spectra (..., H, W // 2 + 1)."""
-        values = spectra.reshape(*spectra.shape[:-2], -1)[..., self.index]
+        return self.conjugated(spectra.reshape(*spectra.shape[:-2], -1)[..., self.index])
+
+    def conjugated(self, values: Array) -> Array:
+        """Values (..., alias, group) that stand at the members' indices, conjugated in place where that is needed."""
         if np.iscomplexobj(values):
             np.conj(values, out=values, where=self.mirrored)
         return np.asarray(values)
@@ -90,6 +93,14 @@ class AliasGroups:
         down = np.where(mirrored, -down % self.height, down)
         across = np.where(mirrored, self.width - across, across)
         return Members(down * (self.width // 2 + 1) + across, mirrored)
+
+    def slow(self, frequency: float) -> Members:
+        """Members of the groups one of which is slower than `frequency` (cycles a pixel), a half of the plane."""
+        down, across = np.fft.fftfreq(self.height)[: self._rows], np.fft.rfftfreq(self.width)[: self.n_columns]
+        rows, columns = np.mgrid[: self._rows, : self.n_columns]
+        nearest = np.minimum(rows, self._rows - rows)
+        chosen = np.hypot(down[nearest], across[columns]) < frequency
+        return self.members(rows[chosen], columns[chosen])
 
     def sample(self, n: int) -> tuple[Members, NDArray[np.float64]]:
         """Members of about `n` groups that stand for all, a quarter those that hold the slowest frequencies, and for

@@ -56,7 +56,7 @@ class Mixture:
 
     def __init__(self, stokes: StokesImages) -> None:
         size = max(1, math.ceil(max(stokes.images.shape[-2:]) / _BLOCKS))
-        self._unwhiten = np.linalg.cholesky(stokes.covariance / size**2)
+        self._unwhiten = np.linalg.cholesky(stokes.covariance * (stokes.block_noise(size) / size) ** 2)
         means = block_mean(stokes.images, size).reshape(3, -1).astype(np.float64)
         white = np.linalg.solve(self._unwhiten, means)
         seen = _seen(stokes, size)

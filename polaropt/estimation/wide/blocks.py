@@ -56,7 +56,8 @@ class PolarizedBlocks:
         size = max(1, math.ceil(max(height, width) / most))
         self._source, self._size = stokes, size
         means = block_mean(stokes.images[1:], size)
-        self.noise = math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
+        self._of_blocks = stokes.block_noise(size)
+        self.noise = self._of_blocks * math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
         # A clipped pixel is no polarized light.
         whole = block_mean(stokes.valid.astype(np.float32), size).min(axis=0).ravel() > WHOLE
         self._seen = seen = whole if whole.mean() > LEAST_SEEN else np.ones_like(whole)
@@ -84,7 +85,7 @@ class PolarizedBlocks:
     @property
     def covariance(self) -> Values:
         """Of the noise of `stokes`, (3, 3)."""
-        return np.asarray(self._source.covariance / (self._size * self.noise) ** 2)
+        return np.asarray(self._source.covariance * (self._of_blocks / (self._size * self.noise)) ** 2)
 
     @property
     def brightness(self) -> Values:
