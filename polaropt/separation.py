@@ -17,11 +17,11 @@ from polaropt.estimation import (
     RungReport,
     SceneEstimate,
     find_scene,
+    in_full,
     left_alone,
     model_names,
     scene_source,
     with_incidence_checked,
-    with_sense_of_samples,
 )
 from polaropt.inversion import Canvas
 from polaropt.judging import (
@@ -235,7 +235,7 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
         )
         if settings.model == "auto":
             found = left_alone(found, checked)
-        found = with_sense_of_samples(found.scaled(scale), capture, asked, noise)
+        found = in_full(found, capture, asked, noise)
         case = _Case(capture, asked, settings, noise, growth, mistakes, checked.doubtful, found)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:

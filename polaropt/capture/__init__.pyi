@@ -3,6 +3,8 @@ __all__ = [
     "MOST_NEGATIVE",
     "PLAUSIBLE_GAIN",
     "SMALLEST_SIDE",
+    "SONY_CELL",
+    "WHITE_16",
     "AnyPath",
     "Capture",
     "EncodingHint",
@@ -37,6 +39,7 @@ __all__ = [
     "read_file",
     "result_file",
     "result_folder",
+    "sampling_of",
     "stokes_images",
     "swapped_photographs",
     "visible_shift",
@@ -69,6 +72,9 @@ from .decode import AnyPath as AnyPath
 from .decode import linearize as linearize
 from .decode import parse_gamma as parse_gamma
 from .decode import read_file as read_file
+from .mosaic import SONY_CELL as SONY_CELL
+from .mosaic import WHITE_16 as WHITE_16
+from .mosaic import sampling_of as sampling_of
 from .noise import NoiseClasses as NoiseClasses
 from .noise import NoiseModel as NoiseModel
 from .noise import measured_noise as measured_noise

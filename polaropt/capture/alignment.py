@@ -44,8 +44,10 @@ def align(capture: Capture) -> Capture:
     Raises
     ------
     InputError
-        The photographs lie so far apart that too little of them overlaps.
+        The photographs lie so far apart that too little of them overlaps, or come from a mosaic.
     """
+    if capture.cells is not None:
+        raise InputError("a mosaic's photographs are taken at once, through one filter each pixel; leave --align out")
     shifts = measure_shifts(capture)
     turns = measure_turns(capture, shifts)
     if turns.certain:

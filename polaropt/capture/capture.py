@@ -430,7 +430,7 @@ class Capture:
         part = (..., rows, columns)
         other = object.__new__(type(self))
         samples = None if self.samples is None else self.samples.part(rows, columns)
-        intensities, valid = (np.ascontiguousarray(images[part]) for images in (self.intensities, self.valid))
+        intensities, valid = np.ascontiguousarray(self.intensities[part]), np.ascontiguousarray(self.valid[part])
         other._keep(intensities, self.angles_deg, valid, self.origin, samples, None)
         return other
 

@@ -32,8 +32,6 @@ _REACH = 4
 """Patterns on each side that the low pass reads: 7 standard deviations."""
 _TRUSTED = 0.99
 """Share of the weights that trusted samples must have in a pixel that is trusted. Set by hand."""
-_LEAST_WEIGHT = 0.05
-"""Share of the weights below which a pixel is not known at all. Set by hand."""
 
 
 def registered_cells(raw: Images, valid: Mask, sampling: Sampling, n_photographs: int) -> tuple[Images, Mask]:
@@ -52,6 +50,7 @@ def registered_cells(raw: Images, valid: Mask, sampling: Sampling, n_photographs
     -------
     photographs : ndarray of float32, shape (k, channel, h / period, w / period)
     valid : ndarray of bool, same shape
+        False where samples without trust have part; what is clipped counts as it is.
     """
     period = sampling.period
     shape = (n_photographs, sampling.n_channels, raw.shape[0] // period, raw.shape[1] // period)
@@ -61,15 +60,12 @@ def registered_cells(raw: Images, valid: Mask, sampling: Sampling, n_photographs
     for photograph, channel, row, column in sampling.places:
         here = (slice(row, None, period), slice(column, None, period))
         kernels = (_low_pass(row, period), _low_pass(column, period))
-        kept = raw[here] if trusted else np.where(valid[here], raw[here], np.float32(0))
-        sums[photograph, channel] += _filtered(kept, kernels)
+        sums[photograph, channel] += _filtered(raw[here], kernels)
         weights[photograph, channel] += 1 if trusted else _filtered(valid[here].astype(np.float32), kernels)
         count[photograph, channel] += 1
     weights /= count[..., None, None]
     sums /= count[..., None, None]
-    known = weights > _LEAST_WEIGHT
-    photographs = np.where(known, sums / np.where(known, weights, 1), 1).astype(np.float32)
-    return photographs, weights > _TRUSTED
+    return sums, weights > _TRUSTED
 
 
 def share_of_noise(sampling: Sampling) -> float:
@@ -145,16 +141,15 @@ def wiener_photographs(
     period, colors = sampling.period, sampling.n_channels
     analyzer, basis = analyzer_matrix(angles_deg), opponent_basis(colors)
     level = np.linalg.pinv(analyzer) @ expected.mean(axis=(-1, -2), dtype=np.float64)
-    samples = raw if valid.all() else np.where(valid, raw, _sampled_cells(expected, sampling))
+    samples = raw if valid.all() else np.where(valid | (raw >= 1), raw, _sampled_cells(expected, sampling))
     samples = samples - sampling.laid_out(analyzer @ level, raw.shape)
     rows, columns = (_mirrored(side, period) for side in raw.shape)
     window = [tukey_window(side, _MARGIN, index.size - side - _MARGIN) for side, index in _sides(raw, rows, columns)]
     framed = samples[rows][:, columns] * np.outer(*window).astype(np.float32)
     data = np.asarray(rfft2(framed, norm="ortho"), dtype=np.complex64)
-    groups = AliasGroups(*framed.shape, period)
-    combs = groups.combs(
-        np.array([[[analyzer[k, s] * basis[b, c] for k, c, *_ in sampling.places] for s in range(3)] for b in range(colors)])
-    )
+    groups = AliasGroups(framed.shape[0], framed.shape[1], period)
+    of_places = [np.outer(basis[:, c], analyzer[k]) for k, c, *_ in sampling.places]
+    combs = groups.combs(np.stack(of_places, axis=-1))
     law = _law(*framed.shape)
     powers = _fitted_powers(groups, combs, law, data, noise, _initial_powers(expected, analyzer, basis))
 
@@ -162,7 +157,7 @@ def wiener_photographs(
         return np.multiply.outer(powers, members.of(law)).astype(np.complex64)
 
     def stokes(members: Members, mean: NDArray[Any]) -> NDArray[Any]:
-        return np.einsum("bst,btag,ag->bsag", powers.astype(np.float32), mean, members.of(law))
+        return np.asarray(np.einsum("bst,btag,ag->bsag", powers.astype(np.float32), mean, members.of(law)))
 
     spectra = wiener_spectra(groups, combs, power, stokes, noise**2, data, 3)
     images = np.empty((colors, 3, *raw.shape), np.float32)

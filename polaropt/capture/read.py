@@ -11,10 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import ANGLES_DEG, SMALLEST_SIDE, Capture, FileContent, Origin, RawSamples, RegisteredCells, grey_levels
+from polaropt.capture.capture import (
+    ANGLES_DEG,
+    SMALLEST_SIDE,
+    Capture,
+    FileContent,
+    Origin,
+    RawSamples,
+    RegisteredCells,
+    grey_levels,
+)
 from polaropt.capture.decode import AnyPath, linearize, parse_gamma, read_file
-from polaropt.capture.focal_length import check_view, focal_from_view
 from polaropt.capture.demosaic import registered_cells, share_of_noise, wiener_photographs
+from polaropt.capture.focal_length import check_view, focal_from_view
 from polaropt.capture.mosaic import SONY_CELL, check_cell_order, looks_color, sampling_of
 from polaropt.capture.noise import noise_level
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
@@ -173,9 +182,7 @@ def checked_options(
         raise InputError(f"the pair gain is {gain:g}; give a value near 1 (0.5 to 2)")
     cell = check_cell_order(cell_order)
     encoding = parse_gamma(gamma)
-    return ReaderOptions(
-        angles, sensor, cell, black, white, gain, encoding, resolution, angle_sense, field_of_view_deg
-    )
+    return ReaderOptions(angles, sensor, cell, black, white, gain, encoding, resolution, angle_sense, field_of_view_deg)
 
 
 def _number(value: Any, what: str) -> float:

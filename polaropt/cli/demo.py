@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 COMPARISON = "side-by-side.png"
+MOSAIC, OF_MOSAIC = "mosaic.png", "mosaic"
 
 
 @dataclass(frozen=True)
@@ -34,16 +35,20 @@ def demo_command(options: DemoOptions) -> None:
     """Show the whole thing on an example: photograph, separate, compare with the truth.
 
     Two photographs that ship inside scikit-image are put behind and before a simulated pane and photographed through a
-    polarizer at four angles. The four files are then separated, with nothing known of the pane.
+    polarizer at four angles. The four files are then separated, with nothing known of the pane. Then the same as one
+    raw mosaic of a colour polarization camera.
     """
     from polaropt.capture import result_folder
 
     with result_folder(options.output) as work, progress_bar(not options.json) as progress:
         example, report, scores = _run(work, progress)
+    with result_folder(options.output / OF_MOSAIC) as work, progress_bar(not options.json) as progress:
+        of_mosaic = _run_mosaic(work, progress)
     if options.json:
-        say_json({"output": str(options.output), "scores": _as_dicts(scores), **report})
+        mosaic = {"scores": _as_dicts(of_mosaic)}
+        say_json({"output": str(options.output), "scores": _as_dicts(scores), "mosaic": mosaic, **report})
     else:
-        say(*_sentences(example, report, scores, options.output))
+        say(*_sentences(example, report, (scores, of_mosaic), options.output))
 
 
 def _run(work: Path, progress: Progress | None) -> tuple[Example, dict[str, Any], tuple[Score, Score]]:
@@ -68,11 +73,33 @@ def _run(work: Path, progress: Progress | None) -> tuple[Example, dict[str, Any]
     return example, report, rated
 
 
+def _run_mosaic(work: Path, progress: Progress | None) -> tuple[Score, Score]:
+    import numpy as np
+
+    from polaropt.capture import WHITE_16, read_capture, write_png, write_tiff
+    from polaropt.cli.example import SCENE, Example, comparison, make_mosaic, scores
+    from polaropt.reporting import write_separation
+    from polaropt.separation import separate
+
+    raw, transmission, reflection = make_mosaic()
+    write_png(work / MOSAIC, np.round(np.clip(raw, 0, 1) * WHITE_16).astype(np.uint16))
+    capture = read_capture(work / MOSAIC)
+    result = separate(capture, progress=progress)
+    write_separation(work, result, capture)
+    write_tiff(work / "true_transmission.tiff", transmission)
+    write_tiff(work / "true_reflection.tiff", reflection)
+    example, layers = Example(capture, transmission, reflection, SCENE), (result.transmission, result.reflection)
+    write_png(work / COMPARISON, comparison(example, *layers))
+    return scores(example, *layers)
+
+
 def _as_dicts(scores: tuple[Score, Score]) -> list[dict[str, Any]]:
     return [vars(score) for score in scores]
 
 
-def _sentences(example: Example, report: dict[str, Any], scores: tuple[Score, Score], folder: Path) -> list[str]:
+def _sentences(
+    example: Example, report: dict[str, Any], scores: tuple[tuple[Score, Score], tuple[Score, Score]], folder: Path
+) -> list[str]:
     from polaropt.optics import FIELDS, SEARCHED
     from polaropt.reporting import marked, report_attention
 
@@ -85,7 +112,9 @@ def _sentences(example: Example, report: dict[str, Any], scores: tuple[Score, Sc
         f"Pane            {'found':>9} {'true':>9}",
         *(row(field) for field in FIELDS if field.name in SEARCHED),
         f"PSNR            {'photograph':>10} {'separated':>10}",
-        *(f"  {score.layer:13} {score.doing_nothing_db:8.1f} {score.separated_db:10.1f} dB" for score in scores),
+        *map(_score_line, scores[0]),
+        "PSNR, from one raw mosaic at the sensor's resolution",
+        *map(_score_line, scores[1]),
         f"{report['solver']['n_evaluations']} evaluations, {sum(report['seconds'].values()):.1f} s",
         *marked(report_attention(report)),
         "",
@@ -95,7 +124,13 @@ def _sentences(example: Example, report: dict[str, Any], scores: tuple[Score, Sc
         f"  {folder / 'reflection.png'}    what the glass mirrors",
         f"  {folder / 'report.html'}       all of it as a page, for a browser",
         f"  {folder / 'report.json'}       how it was found",
+        f"  {folder / OF_MOSAIC}  the same from the raw mosaic",
         "The same from the files:",
         f"  polaropt separate {folder / 'capture_*.png'} -o my-output",
+        f"  polaropt separate {folder / OF_MOSAIC / MOSAIC} -o my-output-of-mosaic",
     ]
     return lines
+
+
+def _score_line(score: Score) -> str:
+    return f"  {score.layer:13} {score.doing_nothing_db:8.1f} {score.separated_db:10.1f} dB"

@@ -1,4 +1,7 @@
-"""The demo's example: a pair of photographs that ship inside scikit-image, behind a simulated pane."""
+"""The demo's examples: a pair of photographs that ship inside scikit-image, behind a simulated pane.
+
+The first is taken through a filter that is turned, the second by a colour polarization camera.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,16 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, planes_last
 from polaropt.optics import SceneParameters, ghost_step
 from polaropt.reporting import Picture, side_by_side, viewing_exposure
-from polaropt.simulation import MARGIN, Camera, cut, photograph_pair, psnr_db, shipped_photograph, without_margin
+from polaropt.simulation import (
+    MARGIN,
+    Camera,
+    cut,
+    photograph_mosaic,
+    photograph_pair,
+    psnr_db,
+    shipped_photograph,
+    without_margin,
+)
 
 Image = NDArray[np.float32]
 
@@ -19,6 +31,8 @@ SCENE = SceneParameters(incidence_deg=68.0, azimuth_deg=25.0, ghost_shift=ghost_
 # A room seen from the street: what the pane mirrors is brighter than what is behind it.
 ROOM_LIGHT = 0.5
 BORDER = 16
+# Standard deviation: as sharp as lenses of polarization cameras, whose pixels are small, usually are.
+LENS_BLUR_PX = 0.7
 
 
 @dataclass(frozen=True)
@@ -42,11 +56,24 @@ class Score:
 
 def make_example() -> Example:
     """Photograph the shipped pair: 12 bits, noise of 0.5 % of white."""
-    side = SIZE + 2 * MARGIN
-    transmission = ROOM_LIGHT * cut(shipped_photograph("coffee"), (side, side), (0.5, 0.5))
-    reflection = cut(shipped_photograph("astronaut"), (side, side), (0.0, 0.4))
+    transmission, reflection = _layers()
     capture = photograph_pair(transmission, reflection, SCENE, Camera(noise=0.005, bits=12, seed=1))
     return Example(capture, without_margin(transmission), without_margin(reflection), SCENE)
+
+
+def make_mosaic() -> tuple[Image, Image, Image]:
+    """The same by a colour polarization camera: raw mosaic (h, w), transmission and reflection as its lens images."""
+    camera = Camera(noise=0.005, bits=12, seed=1, lens_blur_px=LENS_BLUR_PX)
+    layers = _layers()
+    raw = without_margin(photograph_mosaic(*layers, SCENE, camera, color=True))
+    transmission, reflection = (without_margin(camera.through_lens(layer)) for layer in layers)
+    return raw, transmission, reflection
+
+
+def _layers() -> tuple[Image, Image]:
+    side = SIZE + 2 * MARGIN
+    transmission = ROOM_LIGHT * cut(shipped_photograph("coffee"), (side, side), (0.5, 0.5))
+    return transmission, cut(shipped_photograph("astronaut"), (side, side), (0.0, 0.4))
 
 
 def doing_nothing(capture: Capture) -> tuple[Image, Image]:

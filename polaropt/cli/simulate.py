@@ -15,12 +15,19 @@ from polaropt.cli.options import PaneOptions, numbers
 from polaropt.errors import InputError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from polaropt.optics import SceneParameters
     from polaropt.simulation import Camera
 
 
+_MOST_BLUR_PX = 100.0
+"""Widest blur of a lens that can be asked for, in pixels; set by hand."""
 _SET = "A data set instead of one pair"
 Format = Literal["png", "tiff", "npz"]
+Sensor = Literal["mono", "color"]
+MOSAIC = "mosaic.png"
+"""The file of a simulated mosaic."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,18 @@ class LayerOptions:
     ] = 0.005
     bits: Annotated[int | None, typer.Option(metavar="N", help="Depth of the camera. Default: not quantized.")] = None
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of everything random.")] = 0
+    sensor: Annotated[
+        Sensor | None,
+        typer.Option(
+            metavar="KIND",
+            help="Write the raw mosaic of a polarization camera instead (mosaic.png, 16 bits): mono or color. The "
+            "truth is what its lens images.",
+        ),
+    ] = None
+    lens_blur: Annotated[
+        float,
+        typer.Option(metavar="PX", help="Standard deviation of the lens's blur, in pixels."),
+    ] = 0.0
     format: Annotated[
         Format,
         typer.Option(metavar="FORMAT", help="png: a file per angle, 16 bits; tiff: a float stack; npz: exact."),
@@ -70,7 +89,9 @@ class LayerOptions:
 
         if self.seed < 0:
             raise InputError(f"--seed is {self.seed}; give a whole number from 0 on")
-        return Camera(numbers(self.angles, "--angles"), self.noise, self.bits, self.seed)
+        if not 0 <= self.lens_blur <= _MOST_BLUR_PX:
+            raise InputError(f"--lens-blur is {self.lens_blur:g}; give 0 to {_MOST_BLUR_PX:g} px")
+        return Camera(numbers(self.angles, "--angles"), self.noise, self.bits, self.seed, self.lens_blur)
 
 
 @dataclass(frozen=True)
@@ -100,7 +121,8 @@ def simulate_command(layers: LayerOptions, pane: PaneOptions, many: SetOptions) 
     """Blend two photographs as a pane of glass does and photograph them behind a polarizer, with the truth.
 
     One pair: the photographs (capture...), true_transmission.tiff and true_reflection.tiff (linear) and scene.json.
-    The pane is at 60 degrees, azimuth 0, ghost shift 6.3 px unless given.
+    The pane is at 60 degrees, azimuth 0, ghost shift 6.3 px unless given. With --sensor: mosaic.png instead of the
+    photographs.
 
     With --pairs: a data set of random pairs; what is given of the pane is the same in all of them.
     """
@@ -113,9 +135,17 @@ def simulate_command(layers: LayerOptions, pane: PaneOptions, many: SetOptions) 
 
 
 def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> dict[str, Any]:
-    from polaropt.capture import result_folder, write_capture, write_tiff
+    import numpy as np
+
+    from polaropt.capture import WHITE_16, result_folder, write_capture, write_png, write_tiff
     from polaropt.reporting import json_values
-    from polaropt.simulation import common_middle, photograph_pair, read_photograph
+    from polaropt.simulation import (
+        common_middle,
+        photograph_mosaic,
+        photograph_pair,
+        read_photograph,
+        sensor_image,
+    )
 
     if many.photos is not None:
         raise InputError("--photos is for a data set; give --pairs too, or two photographs instead")
@@ -125,15 +155,36 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
     camera, scene = layers.camera(), _one_scene(pane)
     with result_folder(layers.output) as work:
         images = common_middle([read_photograph(path, layers.gamma) for path in layers.layers])
-        capture = photograph_pair(images[0], images[1], scene, camera, margin=0)
-        files = [path.name for path in write_capture(capture, work / f"capture.{layers.format}")]
+        if layers.sensor is None:
+            capture = photograph_pair(images[0], images[1], scene, camera, margin=0)
+            files = [path.name for path in write_capture(capture, work / f"capture.{layers.format}")]
+        else:
+            _check_mosaic(layers, images[0])
+            color = layers.sensor == "color"
+            raw = photograph_mosaic(images[0], images[1], scene, camera, color)
+            write_png(work / MOSAIC, np.round(np.clip(raw, 0, 1) * WHITE_16).astype(np.uint16))
+            files, images = [MOSAIC], [sensor_image(image, color) for image in images]
         truth = ["true_transmission.tiff", "true_reflection.tiff"]
         for name, image in zip(truth, images, strict=True):
-            write_tiff(work / name, image)
+            write_tiff(work / name, camera.through_lens(image))
         document = {"polaropt": polaropt.__version__, "scene": json_values(scene), "camera": json_values(camera)}
         document |= {"photographs": [str(path) for path in layers.layers], "files": files, "truth": truth}
         (work / "scene.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     return {**document, "summary": ", ".join([*files, *truth, "scene.json"])}
+
+
+def _check_mosaic(layers: LayerOptions, image: NDArray[Any]) -> None:
+    """InputError where what is asked for makes no mosaic that could be read again."""
+    from polaropt.capture import SMALLEST_SIDE
+
+    if layers.format != "png":
+        raise InputError("--format is for four photographs; a mosaic is always one png, leave it out")
+    if layers.angles != "0,45,90,135":
+        raise InputError("--angles is for a filter that is turned; a sensor has 0,45,90,135, leave it out")
+    least = SMALLEST_SIDE * (4 if layers.sensor == "color" else 2)
+    if min(image.shape[:2]) < least:
+        size = f"{image.shape[1]}x{image.shape[0]}"
+        raise InputError(f"the photographs are {size} px; a mosaic needs at least {least}x{least} px")
 
 
 def _one_scene(pane: PaneOptions) -> SceneParameters:
@@ -156,6 +207,8 @@ def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) ->
 
     if layers.layers:
         raise InputError("--pairs takes its photographs from --photos; leave the two photographs out")
+    if layers.sensor is not None:
+        raise InputError("--sensor is for one pair; leave it or --pairs out")
     if layers.format != "png":
         raise InputError("--format is for one pair; a data set is always npz, leave it out")
     assert many.pairs is not None

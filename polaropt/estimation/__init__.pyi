@@ -1,5 +1,4 @@
 __all__ = [
-    "with_sense_of_samples",
     "NOTABLE_STAKE",
     "AngleMistake",
     "LadderResult",
@@ -9,6 +8,7 @@ __all__ = [
     "estimate_scene",
     "find_scene",
     "find_start_angle",
+    "in_full",
     "left_alone",
     "model_names",
     "scene_source",
@@ -24,8 +24,8 @@ from .flat.estimate import estimate_scene as estimate_scene
 from .ladder import LadderResult as LadderResult
 from .ladder import RungReport as RungReport
 from .ladder import find_scene as find_scene
+from .ladder import in_full as in_full
 from .ladder import model_names as model_names
 from .safeguard import left_alone as left_alone
 from .safeguard import scene_source as scene_source
 from .safeguard import with_incidence_checked as with_incidence_checked
-from .sampled_sense import with_sense_of_samples as with_sense_of_samples

@@ -112,10 +112,11 @@ def find_start_angle(capture: Capture) -> Capture:
         With angles from the image's x axis, if the ghosts tell the start (`origin.start_deg`); else with its own ones
         and a note (`origin.start_unknown`) that double images and wide lenses, which need it, cannot be modelled.
     """
-    noise = noise_level(capture)
-    incidence, azimuth, _ = estimate_scene(capture, _OPEN.replace(ghost_shift=0.0), noise=noise).scene.values()
-    found = ghost_direction(capture, noise, incidence, azimuth)
-    left = PolarizedBlocks(stokes_images(capture, noise)).constant_misfit(azimuth)
+    registered = capture.registered
+    noise = noise_level(registered)
+    incidence, azimuth, _ = estimate_scene(registered, _OPEN.replace(ghost_shift=0.0), noise=noise).scene.values()
+    found = ghost_direction(registered, noise, incidence, azimuth)
+    left = PolarizedBlocks(stokes_images(registered, noise)).constant_misfit(azimuth)
     if not found.certain or left > _MOST_LEFT:
         return capture.with_origin(start_unknown=True)
     angles = tuple((angle + found.start_deg) % 180 for angle in capture.angles_deg)

@@ -12,9 +12,10 @@ import time
 from dataclasses import dataclass
 from typing import Literal
 
-from polaropt.capture import Capture, stokes_images
+from polaropt.capture import Capture, noise_level, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
+from polaropt.estimation.flat.sampled_sense import with_sense_of_samples
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
@@ -94,9 +95,11 @@ def find_scene(
     Parameters
     ----------
     capture : Capture
+        Of a mosaic the samples tell to which side ghosts lie, all else is estimated from its cells.
     asked : SceneParameters
         Fields that are None are estimated. A focal length asks for the perspective rung.
     noise : float
+        Standard deviation of one photograph's noise; of a mosaic, of a sample's.
     model : str
         One of `model_names`.
     thickness_px, thickness_kind
@@ -104,6 +107,18 @@ def find_scene(
     """
     if asked.complete and thickness_px is None:
         return LadderResult(asked, None, ())
+    if capture.cells is not None:
+        small, of_cells = 1 / capture.scale, noise_level(capture.registered)
+        thickness = None if thickness_px is None else thickness_px * small
+        found = find_scene(
+            capture.registered,
+            asked.scaled(small),
+            of_cells,
+            model,
+            thickness_px=thickness,
+            thickness_kind=thickness_kind,
+        )
+        return in_full(found, capture, asked, noise)
     if asked.focal_px is not None and model == "auto":
         model = "perspective"
     if asked.bent:
@@ -123,6 +138,15 @@ def find_scene(
     blocks = PolarizedBlocks(stokes)
     misfit = blocks.constant_misfit(estimate.scene.values()[1])
     return _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds)
+
+
+def in_full(found: LadderResult, capture: Capture, asked: SceneParameters, noise: float) -> LadderResult:
+    """What was found from a mosaic's cells, in pixels of the capture; parameters as of `find_scene`."""
+    whole = found.scaled(capture.scale)
+    if whole.estimate is None or asked.ghost_shift is not None:
+        return whole
+    scene = with_sense_of_samples(whole.scene, capture, noise)
+    return LadderResult(scene, dataclasses.replace(whole.estimate, scene=scene), whole.tried)
 
 
 _ASKED = "It is the one asked for."

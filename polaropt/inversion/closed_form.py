@@ -73,6 +73,13 @@ class ClosedForm:
     variance: NDArray[np.float64]
     sampled: Knowledge
 
+    def thinned(self, share: float) -> ClosedForm:
+        """The same layers, of which only a share of the photographs' values tell."""
+        sampled = replace(
+            self.sampled, told=np.float32(share) * self.sampled.told, cross=np.float32(share**2) * self.sampled.cross
+        )
+        return replace(self, told=np.float32(share) * self.told, cross=np.float32(share) * self.cross, sampled=sampled)
+
 
 def plate_entries(capture: Capture, pse: PSE) -> Images:
     """Least-squares (I_par, I_perp[, s2']) from the trusted photographs of each pixel, (entries, channel, h, w)."""

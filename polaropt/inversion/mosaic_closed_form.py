@@ -92,7 +92,7 @@ class SampleLikelihood:
             raise ValueError("the capture has no samples of a mosaic")
         self._capture, self._noise = capture, noise
         pse = PSE(scene, capture.angles_deg)
-        self._canvas = canvas_for(pse, *capture.shape[-2:], samples.sampling.period)
+        self._canvas = canvas_for(pse, capture.shape[-2], capture.shape[-1], samples.sampling.period)
         self._basis = opponent_basis(samples.sampling.n_channels)
         entries = in_basis(self._basis.astype(np.float32), plate_entries(capture, pse), np)
         level = in_basis(self._basis.T.astype(np.float32), entries.mean(axis=(-1, -2), keepdims=True), np)
@@ -186,9 +186,7 @@ class _Mixture:
                 self.combs, _covariance(transfer, power), self._noise_power, samples, information=True
             )
             mean = power * np.einsum("elag,ceag->lcag", transfer.conj(), found.mean)
-            told = np.einsum(
-                "elag,cefag,flag->lcag", transfer.conj(), found.information, transfer, optimize=True
-            ).real
+            told = np.einsum("elag,cefag,flag->lcag", transfer.conj(), found.information, transfer, optimize=True).real
             # What remains is positive but for rounding.
             left = np.maximum(power - power * told * power, np.float32(1e-6) * power)
             expected = np.square(mean.real) + np.square(mean.imag) + left
@@ -202,9 +200,7 @@ class _Mixture:
         As if there were none: the difference of the layers' inverse covariances after and before.
         """
         power = prior.reshape(*prior.shape[:2], *samples.shape)
-        found = explained_groups(
-            self.combs, _covariance(transfer, power), self._noise_power, samples, information=True
-        )
+        found = explained_groups(self.combs, _covariance(transfer, power), self._noise_power, samples, information=True)
         told = np.einsum("elag,cefag,fmag->clmag", transfer.conj(), found.information, transfer, optimize=True)
         p_t, p_r = power
         v_t = np.maximum(p_t - p_t * told[:, 0, 0].real * p_t, np.float32(1e-6) * p_t)
@@ -234,7 +230,7 @@ class _Mixture:
         own = np.empty((2, colors, *self._canvas.shape), np.float32)
         for c, layer in np.ndindex(colors, 2):
             own[layer, c] = irfft2(spectra[c, layer], s=self._canvas.shape, norm="ortho", overwrite_x=True)
-        return in_basis(self._basis.T.astype(np.float32), own, np)
+        return np.asarray(in_basis(self._basis.T.astype(np.float32), own, np), dtype=np.float32)
 
 
 def _covariance(transfer: Spectrum, power: Power) -> Spectrum:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 _LAYOUTS = {
     "files": "one file per angle",
     "stack": "a stack",
-    "mono mosaic": "a mono mosaic, one pixel per 2x2 cell",
-    "color mosaic": "a colour mosaic, one pixel per 4x4 block",
+    "mono mosaic": "a mono mosaic",
+    "color mosaic": "a colour mosaic",
     "memory": "made in memory",
 }
 # Share of white below which the brightest value asks whether white lies lower. Set by hand: 12 bits in a file

@@ -8,10 +8,12 @@ __all__ = [
     "dead_leaves",
     "digitized",
     "exact_photographs",
+    "photograph_mosaic",
     "photograph_pair",
     "photographs_in",
     "psnr_db",
     "read_photograph",
+    "sensor_image",
     "shipped_photograph",
     "similarity_map",
     "simulate",
@@ -35,7 +37,9 @@ from .simulator import MARGIN as MARGIN
 from .simulator import Camera as Camera
 from .simulator import digitized as digitized
 from .simulator import exact_photographs as exact_photographs
+from .simulator import photograph_mosaic as photograph_mosaic
 from .simulator import photograph_pair as photograph_pair
+from .simulator import sensor_image as sensor_image
 from .simulator import simulate as simulate
 from .simulator import stack_layers as stack_layers
 from .simulator import without_margin as without_margin

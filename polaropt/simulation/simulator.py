@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polaropt.capture import ANGLES_DEG, MOST_NEGATIVE, Capture, FloatImages, planes_first
+from polaropt.capture import ANGLES_DEG, MOST_NEGATIVE, SONY_CELL, Capture, FloatImages, planes_first, sampling_of
 from polaropt.errors import InputError
+from polaropt.numerics import in_color
 from polaropt.optics import PSE, SceneParameters, VaryingPSE
 
 _DARKEST = 0.9 * MOST_NEGATIVE
@@ -110,23 +111,87 @@ MARGIN = 64
 
 @dataclass(frozen=True)
 class Camera:
-    """How the photographs are taken: polarizer angles, noise (white = 1), depth, seed of the noise."""
+    """How the photographs are taken.
+
+    Attributes
+    ----------
+    angles_deg : sequence of float
+        Of the polarizer.
+    noise : float
+        Standard deviation of the noise of a photograph (white = 1).
+    bits : int or None
+        Depth; None: not quantized.
+    seed : int
+        Of the noise.
+    lens_blur_px : float
+        Standard deviation of the Gaussian that the lens makes of a point, in pixels.
+    """
 
     angles_deg: Sequence[float] = ANGLES_DEG
     noise: float = 0.005
     bits: int | None = None
     seed: int = 0
+    lens_blur_px: float = 0.0
+
+    def through_lens(self, image: Image) -> Image:
+        """A layer (h, w[, channel]) as the lens images it."""
+        from scipy.ndimage import gaussian_filter
+
+        if not 0 <= self.lens_blur_px < np.inf:
+            raise InputError(f"the lens blur is {self.lens_blur_px} px; give a standard deviation of 0 or more")
+        if self.lens_blur_px == 0:
+            return image
+        return np.asarray(gaussian_filter(image, self.lens_blur_px, axes=(0, 1)), dtype=np.float32)
 
 
 def photograph_pair(
     transmission: Image, reflection: Image, scene: SceneParameters, camera: Camera, margin: int = MARGIN
 ) -> Capture:
     """Capture of two layers (h, w[, channel]); `margin` pixels on each side are in the layers only."""
+    transmission, reflection = camera.through_lens(transmission), camera.through_lens(reflection)
     larger = simulate(transmission, reflection, scene, camera.angles_deg, camera.noise, camera.bits, camera.seed)
     if margin == 0:
         return larger
     inside = (..., slice(margin, -margin), slice(margin, -margin))
     return Capture.of_planes(larger.intensities[inside], larger.angles_deg, larger.valid[inside])
+
+
+def photograph_mosaic(
+    transmission: Image,
+    reflection: Image,
+    scene: SceneParameters,
+    camera: Camera,
+    color: bool,
+    cell_order: Sequence[float] = SONY_CELL,
+) -> Image:
+    """Raw mosaic (h, w) of two layers, as a polarization camera would store it, white = 1.
+
+    Parameters
+    ----------
+    transmission, reflection : ndarray, shape (h, w[, channel])
+        Linear. A mono sensor sees the mean of the colours.
+    scene : SceneParameters
+        A complete scene.
+    camera : Camera
+        Its angles are those of the cell.
+    color : bool
+        Whether the sensor has a Bayer pattern of cells, R G / G B.
+    cell_order : sequence of 4 floats
+        Angles of a cell in degrees: top left, top right, bottom left, bottom right.
+    """
+    sampling, angles = sampling_of(color, cell_order)
+    seen = (camera.through_lens(sensor_image(image, color)) for image in (transmission, reflection))
+    photographs = exact_photographs(stack_layers(*seen), scene, angles)
+    raw = sampling.sample(photographs.reshape(len(angles), sampling.n_channels, *photographs.shape[-2:]))
+    noise = camera.noise * np.random.default_rng(camera.seed).standard_normal(raw.shape)
+    return digitized(raw + noise, camera.bits).astype(np.float32)
+
+
+def sensor_image(image: Image, color: bool) -> Image:
+    """An image (h, w[, channel]) with the colours that a sensor tells: three, or their mean (h, w)."""
+    if color:
+        return in_color(image)
+    return image if image.ndim == 2 else np.asarray(image.mean(axis=-1), dtype=np.float32)
 
 
 def without_margin(image: Image, margin: int = MARGIN) -> Image:

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseClasses, NoiseModel, noise_classes
-from polaropt.inversion import Canvas, ClosedForm, FourierPreconditioner, canvas_for, mosaic_layers, natural_image_layers
+from polaropt.inversion import (
+    Canvas,
+    ClosedForm,
+    FourierPreconditioner,
+    canvas_for,
+    mosaic_layers,
+    natural_image_layers,
+)
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.solving.objective import (
     Misfit,
@@ -56,6 +63,8 @@ def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
 
 Images = NDArray[np.float32]
 
+# Share of a mosaic's samples that is free at least, where the layers could follow nearly all of them. Set by hand.
+_LEAST_FREE = 0.1
 # Rows that are simulated at a time: bounds the memory, changes nothing.
 _STRIP_ROWS = 128
 
@@ -118,7 +127,7 @@ class Problem:
         self._weights, self._robust = weights, robust
         self.pse = engine or engine_for(scene, capture.angles_deg, self.noise, capture.shape[-2:], center)
         period = 1 if capture.samples is None else capture.samples.sampling.period
-        self.canvas: Canvas = canvas_for(self.pse, *capture.shape[-2:], period)
+        self.canvas: Canvas = canvas_for(self.pse, capture.shape[-2], capture.shape[-1], period)
         self.known: ClosedForm = self._closed_form()
         self.penalties = default_penalties(self.known, noise, capture.samples is not None)
 
@@ -139,7 +148,11 @@ class Problem:
         from polaropt.inversion import ghost_layers, varying_layers
 
         varying = ghost_layers if self.scene.has_ghosts else varying_layers
-        return varying(capture, self.pse, self.canvas, self.noise)
+        known = varying(capture, self.pse, self.canvas, self.noise)
+        if capture.samples is None:
+            return known
+        # Of photographs interpolated between the samples: a start, of which the samples alone are told.
+        return known.thinned(1 / (len(capture.angles_deg) * capture.samples.sampling.n_channels))
 
     def compiled(self, start: Images) -> Coordinates:
         """The objective in compiled passes, in coordinates made for `start` (2, channel, H, W)."""
@@ -151,7 +164,9 @@ class Problem:
         from polaropt.solving.compiled import FusedGhostMisfit, FusedMisfit, FusedVaryingMisfit, ReadableMisfit
 
         if self._robust:
-            return ReadableMisfit(Misfit(self._observed, self._on_canvas(), self.canvas, self._pixel_noise, robust=True))
+            return ReadableMisfit(
+                Misfit(self._observed, self._on_canvas(), self.canvas, self._pixel_noise, robust=True)
+            )
         if isinstance(self.pse, PSE):
             return FusedMisfit(self._observed, self.pse, self.canvas, self._pixel_noise)
         varying = FusedGhostMisfit if self.scene.has_ghosts else FusedVaryingMisfit
@@ -198,7 +213,7 @@ class Problem:
             return 2 * misfit / max(1.0, n * (k - 2) / k)
         # Two layers have more values than a mosaic has samples: what counts is what these tell of them.
         told = self.known.sampled.told_share()
-        return 2 * misfit / max(1.0, n - told * self.canvas.height * self.canvas.width)
+        return 2 * misfit / max(1.0, _LEAST_FREE * n, n - told * self.canvas.height * self.canvas.width)
 
 
 def component_images(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images) -> Images:

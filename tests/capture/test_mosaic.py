@@ -1,38 +1,33 @@
 """Mosaics: every polarizer and colour where the sensor has it."""
 
-import sys
-
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from polaropt import InputError
-from polaropt.capture.mosaic import bayer_contrast, check_cell_order, looks_color, merge_greens, split_mosaic
+from polaropt.capture.demosaic import registered_cells, share_of_noise, wiener_photographs
+from polaropt.capture.mosaic import bayer_contrast, check_cell_order, looks_color, sampling_of
+from polaropt.numerics import block_mean
 from tests.captured import ANGLES, color_mosaic, mono_mosaic, scene_intensities
 
 
 def test_mono_cells_are_sonys():
-    planes, angles = split_mosaic(np.arange(16).reshape(4, 4), color=False)
+    sampling, angles = sampling_of(color=False)
     assert angles == ANGLES
-    assert [plane[0, 0] for plane in planes] == [5, 1, 0, 4]
+    assert [[angles[k] for k in row] for row in sampling.photographs] == [[90, 45], [135, 0]]
+    assert (sampling.period, sampling.n_channels) == (2, 1)
 
 
 def test_color_cells_are_red_green_green_blue():
-    planes, angles = split_mosaic(np.arange(64).reshape(8, 8), color=True)
-    assert planes.shape == (4, 4, 2, 2)
-    assert angles == ANGLES
-    assert planes[2, :, 0, 0].tolist() == [0, 2, 16, 18]
-    assert merge_greens(planes.astype(np.float32))[2, :, 0, 0].tolist() == [0, 9, 18]
-
-
-@pytest.mark.parametrize(("shape", "color", "expected"), [((7, 9), False, (3, 4)), ((10, 15), True, (2, 3))])
-def test_what_is_no_whole_cell_is_cut_off(shape, color, expected):
-    assert split_mosaic(np.zeros(shape), color)[0].shape[-2:] == expected
+    sampling, angles = sampling_of(color=True)
+    assert sampling.channels == ((0, 0, 1, 1), (0, 0, 1, 1), (1, 1, 2, 2), (1, 1, 2, 2))
+    assert [angles[k] for k in sampling.photographs[2]] == [90, 45, 90, 45]
 
 
 def test_another_cell_order_is_sorted_by_angle():
-    planes, angles = split_mosaic(np.arange(16).reshape(4, 4), color=False, cell_order=(0, 45, 135, 90))
+    sampling, angles = sampling_of(color=False, cell_order=(0, 45, 135, 90))
     assert angles == ANGLES
-    assert [plane[0, 0] for plane in planes] == [0, 1, 5, 4]
+    assert sampling.photographs == ((0, 1), (3, 2))
 
 
 @pytest.mark.parametrize("wrong", [(0, 45, 90), (0, 45, 90, 180), (0, 45, 90, "x"), (0, 45, 90, np.nan), 7])
@@ -53,36 +48,44 @@ def test_color_sensors_are_told_from_mono_ones(seed, balance):
 
 
 @pytest.mark.parametrize("color", [False, True])
-def test_full_resolution_interpolates_what_the_cells_hold(color):
-    pytest.importorskip("polanalyser", reason="polanalyser is not installed")
-    from polaropt.capture.mosaic import demosaic_full
-
-    levels = np.linspace(0.2, 0.8, 12).reshape(4, 3)
-    flat = np.tile(levels[..., None, None], (1, 1, 32, 32)) if color else np.tile(levels[:, :1, None], (1, 32, 32))
-    raw = color_mosaic(flat) if color else mono_mosaic(flat)
-    images, valid, angles = demosaic_full(raw.astype(np.float32), np.ones(raw.shape, bool), color, (90, 45, 135, 0))
-    assert angles == ANGLES
-    np.testing.assert_allclose(images, flat, atol=1e-4)
+def test_cells_of_a_slope_are_its_values_in_their_middle_at_every_angle(color):
+    sampling, _ = sampling_of(color)
+    rows, columns = np.mgrid[:96, :96].astype(np.float32)
+    slope = 0.2 + 0.004 * rows - 0.001 * columns
+    cells, valid = registered_cells(slope, np.ones(slope.shape, bool), sampling, 4)
+    middle = block_mean(slope, sampling.period)
+    inside = (..., slice(5, -5), slice(5, -5))
+    np.testing.assert_allclose(cells[inside], np.broadcast_to(middle, cells.shape)[inside], atol=1e-6)
     assert valid.all()
 
 
-def test_full_resolution_spreads_what_is_not_valid():
-    pytest.importorskip("polanalyser", reason="polanalyser is not installed")
-    from polaropt.capture.mosaic import demosaic_full
+@pytest.mark.parametrize("color", [False, True])
+def test_cells_have_the_share_of_the_noise_that_is_told(color):
+    sampling, _ = sampling_of(color)
+    noise = np.random.default_rng(0).standard_normal((256, 256)).astype(np.float32)
+    cells, _ = registered_cells(noise, np.ones(noise.shape, bool), sampling, 4)
+    assert np.sqrt(np.square(cells).mean()) == pytest.approx(share_of_noise(sampling), rel=0.05)
 
-    raw = mono_mosaic(scene_intensities((32, 32))).astype(np.float32)
+
+def test_cells_next_to_a_clipped_sample_are_not_trusted():
+    sampling, _ = sampling_of(color=False)
+    valid = np.ones((64, 64), dtype=bool)
+    valid[20, 20] = False
+    _, trusted = registered_cells(np.full(valid.shape, 0.5, np.float32), valid, sampling, 4)
+    untrusted = np.argwhere(~trusted)
+    assert {tuple(where[:2]) for where in untrusted} == {(2, 0)}, "the top left corner is at 90 degrees"
+    assert np.abs(untrusted[:, 2:] - 10).max() <= 2
+
+
+@pytest.mark.parametrize("color", [False, True])
+def test_likely_photographs_are_nearer_to_the_truth_than_the_nearest_samples(color):
+    images = scene_intensities((128, 128), seed=3)
+    truth = np.stack([share * images for share in (0.6, 1.0, 0.7)], axis=1) if color else images[:, None]
+    truth = gaussian_filter(truth, (0, 0, 1, 1)).astype(np.float32)
+    sampling, angles = sampling_of(color)
+    raw = sampling.sample(truth) + 0.002 * np.random.default_rng(0).standard_normal(truth.shape[-2:])
     valid = np.ones(raw.shape, dtype=bool)
-    valid[10, 10] = False
-    before, _, _ = demosaic_full(raw, valid, False, (90, 45, 135, 0))
-    raw[10, 10] = raw.mean()
-    after, trusted, _ = demosaic_full(raw, valid, False, (90, 45, 135, 0))
-    np.testing.assert_array_equal((np.abs(before - after) > 1e-3) & trusted, False)
-    assert np.count_nonzero(~trusted) == 9
-
-
-def test_a_missing_package_names_the_extra(monkeypatch):
-    from polaropt.capture.mosaic import demosaic_full
-
-    monkeypatch.setitem(sys.modules, "polanalyser", None)
-    with pytest.raises(InputError, match=r"pip install polaropt\[demosaic\]"):
-        demosaic_full(np.ones((32, 32), np.float32), np.ones((32, 32), bool), False, (90, 45, 135, 0))
+    cells, _ = registered_cells(raw.astype(np.float32), valid, sampling, 4)
+    found = wiener_photographs(raw.astype(np.float32), valid, sampling, angles, 0.002, cells)
+    nearest = np.repeat(np.repeat(cells, sampling.period, axis=-2), sampling.period, axis=-1)
+    assert np.square(found - truth).mean() < 0.5 * np.square(nearest - truth).mean()

@@ -6,9 +6,10 @@ import imagecodecs
 import numpy as np
 import pytest
 import tifffile
+from scipy.ndimage import gaussian_filter
 
 from polaropt import InputError, read_capture
-from polaropt.capture.noise import noise_level
+from polaropt.capture.noise import measured_noise, noise_level
 from polaropt.capture.write import encode_srgb, write_png, write_tiff
 from tests.captured import ANGLES, color_mosaic, mono_mosaic, photographed, scene_intensities
 
@@ -60,18 +61,23 @@ def test_channels_last_in_npz(tmp_path):
 
 
 @pytest.mark.parametrize("gain", [1.0, 1.022])
-def test_a_mono_mosaic_is_half_size_and_its_gain_divided_out(tmp_path, gain):
+def test_a_mono_mosaic_has_the_sensors_size_and_its_gain_divided_out(tmp_path, gain):
     images = scene_intensities((128, 161))
     skewed = images * np.array([1, gain, 1, gain]).reshape(4, 1, 1)
     write_png(tmp_path / "a.png", sixteen(mono_mosaic(skewed)))
     capture = read_capture(str(tmp_path / "a.png"))
-    assert capture.shape == (64, 80)
+    assert capture.shape == (128, 160)
     assert capture.origin.layout == "mono mosaic"
+    assert capture.origin.left_out_px == (0, 1)
     assert capture.origin.pair_gain == pytest.approx(gain, abs=2e-3)
-    np.testing.assert_allclose(capture.intensities[2], images[2, ::2, :160:2], atol=3e-3)
+    np.testing.assert_allclose(capture.samples.values[::2, ::2], images[2, ::2, :160:2], atol=3e-3)
+    np.testing.assert_allclose(capture.samples.values[::2, 1::2], images[1, ::2, 1:160:2], atol=3e-3)
+    cells = read_capture(tmp_path / "a.png", resolution="cell")
+    assert (cells.shape, cells.samples) == ((64, 80), None)
+    assert cells.registered.shape == capture.registered.shape == (64, 80)
     forced = read_capture(tmp_path / "a.png", pair_gain=1.05)
     assert forced.origin.pair_gain == 1.05
-    ratio = forced.intensities[1] / capture.intensities[1]
+    ratio = forced.samples.values[::2, 1::2] / capture.samples.values[::2, 1::2]
     np.testing.assert_allclose(ratio, capture.origin.pair_gain / 1.05, rtol=1e-5)
 
 
@@ -81,15 +87,16 @@ def test_an_implausible_gain_is_left_alone(tmp_path):
     assert read_capture(tmp_path / "a.png").origin.pair_gain == 1
 
 
-def test_a_colour_mosaic_is_quarter_size(tmp_path):
+def test_a_colour_mosaic_has_the_sensors_size_or_a_quarter(tmp_path):
     gray = scene_intensities((128, 160))
     images = np.stack([0.5 * gray, gray, 0.7 * gray], axis=1)
     write_png(tmp_path / "a.png", sixteen(color_mosaic(images)))
     capture = read_capture(tmp_path / "a.png")
     assert capture.origin.layout == "color mosaic"
-    assert capture.shape == (3, 32, 40)
-    np.testing.assert_allclose(capture.intensities[2, 0], images[2, 0, ::4, ::4], atol=5e-3)
-    assert read_capture(tmp_path / "a.png", sensor="mono").shape == (64, 80)
+    assert capture.shape == (3, 128, 160)
+    np.testing.assert_allclose(capture.samples.values[::4, ::4], images[2, 0, ::4, ::4], atol=5e-3)
+    assert read_capture(tmp_path / "a.png", resolution="cell").shape == (3, 32, 40)
+    assert read_capture(tmp_path / "a.png", sensor="mono").shape == (128, 160)
 
 
 def test_clipping_is_decided_on_raw_values(tmp_path):
@@ -97,23 +104,23 @@ def test_clipping_is_decided_on_raw_values(tmp_path):
     raw = sixteen(mono_mosaic(images))
     write_png(tmp_path / "a.png", raw)
     capture = read_capture(tmp_path / "a.png")
-    np.testing.assert_array_equal(capture.valid[2], raw[::2, ::2] < 65535)
-    np.testing.assert_array_equal(capture.valid[1], raw[::2, 1::2] < 65535)
+    np.testing.assert_array_equal(capture.samples.valid, raw < 65535)
+    np.testing.assert_array_equal(capture.observed.valid[2, ::2, ::2], raw[::2, ::2] < 65535)
+    assert not capture.observed.valid[2, 1::2].any()
 
 
 @pytest.mark.parametrize("color", [False, True])
-def test_full_resolution_keeps_the_noise_of_raw_pixels(tmp_path, color):
-    pytest.importorskip("polanalyser", reason="polanalyser is not installed")
-    gray = scene_intensities((256, 256)) * 0.9
+@pytest.mark.parametrize("resolution", ["sensor", "cell"])
+def test_the_noise_of_a_mosaic_is_that_of_its_samples(tmp_path, color, resolution):
+    gray = gaussian_filter(scene_intensities((256, 256)) * 0.9, (0, 1, 1))
     images = np.stack([0.5 * gray, gray, 0.7 * gray], axis=1) if color else gray
     raw = color_mosaic(images) if color else mono_mosaic(images)
     raw = 0.05 + raw + 0.01 * np.random.default_rng(0).standard_normal(raw.shape)
     write_png(tmp_path / "a.png", sixteen(raw))
-    capture = read_capture(tmp_path / "a.png", full_resolution=True)
-    assert capture.shape == images.shape[1:]
-    halved = noise_level(read_capture(tmp_path / "a.png"))
-    assert noise_level(capture) == halved
-    assert np.median(np.abs(capture.intensities - 0.05 - images)) < (0.06 if color else 0.03)
+    capture = read_capture(tmp_path / "a.png", resolution=resolution)
+    level, model = measured_noise(capture)
+    assert level == noise_level(capture) == pytest.approx(0.01, rel=0.15)
+    assert model.read == pytest.approx(level)
 
 
 @pytest.mark.parametrize(("top", "expected"), [(4095, 4095), (4095 * 16, 4095 * 16), (3506, 3506)])
@@ -173,7 +180,9 @@ def stack(folder, images):
         (lambda folder: written(folder, GOOD), {"angles_deg": 5}, "4 photographs but 1|at least 3"),
         (lambda folder: written(folder, GOOD), {"sensor": "mono"}, "for one raw mosaic"),
         (lambda folder: written(folder, GOOD), {"sensor": "foveon"}, "choose one of auto, mono, color"),
-        (lambda folder: written(folder, GOOD), {"full_resolution": True}, "for one raw mosaic"),
+        (lambda folder: written(folder, GOOD), {"resolution": "cell"}, "for one raw mosaic"),
+        (lambda folder: written(folder, GOOD), {"resolution": "full"}, "choose one of sensor, cell"),
+        (lambda folder: stack(folder, GOOD[0]), {}, "at least 32 px a side"),
         (lambda folder: written(folder, GOOD), {"black_level": 9, "white_level": 3}, "not above the black level"),
         (lambda folder: written(folder, GOOD), {"black_level": 20000}, "black level"),
         (lambda folder: written(folder, GOOD), {"pair_gain": 0}, "pair gain"),
@@ -216,9 +225,9 @@ def test_one_defect_below_black_counts(tmp_path):
 @pytest.mark.parametrize(
     ("name", "shape", "gain", "noise", "invalid"),
     [
-        ("lei2020_IMG_0287_mosaic16.png", (600, 640), 1.024, 0.0061, 0.0),
-        ("maeda_carps_mosaic8.png", (1024, 1224), 1.019, 0.0058, 0.11),
-        ("maeda_polarizers_mosaic8.png", (1024, 1224), 1.011, 0.0107, 0.16),
+        ("lei2020_IMG_0287_mosaic16.png", (1200, 1280), 1.024, 0.0061, 0.0),
+        ("maeda_carps_mosaic8.png", (2048, 2448), 1.019, 0.0058, 0.11),
+        ("maeda_polarizers_mosaic8.png", (2048, 2448), 1.011, 0.0107, 0.16),
     ],
 )
 def test_real_mosaics(name, shape, gain, noise, invalid):

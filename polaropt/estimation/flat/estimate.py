@@ -74,8 +74,8 @@ class SceneEstimate:
 
     def scaled(self, factor: float) -> SceneEstimate:
         """The same of photographs with so many times the pixels a side."""
-        lengths = {"scene": self.scene.scaled(factor), "errors": self.errors.scaled(factor)}
-        return replace(self, **lengths, shift_grid=factor * self.shift_grid)
+        grid = factor * self.shift_grid
+        return replace(self, scene=self.scene.scaled(factor), errors=self.errors.scaled(factor), shift_grid=grid)
 
     @property
     def better_left(self) -> bool:

@@ -7,10 +7,7 @@ no measure of the distance: what a lens takes from fine detail is likelier to co
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from polaropt.capture import Capture
-from polaropt.estimation.ladder import LadderResult
 from polaropt.inversion import SampleLikelihood
 from polaropt.numerics import middle_part
 from polaropt.optics import SceneParameters
@@ -21,27 +18,21 @@ _LEAST_GAIN = 5.0
 """Deviance that the other side must gain over the one found; set by hand."""
 
 
-def with_sense_of_samples(found: LadderResult, capture: Capture, asked: SceneParameters, noise: float) -> LadderResult:
-    """A flat pane whose ghosts lie to the side to which a mosaic's samples are likelier.
+def with_sense_of_samples(scene: SceneParameters, capture: Capture, noise: float) -> SceneParameters:
+    """A flat pane whose ghosts lie to the side to which a mosaic's samples are likelier; any other scene as it is.
 
     Parameters
     ----------
-    found : LadderResult
-        In pixels of the capture.
+    scene : SceneParameters
+        Complete, in pixels of the capture.
     capture : Capture
-    asked : SceneParameters
-        A ghost shift that was given stays.
     noise : float
         Standard deviation of a sample's noise.
     """
-    scene = found.scene
-    if capture.samples is None or asked.ghost_shift is not None or found.estimate is None:
-        return found
-    if scene.rung != "ghosts" or scene.transmission_ghost_shift is not None:
-        return found
+    if capture.samples is None or scene.rung != "ghosts" or scene.transmission_ghost_shift is not None:
+        return scene
     part = capture.part(*middle_part(capture.shape, _MOST_PX))
     other = scene.replace(ghost_shift=-scene.values()[2])
     likelihood = SampleLikelihood(part, scene.replace(ghost_shift=0.0), noise)
-    if likelihood.n * (likelihood.score(scene) - likelihood.score(other)) < _LEAST_GAIN:
-        return found
-    return LadderResult(other, replace(found.estimate, scene=other), found.tried)
+    gain = likelihood.n * (likelihood.score(scene) - likelihood.score(other))
+    return other if gain >= _LEAST_GAIN else scene

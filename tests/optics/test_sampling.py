@@ -1,0 +1,46 @@
+"""A mosaic's sampling is linear: it has a transpose, and a pattern that goes on beyond any corner."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from polaropt.capture.mosaic import sampling_of
+from polaropt.optics import PSE, SampledPSE, SceneParameters, VaryingPSE
+
+RANDOM = np.random.default_rng(0)
+
+
+@given(st.booleans(), st.integers(8, 21), st.integers(8, 21))
+def test_spread_is_the_transpose_of_sample(color, height, width):
+    sampling, _ = sampling_of(color)
+    images = RANDOM.standard_normal((4, sampling.n_channels, height, width))
+    raw = RANDOM.standard_normal((height, width))
+    assert np.vdot(sampling.sample(images), raw) == pytest.approx(np.vdot(images, sampling.spread(raw, 4)))
+
+
+@given(st.booleans(), st.integers(-9, 9), st.integers(-9, 9))
+def test_a_part_is_sampled_as_the_whole_is(color, top, left):
+    sampling, _ = sampling_of(color)
+    images = RANDOM.standard_normal((4, sampling.n_channels, 40, 40))
+    top, left = top + 10, left + 10
+    part = sampling.moved(top, left).sample(images[..., top:, left:])
+    np.testing.assert_array_equal(part, sampling.sample(images)[top:, left:])
+
+
+def test_every_sample_belongs_to_one_photograph():
+    sampling, _ = sampling_of(color=True)
+    assert sampling.spread(np.ones((12, 12), dtype=int), 4).sum(axis=(0, 1)).tolist() == np.ones((12, 12)).tolist()
+
+
+@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize("shift", [0.0, 3.0, 2.4])
+@pytest.mark.parametrize("focal_px", [None, 30.0])
+def test_a_pane_behind_a_mosaic_has_a_transpose(color, shift, focal_px):
+    sampling, angles = sampling_of(color)
+    scene = SceneParameters(55.0, 30.0, shift, focal_px=focal_px)
+    engine = (PSE if focal_px is None else VaryingPSE)(scene, angles)
+    sampled = SampledPSE(engine, sampling)
+    layers = RANDOM.standard_normal((2, sampling.n_channels, 17, 22))
+    raw = RANDOM.standard_normal((17, 22))
+    assert np.vdot(sampled.forward(layers), raw) == pytest.approx(np.vdot(layers, sampled.adjoint(raw)), rel=1e-5)
