@@ -40,6 +40,10 @@ STUDIES = (
         "How good is a separation against others' methods, and against the figures the paper prints?",
         inputs=("--layers",),
     ),
+    Study(
+        "mosaic",
+        "How good are layers from one raw mosaic, at the resolution of the sensor, against four full photographs?",
+    ),
     Study("coverage", "Do the stated standard errors of the layers hold?"),
     Study("parameter_errors", "Do the stated standard errors of the scene's parameters hold?"),
     Study("real_captures", "What does a separation make of real captures and of measured layers?", inputs=("--data",)),

@@ -196,16 +196,19 @@ class RegisteredCells:
     Attributes
     ----------
     capture : Capture
-        All samples referred to the middle of their pattern by one low pass, see `polaropt.capture.demosaic`.
+        All samples referred to the middle of their pattern by one low pass, see `polaropt.capture.mosaic`.
     scale : int
         Pixels of the capture that these belong to per pixel of theirs.
     noise_share : float
         Standard deviation of their noise in units of a raw sample's.
+    samples : RawSamples
+        What they were made of.
     """
 
     capture: Capture
     scale: int
     noise_share: float
+    samples: RawSamples
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

@@ -2,10 +2,20 @@
 
 A colour sensor (IMX250MYR) has 4x4 blocks: each 2x2 polarizer cell has one colour, and the cells follow each other as
 R G / G B. Sony's cell has the polarizers 90, 45 / 135, 0.
+
+A mosaic's samples lie beside each other. Taken as one point they fake polarization at every edge. There are two ways
+to bring them together, and either has its use:
+
+- `registered_cells`: all samples through one and the same low pass, a pixel per pattern. Nothing is shrunk, so layers'
+  edges keep their ratios: what a pane is estimated from.
+- `wiener_photographs`: the likeliest photographs in full size if their Stokes images are natural images. What the
+  samples do not tell is taken from what usually goes with it, so polarization of fine detail is that of the rest:
+  right on average, and a bias of whatever is estimated from ratios of edges.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,10 +23,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.errors import InputError
-from polaropt.numerics import block_mean
-from polaropt.optics import Sampling
+from polaropt.numerics import (
+    AliasGroups,
+    Members,
+    block_mean,
+    opponent_basis,
+    squared_frequencies,
+    tukey_window,
+)
+from polaropt.optics import Sampling, analyzer_matrix
 
 Raw = NDArray[Any]
+Images = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Floats = NDArray[np.float64]
 
 SONY_CELL = (90.0, 45.0, 135.0, 0.0)
 """Polarizer angles of a cell of Sony's IMX250MZR and MYR: top left, top right, bottom left, bottom right."""
@@ -107,3 +127,210 @@ def _listed(values: Any) -> str:
         return ",".join(f"{value:g}" if isinstance(value, int | float) else str(value) for value in values)
     except TypeError:
         return str(values)
+
+
+_WIDTH = 0.57
+"""Standard deviation of the low pass in patterns. By trial: with less, estimates of the incidence are spoilt by what
+aliases, with more by what is lost; a Gaussian of half a pattern averaged over the pattern has as much."""
+_REACH = 4
+"""Patterns on each side that the low pass reads: 7 standard deviations."""
+_TRUSTED = 0.99
+"""Share of the weights that trusted samples must have in a pixel that is trusted. Set by hand."""
+
+
+def registered_cells(raw: Images, valid: Mask, sampling: Sampling, n_photographs: int) -> tuple[Images, Mask]:
+    """Photographs of one pixel per pattern, all referred to its middle.
+
+    Parameters
+    ----------
+    raw : ndarray of float32, shape (h, w)
+        Whole patterns.
+    valid : ndarray of bool, shape (h, w)
+        Samples that can be trusted.
+    sampling : Sampling
+    n_photographs : int
+
+    Returns
+    -------
+    photographs : ndarray of float32, shape (k, channel, h / period, w / period)
+    valid : ndarray of bool, same shape
+        False where samples without trust have part; what is clipped counts as it is.
+    """
+    period = sampling.period
+    shape = (n_photographs, sampling.n_channels, raw.shape[0] // period, raw.shape[1] // period)
+    sums, weights = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    count = np.zeros(shape[:2])
+    trusted = valid.all()
+    for photograph, channel, row, column in sampling.places:
+        here = (slice(row, None, period), slice(column, None, period))
+        kernels = (_low_pass(row, period), _low_pass(column, period))
+        sums[photograph, channel] += _filtered(raw[here], kernels)
+        weights[photograph, channel] += 1 if trusted else _filtered(valid[here].astype(np.float32), kernels)
+        count[photograph, channel] += 1
+    weights /= count[..., None, None]
+    sums /= count[..., None, None]
+    return sums, weights > _TRUSTED
+
+
+def share_of_noise(sampling: Sampling) -> float:
+    """Standard deviation of the noise of `registered_cells` in units of a sample's, root of the mean square."""
+    period = sampling.period
+    variance = np.zeros((1 + max(map(max, sampling.photographs)), sampling.n_channels))
+    count = np.zeros_like(variance)
+    for photograph, channel, row, column in sampling.places:
+        squares = [float(np.square(_low_pass(offset, period)).sum()) for offset in (row, column)]
+        variance[photograph, channel] += squares[0] * squares[1]
+        count[photograph, channel] += 1
+    return math.sqrt(float((variance / count**2).mean()))
+
+
+def _low_pass(offset: int, period: int) -> Floats:
+    """Weights of samples at `offset` in their patterns for the middle of a pattern, by the patterns' distance.
+
+    A Gaussian whose sum, mean and variance are exact whatever the offset: sampled as it is, it would move the samples
+    of different offsets against each other.
+    """
+    distance = period * np.arange(-_REACH, _REACH + 1) + offset - (period - 1) / 2
+    width = _WIDTH * period
+    gauss = np.exp(-0.5 * (distance / width) ** 2)
+    powers = (distance / width) ** np.arange(3)[:, None]
+    return np.asarray(gauss * (np.linalg.solve(powers * gauss @ powers.T, [1.0, 0.0, 1.0]) @ powers))
+
+
+def _filtered(images: Images, kernels: tuple[Floats, Floats]) -> Images:
+    from scipy.ndimage import correlate1d
+
+    down = correlate1d(images, kernels[0], axis=0, mode="nearest")
+    return np.asarray(correlate1d(down, kernels[1], axis=1, mode="nearest"), dtype=np.float32)
+
+
+_MARGIN = 16
+"""Pixels around a frame in which its mirror image fades: a multiple of all periods. Set by hand."""
+_POWER_LAW = 2.4
+"""Power of photographs falls with so high a power of frequency; by trial, see `polaropt.inversion`."""
+_TURNS = 6
+"""Turns of expectation maximization; more hardly change the photographs."""
+_SAMPLED = 6144
+"""Frequencies that the Stokes images' covariance is fitted to: one changes no figure. As many as for the layers."""
+_START = (1.0, 0.5, 0.5)
+"""Power of s0, s1 and s2 that the fit starts from, in units of the intensity's. Set by hand."""
+_LEAST_POWER = 1e-12
+"""Gradient power of photographs without any edges. Set by hand."""
+
+
+def wiener_photographs(
+    raw: Images, valid: Mask, sampling: Sampling, angles_deg: tuple[float, ...], noise: float, expected: Images
+) -> Images:
+    """The likeliest photographs (k, channel, h, w) of a mosaic whose Stokes images are natural images.
+
+    Their covariance, of s0, s1 and s2 for each colour of an opponent basis, is fitted by expectation maximization.
+
+    Parameters
+    ----------
+    raw : ndarray of float32, shape (h, w)
+        Whole patterns.
+    valid : ndarray of bool, shape (h, w)
+    sampling : Sampling
+    angles_deg : tuple of float
+        Polarizer angle of each photograph.
+    noise : float
+        Standard deviation of a sample's noise.
+    expected : ndarray, shape (k, channel, h / period, w / period)
+        Photographs of `registered_cells`: what stands where samples cannot be trusted.
+    """
+    from scipy.fft import irfft2, rfft2
+
+    from polaropt.numerics import wiener_spectra
+
+    period, colors = sampling.period, sampling.n_channels
+    analyzer, basis = analyzer_matrix(angles_deg), opponent_basis(colors)
+    level = np.linalg.pinv(analyzer) @ expected.mean(axis=(-1, -2), dtype=np.float64)
+    samples = raw if valid.all() else np.where(valid | (raw >= 1), raw, _sampled_cells(expected, sampling))
+    samples = samples - sampling.laid_out(analyzer @ level, raw.shape)
+    rows, columns = (_mirrored(side, period) for side in raw.shape)
+    window = [tukey_window(side, _MARGIN, index.size - side - _MARGIN) for side, index in _sides(raw, rows, columns)]
+    framed = samples[rows][:, columns] * np.outer(*window).astype(np.float32)
+    data = np.asarray(rfft2(framed, norm="ortho"), dtype=np.complex64)
+    groups = AliasGroups(framed.shape[0], framed.shape[1], period)
+    of_places = [np.outer(basis[:, c], analyzer[k]) for k, c, *_ in sampling.places]
+    combs = groups.combs(np.stack(of_places, axis=-1))
+    law = _law(*framed.shape)
+    powers = _fitted_powers(groups, combs, law, data, noise, _initial_powers(expected, analyzer, basis))
+
+    def power(members: Members) -> NDArray[Any]:
+        return np.multiply.outer(powers, members.of(law)).astype(np.complex64)
+
+    def stokes(members: Members, mean: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(np.einsum("bst,btag,ag->bsag", powers.astype(np.float32), mean, members.of(law)))
+
+    spectra = wiener_spectra(groups, combs, power, stokes, noise**2, data, 3)
+    images = np.empty((colors, 3, *raw.shape), np.float32)
+    for where in np.ndindex(colors, 3):
+        whole = irfft2(spectra[where], s=framed.shape, norm="ortho", overwrite_x=True)
+        images[where] = whole[_MARGIN : _MARGIN + raw.shape[0], _MARGIN : _MARGIN + raw.shape[1]]
+    del spectra
+    images += (basis @ level.T)[..., None, None].astype(np.float32)
+    photographs = np.empty((len(angles_deg), colors, *raw.shape), np.float32)
+    for k, c in np.ndindex(photographs.shape[:2]):
+        weights = np.outer(basis[:, c], analyzer[k]).astype(np.float32)
+        np.einsum("bs,bshw->hw", weights, images, out=photographs[k, c])
+    return photographs
+
+
+def _sides(raw: Images, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> list[tuple[int, NDArray[np.intp]]]:
+    return list(zip(raw.shape, (rows, columns), strict=True))
+
+
+def _mirrored(side: int, period: int) -> NDArray[np.intp]:
+    """Samples of a side with mirrored patterns beyond its ends, as many as the Fourier transform likes."""
+    from scipy.fft import next_fast_len
+
+    patterns = next_fast_len((side + 2 * _MARGIN) // period, real=True)
+    order = np.arange(patterns) - _MARGIN // period
+    n = side // period
+    folded = order % (2 * n)
+    folded = np.where(folded < n, folded, 2 * n - 1 - folded)
+    return np.asarray((folded[:, None] * period + np.arange(period)).ravel())
+
+
+def _sampled_cells(expected: Images, sampling: Sampling) -> Images:
+    """Raw samples (h, w) of photographs of one pixel per pattern."""
+    period = sampling.period
+    raw = np.empty((expected.shape[-2] * period, expected.shape[-1] * period), np.float32)
+    for photograph, channel, row, column in sampling.places:
+        raw[row::period, column::period] = expected[photograph, channel]
+    return raw
+
+
+def _law(height: int, width: int) -> Images:
+    rows, columns = squared_frequencies(height, width)
+    squared = rows[:, None] + columns + (2 * np.pi / max(height, width)) ** 2
+    return np.asarray(squared ** (-_POWER_LAW / 2), dtype=np.float32)
+
+
+def _initial_powers(expected: Images, analyzer: Floats, basis: Floats) -> Floats:
+    """Covariance of the Stokes images (color, 3, 3) per unit of the law, where the fit starts."""
+    intensity = np.tensordot(np.linalg.pinv(analyzer)[:1], expected, axes=1)[0]
+    own = np.tensordot(basis, intensity, axes=1)
+    power = sum(np.square(np.diff(own, axis=axis)).mean(axis=(-1, -2)) for axis in (-1, -2)) + _LEAST_POWER
+    return np.asarray(power)[:, None, None] * np.diag(_START)
+
+
+def _fitted_powers(
+    groups: AliasGroups, combs: NDArray[Any], law: Images, data: NDArray[Any], noise: float, powers: Floats
+) -> Floats:
+    """Covariance of the Stokes images (color, 3, 3) per unit of the law, under which the samples are likeliest."""
+    from polaropt.numerics import explained_groups
+
+    members, counts = groups.sample(_SAMPLED // groups.period**2)
+    of_law, samples = members.of(law), members.of(data)
+    share = counts / (counts.sum() * len(of_law))
+    for _ in range(_TURNS):
+        power = np.multiply.outer(powers, of_law).astype(np.complex64)
+        found = explained_groups(combs, power, noise**2, samples, information=True)
+        mean = np.einsum("bst,btag->bsag", powers, found.mean)
+        told = np.einsum("bsuag,ag,g->bsu", found.information, of_law, share, optimize=True).real
+        seen = np.einsum("bsag,buag,ag,g->bsu", mean, mean.conj(), of_law, share, optimize=True).real
+        powers = seen + powers - powers @ told @ powers
+        powers = (powers + powers.swapaxes(-1, -2)) / 2
+    return powers

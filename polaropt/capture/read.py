@@ -22,9 +22,16 @@ from polaropt.capture.capture import (
     grey_levels,
 )
 from polaropt.capture.decode import AnyPath, linearize, parse_gamma, read_file
-from polaropt.capture.demosaic import registered_cells, share_of_noise, wiener_photographs
 from polaropt.capture.focal_length import check_view, focal_from_view
-from polaropt.capture.mosaic import SONY_CELL, check_cell_order, looks_color, sampling_of
+from polaropt.capture.mosaic import (
+    SONY_CELL,
+    check_cell_order,
+    looks_color,
+    registered_cells,
+    sampling_of,
+    share_of_noise,
+    wiener_photographs,
+)
 from polaropt.capture.noise import noise_level
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
 from polaropt.errors import InputError
@@ -402,7 +409,7 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
     noise = max(noise_level(cells) / noise_share, step / math.sqrt(12))
     full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs)
     at_sensor = options.resolution == "sensor"
-    registered = RegisteredCells(cells, sampling.period if at_sensor else 1, noise_share)
+    registered = RegisteredCells(cells, sampling.period if at_sensor else 1, noise_share, samples)
     if at_sensor:
         every = np.repeat(np.repeat(planes[1], sampling.period, axis=-2), sampling.period, axis=-1)
     else:

@@ -14,6 +14,9 @@ from polaropt.optics import SceneErrors, SceneParameters
 # Mean square, in units of the noise, up to which polarized light counts as explained, beside its own scatter. Set
 # by hand.
 _TOLERANCE = 0.1
+# The same of a mosaic's cells: fine detail aliases to more than its noise is measured to be. By trial, on simulated
+# mosaics sharper than lenses make them; a real capture before a lens that must be seen leaves 7.
+MOST_OF_ALIASES = 2.5
 # Share of what the plain pane leaves that a higher rung must explain. Set by hand.
 LEAST_EXPLAINED = 0.5
 
@@ -59,8 +62,8 @@ class Evidence:
 
     @property
     def explained(self) -> bool:
-        """Whether the plain pane leaves nothing but noise."""
-        return self.misfit <= noise_misfit(self.blocks.n)
+        """Whether the plain pane leaves nothing but noise, and what aliases."""
+        return self.misfit <= (MOST_OF_ALIASES if self.stokes.aliased else noise_misfit(self.blocks.n))
 
     def shown(self, misfit: float) -> bool:
         """Whether a rung that leaves this much polarized light explains more than chance would."""

@@ -25,8 +25,6 @@ _WORST_ERROR_DEG = 3.0
 _LEAST_BENT = 0.4
 # Share of what the plain pane leaves that a pane must explain where only blocks that agree count. By trial.
 _MOSTLY = 0.8
-# Misfit of a mosaic's cells from which on some of it is polarized light: what aliases leaves up to 2. By trial.
-_CLEARLY_MORE = 3.0
 # The same of a pane before a lens where the light of its layers may be polarized as well: it has most numbers. By
 # trial.
 _NEARLY_ALL = 0.97
@@ -103,8 +101,6 @@ def _perspective(evidence: Evidence) -> RungFit:
 
 def _tolerant(evidence: Evidence) -> RungFit | None:
     """The pane that most of the frame agrees on where part of the scene is polarized itself; None without one."""
-    if evidence.stokes.aliased and evidence.misfit < _CLEARLY_MORE:
-        return None
     found = fit_tolerant(evidence.stokes, evidence.estimate.scene, evidence.focal_px, _MOSTLY)
     fit, told = found.pane, evidence.focal_px
     if not (fit.edges_agree and fit.incidence_error_deg <= _WORST_ERROR_DEG and found.explained >= _MOSTLY):

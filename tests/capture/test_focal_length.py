@@ -108,9 +108,12 @@ def test_a_cell_of_a_mosaic_is_one_pixel(tmp_path: Path) -> None:
     raw = np.round(255 * mono_mosaic(scene_intensities((48, 72)))).astype(np.uint8)
     path = tmp_path / "raw.png"
     path.write_bytes(picture(raw, {FILM: 36, WIDTH: 72, HEIGHT: 48}, "PNG"))
-    capture = read_capture(path)
+    capture = read_capture(path, resolution="cell")
     assert capture.shape == (24, 36)
     assert capture.focal_px == pytest.approx(36)
+    at_sensor = read_capture(path)
+    assert at_sensor.focal_px == pytest.approx(72)
+    assert at_sensor.registered.focal_px == pytest.approx(36)
 
 
 @pytest.mark.parametrize("view", [0.0, -5.0, 180.0, math.nan, "wide"])

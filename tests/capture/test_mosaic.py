@@ -5,8 +5,15 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from polaropt import InputError
-from polaropt.capture.demosaic import registered_cells, share_of_noise, wiener_photographs
-from polaropt.capture.mosaic import bayer_contrast, check_cell_order, looks_color, sampling_of
+from polaropt.capture.mosaic import (
+    bayer_contrast,
+    check_cell_order,
+    looks_color,
+    registered_cells,
+    sampling_of,
+    share_of_noise,
+    wiener_photographs,
+)
 from polaropt.numerics import block_mean
 from tests.captured import ANGLES, color_mosaic, mono_mosaic, scene_intensities
 

@@ -8,7 +8,7 @@ import pytest
 from polaropt.capture.capture import Capture
 from polaropt.inversion.canvas import Canvas, canvas_for
 from polaropt.inversion.closed_form import natural_image_layers, per_pixel_layers, plate_entries
-from polaropt.inversion.spectra import FrequencyBands, fit_spectra, posterior
+from polaropt.inversion.spectra import FrequencyBands, fit_spectra, moments_of, posterior
 from polaropt.numerics.spectrum import column_multiplicity, squared_frequencies
 from polaropt.optics.engine import PSE
 from polaropt.optics.scene import SceneParameters
@@ -62,7 +62,7 @@ def test_spectra_of_random_layers_are_recovered():
     data += noise * np.fft.rfft2(random.standard_normal((2, 1, height, width)), norm="ortho")
     information = np.broadcast_to((mixing.T @ mixing / noise**2)[:, :, None], (2, 2, bands.sample.size))
     right = np.einsum("el,echw->lchw", mixing, data).reshape(2, 1, -1)[..., bands.sample] / noise**2
-    found = fit_spectra(information.astype(complex), right, bands, np.array([0.05])).everywhere(bands)
+    found = fit_spectra(moments_of(information.astype(complex), right), bands, np.array([0.05])).everywhere(bands)
     slow = np.broadcast_to(squared < 1, true.shape)
     assert np.abs(np.log(found / true))[slow].mean() < 0.3
 

@@ -7,7 +7,9 @@ no measure of the distance: what a lens takes from fine detail is likelier to co
 
 from __future__ import annotations
 
-from polaropt.capture import Capture
+import numpy as np
+
+from polaropt.capture import Capture, RegisteredCells
 from polaropt.inversion import SampleLikelihood
 from polaropt.numerics import middle_part
 from polaropt.optics import SceneParameters
@@ -29,10 +31,24 @@ def with_sense_of_samples(scene: SceneParameters, capture: Capture, noise: float
     noise : float
         Standard deviation of a sample's noise.
     """
-    if capture.samples is None or scene.rung != "ghosts" or scene.transmission_ghost_shift is not None:
+    cells = capture.cells
+    if cells is None or scene.rung != "ghosts" or scene.transmission_ghost_shift is not None:
         return scene
-    part = capture.part(*middle_part(capture.shape, _MOST_PX))
-    other = scene.replace(ghost_shift=-scene.values()[2])
-    likelihood = SampleLikelihood(part, scene.replace(ghost_shift=0.0), noise)
-    gain = likelihood.n * (likelihood.score(scene) - likelihood.score(other))
-    return other if gain >= _LEAST_GAIN else scene
+    period = cells.samples.sampling.period
+    of_sensor = scene.scaled(period / cells.scale)
+    other = of_sensor.replace(ghost_shift=-of_sensor.values()[2])
+    likelihood = SampleLikelihood(_middle(cells), of_sensor.replace(ghost_shift=0.0), noise)
+    gain = likelihood.n * (likelihood.score(of_sensor) - likelihood.score(other))
+    return scene.replace(ghost_shift=-scene.values()[2]) if gain >= _LEAST_GAIN else scene
+
+
+def _middle(cells: RegisteredCells) -> Capture:
+    """The middle of the sensor's frame, its photographs no finer than the cells."""
+    period = cells.samples.sampling.period
+    part = middle_part(cells.capture.shape, _MOST_PX // period)
+    small = cells.capture.part(*part)
+    rows, columns = (slice(side.start * period, side.stop * period) for side in part)
+    photographs = np.repeat(np.repeat(small.intensities, period, axis=-2), period, axis=-1)
+    valid = np.ones(photographs.shape, dtype=bool)
+    samples = cells.samples.part(rows, columns)
+    return Capture.of_planes(photographs, small.angles_deg, valid, samples=samples)

@@ -1,0 +1,260 @@
+"""Raw mosaics of polarization cameras: layers at the sensor's resolution, against four photographs and demosaicking.
+
+Run ``polaropt study mosaic -o OUT``; without ``--photos`` it uses photographs inside scikit-image. The four full
+photographs are a bound: no mosaic tells as much. Truth is the layers as the lens images them; of a mono sensor, the
+mean of their colours.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pandas import DataFrame
+
+from polaropt.capture import ANGLES_DEG, WHITE_16, Capture, planes_first, read_capture, write_png
+from polaropt.numerics import block_mean
+from polaropt.optics import SceneParameters
+from polaropt.separation import Separation, separate
+from polaropt.simulation import Camera, photograph_mosaic, sensor_image, simulate, stack_layers
+from solvers.base import StoppingRule
+from studies.kit.charts import BLUE, VERMILION, Style, legend_below, new_figure
+from studies.kit.frames import Cell, joined, largest, markdown, mean, summary, values_of, where
+from studies.kit.run import effort_of, publish, run_study, study_parser
+from studies.photographs import Pair, n_pairs_of, pairs_of
+from studies.scores import BORDER_PX, LAYERS, pane_errors
+
+Images = NDArray[np.float32]
+
+NAME = "mosaic"
+SIZE_PX, MARGIN_PX = 384, 20
+"""Side of the frame: patterns are 2 or 4 px; what is kept beyond it for ghosts to come from."""
+INCIDENCES_DEG, QUICK_INCIDENCES_DEG = (40.0, 60.0, 75.0), (60.0,)
+SHIFT_PX, NOISE, BITS = 4.0, 0.005, 16
+BLURS_PX = {"sharp": 0.0, "lens blur 0.7 px": 0.7}
+"""Standard deviations of the lens's blur."""
+N_PAIRS = 6
+SENSORS = ("mono", "color")
+BOUND, JOINT, CLOSED, CELL, BILINEAR = (
+    "four full photographs",
+    "joint solve",
+    "joint closed form",
+    "cell",
+    "demosaicked first",
+)
+WAYS = (BOUND, JOINT, CLOSED, CELL, BILINEAR)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene, as one sensor sees it: a pair's number, the pane's incidence, the sensor and the lens's blur."""
+
+    pair: int
+    incidence_deg: float
+    sensor: str
+    lens: str
+    photos: str | None = None
+    ways: tuple[str, ...] = WAYS
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of one way: PSNR in dB, blind and with the scene known, errors of the scene, seconds of the blind one.
+
+    `nothing` is that of the plain intensity.
+    """
+
+    pair: int
+    incidence_deg: float
+    sensor: str
+    lens: str
+    way: str
+    nothing: float
+    blind_transmission: float
+    blind_reflection: float
+    known_transmission: float
+    known_reflection: float
+    incidence_error_deg: float
+    azimuth_error_deg: float
+    shift_error_px: float
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Mosaic:
+    """A raw mosaic (h, w), the layers that its lens images (2, channel, h, w), the pane, and the four photographs."""
+
+    raw: Images
+    layers: Images
+    scene: SceneParameters
+    photographs: Capture
+
+
+def run(job: Job) -> list[Row]:
+    """Separate one mosaic in all ways."""
+    pair = pairs_of(job.photos, SIZE_PX, MARGIN_PX)[job.pair]
+    mosaic = take(pair, job)
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "raw.png"
+        write_png(file, np.round(np.clip(mosaic.raw, 0, 1) * WHITE_16).astype(np.uint16))
+        for way in job.ways:
+            began = time.perf_counter()
+            capture, scale = _seen(mosaic, way, file)
+            blind = _separated(capture, way)
+            seconds = time.perf_counter() - began
+            known = _separated(capture, way, mosaic.scene.scaled(1 / scale))
+            truth = block_mean(mosaic.layers, scale) if scale > 1 else mosaic.layers
+            errors = pane_errors(blind.scene.scaled(scale), mosaic.scene)
+            rows.append(
+                Row(
+                    job.pair,
+                    job.incidence_deg,
+                    job.sensor,
+                    job.lens,
+                    way,
+                    _level(capture.stokes[0], truth[0], scale),
+                    *(_level(separation.layers[i], truth[i], scale) for separation in (blind, known) for i in (0, 1)),
+                    errors.incidence_deg,
+                    errors.azimuth_deg,
+                    errors.shift_px,
+                    seconds,
+                    tuple(warning.name for warning in blind.diagnostics.warnings),
+                )
+            )
+    return rows
+
+
+def take(pair: Pair, job: Job) -> Mosaic:
+    """A pair behind a pane whose azimuth is drawn by its number, as a mosaic and as four photographs."""
+    azimuth = float(np.random.default_rng(pair.number).uniform(0, 180))
+    scene = SceneParameters(job.incidence_deg, azimuth, SHIFT_PX)
+    camera = Camera(ANGLES_DEG, NOISE, BITS, pair.number, BLURS_PX[job.lens])
+    color = job.sensor == "color"
+    raw = photograph_mosaic(pair.transmission, pair.reflection, scene, camera, color)
+    seen = [camera.through_lens(sensor_image(image, color)) for image in (pair.transmission, pair.reflection)]
+    larger = simulate(*seen, scene, ANGLES_DEG, NOISE, BITS, pair.number)
+    inside = (slice(pair.margin, -pair.margin),) * 2
+    return Mosaic(
+        np.ascontiguousarray(raw[inside]),
+        np.ascontiguousarray(pair.cropped(stack_layers(*seen))),
+        scene,
+        larger.part(*(slice(side.start, SIZE_PX + pair.margin) for side in inside)),
+    )
+
+
+def _seen(mosaic: Mosaic, way: str, file: Path) -> tuple[Capture, int]:
+    """The capture that a way works on, and pixels of the sensor per pixel of it."""
+    color = mosaic.layers.shape[1] == 3
+    sensor = "color" if color else "mono"
+    if way == BOUND:
+        return mosaic.photographs, 1
+    if way == BILINEAR:
+        return _bilinear(mosaic.raw, color), 1
+    if way == CELL:
+        return read_capture(file, sensor=sensor, resolution="cell"), 4 if color else 2
+    return read_capture(file, sensor=sensor), 1
+
+
+def _bilinear(raw: Images, color: bool) -> Capture:
+    """Photographs as polanalyser interpolates them: bilinear, each angle (and colour) for itself."""
+    import polanalyser
+
+    values = np.round(np.clip(raw, 0, 1) * WHITE_16).astype(np.uint16)
+    code = polanalyser.COLOR_PolarRGB if color else polanalyser.COLOR_PolarMono
+    # In the order 0, 45, 90, 135; OpenCV's colours are blue, green, red.
+    images = np.stack(polanalyser.demosaicing(values, code)).astype(np.float32) / WHITE_16
+    planes = np.stack([planes_first(image[..., ::-1] if color else image) for image in images])
+    return Capture.of_planes(planes, ANGLES_DEG)
+
+
+def _separated(capture: Capture, way: str, scene: SceneParameters | None = None) -> Separation:
+    stopping = StoppingRule(max_evaluations=1) if way == CLOSED else StoppingRule()
+    return separate(capture, scene, stopping=stopping)
+
+
+def _level(layer: Images, truth: Images, scale: int) -> float:
+    """PSNR in dB within the border, mean of the colours'."""
+    inner = (..., slice(BORDER_PX // scale, -(BORDER_PX // scale)), slice(BORDER_PX // scale, -(BORDER_PX // scale)))
+    found = np.clip(layer.reshape(truth.shape)[inner], 0, 1).astype(np.float64)
+    errors = np.square(found - np.clip(truth[inner], 0, 1)).mean(axis=(-1, -2))
+    return float(np.mean(-10 * np.log10(np.maximum(errors, 1e-12))))
+
+
+def tables(frame: DataFrame) -> str:
+    """Means per sensor, lens, incidence and way."""
+    cells: dict[str, Cell] = {
+        "s0": mean("nothing", ".1f"),
+        "blind T / R": joined(mean("blind_transmission", ".1f"), mean("blind_reflection", ".1f")),
+        "known T / R": joined(mean("known_transmission", ".1f"), mean("known_reflection", ".1f")),
+        "worst T": lambda part: f"{part.blind_transmission.min():.1f}",
+        "worst against s0": lambda part: f"{(part.blind_transmission - part.nothing).min():+.1f}",
+        "theta error (mean, largest)": joined(mean("incidence_error_deg"), largest("incidence_error_deg")),
+        "shift error": mean("shift_error_px"),
+        "s": mean("seconds", ".1f"),
+    }
+    by = {"sensor": "sensor", "lens": "lens", "theta": "incidence_deg", "way": "way"}
+    ordered = frame.sort_values(["sensor", "lens", "incidence_deg"], ascending=[False, True, True], kind="stable")
+    return markdown(summary(ordered, by, cells))
+
+
+_STYLES = {
+    BOUND: Style("grey", "--", "x"),
+    JOINT: Style("black", "-", "o", 2.4),
+    CLOSED: Style(BLUE, "--", "s"),
+    BILINEAR: Style(VERMILION, ":", "^"),
+}
+
+
+def figures(frame: DataFrame) -> dict[str, Callable[[], Any]]:
+    """Blind PSNR of both layers over incidence."""
+    return {NAME: lambda: _levels(frame)}
+
+
+def _levels(frame: DataFrame) -> Any:
+    """A row of panels for each sensor and lens; what differs in resolution is not drawn beside the rest."""
+    kinds = values_of(frame, "sensor", "lens")
+    figure = new_figure(10, 0.8 + 3.0 * len(kinds))
+    grid = figure.subplots(len(kinds), len(LAYERS), squeeze=False, sharex=True, sharey="col")
+    for panels, (sensor, lens) in zip(grid, kinds, strict=True):
+        part = where(frame, sensor=sensor, lens=lens)
+        for panel, layer in zip(panels, LAYERS, strict=True):
+            for way, style in _STYLES.items():
+                means = where(part, way=way).groupby("incidence_deg")[f"blind_{layer}"].mean()
+                panel.plot(means.index, means, label=way, **style.line)
+            panel.set_title(f"{sensor}, {lens}")
+            panel.set_ylabel(f"PSNR of the {layer} (dB)")
+            panel.set_xticks(values_of(part, "incidence_deg"))
+    for panel in grid[-1]:
+        panel.set_xlabel("angle of incidence (deg)")
+    handles, names = grid[0, 0].get_legend_handles_labels()
+    legend_below(figure, handles, names, len(names), handlelength=4)
+    return figure
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the study."""
+    parser = study_parser(__doc__)
+    parser.add_argument("--sensors", default=",".join(SENSORS), help="mono, color or both, comma separated")
+    options = parser.parse_args(arguments)
+    quick = effort_of(options) == "quick"
+    jobs = [
+        Job(pair, incidence, sensor, lens, options.photos)
+        for sensor in options.sensors.split(",")
+        for lens in (list(BLURS_PX)[-1:] if quick else BLURS_PX)
+        for incidence in (QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG)
+        for pair in range(n_pairs_of(options, 1 if quick else N_PAIRS, SIZE_PX, MARGIN_PX))
+    ]
+    frame = run_study(NAME, run, jobs, Row, options)
+    publish(NAME, options, tables(frame), figures(frame))
+
+
+if __name__ == "__main__":
+    main()
