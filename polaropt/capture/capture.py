@@ -80,6 +80,8 @@ class FileContent:
         What the format says about gamma; empty if nothing.
     focal_px : float or None
         Focal length in pixels, where the camera wrote it into the file.
+    bits : int or None
+        Depth of the values, where it is told and less than that of their type.
     """
 
     pixels: NDArray[Any]
@@ -88,6 +90,7 @@ class FileContent:
     valid: NDArray[np.bool_] | None = None
     encoding_hint: EncodingHint = EncodingHint.NONE
     focal_px: float | None = None
+    bits: int | None = None
 
 
 @dataclass(frozen=True)

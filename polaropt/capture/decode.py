@@ -26,7 +26,7 @@ GAMMA_RANGE = (0.1, 10.0)
 
 
 def read_file(path: AnyPath) -> FileContent:
-    """Read a PNG, TIFF (one or several pages), JPEG or npz file, told apart by their first bytes.
+    """Read a PNG, TIFF (one or several pages), JPEG, npz or npy file, told apart by their first bytes.
 
     An alpha channel is dropped: it holds no light. Grey pictures stored as RGB keep their three channels.
 
@@ -232,6 +232,105 @@ def _npz_content(arrays: dict[str, Pixels]) -> FileContent:
     return FileContent(intensities, stack=intensities.ndim > 2, angles_deg=angles_deg, valid=mask)
 
 
+def _decode_npy(data: bytes) -> FileContent:
+    try:
+        array = np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise InputError(f"not a readable npy file ({one_line(error)}); write it again with numpy.save") from None
+    return _npz_content({"intensities": array})
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """How a camera packs raw values, by its name in the GenICam Pixel Format Naming Convention.
+
+    Attributes
+    ----------
+    bits : int
+        Depth of a value.
+    group : (int, int)
+        Values that are packed together, and the bytes that they take.
+    unpack : callable
+        From bytes (n, bytes of a group) to values (n, values of a group).
+    """
+
+    bits: int
+    group: tuple[int, int]
+    unpack: Callable[[NDArray[np.uint16]], NDArray[np.uint16]]
+
+
+def _little_endian(parts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    return np.asarray(parts[:, :1] | (parts[:, 1:2] << 8), dtype=np.uint16)
+
+
+def _mono_10p(parts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    return np.stack([(parts[:, i] >> 2 * i) | ((parts[:, i + 1] << 8 - 2 * i) & 0x3FF) for i in range(4)], axis=1)
+
+
+def _mono_12p(parts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    first, middle, last = parts.T
+    return np.stack([first | ((middle & 0xF) << 8), (middle >> 4) | (last << 4)], axis=1)
+
+
+def _mono_12_packed(parts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    first, middle, last = parts.T
+    return np.stack([(first << 4) | (middle & 0xF), (last << 4) | (middle >> 4)], axis=1)
+
+
+PIXEL_FORMATS = {
+    "Mono8": PixelFormat(8, (1, 1), lambda parts: parts),
+    "Mono10": PixelFormat(10, (1, 2), _little_endian),
+    "Mono12": PixelFormat(12, (1, 2), _little_endian),
+    "Mono16": PixelFormat(16, (1, 2), _little_endian),
+    "Mono10p": PixelFormat(10, (4, 5), _mono_10p),
+    "Mono12p": PixelFormat(12, (2, 3), _mono_12p),
+    "Mono12Packed": PixelFormat(12, (2, 3), _mono_12_packed),
+}
+"""Formats of files without a header. Mono12Packed is GigE Vision's, whose middle byte holds the low bits of both."""
+_BY_DEPTH = {1.0: "Mono8", 2.0: "Mono16"}
+"""What bytes per pixel say of a format where none is named; packed ones are two, and must be named."""
+
+
+def read_headless(path: AnyPath, shape: tuple[int, int], pixel_format: str | None = None) -> FileContent:
+    """Read a raw mosaic that a camera wrote without a header.
+
+    Parameters
+    ----------
+    path : path
+    shape : (int, int)
+        Height and width in pixels.
+    pixel_format : str, optional
+        One of `PIXEL_FORMATS`. Default: 8 or 16 bits, by the file's size.
+
+    Raises
+    ------
+    InputError
+        A size that does not fit the shape, or a format that does not exist or must be named.
+    """
+    data = _bytes_of(Path(path))
+    height, width = shape
+    if pixel_format is None:
+        pixel_format = _BY_DEPTH.get(len(data) / (height * width))
+        if pixel_format is None:
+            raise InputError(
+                f"{path}: has {len(data)} bytes, {len(data) / (height * width):.4g} a pixel of {width}x{height}; "
+                f"correct the shape, or name the pixel format: {', '.join(PIXEL_FORMATS)}"
+            )
+    packing = PIXEL_FORMATS.get(pixel_format)
+    if packing is None:
+        raise InputError(f"pixel format {pixel_format!r} does not exist; choose one of {', '.join(PIXEL_FORMATS)}")
+    together, n_bytes = packing.group
+    expected = -(-height * width // together) * n_bytes
+    if len(data) != expected:
+        raise InputError(
+            f"{path}: has {len(data)} bytes, but {width}x{height} pixels in {pixel_format} take {expected}; "
+            "correct the shape or the pixel format"
+        )
+    parts = np.frombuffer(data, dtype=np.uint8).reshape(-1, n_bytes).astype(np.uint16)
+    values = packing.unpack(parts).ravel()[: height * width].reshape(height, width)
+    return FileContent(values.astype(np.uint8) if packing.bits == 8 else values, bits=packing.bits)
+
+
 def one_line(error: Exception) -> str:
     """An error's own words, on one line."""
     words = " ".join(str(error).split()) or type(error).__name__
@@ -252,4 +351,5 @@ DECODERS = (
     Decoder("TIFF", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), _decode_tiff),
     Decoder("JPEG", (b"\xff\xd8",), _decode_jpeg),
     Decoder("npz", (b"PK",), _decode_npz),
+    Decoder("npy", (b"\x93NUMPY",), _decode_npy),
 )

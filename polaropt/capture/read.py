@@ -21,7 +21,7 @@ from polaropt.capture.capture import (
     RegisteredCells,
     grey_levels,
 )
-from polaropt.capture.decode import AnyPath, linearize, parse_gamma, read_file
+from polaropt.capture.decode import AnyPath, linearize, parse_gamma, read_file, read_headless
 from polaropt.capture.focal_length import check_view, focal_from_view
 from polaropt.capture.mosaic import (
     SONY_CELL,
@@ -48,6 +48,8 @@ _LEVELS_BELOW = 32
 """Levels that are compared with; with no more in all nothing is told."""
 _SAME_LENS = 1.01
 """Ratio of focal lengths of photographs that were not zoomed in between; set by hand."""
+_LONGEST_SIDE = 65536
+"""Height or width in pixels that a person can give; set by hand."""
 _GAIN_RANGE = (0.5, 2.0)
 """Pair gains that a person can give; set by hand."""
 
@@ -69,7 +71,7 @@ class Levels:
         return scaled.astype(np.float32), pixels < self.white
 
 
-def find_levels(pixels: NDArray[Any], black: float, white: float | None) -> Levels:
+def find_levels(pixels: NDArray[Any], black: float, white: float | None, bits: int | None = None) -> Levels:
     """Check a file's values and find white where it is not given.
 
     Parameters
@@ -79,6 +81,8 @@ def find_levels(pixels: NDArray[Any], black: float, white: float | None) -> Leve
     black, white : float
         In the file's units. White None: full scale (1 for floating point), or a lower value at which integers are
         clipped.
+    bits : int, optional
+        Depth of integers, where it is known to be less than that of their type.
 
     Raises
     ------
@@ -92,20 +96,20 @@ def find_levels(pixels: NDArray[Any], black: float, white: float | None) -> Leve
     if pixels.dtype.kind == "f" and not np.all(np.isfinite(pixels)):
         raise InputError("holds NaN or infinite values; replace them, or mask them in an npz file")
     if white is None:
-        white = _white_of(pixels)
+        white = _white_of(pixels, bits)
     if white <= black:
         raise InputError(f"the white level {white:g} is not above the black level {black:g}; correct one of them")
     return Levels(black, white)
 
 
-def _white_of(pixels: NDArray[Any]) -> float:
+def _white_of(pixels: NDArray[Any], bits: int | None) -> float:
     if pixels.dtype.kind == "f":
         if np.mean(pixels > 1) > 0.5:
             raise InputError(
                 f"floating point values reach {float(pixels.max()):g}, while white is taken as 1; give the white level"
             )
         return 1.0
-    full = float(np.iinfo(pixels.dtype).max)
+    full = float(np.iinfo(pixels.dtype).max if bits is None else 2**bits - 1)
     highest = float(pixels.max())
     return highest if highest < full and _is_clipped(pixels, highest) else full
 
@@ -219,6 +223,8 @@ def read_capture(
     resolution: str = "sensor",
     angle_sense: str = "ccw",
     field_of_view_deg: float | None = None,
+    shape: Sequence[int] | None = None,
+    pixel_format: str | None = None,
 ) -> Capture:
     """Read photographs taken through a polarizer.
 
@@ -230,7 +236,7 @@ def read_capture(
     Parameters
     ----------
     paths : path or sequence of paths
-        PNG or TIFF (8 or 16 bits, or floating point), JPEG, npz.
+        PNG or TIFF (8 or 16 bits, or floating point), JPEG, npz, npy; one raw mosaic without a header, see `shape`.
     angles_deg : sequence of float
         Polarizer angles in degrees, counter-clockwise from the image's x axis. The default gives way to angles stored
         in the file. Mosaics have theirs in `cell_order`.
@@ -256,6 +262,11 @@ def read_capture(
     field_of_view_deg : float, optional
         Angle that the camera sees along the longer side. It is kept as a focal length for scenes that need one, as is
         the one in the file (EXIF) otherwise.
+    shape : (int, int), optional
+        Height and width of a raw mosaic in a file without a header.
+    pixel_format : str, optional
+        How such a file is packed: Mono8, Mono10, Mono12, Mono16, Mono10p, Mono12p, or Mono12Packed (GigE Vision).
+        Default: 8 or 16 bits, by the file's size.
 
     Returns
     -------
@@ -280,10 +291,10 @@ def read_capture(
         angle_sense=angle_sense,
         field_of_view_deg=field_of_view_deg,
     )
-    content = read_file(files[0]) if len(files) == 1 else _one_per_angle(files)
+    content = _content(files, shape, pixel_format)
     name = files[0] if len(files) == 1 else f"{files[0]} and the others"
     try:
-        levels = find_levels(content.pixels, options.black_level, options.white_level)
+        levels = find_levels(content.pixels, options.black_level, options.white_level, content.bits)
         if content.stack:
             capture = _from_photographs(content, levels, options)
         else:
@@ -294,6 +305,24 @@ def read_capture(
     layout = "files" if len(files) > 1 else capture.origin.layout
     focal = _focal_px(content, capture, options)
     return capture.with_origin(files=files, layout=layout, focal_px=focal)
+
+
+def _content(files: tuple[str, ...], shape: Sequence[int] | None, pixel_format: str | None) -> FileContent:
+    """What the files hold."""
+    if shape is None:
+        if pixel_format is not None:
+            raise InputError("a pixel format is for one raw file without a header; give its shape too, or leave it out")
+        return read_file(files[0]) if len(files) == 1 else _one_per_angle(files)
+    if len(files) != 1:
+        raise InputError("a shape is for one raw file without a header; leave it out")
+    try:
+        height, width = (int(side) for side in shape)
+        whole = (height, width) == tuple(shape)
+    except (TypeError, ValueError):
+        whole, height, width = False, 0, 0
+    if not whole or not 0 < min(height, width) <= max(height, width) <= _LONGEST_SIDE:
+        raise InputError(f"the shape is {shape!r}; give height and width in pixels, such as 2048,2448")
+    return read_headless(files[0], (height, width), pixel_format)
 
 
 def _focal_px(content: FileContent, capture: Capture, options: ReaderOptions) -> float | None:

@@ -259,6 +259,23 @@ class CaptureOptions:
             rich_help_panel=_FILES,
         ),
     ] = "sensor"
+    shape: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HEIGHT,WIDTH",
+            help="Size in pixels of a raw mosaic in a file without a header.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
+    pixel_format: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="How such a file is packed: Mono8, Mono10, Mono12, Mono16, Mono10p, Mono12p or Mono12Packed (GigE "
+            "Vision). Default: 8 or 16 bits, by its size.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
     field_of_view_deg: Annotated[
         float | None,
         typer.Option(
@@ -296,6 +313,8 @@ class CaptureOptions:
             resolution=self.resolution,
             angle_sense=self.angle_sense,
             field_of_view_deg=self.field_of_view_deg,
+            shape=None if self.shape is None else self._sides(self.shape),
+            pixel_format=self.pixel_format,
         )
         if self.align:
             from polaropt.capture import align
@@ -306,6 +325,13 @@ class CaptureOptions:
 
             capture = find_start_angle(capture)
         return capture
+
+    @staticmethod
+    def _sides(text: str) -> tuple[int, ...]:
+        sides = numbers(text, "--shape")
+        if len(sides) != 2 or any(side != int(side) for side in sides):
+            raise InputError(f"--shape is {text!r}; give height and width in pixels, such as 2048,2448")
+        return tuple(int(side) for side in sides)
 
     def check(self, pane: PaneOptions) -> None:
         """InputError where what is said of the camera contradicts what is said of the pane."""

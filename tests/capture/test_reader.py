@@ -256,3 +256,65 @@ def test_a_mosaic_and_a_stored_angle_follow_the_sense_too(tmp_path):
     assert read_capture(tmp_path / "a.npz", angle_sense="cw").angles_deg == (0, 120, 80)
     with pytest.raises(InputError, match="choose one of ccw, cw"):
         read_capture(tmp_path / "a.npz", angle_sense="left")
+
+
+def packed(values, pixel_format):
+    """Bytes of values as a camera packs them, spelled out bit by bit."""
+    if pixel_format == "Mono12Packed":
+        pairs = values.reshape(-1, 2).astype(int)
+        parts = [pairs[:, 0] >> 4, (pairs[:, 1] & 15) << 4 | pairs[:, 0] & 15, pairs[:, 1] >> 4]
+        return np.stack(parts, axis=1).astype(np.uint8).tobytes()
+    depth, stored = {
+        "Mono8": (8, 8),
+        "Mono10": (10, 16),
+        "Mono12": (12, 16),
+        "Mono16": (16, 16),
+        "Mono10p": (10, 10),
+        "Mono12p": (12, 12),
+    }[pixel_format]
+    assert values.max() < 2**depth
+    bits = (values.ravel()[:, None] >> np.arange(stored)) & 1
+    return np.packbits(bits.ravel().astype(np.uint8), bitorder="little").tobytes()
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "depth"),
+    [
+        ("Mono8", 8),
+        ("Mono10", 10),
+        ("Mono12", 12),
+        ("Mono16", 16),
+        ("Mono10p", 10),
+        ("Mono12p", 12),
+        ("Mono12Packed", 12),
+    ],
+)
+def test_raw_files_without_a_header_are_unpacked(tmp_path, pixel_format, depth):
+    values = np.round(mono_mosaic(scene_intensities((48, 64))) * (2**depth - 1)).astype(int)
+    (tmp_path / "a.raw").write_bytes(packed(values, pixel_format))
+    capture = read_capture(tmp_path / "a.raw", shape=(48, 64), pixel_format=pixel_format, pair_gain=1)
+    assert capture.origin.white_level == 2**depth - 1
+    np.testing.assert_allclose(capture.samples.values * (2**depth - 1), values, atol=1e-2)
+
+
+def test_a_raw_file_whose_size_does_not_fit_is_one_line(tmp_path):
+    path = tmp_path / "a.raw"
+    path.write_bytes(bytes(48 * 64 * 3 // 2))
+    with pytest.raises(InputError, match=r"1\.5 a pixel of 64x48; correct the shape, or name the pixel format"):
+        read_capture(path, shape=(48, 64))
+    with pytest.raises(InputError, match="take 4800; correct the shape"):
+        read_capture(path, shape=(50, 64), pixel_format="Mono12p")
+    with pytest.raises(InputError, match="does not exist; choose one of Mono8"):
+        read_capture(path, shape=(48, 64), pixel_format="RGB8")
+    with pytest.raises(InputError, match="give height and width"):
+        read_capture(path, shape=(48.5, 64))
+    with pytest.raises(InputError, match="leave it out"):
+        read_capture(written(tmp_path, GOOD), pixel_format="Mono8")
+
+
+def test_a_mosaic_in_an_npy_file(tmp_path):
+    raw = mono_mosaic(scene_intensities((48, 64))).astype(np.float32)
+    np.save(tmp_path / "a.npy", raw)
+    capture = read_capture(tmp_path / "a.npy", pair_gain=1)
+    assert capture.origin.layout == "mono mosaic"
+    np.testing.assert_array_equal(capture.samples.values, raw)
