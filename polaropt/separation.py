@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, measured_noise, noise_level, planes_last
+from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, measured_noise, planes_last, registered_noise
 from polaropt.errors import InputError
 from polaropt.estimation import (
     LadderResult,
@@ -222,7 +222,7 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
         registered, scale = capture.registered, capture.scale
         mistakes = find_mistakes(registered)
         stages.begin("Estimating the scene", 0.02)
-        of_registered = noise if registered is capture else noise_level(registered)
+        of_registered = noise if registered is capture else registered_noise(capture)
         source, of_source = scene_source(registered, of_registered, mistakes)
         checked = with_incidence_checked(source, asked.scaled(1 / scale), of_source)
         found = find_scene(

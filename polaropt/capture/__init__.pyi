@@ -20,6 +20,7 @@ __all__ = [
     "StokesImages",
     "align",
     "encode_srgb",
+    "field_means",
     "find_mistakes",
     "fit_gamma",
     "grey_levels",
@@ -37,6 +38,7 @@ __all__ = [
     "plate_frame",
     "read_capture",
     "read_file",
+    "registered_noise",
     "result_file",
     "result_folder",
     "sampling_of",
@@ -81,6 +83,7 @@ from .noise import measured_noise as measured_noise
 from .noise import noise_classes as noise_classes
 from .noise import noise_level as noise_level
 from .noise import noise_of_blocks as noise_of_blocks
+from .noise import registered_noise as registered_noise
 from .pair_gain import PLAUSIBLE_GAIN as PLAUSIBLE_GAIN
 from .pair_gain import orthogonal_pairs as orthogonal_pairs
 from .pair_gain import pair_gain_of as pair_gain_of
@@ -89,6 +92,7 @@ from .polarization import StokesImages as StokesImages
 from .polarization import least_squares_entries as least_squares_entries
 from .polarization import plate_frame as plate_frame
 from .polarization import stokes_images as stokes_images
+from .read import field_means as field_means
 from .read import read_capture as read_capture
 from .write import encode_srgb as encode_srgb
 from .write import result_file as result_file

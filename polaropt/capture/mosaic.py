@@ -219,7 +219,13 @@ _LEAST_POWER = 1e-12
 
 
 def wiener_photographs(
-    raw: Images, valid: Mask, sampling: Sampling, angles_deg: tuple[float, ...], noise: float, expected: Images
+    raw: Images,
+    valid: Mask,
+    sampling: Sampling,
+    angles_deg: tuple[float, ...],
+    noise: float,
+    expected: Images,
+    analyzer: Floats | None = None,
 ) -> Images:
     """The likeliest photographs (k, channel, h, w) of a mosaic whose Stokes images are natural images.
 
@@ -237,13 +243,17 @@ def wiener_photographs(
         Standard deviation of a sample's noise.
     expected : ndarray, shape (k, channel, h / period, w / period)
         Photographs of `registered_cells`: what stands where samples cannot be trusted.
+    analyzer : ndarray, shape (k, 3), optional
+        Rows of the analyzers that the samples were taken by. Default: ideal ones at the angles, as which the
+        photographs are shown.
     """
     from scipy.fft import irfft2, rfft2
 
     from polaropt.numerics import wiener_spectra
 
     period, colors = sampling.period, sampling.n_channels
-    analyzer, basis = analyzer_matrix(angles_deg), opponent_basis(colors)
+    shown, basis = analyzer_matrix(angles_deg), opponent_basis(colors)
+    analyzer = shown if analyzer is None else analyzer
     level = np.linalg.pinv(analyzer) @ expected.mean(axis=(-1, -2), dtype=np.float64)
     samples = raw if valid.all() else np.where(valid | (raw >= 1), raw, _sampled_cells(expected, sampling))
     samples = samples - sampling.laid_out(analyzer @ level, raw.shape)
@@ -272,7 +282,7 @@ def wiener_photographs(
     images += (basis @ level.T)[..., None, None].astype(np.float32)
     photographs = np.empty((len(angles_deg), colors, *raw.shape), np.float32)
     for k, c in np.ndindex(photographs.shape[:2]):
-        weights = np.outer(basis[:, c], analyzer[k]).astype(np.float32)
+        weights = np.outer(basis[:, c], shown[k]).astype(np.float32)
         np.einsum("bs,bshw->hw", weights, images, out=photographs[k, c])
     return photographs
 

@@ -74,6 +74,17 @@ def noise_level(capture: Capture, redundant: Redundancy | None = None) -> float:
     return float(max(_LEAST, spread, step / np.sqrt(12)))
 
 
+_ALIASES = 2.0
+"""Noise of a mosaic's cells as an estimation is told it, in units of what they have: what aliases comes on top. By
+trial on 132 simulated mosaics, where 1 finds another pane nine times and 2 five times."""
+
+
+def registered_noise(capture: Capture) -> float:
+    """Noise of one of the photographs that a scene is estimated from, `Capture.registered`."""
+    level = noise_level(capture.registered)
+    return level if capture.cells is None else _ALIASES * level
+
+
 def redundancy(capture: Capture) -> Redundancy:
     """Residuals of more than three photographs with their intensities; of a large capture, bands of rows."""
     rows = _sampled_rows(capture.intensities[0].size, capture.shape[-2])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -36,6 +37,7 @@ from polaropt.capture.noise import noise_level
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
 from polaropt.errors import InputError
 from polaropt.numerics import block_mean, quantization_step
+from polaropt.optics import Analyzer, analyzer_matrix
 
 # Where values are clipped below full scale, see `_is_clipped`; all by trial.
 _SMALLEST_PILE = 16
@@ -50,6 +52,8 @@ _SAME_LENS = 1.01
 """Ratio of focal lengths of photographs that were not zoomed in between; set by hand."""
 _LONGEST_SIDE = 65536
 """Height or width in pixels that a person can give; set by hand."""
+_CLIPPED_FIELD = 1e-3
+"""Share of clipped samples that a field for calibration may have: hot pixels; set by hand."""
 _GAIN_RANGE = (0.5, 2.0)
 """Pair gains that a person can give; set by hand."""
 
@@ -154,6 +158,7 @@ class ReaderOptions:
     resolution: str
     angle_sense: str
     field_of_view_deg: float | None
+    analyzer: Analyzer | None
 
     def counted(self, angles_deg: Sequence[float]) -> tuple[float, ...]:
         """Angles counter-clockwise from the image's x axis, given in the sense that was asked for."""
@@ -172,6 +177,7 @@ def checked_options(
     *,
     angle_sense: str = "ccw",
     field_of_view_deg: float | None = None,
+    analyzer: AnyPath | Analyzer | None = None,
 ) -> ReaderOptions:
     """Check every option of `polaropt.capture.read.read_capture` by itself; InputError with what to give instead."""
     if sensor not in SENSORS:
@@ -193,7 +199,19 @@ def checked_options(
         raise InputError(f"the pair gain is {gain:g}; give a value near 1 (0.5 to 2)")
     cell = check_cell_order(cell_order)
     encoding = parse_gamma(gamma)
-    return ReaderOptions(angles, sensor, cell, black, white, gain, encoding, resolution, angle_sense, field_of_view_deg)
+    return ReaderOptions(
+        angles,
+        sensor,
+        cell,
+        black,
+        white,
+        gain,
+        encoding,
+        resolution,
+        angle_sense,
+        field_of_view_deg,
+        read_analyzer(analyzer),
+    )
 
 
 def _number(value: Any, what: str) -> float:
@@ -225,6 +243,7 @@ def read_capture(
     field_of_view_deg: float | None = None,
     shape: Sequence[int] | None = None,
     pixel_format: str | None = None,
+    analyzer: AnyPath | Analyzer | None = None,
 ) -> Capture:
     """Read photographs taken through a polarizer.
 
@@ -267,6 +286,9 @@ def read_capture(
     pixel_format : str, optional
         How such a file is packed: Mono8, Mono10, Mono12, Mono16, Mono10p, Mono12p, or Mono12Packed (GigE Vision).
         Default: 8 or 16 bits, by the file's size.
+    analyzer : path or Analyzer, optional
+        Gain, contrast and angle of a mosaic's analyzers, as ``polaropt calibrate`` writes them. The samples become
+        what ideal analyzers would have measured: what is missing is small, and follows from the Stokes images.
 
     Returns
     -------
@@ -290,6 +312,7 @@ def read_capture(
         resolution,
         angle_sense=angle_sense,
         field_of_view_deg=field_of_view_deg,
+        analyzer=analyzer,
     )
     content = _content(files, shape, pixel_format)
     name = files[0] if len(files) == 1 else f"{files[0]} and the others"
@@ -379,6 +402,8 @@ def _size(pixels: NDArray[Any]) -> str:
 
 
 def _from_photographs(content: FileContent, levels: Levels, options: ReaderOptions) -> Capture:
+    if options.analyzer is not None:
+        raise InputError("an analyzer's calibration is for one raw mosaic; leave it out")
     if options.sensor != "auto" or options.resolution != "sensor":
         asked = "resolution 'cell'" if options.resolution != "sensor" else f"sensor {options.sensor!r}"
         raise InputError(f"{asked} is for one raw mosaic, not for {len(content.pixels)} photographs; leave it out")
@@ -421,6 +446,7 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
     """The photographs of a mosaic whose values are linear, with what a scene is estimated from."""
     sampling, k = samples.sampling, len(angles)
     step = quantization_step(samples.values[None])
+    samples = _without_gains(samples, options.analyzer, angles)
     photographs, valid = registered_cells(samples.values, samples.valid, sampling, k)
     gain = options.pair_gain or _sensor_gain(photographs, angles, valid)
     photographs = divide_out_gain(photographs, angles, gain)
@@ -431,14 +457,22 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
         gains[list(pairs[1])] = gain
         samples = replace(samples, values=samples.values / sampling.laid_out(gains, samples.values.shape))
     origin, counted = replace(origin, pair_gain=gain, grey_levels=grey_levels(step, origin)), options.counted(angles)
+    missing = None if options.analyzer is None else options.analyzer.missing
+    if missing is not None and options.analyzer is not None:
+        photographs += _seen_by(missing, photographs, options.analyzer.matrix)
     color = sampling.n_channels > 1
     planes = (photographs, valid) if color else (photographs[:, 0], valid[:, 0])
     cells = Capture.of_planes(planes[0], counted, planes[1], replace(origin, low_passed=True))
     noise_share = share_of_noise(sampling)
-    noise = max(noise_level(cells) / noise_share, step / math.sqrt(12))
-    full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs)
     at_sensor = options.resolution == "sensor"
     registered = RegisteredCells(cells, sampling.period if at_sensor else 1, noise_share, samples)
+    noise = max(noise_level(cells) / noise_share, step / math.sqrt(12))
+    rows = None if options.analyzer is None else options.analyzer.matrix
+    full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs, rows)
+    if missing is not None:
+        beyond = _seen_by(missing, full, analyzer_matrix(angles))
+        samples = replace(samples, values=samples.values + sampling.sample(beyond))
+        registered = replace(registered, samples=samples)
     if at_sensor:
         every = np.repeat(np.repeat(planes[1], sampling.period, axis=-2), sampling.period, axis=-1)
     else:
@@ -447,6 +481,81 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
     return Capture.of_planes(
         full, counted, every, replace(origin, raw_noise=noise), samples if at_sensor else None, registered
     )
+
+
+def _without_gains(samples: RawSamples, analyzer: Analyzer | None, angles: tuple[float, ...]) -> RawSamples:
+    """Samples less the gains of their analyzers; InputError where those are of another cell."""
+    if analyzer is None:
+        return samples
+    if not np.allclose(analyzer.angles_deg, angles):
+        listed = ", ".join(f"{angle:g}" for angle in analyzer.angles_deg)
+        raise InputError(f"the analyzer's calibration is of angles {listed}; give the cell order that it was made with")
+    gains = np.repeat(np.array(analyzer.gains)[:, None], samples.sampling.n_channels, axis=1)
+    return replace(samples, values=samples.values / samples.sampling.laid_out(gains, samples.values.shape))
+
+
+def _seen_by(rows: NDArray[np.float64], photographs: Images, analyzer: NDArray[np.float64]) -> Images:
+    """What analyzer rows (k, 3) measure of the light of photographs (k, ...) that others took."""
+    return np.asarray(np.tensordot((rows @ np.linalg.pinv(analyzer)).astype(np.float32), photographs, axes=1))
+
+
+def read_analyzer(analyzer: AnyPath | Analyzer | None) -> Analyzer | None:
+    """An analyzer from the file of ``polaropt calibrate``; InputError for anything else."""
+    if analyzer is None or isinstance(analyzer, Analyzer):
+        return analyzer
+    try:
+        document = json.loads(Path(analyzer).read_text(encoding="utf-8"))
+        lists = (document[name] for name in ("angles_deg", "gains", "contrasts", "true_angles_deg"))
+        return Analyzer(*(tuple(float(value) for value in values) for values in lists))
+    except OSError as error:
+        raise InputError(f"{analyzer}: cannot be opened ({error.strerror or error})") from None
+    except InputError as error:
+        raise InputError(f"{analyzer}: {error}") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{analyzer}: is no calibration; make one with polaropt calibrate") from None
+
+
+def field_means(
+    paths: Sequence[AnyPath],
+    sensor: str = "auto",
+    cell_order: Sequence[float] = SONY_CELL,
+    black_level: float = 0.0,
+    white_level: float | None = None,
+) -> tuple[NDArray[np.float64], tuple[float, ...]]:
+    """Mean of each corner's samples in raw mosaics of evenly lit fields, (n, k), and the corners' angles, ascending.
+
+    Of the middle half of the frame, colours together. Arguments as of `read_capture`.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a field that is clipped.
+    """
+    options = checked_options((*ANGLES_DEG,), sensor, cell_order, black_level, white_level, None, None, "sensor")
+    means = []
+    for path in paths:
+        content = read_file(path)
+        try:
+            raw = _single_plane(content.pixels if not content.stack else _no_stack())
+            levels = find_levels(raw, options.black_level, options.white_level, content.bits)
+            values, valid = levels.apply(raw)
+            sampling, angles = sampling_of(False, options.cell_order)
+            height, width = (side // 8 * 4 for side in values.shape)
+            if min(height, width) < SMALLEST_SIDE:
+                raise InputError(f"is {raw.shape[1]}x{raw.shape[0]} px; at least 64x64 are needed")
+            top, left = (side // 8 * 2 // 4 * 4 for side in values.shape)
+            middle = (slice(top, top + height), slice(left, left + width))
+            if np.mean(~valid[middle]) > _CLIPPED_FIELD:
+                raise InputError("is clipped; take the field again with a shorter exposure")
+            of_corners = sampling.spread(values[middle], len(angles))
+            means.append(of_corners.sum(axis=(1, 2, 3), dtype=np.float64) / (height * width / len(angles)))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+    return np.array(means), sampling_of(False, options.cell_order)[1]
+
+
+def _no_stack() -> NDArray[Any]:
+    raise InputError("holds several photographs; give one raw mosaic a file")
 
 
 def _single_plane(pixels: NDArray[Any]) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""The command line: ``polaropt demo | simulate | inspect | estimate | separate | train | study``."""
+"""The command line: ``polaropt demo | simulate | inspect | estimate | separate | calibrate | train | study``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 import polaropt
+from polaropt.cli.calibrate import calibrate_command
 from polaropt.cli.command import INTERRUPTED, Interrupted, add_command, say
 from polaropt.cli.demo import demo_command
 from polaropt.cli.inspect import estimate_command, inspect_command
@@ -31,6 +32,7 @@ add_command(app, simulate_command, "polaropt simulate behind.png mirrored.png --
 add_command(app, inspect_command, f"polaropt inspect {_FOUR} -o look.png")
 add_command(app, estimate_command, f"polaropt estimate {_FOUR}")
 add_command(app, separate_command, f"polaropt separate {_FOUR} -o out")
+add_command(app, calibrate_command, "polaropt calibrate flat_*.png -o analyzer.json")
 add_command(app, train_command, "polaropt train --quick -o training")
 add_study_command(app)
 

@@ -276,6 +276,14 @@ class CaptureOptions:
             rich_help_panel=_FILES,
         ),
     ] = None
+    analyzer: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.json",
+            help="Gain, contrast and angle of each analyzer of the camera, as polaropt calibrate writes them.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
     field_of_view_deg: Annotated[
         float | None,
         typer.Option(
@@ -315,6 +323,7 @@ class CaptureOptions:
             field_of_view_deg=self.field_of_view_deg,
             shape=None if self.shape is None else self._sides(self.shape),
             pixel_format=self.pixel_format,
+            analyzer=self.analyzer,
         )
         if self.align:
             from polaropt.capture import align

@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, StokesImages, noise_level, plate_frame, stokes_images
+from polaropt.capture import Capture, StokesImages, plate_frame, registered_noise, stokes_images
 from polaropt.estimation.flat.estimate import LEAST_NOISE, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.rung import noise_misfit
@@ -113,7 +113,7 @@ def find_start_angle(capture: Capture) -> Capture:
         and a note (`origin.start_unknown`) that double images and wide lenses, which need it, cannot be modelled.
     """
     registered = capture.registered
-    noise = noise_level(registered)
+    noise = registered_noise(capture)
     incidence, azimuth, _ = estimate_scene(registered, _OPEN.replace(ghost_shift=0.0), noise=noise).scene.values()
     found = ghost_direction(registered, noise, incidence, azimuth)
     left = PolarizedBlocks(stokes_images(registered, noise)).constant_misfit(azimuth)

@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 from typing import Literal
 
-from polaropt.capture import Capture, noise_level, stokes_images
+from polaropt.capture import Capture, registered_noise, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.estimation.flat.sampled_sense import with_sense_of_samples
@@ -108,7 +108,7 @@ def find_scene(
     if asked.complete and thickness_px is None:
         return LadderResult(asked, None, ())
     if capture.cells is not None:
-        small, of_cells = 1 / capture.scale, noise_level(capture.registered)
+        small, of_cells = 1 / capture.scale, registered_noise(capture)
         thickness = None if thickness_px is None else thickness_px * small
         found = find_scene(
             capture.registered,

@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, noise_level
+from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, registered_noise
 from polaropt.estimation import NOTABLE_STAKE, AngleMistake, SceneEstimate, angle_mistake
 from polaropt.optics import SceneParameters, stokes_from_intensities
 
@@ -169,7 +169,7 @@ def diagnose(
     if scene is not None and free and mistakes == Mistakes():
         small = 1 / capture.scale
         registered, of_cells = capture.registered, None if estimate is None else estimate.scaled(small)
-        of_registered = noise if registered is capture else noise_level(registered)
+        of_registered = noise if registered is capture else registered_noise(capture)
         mistake = angle_mistake(registered, of_registered, scene.scaled(small), of_cells, unexplained)
     deserved = {
         SeparationWarning.NO_POLARIZATION: not polarized,

@@ -7,7 +7,9 @@ __all__ = [
     "INCIDENCE_SEARCH_DEG",
     "PSE",
     "SEARCHED",
+    "Analyzer",
     "Bend",
+    "Calibration",
     "Component",
     "Displacements",
     "Field",
@@ -23,6 +25,7 @@ __all__ = [
     "analyzer_matrix",
     "bent_normal",
     "brewster_angle_deg",
+    "calibrate",
     "change_basis",
     "dolp_aolp",
     "engine_for",
@@ -47,6 +50,9 @@ __all__ = [
     "viewing_angles",
 ]
 
+from .analyzer import Analyzer as Analyzer
+from .analyzer import Calibration as Calibration
+from .analyzer import calibrate as calibrate
 from .engine import PSE as PSE
 from .engine import Displacements as Displacements
 from .engine import VaryingPSE as VaryingPSE

@@ -1,0 +1,197 @@
+"""The analyzers of a sensor as they are: gain, contrast and angle of each corner of its cell, and how to measure them.
+
+A pixel behind an analyzer measures ``I = g (s0 + D (s1 cos 2a + s2 sin 2a)) / 2``: gain g, contrast
+``D = (E - 1) / (E + 1)`` of extinction ratio E, true angle a (Hagen, Otani, Optical Engineering 58, 2019).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polaropt.errors import InputError
+from polaropt.optics.stokes import analyzer_matrix
+
+Floats = NDArray[np.float64]
+
+_UNPOLARIZED = 0.1
+"""Degree of polarization below which a field was taken without a polarizer: one behind it has 0.8 and more. By hand."""
+_FEWEST_TURNS = 4
+"""Turns of a polarizer that tell contrast and angle: four turns of four corners are 16 numbers for 15 unknowns."""
+_TRUST = 1e-3
+"""Weight of analyzers being alike and as they should be, in units of a field's light; below any noise. Set by hand."""
+_LEAST_TURN_DEG = 5.0
+"""By which turns must differ to count as two; set by hand."""
+GAIN_LIMITS, CONTRAST_LIMITS, TURN_LIMIT_DEG = (0.5, 2.0), (0.5, 1.0), 20.0
+"""Gains, contrasts and deviations from the nominal angle that a sensor can have; set by hand."""
+
+
+@dataclass(frozen=True)
+class Analyzer:
+    """Analyzers of a cell by their nominal angles.
+
+    Attributes
+    ----------
+    angles_deg : tuple of float
+        Nominal, ascending.
+    gains : tuple of float
+        Their mean is 1.
+    contrasts : tuple of float
+    true_angles_deg : tuple of float
+        Up to one common rotation; their mean deviation from the nominal ones is 0.
+
+    Raises
+    ------
+    InputError
+        Numbers outside what a sensor can have.
+    """
+
+    angles_deg: tuple[float, ...]
+    gains: tuple[float, ...]
+    contrasts: tuple[float, ...]
+    true_angles_deg: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        lists = (self.angles_deg, self.gains, self.contrasts, self.true_angles_deg)
+        if len({len(values) for values in lists}) != 1 or len(self.angles_deg) < 3:
+            raise InputError("an analyzer needs an angle, gain, contrast and true angle for each corner of the cell")
+        if not np.all(np.isfinite(np.array(lists))):
+            raise InputError("a number of the analyzer is not finite; calibrate it anew")
+        turned = np.abs((np.array(self.true_angles_deg) - np.array(self.angles_deg) + 90) % 180 - 90)
+        for name, values, (least, most) in (
+            ("gain", self.gains, GAIN_LIMITS),
+            ("contrast", self.contrasts, CONTRAST_LIMITS),
+            ("deviation in degrees", turned.tolist(), (0.0, TURN_LIMIT_DEG)),
+        ):
+            if min(values) < least or max(values) > most:
+                raise InputError(
+                    f"an analyzer's {name} is {min(values):.3g} to {max(values):.3g}; it must lie in {least:g} to "
+                    f"{most:g}: check the cell order and the fields that it was measured on"
+                )
+
+    @property
+    def matrix(self) -> Floats:
+        """Rows in the place of those of `analyzer_matrix`, without the gains, (k, 3)."""
+        rows = analyzer_matrix(self.true_angles_deg)
+        rows[:, 1:] *= np.array(self.contrasts)[:, None]
+        return rows
+
+    @property
+    def missing(self) -> Floats:
+        """What ideal analyzers at the nominal angles measure beyond these, gains apart, from Stokes vectors (k, 3)."""
+        return analyzer_matrix(self.angles_deg) - self.matrix
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """An analyzer, and what the fields told of it.
+
+    Attributes
+    ----------
+    analyzer : Analyzer
+    n_unpolarized, n_turns : int
+        Fields without a polarizer, and different turns of one.
+    residual : float
+        Root mean square of what is left, as a share of the light.
+    """
+
+    analyzer: Analyzer
+    n_unpolarized: int
+    n_turns: int
+    residual: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether contrast and angles were told, not the gains alone."""
+        return self.n_turns >= _FEWEST_TURNS
+
+
+def calibrate(fields: ArrayLike, angles_deg: Sequence[float]) -> Calibration:
+    """Fit the analyzers of a cell to evenly lit fields.
+
+    Unpolarized fields tell the gains. Fields of one steady, unpolarized lamp behind a good polarizer in four or more
+    turns tell contrast and angles as well, up to one common rotation.
+
+    Parameters
+    ----------
+    fields : array_like, shape (n, k)
+        Mean of each corner's samples, linear, for each field.
+    angles_deg : sequence of k floats
+        Nominal angles, ascending.
+
+    Raises
+    ------
+    InputError
+        Fields that tell nothing: dark ones, or fewer than 4 turns and none without a polarizer.
+    """
+    from scipy.optimize import least_squares
+
+    light = np.asarray(fields, dtype=np.float64)
+    angles = np.asarray(angles_deg, dtype=np.float64)
+    if light.ndim != 2 or light.shape[1] != angles.size or not len(light):
+        raise InputError(f"fields have shape {light.shape}; give a mean for each corner of each field")
+    if not np.all(np.isfinite(light)) or light.mean(axis=1).min() <= 0:
+        raise InputError("a field is dark; give evenly lit ones")
+    stokes = light @ np.linalg.pinv(analyzer_matrix(angles_deg)).T
+    dolp, turns = np.hypot(stokes[:, 1], stokes[:, 2]) / stokes[:, 0], np.arctan2(stokes[:, 2], stokes[:, 1]) / 2
+    flat = dolp < _UNPOLARIZED
+    n_turns = _different(np.degrees(turns[~flat]))
+    k, n_flat = angles.size, int(flat.sum())
+    if not n_flat and n_turns < _FEWEST_TURNS:
+        raise InputError(
+            f"the fields show {n_turns} turns of a polarizer and none is unpolarized; give {_FEWEST_TURNS} turns or "
+            "more, or fields without a polarizer"
+        )
+    if n_turns < _FEWEST_TURNS:
+        shares = light[flat] / light[flat].mean(axis=1, keepdims=True)
+        gains = shares.mean(axis=0)
+        left = float(np.sqrt(np.mean(np.square(shares - gains))))
+        of_gains = Analyzer(_listed(angles), _listed(gains / gains.mean()), (1.0,) * k, _listed(angles))
+        return Calibration(of_gains, n_flat, n_turns, left)
+    lit = light / light[~flat].mean()
+    levels = np.r_[lit[~flat].mean(), lit[flat].mean(axis=1)]
+
+    def residual(x: Floats) -> Floats:
+        gains, contrasts, deviations, levels, turned = np.split(x, np.cumsum([k, k, k, 1 + n_flat]))
+        model = np.empty_like(lit)
+        swing = np.cos(2 * (turned[:, None] - np.radians(angles) - deviations))
+        model[~flat] = levels[0] * gains * (1 + contrasts * swing)
+        model[flat] = levels[1:, None] * gains
+        # What no field tells is fixed: the mean gain and the common rotation; and turns as far apart as the analyzers
+        # leave open which of them deviate.
+        gauge = [
+            gains.mean() - 1,
+            deviations.mean(),
+            *(_TRUST * deviations),
+            *(_TRUST * (contrasts - contrasts.mean())),
+        ]
+        return np.concatenate([(model - lit).ravel(), gauge])
+
+    start = np.concatenate([np.ones(k), np.full(k, 0.98), np.zeros(k), levels, turns[~flat]])
+    fitted = least_squares(residual, start, x_scale="jac")
+    gains, contrasts, deviations = np.split(fitted.x[: 3 * k], 3)
+    analyzer = Analyzer(
+        _listed(angles),
+        _listed(gains),
+        _listed(np.minimum(contrasts, CONTRAST_LIMITS[1])),
+        _listed(angles + np.degrees(deviations)),
+    )
+    left = float(np.sqrt(np.mean(np.square(residual(fitted.x)[: lit.size]))))
+    return Calibration(analyzer, n_flat, n_turns, left)
+
+
+def _different(turns_deg: Floats) -> int:
+    """How many turns differ, modulo 180 degrees."""
+    kept: list[float] = []
+    for turn in turns_deg:
+        if all(abs((turn - other + 90) % 180 - 90) >= _LEAST_TURN_DEG for other in kept):
+            kept.append(float(turn))
+    return len(kept)
+
+
+def _listed(values: NDArray[Any]) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

@@ -1,0 +1,71 @@
+"""Analyzers that are not ideal come back from evenly lit fields, up to what those can tell."""
+
+import numpy as np
+import pytest
+
+from polaropt import InputError
+from polaropt.optics import Analyzer, analyzer_matrix, calibrate
+
+ANGLES = (0.0, 45.0, 90.0, 135.0)
+GAINS = (1.01, 0.97, 1.03, 0.99)
+TRUE = Analyzer(ANGLES, GAINS, (0.98, 0.96, 0.97, 0.985), (0.4, 44.7, 90.3, 134.6))
+
+
+def behind(turns_deg, level=0.4, analyzer=TRUE):
+    """Means of the corners behind an ideal polarizer."""
+    double = 2 * np.radians(np.atleast_1d(turns_deg))
+    stokes = level * np.stack([np.ones_like(double), np.cos(double), np.sin(double)], axis=1)
+    return np.array(analyzer.gains) * (stokes @ analyzer.matrix.T)
+
+
+def unpolarized(level):
+    return level * np.array(GAINS)[None] / 2
+
+
+def test_unpolarized_fields_tell_the_gains_alone():
+    found = calibrate(np.concatenate([unpolarized(0.3), unpolarized(0.8)]), ANGLES)
+    np.testing.assert_allclose(found.analyzer.gains, GAINS, rtol=1e-12)
+    assert (found.n_unpolarized, found.n_turns, found.complete) == (2, 0, False)
+    assert found.analyzer.contrasts == (1, 1, 1, 1)
+    assert found.analyzer.true_angles_deg == ANGLES
+
+
+@pytest.mark.parametrize("turns", [(0, 30, 75, 140), (10, 33, 61, 99, 120, 160)])
+@pytest.mark.parametrize("with_flat", [False, True])
+def test_turns_of_a_polarizer_tell_contrast_and_angle_up_to_a_rotation(turns, with_flat):
+    fields = np.concatenate([behind(turns), *([unpolarized(0.5)] if with_flat else [])])
+    found = calibrate(fields, ANGLES)
+    assert found.complete
+    np.testing.assert_allclose(found.analyzer.gains, GAINS, atol=1e-4)
+    np.testing.assert_allclose(found.analyzer.contrasts, TRUE.contrasts, atol=1e-4)
+    rotation = np.subtract(found.analyzer.true_angles_deg, TRUE.true_angles_deg)
+    np.testing.assert_allclose(rotation, rotation[0], atol=5e-3)
+    assert np.mean(np.subtract(found.analyzer.true_angles_deg, ANGLES)) == pytest.approx(0, abs=1e-4)
+
+
+def test_the_ideal_analyzer_is_the_usual_matrix():
+    ideal = Analyzer(ANGLES, (1,) * 4, (1,) * 4, ANGLES)
+    np.testing.assert_allclose(ideal.matrix, analyzer_matrix(ANGLES))
+    np.testing.assert_allclose(ideal.missing, 0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        (behind((0, 40, 85)), "3 turns of a polarizer and none is unpolarized"),
+        (behind((0, 40, 85, 86, 87)), "3 turns"),
+        (0 * behind((0, 40)), "dark"),
+        (np.ones((2, 3)), "a mean for each corner"),
+        (np.full((1, 4), np.nan), "dark"),
+    ],
+)
+def test_fields_that_tell_nothing_are_one_line(fields, words):
+    with pytest.raises(InputError, match=words):
+        calibrate(fields, ANGLES)
+
+
+def test_numbers_that_no_sensor_has_are_refused():
+    with pytest.raises(InputError, match="gain is"):
+        Analyzer(ANGLES, (3, 1, 1, 1), (1,) * 4, ANGLES)
+    with pytest.raises(InputError, match="deviation in degrees"):
+        Analyzer(ANGLES, (1,) * 4, (1,) * 4, (90, 45, 0, 135))
