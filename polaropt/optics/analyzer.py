@@ -22,7 +22,7 @@ _UNPOLARIZED = 0.1
 """Degree of polarization below which a field was taken without a polarizer: one behind it has 0.8 and more. By hand."""
 _FEWEST_TURNS = 4
 """Turns of a polarizer that tell contrast and angle: four turns of four corners are 16 numbers for 15 unknowns."""
-_TRUST = 1e-3
+_TRUST = 1e-4
 """Weight of analyzers being alike and as they should be, in units of a field's light; below any noise. Set by hand."""
 _LEAST_TURN_DEG = 5.0
 """By which turns must differ to count as two; set by hand."""
