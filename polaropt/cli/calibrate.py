@@ -92,6 +92,8 @@ def _sentences(found: Calibration) -> list[str]:
     ]
     if not found.complete:
         lines.append("ATTENTION: Only the gains are told: contrast and angles need 4 or more turns of a polarizer.")
+    if found.ambiguous:
+        lines.append("ATTENTION: Four turns alone leave up to 1 % open: add a fifth, or an unpolarized field.")
     for angle, gain, contrast, true in zip(
         of_it.angles_deg, of_it.gains, of_it.contrasts, of_it.true_angles_deg, strict=True
     ):

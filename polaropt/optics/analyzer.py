@@ -21,7 +21,8 @@ Floats = NDArray[np.float64]
 _UNPOLARIZED = 0.1
 """Degree of polarization below which a field was taken without a polarizer: one behind it has 0.8 and more. By hand."""
 _FEWEST_TURNS = 4
-"""Turns of a polarizer that tell contrast and angle: four turns of four corners are 16 numbers for 15 unknowns."""
+"""Turns of a polarizer that tell contrast and angle: four turns of four corners are 16 numbers for 15 unknowns, of
+which a few choices fit; with a fifth turn or an unpolarized field only one does."""
 _TRUST = 1e-4
 """Weight of analyzers being alike and as they should be, in units of a field's light; below any noise. Set by hand."""
 _LEAST_TURN_DEG = 5.0
@@ -108,6 +109,11 @@ class Calibration:
     def complete(self) -> bool:
         """Whether contrast and angles were told, not the gains alone."""
         return self.n_turns >= _FEWEST_TURNS
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether four turns alone explain the fields in more than one way, up to 1 % of a gain or contrast apart."""
+        return self.n_turns == _FEWEST_TURNS and self.n_unpolarized == 0
 
 
 def calibrate(fields: ArrayLike, angles_deg: Sequence[float]) -> Calibration:

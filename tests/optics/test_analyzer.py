@@ -30,12 +30,14 @@ def test_unpolarized_fields_tell_the_gains_alone():
     assert found.analyzer.true_angles_deg == ANGLES
 
 
-@pytest.mark.parametrize("turns", [(0, 30, 75, 140), (10, 33, 61, 99, 120, 160)])
-@pytest.mark.parametrize("with_flat", [False, True])
+@pytest.mark.parametrize(
+    ("turns", "with_flat"), [((0, 30, 75, 140), True), ((10, 33, 61, 99, 120), False), ((10, 33, 61, 99, 120), True)]
+)
 def test_turns_of_a_polarizer_tell_contrast_and_angle_up_to_a_rotation(turns, with_flat):
     fields = np.concatenate([behind(turns), *([unpolarized(0.5)] if with_flat else [])])
     found = calibrate(fields, ANGLES)
     assert found.complete
+    assert not found.ambiguous
     np.testing.assert_allclose(found.analyzer.gains, GAINS, atol=1e-4)
     np.testing.assert_allclose(found.analyzer.contrasts, TRUE.contrasts, atol=1e-4)
     rotation = np.subtract(found.analyzer.true_angles_deg, TRUE.true_angles_deg)
@@ -69,3 +71,11 @@ def test_numbers_that_no_sensor_has_are_refused():
         Analyzer(ANGLES, (3, 1, 1, 1), (1,) * 4, ANGLES)
     with pytest.raises(InputError, match="deviation in degrees"):
         Analyzer(ANGLES, (1,) * 4, (1,) * 4, (90, 45, 0, 135))
+
+
+def test_four_turns_alone_leave_something_open():
+    found = calibrate(behind((0, 25, 60, 115)), ANGLES)
+    assert found.complete
+    assert found.ambiguous
+    assert found.residual < 1e-6
+    np.testing.assert_allclose(found.analyzer.gains, GAINS, atol=0.02)
