@@ -24,7 +24,7 @@ setup: $(STAMP)
 # Touched last, so that an interrupted installation starts again.
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[casadi,dev,studies,torch]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[casadi,dev,raw,studies,torch]"
 	touch $@
 
 demo: setup

@@ -82,6 +82,10 @@ class FileContent:
         Focal length in pixels, where the camera wrote it into the file.
     bits : int or None
         Depth of the values, where it is told and less than that of their type.
+    exposure : float or None
+        Of a camera's raw file: seconds times the sensor's speed over ISO 100, as far as it tells them.
+    white_balance : (float, float, float) or None
+        Of a camera's raw file: factors on red, green and blue, 1 at most; its values are without them.
     """
 
     pixels: NDArray[Any]
@@ -91,6 +95,8 @@ class FileContent:
     encoding_hint: EncodingHint = EncodingHint.NONE
     focal_px: float | None = None
     bits: int | None = None
+    exposure: float | None = None
+    white_balance: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -114,6 +120,8 @@ class Origin:
         What the file's format says about its encoding.
     raw_noise : float, optional
         Noise of a sample of a mosaic whose photographs are interpolated (white = 1).
+    exposures : tuple of float
+        Of camera raw files: seconds times the sensor's speed over ISO 100, which were divided out where they differ.
     low_passed : bool
         Whether the photographs went through a low pass, as the cells of a mosaic: their noise is not white.
     grey_levels : int, optional
@@ -145,6 +153,7 @@ class Origin:
     gamma: float | str | None = None
     encoding_hint: EncodingHint = EncodingHint.NONE
     raw_noise: float | None = None
+    exposures: tuple[float, ...] = ()
     low_passed: bool = False
     grey_levels: int | None = None
     left_out_px: tuple[int, int] = (0, 0)

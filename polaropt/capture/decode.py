@@ -28,6 +28,9 @@ GAMMA_RANGE = (0.1, 10.0)
 def read_file(path: AnyPath) -> FileContent:
     """Read a PNG, TIFF (one or several pages), JPEG, npz or npy file, told apart by their first bytes.
 
+    Raw files of photographers' cameras are known by their names (`CAMERA_RAW`) and come with one pixel per Bayer cell,
+    half as wide: nothing is interpolated, scaled to its own brightest value or balanced.
+
     An alpha channel is dropped: it holds no light. Grey pictures stored as RGB keep their three channels.
 
     Raises
@@ -37,7 +40,7 @@ def read_file(path: AnyPath) -> FileContent:
     """
     data = _bytes_of(Path(path))
     try:
-        return decode(data)
+        return _decode_camera_raw(data) if Path(path).suffix.lower() in CAMERA_RAW else decode(data)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except Exception as error:  # decoders raise whatever they like on damaged data
@@ -230,6 +233,50 @@ def _npz_content(arrays: dict[str, Pixels]) -> FileContent:
     angles_deg = None if angles is None else tuple(float(angle) for angle in np.atleast_1d(angles))
     mask = None if valid is None else valid.astype(bool)
     return FileContent(intensities, stack=intensities.ndim > 2, angles_deg=angles_deg, valid=mask)
+
+
+CAMERA_RAW = (".arw", ".cr2", ".cr3", ".dng", ".nef", ".orf", ".pef", ".raf", ".rw2")
+"""Names that raw files of photographers' cameras end in."""
+_BASE_ISO = 100
+"""Speed that exposures are told for."""
+
+
+def _decode_camera_raw(data: bytes) -> FileContent:
+    try:
+        import rawpy
+    except ImportError:
+        raise InputError(
+            "raw files of cameras need the package rawpy; install it with: pip install 'polaropt[raw]'"
+        ) from None
+    with rawpy.imread(io.BytesIO(data)) as raw:
+        pattern, names = raw.raw_pattern, raw.color_desc.decode()
+        if pattern is None or pattern.shape != (2, 2) or {names[i] for i in pattern.ravel()} != set("RGB"):
+            raise InputError("its sensor has no Bayer pattern; develop it to linear TIFF files with equal settings")
+        values, indices = raw.raw_image_visible, raw.raw_colors_visible
+        rows, columns = (side // 2 * 2 for side in values.shape)
+        white = float(min(raw.camera_white_level_per_channel or (raw.white_level,)))
+        black = np.asarray(raw.black_level_per_channel, dtype=np.float32)
+        sums = np.zeros((rows // 2, columns // 2, 3), np.float32)
+        valid = np.ones(sums.shape, dtype=bool)
+        count = np.zeros(3, np.float32)
+        for i, j in np.ndindex(2, 2):
+            part, index = values[i:rows:2, j:columns:2], int(indices[i, j])
+            color = "RGB".index(names[index])
+            sums[..., color] += (part - black[index]) / (white - black[index])
+            valid[..., color] &= part < white
+            count[color] += 1
+        taken, balance = raw.other, np.asarray(raw.camera_whitebalance[:3], dtype=np.float64)
+    speed = taken.iso_speed if taken.iso_speed > 0 else _BASE_ISO
+    exposure = taken.shutter_speed * speed / _BASE_ISO if taken.shutter_speed > 0 else None
+    red, green, blue = balance / balance.max() if balance.min() > 0 else np.ones(3)
+    focal = focal_from_exif(exif_of_picture(data), (columns // 2, rows // 2))
+    return FileContent(
+        sums / count,
+        valid=valid,
+        focal_px=focal,
+        exposure=exposure,
+        white_balance=(float(red), float(green), float(blue)),
+    )
 
 
 def _decode_npy(data: bytes) -> FileContent:

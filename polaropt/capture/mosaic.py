@@ -16,7 +16,7 @@ to bring them together, and either has its use:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -267,13 +267,15 @@ def wiener_photographs(
     law = _law(*framed.shape)
     powers = _fitted_powers(groups, combs, law, data, noise, _initial_powers(expected, analyzer, basis))
 
-    def power(members: Members) -> NDArray[Any]:
-        return np.multiply.outer(powers, members.of(law)).astype(np.complex64)
+    def system(members: Members) -> tuple[NDArray[Any], Callable[[NDArray[Any]], NDArray[Any]]]:
+        of_law = members.of(law)
 
-    def stokes(members: Members, mean: NDArray[Any]) -> NDArray[Any]:
-        return np.asarray(np.einsum("bst,btag,ag->bsag", powers.astype(np.float32), mean, members.of(law)))
+        def stokes(mean: NDArray[Any]) -> NDArray[Any]:
+            return np.asarray(np.einsum("bst,btag,ag->bsag", powers.astype(np.float32), mean, of_law, optimize=True))
 
-    spectra = wiener_spectra(groups, combs, power, stokes, noise**2, data, 3)
+        return np.multiply.outer(powers, of_law).astype(np.complex64), stokes
+
+    spectra = wiener_spectra(groups, combs, system, noise**2, data, 3)
     images = np.empty((colors, 3, *raw.shape), np.float32)
     for where in np.ndindex(colors, 3):
         whole = irfft2(spectra[where], s=framed.shape, norm="ortho", overwrite_x=True)

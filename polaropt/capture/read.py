@@ -255,7 +255,9 @@ def read_capture(
     Parameters
     ----------
     paths : path or sequence of paths
-        PNG or TIFF (8 or 16 bits, or floating point), JPEG, npz, npy; one raw mosaic without a header, see `shape`.
+        PNG or TIFF (8 or 16 bits, or floating point), JPEG, npz, npy; one raw mosaic without a header, see `shape`;
+        raw files of a camera (DNG, CR3, ARW, NEF and others, ``pip install polaropt[raw]``), one per angle: half as
+        wide, with one white level and balance for all, and their exposures divided out.
     angles_deg : sequence of float
         Polarizer angles in degrees, counter-clockwise from the image's x axis. The default gives way to angles stored
         in the file. Mosaics have theirs in `cell_order`.
@@ -314,7 +316,7 @@ def read_capture(
         field_of_view_deg=field_of_view_deg,
         analyzer=analyzer,
     )
-    content = _content(files, shape, pixel_format)
+    content, exposures = _content(files, shape, pixel_format)
     name = files[0] if len(files) == 1 else f"{files[0]} and the others"
     try:
         levels = find_levels(content.pixels, options.black_level, options.white_level, content.bits)
@@ -327,15 +329,17 @@ def read_capture(
     assert capture.origin is not None
     layout = "files" if len(files) > 1 else capture.origin.layout
     focal = _focal_px(content, capture, options)
-    return capture.with_origin(files=files, layout=layout, focal_px=focal)
+    return capture.with_origin(files=files, layout=layout, focal_px=focal, exposures=exposures)
 
 
-def _content(files: tuple[str, ...], shape: Sequence[int] | None, pixel_format: str | None) -> FileContent:
-    """What the files hold."""
+def _content(
+    files: tuple[str, ...], shape: Sequence[int] | None, pixel_format: str | None
+) -> tuple[FileContent, tuple[float, ...]]:
+    """What the files hold, and the exposures of camera raw files."""
     if shape is None:
         if pixel_format is not None:
             raise InputError("a pixel format is for one raw file without a header; give its shape too, or leave it out")
-        return read_file(files[0]) if len(files) == 1 else _one_per_angle(files)
+        return (read_file(files[0]), ()) if len(files) == 1 else _one_per_angle(files)
     if len(files) != 1:
         raise InputError("a shape is for one raw file without a header; leave it out")
     try:
@@ -345,7 +349,7 @@ def _content(files: tuple[str, ...], shape: Sequence[int] | None, pixel_format: 
         whole, height, width = False, 0, 0
     if not whole or not 0 < min(height, width) <= max(height, width) <= _LONGEST_SIDE:
         raise InputError(f"the shape is {shape!r}; give height and width in pixels, such as 2048,2448")
-    return read_headless(files[0], (height, width), pixel_format)
+    return read_headless(files[0], (height, width), pixel_format), ()
 
 
 def _focal_px(content: FileContent, capture: Capture, options: ReaderOptions) -> float | None:
@@ -375,7 +379,8 @@ def _listed_files(paths: AnyPath | Sequence[AnyPath]) -> tuple[str, ...]:
     return tuple(files)
 
 
-def _one_per_angle(files: Sequence[str]) -> FileContent:
+def _one_per_angle(files: Sequence[str]) -> tuple[FileContent, tuple[float, ...]]:
+    """The photographs of files, and the exposures of camera raw files."""
     contents = [read_file(name) for name in files]
     first = contents[0]
     for name, content in zip(files, contents, strict=True):
@@ -390,10 +395,25 @@ def _one_per_angle(files: Sequence[str]) -> FileContent:
         if content.pixels.dtype.kind == "f" and not np.all(np.isfinite(content.pixels)):
             raise InputError(f"{name}: holds NaN or infinite values; replace them")
     stacked = np.stack([content.pixels for content in contents])
+    masks = [content.valid for content in contents if content.valid is not None]
+    valid = np.stack(masks) if len(masks) == len(contents) else None
     lengths = [content.focal_px for content in contents if content.focal_px is not None]
     # A lens that was zoomed between the photographs has none.
     focal = lengths[0] if lengths and max(lengths) < _SAME_LENS * min(lengths) else None
-    return FileContent(stacked, stack=True, encoding_hint=first.encoding_hint, focal_px=focal)
+    if first.white_balance is not None:
+        # One balance for all: a camera's own changes from file to file, and would look like polarization.
+        stacked *= np.asarray(first.white_balance, dtype=np.float32)
+    exposures = [content.exposure for content in contents]
+    if all(exposure is not None for exposure in exposures):
+        relative = np.array(exposures, dtype=np.float32)
+        stacked /= (relative / relative.min()).reshape(-1, *[1] * (stacked.ndim - 1))
+    return FileContent(
+        stacked,
+        stack=True,
+        valid=valid,
+        encoding_hint=first.encoding_hint,
+        focal_px=focal,
+    ), tuple(exposure for exposure in exposures if exposure is not None)
 
 
 def _size(pixels: NDArray[Any]) -> str:

@@ -6,6 +6,7 @@ small system in the samples. Under Gaussian layers whose spectra are fitted to t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -216,16 +217,16 @@ class _Mixture:
         """The likeliest layers (2, channel, H, W) off their means."""
         from scipy.fft import irfft2
 
-        def power(members: Members) -> Spectrum:
-            return _covariance(members.of(self.transfer), members.of(prior))
+        def system(members: Members) -> tuple[Spectrum, Callable[[Spectrum], Spectrum]]:
+            transfer, power = members.of(self.transfer), members.of(prior)
 
-        def images(members: Members, mean: Spectrum) -> Spectrum:
-            found: Spectrum = members.of(prior).swapaxes(0, 1) * np.einsum(
-                "elag,ceag->clag", members.of(self.transfer).conj(), mean
-            )
-            return found
+            def images(mean: Spectrum) -> Spectrum:
+                t, r = (sum(transfer[e, i].conj() * mean[:, e] for e in range(len(transfer))) for i in (0, 1))
+                return np.stack([power[0] * t, power[1] * r], axis=1)
 
-        spectra = wiener_spectra(self.groups, self.combs, power, images, self._noise_power, data, 2)
+            return _covariance(transfer, power), images
+
+        spectra = wiener_spectra(self.groups, self.combs, system, self._noise_power, data, 2)
         colors, _ = spectra.shape[:2]
         own = np.empty((2, colors, *self._canvas.shape), np.float32)
         for c, layer in np.ndindex(colors, 2):

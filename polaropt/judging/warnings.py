@@ -58,7 +58,7 @@ class SeparationWarning(Enum):
     SATURATED = "More than 1 % of the pixels are clipped at white; they were left out and filled in from the others."
     ANGLES_SWAPPED = (
         "The photographs look as if they were given in a wrong order (pairs do not add up, others would): "
-        "check which file belongs to which polarizer angle."
+        "check which file belongs to which polarizer angle, or the cell order of a mosaic."
     )
     ANGLES_REVERSED = (
         "The polarizer's angles look as if they were counted the other way (double images, or the change over the "

@@ -51,10 +51,8 @@ class Members:
 
     def write(self, values: Array, spectra: Array) -> None:
         """Put values (..., alias, group) into half spectra (..., H, W // 2 + 1)."""
-        kept = ~self.mirrored
-        spectra.reshape(*spectra.shape[:-2], -1)[..., self.index[kept]] = values[..., kept]
         # What stands for its conjugate is another frequency of the half spectrum.
-        spectra.reshape(*spectra.shape[:-2], -1)[..., self.index[self.mirrored]] = np.conj(values[..., self.mirrored])
+        spectra.reshape(*spectra.shape[:-2], -1)[..., self.index] = self.conjugated(values)
 
 
 class AliasGroups:
@@ -343,11 +341,14 @@ def _filled_up(values: Array, n: int) -> Array:
     return np.ascontiguousarray(filled, dtype=np.complex64)
 
 
+Images = Callable[[Spectrum], Array]
+"""Images' values (color, image, alias, group) at some members, from `Explained.mean`."""
+
+
 def wiener_spectra(
     groups: AliasGroups,
     combs: Spectrum,
-    power: Callable[[Members], Spectrum],
-    images: Callable[[Members, Spectrum], Array],
+    system: Callable[[Members], tuple[Spectrum, Images]],
     noise_power: float,
     data: Spectrum,
     n_images: int,
@@ -358,10 +359,9 @@ def wiener_spectra(
     ----------
     groups, combs, noise_power
         As for `explained_groups`.
-    power : callable
-        Covariance (color, entry, entry, alias, group) of the entries at the groups' members.
-    images : callable
-        Images' values (color, image, alias, group) from the members and `Explained.mean`.
+    system : callable
+        Covariance (color, entry, entry, alias, group) of the entries at the groups' members, and what makes images
+        there of what the samples say.
     data : ndarray, shape (H, W // 2 + 1)
     n_images : int
     """
@@ -371,8 +371,9 @@ def wiener_spectra(
     def rows(start: int, stop: int) -> None:
         for row in range(start, stop):
             members = groups.members(row, columns)
-            found = explained_groups(combs, power(members), noise_power, members.of(data))
-            members.write(images(members, found.mean), spectra)
+            power, images = system(members)
+            found = explained_groups(combs, power, noise_power, members.of(data))
+            members.write(images(found.mean), spectra)
 
     in_blocks(rows, groups.n_rows, 4)
     return spectra

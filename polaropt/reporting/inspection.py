@@ -81,6 +81,10 @@ class Inspection:
         Angles of photographs of which one pair looks swapped; empty if the order looks right.
     visible_shift_px : float
         About how far photographs are shifted against each other; 0 if not surely by more than half a pixel.
+    left_out_px : (int, int)
+        Rows and columns of a mosaic that make no whole pattern, and were left out.
+    exposures : tuple of float
+        Of camera raw files, in seconds at ISO 100.
     """
 
     width: int
@@ -108,6 +112,8 @@ class Inspection:
     encoding_hint: EncodingHint
     swapped_deg: tuple[tuple[float, float], ...]
     visible_shift_px: float
+    left_out_px: tuple[int, int] = (0, 0)
+    exposures: tuple[float, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """The same as plain values, for JSON."""
@@ -157,6 +163,8 @@ def inspect_capture(capture: Capture) -> Inspection:
         encoding_hint=hint,
         swapped_deg=tuple((capture.angles_deg[a], capture.angles_deg[b]) for a, b in swapped),
         visible_shift_px=moved,
+        left_out_px=(0, 0) if origin is None else origin.left_out_px,
+        exposures=() if origin is None else origin.exposures,
     )
 
 

@@ -33,6 +33,8 @@ _DIM_BRIGHTEST = 0.1
 _LEAST_BLACK = 0.004
 # Degree of polarization that nothing is below in a capture worth separating. Set by hand.
 _WEAK_DOLP = 0.02
+# Ratio of exposures that are the same: cameras round them. Set by hand.
+_SAME_EXPOSURE = 1.001
 # Share of pixels from which a shorter exposure is advised. Set by hand.
 _MUCH_SATURATED = 0.05
 
@@ -102,8 +104,24 @@ def _size(it: Inspection) -> Finding:
     return Finding(
         "size",
         f"{len(it.angles_deg)} photographs of {it.width}x{it.height} px, {kind}, polarizer at {angles} degrees "
-        f"({_LAYOUTS.get(it.layout, it.layout)}).",
+        f"({_LAYOUTS.get(it.layout, it.layout)}).{_left_out(it)}{_exposures(it)}",
     )
+
+
+def _exposures(it: Inspection) -> str:
+    if not it.exposures:
+        return ""
+    if max(it.exposures) <= _SAME_EXPOSURE * min(it.exposures):
+        return " All were exposed alike."
+    listed = ", ".join(f"{exposure:.3g}" for exposure in it.exposures)
+    return f" They were exposed differently ({listed} s at ISO 100), which is divided out."
+
+
+def _left_out(it: Inspection) -> str:
+    rows, columns = it.left_out_px
+    if not rows and not columns:
+        return ""
+    return f" {rows} rows and {columns} columns at the far sides make no whole cell and were left out."
 
 
 def _values(it: Inspection) -> Finding:

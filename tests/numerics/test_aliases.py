@@ -32,14 +32,12 @@ def test_the_filter_is_the_posterior_mean_of_a_dense_solve(color, shape):
     groups = AliasGroups(*shape, sampling.period)
     half = powers[..., : shape[1] // 2 + 1]
 
-    def power(members):
-        return np.einsum("iag,ij->ijag", members.of(half), np.eye(2))[None].astype(np.complex64)
-
-    def images(members, mean):
-        return members.of(half) * mean
+    def system(members):
+        own = members.of(half)
+        return np.einsum("iag,ij->ijag", own, np.eye(2))[None].astype(np.complex64), lambda mean: own * mean
 
     data = np.fft.rfft2(raw, norm="ortho").astype(np.complex64)
-    spectra = wiener_spectra(groups, groups.combs(weights), power, images, noise, data, n_images)
+    spectra = wiener_spectra(groups, groups.combs(weights), system, noise, data, n_images)
     np.testing.assert_allclose(np.fft.irfft2(spectra[0], shape, norm="ortho"), expected, atol=2e-4)
 
 
