@@ -183,6 +183,9 @@ _MAD_VARIANCE = 4 * 1.36
 an efficiency of 37 %, that is 1 / (2 * 1.36)."""
 _SIGNIFICANT, _LEAST_GROWTH = 6.0, 1.5
 """Growth that is believed: in its standard errors, and the brightest bin's variance over the darkest's; by trial."""
+_LEAST_READ = 0.1
+"""Noise without any light as a share of the typical: a line through black would trust black pixels without end. By
+hand."""
 _CLASSES = 16
 """Classes of equal noise: steps of a few percent; set by hand."""
 
@@ -280,7 +283,7 @@ def noise_model(capture: Capture, level: float, redundant: Redundancy | None = N
     darkest, brightest = (max(dark + growth * float(intensity[i]), 1e-12) for i in (0, -1))
     if growth < _SIGNIFICANT * error or brightest < _LEAST_GROWTH * darkest:
         return constant
-    return NoiseModel(math.sqrt(dark), growth)
+    return NoiseModel(max(math.sqrt(dark), _LEAST_READ * level), growth)
 
 
 def noise_classes(capture: Capture, model: NoiseModel) -> NoiseClasses | None:

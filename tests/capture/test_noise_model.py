@@ -113,3 +113,14 @@ def test_stated_errors_follow_the_light():
 def test_shot_noise_is_a_variance(shot):
     with pytest.raises(InputError, match="shot noise"):
         noisy(0.005, shot)
+
+
+def test_nothing_but_shot_noise_leaves_black_pixels_some():
+    capture = noisy(0.0, 2e-3)
+    dark = np.where(np.arange(160) < 40, np.float32(0), capture.intensities)
+    capture = capture.replace(intensities=dark.astype(np.float32))
+    level = noise_level(capture)
+    model = noise_model(capture, level)
+    assert model.shot > 0
+    assert model.read >= 0.09 * level
+    assert noise_classes(capture, model).sigmas.min() > 0
