@@ -69,12 +69,13 @@ MISFIT_WHITE = 10.0
 def misfit_map(result: Separation, capture: Capture) -> NDArray[np.float32]:
     """Residual of the photographs in units of their noise, root mean square over photographs and colours, (h, w).
 
-    About 1 where the model holds; 0 where every photograph is clipped.
+    About 1 where the model holds; 0 where every photograph is clipped. Of a mosaic the samples alone count.
     """
     count = np.zeros(capture.shape[-2:], dtype=np.float32)
     total = np.zeros_like(count)
+    observed = capture.observed
     # One photograph at a time: all residuals of a large capture are much memory.
-    for k, (photograph, valid) in enumerate(zip(capture.intensities, capture.valid, strict=True)):
+    for k, (photograph, valid) in enumerate(zip(observed.intensities, observed.valid, strict=True)):
         squares = np.square(result.components[0, k] + result.components[1, k] - photograph) * valid
         total += squares.reshape(-1, *count.shape).sum(axis=0)
         count += valid.reshape(-1, *count.shape).sum(axis=0)
