@@ -37,7 +37,7 @@ Images = NDArray[np.float32]
 _SAMPLED = 6144
 # Cycles a pixel up to which frequencies are compared with each other and with their aliases. By trial: with more the
 # roll-off of a lens, which the spectra's bands do not follow, is taken for ghosts close together.
-_COMPARED_BELOW = 0.12
+_COMPARED_BELOW = 0.2
 
 
 def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> ClosedForm:
