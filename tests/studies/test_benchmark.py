@@ -180,7 +180,7 @@ def test_the_benchmark_is_one_command(tmp_path, monkeypatch, capsys):
     pace = replace(quick.pace, rounds=rounds, imports=1)
     monkeypatch.setitem(study.PLANS, "quick", replace(quick, pace=pace, blind=SIZE, memory=SIZE))
     monkeypatch.setattr("studies.benchmark.race.contestants", few_contestants)
-    monkeypatch.setattr(study, "RUNNING_ON_DEG", (10.0, 85.0))
+    monkeypatch.setattr(study, "RUNNING_ON_DEG", (10.0,))
     study.main(["--quick", "--sizes", "48", "-o", str(tmp_path)])
     assert "Against the figures asked for" in capsys.readouterr().out
     document = document_of(tmp_path / "benchmark.json")

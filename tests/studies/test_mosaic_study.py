@@ -1,18 +1,8 @@
 """The study of mosaics runs as one command and tells every way apart."""
 
 import studies.mosaic as study
-from studies.kit.records import read_metadata
 from studies.photographs import pairs_of
-
-
-def test_every_way_of_a_mosaic_is_measured(monkeypatch):
-    monkeypatch.setattr(study, "SIZE_PX", 128)
-    rows = study.run(study.Job(0, 60.0, "color", "lens blur 0.7 px"))
-    assert [row.way for row in rows] == list(study.WAYS)
-    by_way = {row.way: row for row in rows}
-    # No mosaic tells as much as four full photographs; with the pane known samples tell more than their interpolation.
-    assert by_way[study.BOUND].known_transmission > by_way[study.JOINT].known_transmission
-    assert by_way[study.JOINT].known_transmission > by_way[study.BILINEAR].known_transmission
+from tests.documents import document_of
 
 
 def test_the_truth_is_what_the_lens_images():
@@ -26,5 +16,10 @@ def test_the_study_is_one_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(study, "SIZE_PX", 128)
     study.main(["--quick", "--sensors", "mono", "-o", str(tmp_path)])
     assert "| mono | lens blur 0.7 px | 60 | joint solve |" in capsys.readouterr().out
-    assert read_metadata(tmp_path / "mosaic.json")
+    rows = document_of(tmp_path / "mosaic.json")["results"]
+    assert {row["way"] for row in rows} == set(study.WAYS)
+    by_way = {row["way"]: row for row in rows if row["pair"] == 0}
+    # No mosaic tells as much as four full photographs; with the pane known samples tell more than their interpolation.
+    assert by_way[study.BOUND]["known_transmission"] > by_way[study.JOINT]["known_transmission"]
+    assert by_way[study.JOINT]["known_transmission"] > by_way[study.BILINEAR]["known_transmission"]
     assert (tmp_path / "mosaic.png").stat().st_size > 10_000
