@@ -27,9 +27,11 @@ from polaropt.numerics import (
     AliasGroups,
     Members,
     block_mean,
+    explained_groups,
     opponent_basis,
     squared_frequencies,
     tukey_window,
+    wiener_spectra,
 )
 from polaropt.optics import Sampling, analyzer_matrix
 
@@ -249,16 +251,17 @@ def wiener_photographs(
     """
     from scipy.fft import irfft2, rfft2
 
-    from polaropt.numerics import wiener_spectra
-
     period, colors = sampling.period, sampling.n_channels
     shown, basis = analyzer_matrix(angles_deg), opponent_basis(colors)
     analyzer = shown if analyzer is None else analyzer
     level = np.linalg.pinv(analyzer) @ expected.mean(axis=(-1, -2), dtype=np.float64)
-    samples = raw if valid.all() else np.where(valid | (raw >= 1), raw, _sampled_cells(expected, sampling))
+    samples = raw if valid.all() else np.where(valid | (raw >= 1), raw, sampling.laid_out(expected, raw.shape))
     samples = samples - sampling.laid_out(analyzer @ level, raw.shape)
     rows, columns = (_mirrored(side, period) for side in raw.shape)
-    window = [tukey_window(side, _MARGIN, index.size - side - _MARGIN) for side, index in _sides(raw, rows, columns)]
+    window = [
+        tukey_window(side, _MARGIN, index.size - side - _MARGIN)
+        for side, index in zip(raw.shape, (rows, columns), strict=True)
+    ]
     framed = samples[rows][:, columns] * np.outer(*window).astype(np.float32)
     data = np.asarray(rfft2(framed, norm="ortho"), dtype=np.complex64)
     groups = AliasGroups(framed.shape[0], framed.shape[1], period)
@@ -289,10 +292,6 @@ def wiener_photographs(
     return photographs
 
 
-def _sides(raw: Images, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> list[tuple[int, NDArray[np.intp]]]:
-    return list(zip(raw.shape, (rows, columns), strict=True))
-
-
 def _mirrored(side: int, period: int) -> NDArray[np.intp]:
     """Samples of a side with mirrored patterns beyond its ends, as many as the Fourier transform likes."""
     from scipy.fft import next_fast_len
@@ -303,15 +302,6 @@ def _mirrored(side: int, period: int) -> NDArray[np.intp]:
     folded = order % (2 * n)
     folded = np.where(folded < n, folded, 2 * n - 1 - folded)
     return np.asarray((folded[:, None] * period + np.arange(period)).ravel())
-
-
-def _sampled_cells(expected: Images, sampling: Sampling) -> Images:
-    """Raw samples (h, w) of photographs of one pixel per pattern."""
-    period = sampling.period
-    raw = np.empty((expected.shape[-2] * period, expected.shape[-1] * period), np.float32)
-    for photograph, channel, row, column in sampling.places:
-        raw[row::period, column::period] = expected[photograph, channel]
-    return raw
 
 
 def _law(height: int, width: int) -> Images:
@@ -332,8 +322,6 @@ def _fitted_powers(
     groups: AliasGroups, combs: NDArray[Any], law: Images, data: NDArray[Any], noise: float, powers: Floats
 ) -> Floats:
     """Covariance of the Stokes images (color, 3, 3) per unit of the law, under which the samples are likeliest."""
-    from polaropt.numerics import explained_groups
-
     members, counts = groups.sample(_SAMPLED // groups.period**2)
     of_law, samples = members.of(law), members.of(data)
     share = counts / (counts.sum() * len(of_law))

@@ -466,33 +466,32 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
     """The photographs of a mosaic whose values are linear, with what a scene is estimated from."""
     sampling, k = samples.sampling, len(angles)
     step = quantization_step(samples.values[None])
-    samples = _without_gains(samples, options.analyzer, angles)
+    analyzer = options.analyzer
+    if analyzer is not None:
+        _check_angles_of(analyzer, angles)
+        samples = _without_gains(samples, analyzer.gains)
     photographs, valid = registered_cells(samples.values, samples.valid, sampling, k)
     gain = options.pair_gain or _sensor_gain(photographs, angles, valid)
     photographs = divide_out_gain(photographs, angles, gain)
     if gain != 1:
         pairs = orthogonal_pairs(angles)
         assert pairs is not None
-        gains = np.ones((k, sampling.n_channels))
-        gains[list(pairs[1])] = gain
-        samples = replace(samples, values=samples.values / sampling.laid_out(gains, samples.values.shape))
+        samples = _without_gains(samples, [gain if i in pairs[1] else 1.0 for i in range(k)])
     origin, counted = replace(origin, pair_gain=gain, grey_levels=grey_levels(step, origin)), options.counted(angles)
-    missing = None if options.analyzer is None else options.analyzer.missing
-    if missing is not None and options.analyzer is not None:
-        photographs += _seen_by(missing, photographs, options.analyzer.matrix)
+    if analyzer is not None:
+        photographs += _seen_by(analyzer.missing, photographs, analyzer.matrix)
     color = sampling.n_channels > 1
     planes = (photographs, valid) if color else (photographs[:, 0], valid[:, 0])
     cells = Capture.of_planes(planes[0], counted, planes[1], replace(origin, low_passed=True))
     noise_share = share_of_noise(sampling)
     at_sensor = options.resolution == "sensor"
-    registered = RegisteredCells(cells, sampling.period if at_sensor else 1, noise_share, samples)
     noise = max(noise_level(cells) / noise_share, step / math.sqrt(12))
-    rows = None if options.analyzer is None else options.analyzer.matrix
+    rows = None if analyzer is None else analyzer.matrix
     full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs, rows)
-    if missing is not None:
-        beyond = _seen_by(missing, full, analyzer_matrix(angles))
+    if analyzer is not None:
+        beyond = _seen_by(analyzer.missing, full, analyzer_matrix(angles))
         samples = replace(samples, values=samples.values + sampling.sample(beyond))
-        registered = replace(registered, samples=samples)
+    registered = RegisteredCells(cells, sampling.period if at_sensor else 1, noise_share, samples)
     if at_sensor:
         every = np.repeat(np.repeat(planes[1], sampling.period, axis=-2), sampling.period, axis=-1)
     else:
@@ -503,15 +502,16 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
     )
 
 
-def _without_gains(samples: RawSamples, analyzer: Analyzer | None, angles: tuple[float, ...]) -> RawSamples:
-    """Samples less the gains of their analyzers; InputError where those are of another cell."""
-    if analyzer is None:
-        return samples
+def _check_angles_of(analyzer: Analyzer, angles: tuple[float, ...]) -> None:
     if not np.allclose(analyzer.angles_deg, angles):
         listed = ", ".join(f"{angle:g}" for angle in analyzer.angles_deg)
         raise InputError(f"the analyzer's calibration is of angles {listed}; give the cell order that it was made with")
-    gains = np.repeat(np.array(analyzer.gains)[:, None], samples.sampling.n_channels, axis=1)
-    return replace(samples, values=samples.values / samples.sampling.laid_out(gains, samples.values.shape))
+
+
+def _without_gains(samples: RawSamples, gains: Sequence[float]) -> RawSamples:
+    """Samples less the gain of each photograph's analyzer."""
+    of_channels = np.repeat(np.array(gains)[:, None], samples.sampling.n_channels, axis=1)
+    return replace(samples, values=samples.values / samples.sampling.laid_out(of_channels, samples.values.shape))
 
 
 def _seen_by(rows: NDArray[np.float64], photographs: Images, analyzer: NDArray[np.float64]) -> Images:
@@ -551,15 +551,17 @@ def field_means(
     InputError
         A file that cannot be read, or a field that is clipped.
     """
-    options = checked_options((*ANGLES_DEG,), sensor, cell_order, black_level, white_level, None, None, "sensor")
+    options = checked_options(ANGLES_DEG, sensor, cell_order, black_level, white_level, None, None, "sensor")
+    sampling, angles = sampling_of(False, options.cell_order)
     means = []
     for path in paths:
         content = read_file(path)
         try:
-            raw = _single_plane(content.pixels if not content.stack else _no_stack())
+            if content.stack:
+                raise InputError("holds several photographs; give one raw mosaic a file")
+            raw = _single_plane(content.pixels)
             levels = find_levels(raw, options.black_level, options.white_level, content.bits)
             values, valid = levels.apply(raw)
-            sampling, angles = sampling_of(False, options.cell_order)
             height, width = (side // 8 * 4 for side in values.shape)
             if min(height, width) < SMALLEST_SIDE:
                 raise InputError(f"is {raw.shape[1]}x{raw.shape[0]} px; at least 64x64 are needed")
@@ -571,11 +573,7 @@ def field_means(
             means.append(of_corners.sum(axis=(1, 2, 3), dtype=np.float64) / (height * width / len(angles)))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-    return np.array(means), sampling_of(False, options.cell_order)[1]
-
-
-def _no_stack() -> NDArray[Any]:
-    raise InputError("holds several photographs; give one raw mosaic a file")
+    return np.array(means), angles
 
 
 def _single_plane(pixels: NDArray[Any]) -> NDArray[Any]:

@@ -35,6 +35,8 @@ Images = NDArray[np.float32]
 
 # Frequencies that the spectra are fitted to, as many as for four full photographs.
 _SAMPLED = 6144
+# Share of a power that remains open at least, and of a determinant: rounding leaves no less. Set by hand.
+_LEAST_LEFT = np.float32(1e-6)
 # Cycles a pixel up to which frequencies are compared with each other and with their aliases. By trial: with more the
 # roll-off of a lens, which the spectra's bands do not follow, is taken for ghosts close together.
 _COMPARED_BELOW = 0.2
@@ -189,7 +191,7 @@ class _Mixture:
             mean = power * np.einsum("elag,ceag->lcag", transfer.conj(), found.mean)
             told = np.einsum("elag,cefag,flag->lcag", transfer.conj(), found.information, transfer, optimize=True).real
             # What remains is positive but for rounding.
-            left = np.maximum(power - power * told * power, np.float32(1e-6) * power)
+            left = np.maximum(power - power * told * power, _LEAST_LEFT * power)
             expected = np.square(mean.real) + np.square(mean.imag) + left
             return expected.reshape(prior.shape), left.reshape(prior.shape)
 
@@ -204,10 +206,10 @@ class _Mixture:
         found = explained_groups(self.combs, _covariance(transfer, power), self._noise_power, samples, information=True)
         told = np.einsum("elag,cefag,fmag->clmag", transfer.conj(), found.information, transfer, optimize=True)
         p_t, p_r = power
-        v_t = np.maximum(p_t - p_t * told[:, 0, 0].real * p_t, np.float32(1e-6) * p_t)
-        v_r = np.maximum(p_r - p_r * told[:, 1, 1].real * p_r, np.float32(1e-6) * p_r)
+        v_t = np.maximum(p_t - p_t * told[:, 0, 0].real * p_t, _LEAST_LEFT * p_t)
+        v_r = np.maximum(p_r - p_r * told[:, 1, 1].real * p_r, _LEAST_LEFT * p_r)
         v_x = p_t * np.abs(told[:, 0, 1]) * p_r
-        determinant = np.maximum(v_t * v_r - v_x**2, np.float32(1e-6) * v_t * v_r)
+        determinant = np.maximum(v_t * v_r - v_x**2, _LEAST_LEFT * v_t * v_r)
         of_both = [np.maximum(v_r / determinant - 1 / p_t, 0), np.maximum(v_t / determinant - 1 / p_r, 0)]
         cross = np.minimum(np.square(v_x / determinant), of_both[0] * of_both[1])
         n_colors = prior.shape[1]

@@ -60,7 +60,7 @@ class Sampling:
         return Sampling(photographs, channels)
 
     def laid_out(self, values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """Values (k, channel) where they are sampled in a frame (h, w)."""
+        """Values (k, channel), or (k, channel, h / period, w / period), where they are sampled in a frame (h, w)."""
         laid = np.empty(shape, np.float32)
         for photograph, channel, row, column in self.places:
             laid[row :: self.period, column :: self.period] = values[photograph, channel]
