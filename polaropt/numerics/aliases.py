@@ -31,10 +31,14 @@ class Members:
         Flat.
     mirrored : ndarray of bool, same shape
         Whether the half spectrum holds the conjugate there.
+    own : ndarray of bool, same shape
+        Whether the frequency there is this group's to write: in columns that are their own mirror image two groups
+        hold each, conjugate and equal but for rounding.
     """
 
     index: NDArray[np.intp]
     mirrored: NDArray[np.bool_]
+    own: NDArray[np.bool_]
 
     def of(self, spectra: Array) -> Array:
         """Values (..., alias, group) of half spectra (..., H, W // 2 + 1)."""
@@ -49,7 +53,7 @@ class Members:
     def write(self, values: Array, spectra: Array) -> None:
         """Put values (..., alias, group) into half spectra (..., H, W // 2 + 1)."""
         # What stands for its conjugate is another frequency of the half spectrum.
-        spectra.reshape(*spectra.shape[:-2], -1)[..., self.index] = self.conjugated(values)
+        spectra.reshape(*spectra.shape[:-2], -1)[..., self.index[self.own]] = self.conjugated(values)[..., self.own]
 
 
 class AliasGroups:
@@ -87,7 +91,8 @@ class AliasGroups:
         mirrored = across > self.width // 2
         down = np.where(mirrored, -down % self.height, down)
         across = np.where(mirrored, self.width - across, across)
-        return Members(down * (self.width // 2 + 1) + across, mirrored)
+        of_itself = 2 * np.asarray(column) % self._columns == 0
+        return Members(down * (self.width // 2 + 1) + across, mirrored, ~(mirrored & of_itself))
 
     def slow(self, frequency: float) -> Members:
         """Members of the groups one of which is slower than `frequency` (cycles a pixel), a half of the plane."""

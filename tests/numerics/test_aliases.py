@@ -68,3 +68,13 @@ def test_the_score_is_the_likelihood_and_the_information_the_posterior_covarianc
 def test_a_frame_of_no_whole_patterns_is_refused():
     with pytest.raises(ValueError, match="no whole patterns"):
         AliasGroups(10, 9, 2)
+
+
+@pytest.mark.parametrize(("shape", "period"), [((8, 12), 2), ((12, 10), 2), ((16, 24), 4), ((8, 12), 4)])
+def test_every_frequency_is_written_by_one_group(shape, period):
+    groups = AliasGroups(*shape, period)
+    written = np.zeros(shape[0] * (shape[1] // 2 + 1), dtype=int)
+    for row in range(groups.n_rows):
+        members = groups.members(row, np.arange(groups.n_columns))
+        np.add.at(written, members.index[members.own], 1)
+    assert written.tolist() == [1] * written.size
