@@ -24,12 +24,13 @@ from numpy.typing import NDArray
 
 from polaropt.errors import InputError
 from polaropt.numerics import (
+    NATURAL_POWER_LAW,
     AliasGroups,
     Members,
     block_mean,
     explained_groups,
+    natural_frequencies,
     opponent_basis,
-    squared_frequencies,
     tukey_window,
     wiener_spectra,
 )
@@ -208,8 +209,6 @@ def _filtered(images: Images, kernels: tuple[Floats, Floats]) -> Images:
 
 _MARGIN = 16
 """Pixels around a frame in which its mirror image fades: a multiple of all periods. Set by hand."""
-_POWER_LAW = 2.4
-"""Power of photographs falls with so high a power of frequency; by trial, see `polaropt.inversion`."""
 _TURNS = 6
 """Turns of expectation maximization; more hardly change the photographs."""
 _SAMPLED = 6144
@@ -305,9 +304,7 @@ def _mirrored(side: int, period: int) -> NDArray[np.intp]:
 
 
 def _law(height: int, width: int) -> Images:
-    rows, columns = squared_frequencies(height, width)
-    squared = rows[:, None] + columns + (2 * np.pi / max(height, width)) ** 2
-    return np.asarray(squared ** (-_POWER_LAW / 2), dtype=np.float32)
+    return np.asarray(natural_frequencies(height, width) ** (-NATURAL_POWER_LAW / 2), dtype=np.float32)
 
 
 def _initial_powers(expected: Images, analyzer: Floats, basis: Floats) -> Floats:

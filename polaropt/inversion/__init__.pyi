@@ -1,5 +1,4 @@
 __all__ = [
-    "NATURAL_POWER_LAW",
     "SCALES",
     "AssumedHessian",
     "Canvas",
@@ -26,7 +25,6 @@ from .closed_form import per_pixel_layers as per_pixel_layers
 from .compiled_whitening import FusedPreconditioner as FusedPreconditioner
 from .mosaic_closed_form import SampleLikelihood as SampleLikelihood
 from .mosaic_closed_form import mosaic_layers as mosaic_layers
-from .spectra import NATURAL_POWER_LAW as NATURAL_POWER_LAW
 from .variance import SCALES as SCALES
 from .variance import Knowledge as Knowledge
 from .variance import variance_table as variance_table

@@ -9,14 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.numerics import column_multiplicity, squared_frequencies
+from polaropt.numerics import NATURAL_POWER_LAW, column_multiplicity, natural_frequencies
 
 Spectrum = NDArray[np.complex64]
 Power = NDArray[np.float32]
 
-NATURAL_POWER_LAW = 2.4
-"""Power of photographs falls with so high a power of frequency. Field (1987) has 2 on average, with a spread from
-photograph to photograph; this is by trial."""
 _N_BANDS = 8
 # Turns of expectation maximization: first the power law's level alone, then every band. By trial; `variance` knows how
 # far they lead.
@@ -64,9 +61,7 @@ class FrequencyBands:
         sample: NDArray[np.intp] | None = None,
         counts: NDArray[np.float64] | None = None,
     ) -> None:
-        rows, columns = squared_frequencies(height, width)
-        # The finite frequency at zero stands for all that is slower than the frame.
-        self._squared: Power = (rows[:, None] + columns + (2 * np.pi / max(height, width)) ** 2).astype(np.float32)
+        self._squared: Power = natural_frequencies(height, width).astype(np.float32)
         if sample is None or counts is None:
             sample, counts = _sampled(self._squared, column_multiplicity(width))
         self.sample = sample

@@ -1,5 +1,6 @@
 __all__ = [
     "MAD_TO_SIGMA",
+    "NATURAL_POWER_LAW",
     "AliasGroups",
     "Basis",
     "Box",
@@ -22,6 +23,7 @@ __all__ = [
     "middle",
     "middle_part",
     "minimum_error",
+    "natural_frequencies",
     "opponent_basis",
     "quantization_step",
     "quietest_combination",
@@ -58,10 +60,12 @@ from .robust import quantization_step as quantization_step
 from .robust import quietest_combination as quietest_combination
 from .robust import robust_spread as robust_spread
 from .robust import second_differences as second_differences
+from .spectrum import NATURAL_POWER_LAW as NATURAL_POWER_LAW
 from .spectrum import column_multiplicity as column_multiplicity
 from .spectrum import each_plane as each_plane
 from .spectrum import frequencies as frequencies
 from .spectrum import hann_autocorrelation as hann_autocorrelation
 from .spectrum import hann_window as hann_window
+from .spectrum import natural_frequencies as natural_frequencies
 from .spectrum import squared_frequencies as squared_frequencies
 from .spectrum import tukey_window as tukey_window

@@ -21,8 +21,7 @@ from polaropt.estimation.flat.ghosts import HIGHEST_FREQUENCY
 from polaropt.estimation.flat.search import OVERLAP_WEIGHT
 from polaropt.estimation.polarized.kernels import WhitenedSpectra, explain, pane_vectors
 from polaropt.estimation.polarized.light import AZIMUTH, INCIDENCE, SHIFT, Point, entering_light, in_place, pane_light
-from polaropt.inversion import NATURAL_POWER_LAW
-from polaropt.numerics import block_mean, column_multiplicity, frequencies, middle, opponent_basis
+from polaropt.numerics import NATURAL_POWER_LAW, block_mean, column_multiplicity, frequencies, middle, opponent_basis
 from polaropt.optics import SceneParameters, frame_matrix
 
 Images = NDArray[np.float32]
