@@ -235,7 +235,8 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
         )
         if settings.model == "auto":
             found = left_alone(found, checked)
-        found = in_full(found, capture, asked, noise)
+        sense_only = settings.thickness_px is not None
+        found = in_full(found, capture, asked, noise, settings.model, sense_only=sense_only)
         case = _Case(capture, asked, settings, noise, growth, mistakes, checked.doubtful, found)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:

@@ -15,7 +15,7 @@ from typing import Literal
 from polaropt.capture import Capture, registered_noise, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
-from polaropt.estimation.flat.sampled_sense import with_sense_of_samples
+from polaropt.estimation.flat.sampled_ghosts import shift_of_samples
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
@@ -95,7 +95,7 @@ def find_scene(
     Parameters
     ----------
     capture : Capture
-        Of a mosaic the samples tell to which side ghosts lie, all else is estimated from its cells.
+        Of a mosaic the samples tell where ghosts lie, all else is estimated from its cells.
     asked : SceneParameters
         Fields that are None are estimated. A focal length asks for the perspective rung.
     noise : float
@@ -118,7 +118,7 @@ def find_scene(
             thickness_px=thickness,
             thickness_kind=thickness_kind,
         )
-        return in_full(found, capture, asked, noise)
+        return in_full(found, capture, asked, noise, model, sense_only=thickness_px is not None)
     if asked.focal_px is not None and model == "auto":
         model = "perspective"
     if asked.bent:
@@ -140,13 +140,37 @@ def find_scene(
     return _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds)
 
 
-def in_full(found: LadderResult, capture: Capture, asked: SceneParameters, noise: float) -> LadderResult:
-    """What was found from a mosaic's cells, in pixels of the capture; parameters as of `find_scene`."""
+def in_full(
+    found: LadderResult,
+    capture: Capture,
+    asked: SceneParameters,
+    noise: float,
+    model: str = "auto",
+    *,
+    sense_only: bool = False,
+) -> LadderResult:
+    """What was found from a mosaic's cells, in pixels of the capture and with ghosts where its samples have them.
+
+    Parameters
+    ----------
+    found : LadderResult
+        In pixels of `Capture.registered`.
+    capture, asked, noise, model
+        As of `find_scene`.
+    sense_only : bool
+        Whether the distance of the ghosts is given, and only their side is to be told.
+    """
     whole = found.scaled(capture.scale)
-    if whole.estimate is None or asked.ghost_shift is not None:
+    if whole.estimate is None or asked.ghost_shift is not None or model not in ("auto", "ghosts"):
         return whole
-    scene = with_sense_of_samples(whole.scene, capture, noise)
-    return LadderResult(scene, dataclasses.replace(whole.estimate, scene=scene), whole.tried)
+    sampled = shift_of_samples(capture, whole.scene, noise, sense_only=sense_only)
+    if sampled is None or (model == "ghosts" and not sampled.shift_px):
+        return whole
+    scene = whole.scene.replace(ghost_shift=sampled.shift_px)
+    error = whole.errors.ghost_shift if sense_only else sampled.error_px
+    errors = dataclasses.replace(whole.errors, ghost_shift=error if scene.has_ghosts else None)
+    tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in whole.tried)
+    return LadderResult(scene, dataclasses.replace(whole.estimate, scene=scene, errors=errors), tried)
 
 
 _ASKED = "It is the one asked for."

@@ -6,9 +6,9 @@ __all__ = [
     "FourierPreconditioner",
     "FusedPreconditioner",
     "Knowledge",
-    "SampleLikelihood",
     "canvas_for",
     "ghost_layers",
+    "ghost_transfer_at",
     "mosaic_layers",
     "natural_image_layers",
     "per_pixel_layers",
@@ -23,8 +23,8 @@ from .closed_form import ClosedForm as ClosedForm
 from .closed_form import natural_image_layers as natural_image_layers
 from .closed_form import per_pixel_layers as per_pixel_layers
 from .compiled_whitening import FusedPreconditioner as FusedPreconditioner
-from .mosaic_closed_form import SampleLikelihood as SampleLikelihood
 from .mosaic_closed_form import mosaic_layers as mosaic_layers
+from .transfer import ghost_transfer_at as ghost_transfer_at
 from .variance import SCALES as SCALES
 from .variance import Knowledge as Knowledge
 from .variance import variance_table as variance_table

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, RawSamples
-from polaropt.inversion.canvas import Canvas, canvas_for
+from polaropt.inversion.canvas import Canvas
 from polaropt.inversion.closed_form import (
     ClosedForm,
     NormalEquations,
@@ -25,10 +25,10 @@ from polaropt.inversion.closed_form import (
     plate_entries,
 )
 from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Moments, Power, Spectrum, fit_spectra
-from polaropt.inversion.transfer import ghost_transfer_at, plate_transfer
+from polaropt.inversion.transfer import plate_transfer
 from polaropt.inversion.variance import Knowledge
 from polaropt.numerics import AliasGroups, Basis, Members, explained_groups, opponent_basis, wiener_spectra
-from polaropt.optics import PSE, SceneParameters
+from polaropt.optics import PSE
 from priors.natural_image import in_basis
 
 Images = NDArray[np.float32]
@@ -37,9 +37,6 @@ Images = NDArray[np.float32]
 _SAMPLED = 6144
 # Share of a power that remains open at least, and of a determinant: rounding leaves no less. Set by hand.
 _LEAST_LEFT = np.float32(1e-6)
-# Cycles a pixel up to which frequencies are compared with each other and with their aliases. By trial: with more the
-# roll-off of a lens, which the spectra's bands do not follow, is taken for ghosts close together.
-_COMPARED_BELOW = 0.2
 
 
 def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> ClosedForm:
@@ -75,52 +72,6 @@ def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> C
     closed = knowledge_of(equations, fitted, bands, mean, basis)
     layers += in_basis(basis.T.astype(np.float32), mean, np)
     return replace(closed, layers=layers, sampled=known)
-
-
-class SampleLikelihood:
-    """How likely a mosaic's samples are under flat panes that differ in their ghosts.
-
-    Parameters
-    ----------
-    capture : Capture
-        With samples.
-    scene : SceneParameters
-        Under which spectra are fitted.
-    noise : float
-    """
-
-    def __init__(self, capture: Capture, scene: SceneParameters, noise: float) -> None:
-        samples = capture.samples
-        if samples is None:
-            raise ValueError("the capture has no samples of a mosaic")
-        self._capture, self._noise = capture, noise
-        pse = PSE(scene, capture.angles_deg)
-        self._canvas = canvas_for(pse, capture.shape[-2], capture.shape[-1], samples.sampling.period)
-        self._basis = opponent_basis(samples.sampling.n_channels)
-        entries = in_basis(self._basis.astype(np.float32), plate_entries(capture, pse), np)
-        level = in_basis(self._basis.T.astype(np.float32), entries.mean(axis=(-1, -2), keepdims=True), np)
-        mixture = _Mixture(samples, pse, self._canvas, noise, self._basis)
-        data = mixture.spectrum(capture, level[..., 0, 0])
-        fitted, bands, _ = mixture.fitted(data, initial_power(entries[0] + entries[1]))
-        self._members = mixture.groups.slow(_COMPARED_BELOW)
-        self._combs, self._data = mixture.combs, self._members.of(data)
-        self._power = self._members.of(fitted.everywhere(bands))
-
-    @property
-    def n(self) -> int:
-        """Values that a score is the mean of."""
-        return self._data.size
-
-    def score(self, scene: SceneParameters) -> float:
-        """Minus twice the log likelihood per sample, but for a constant, with the spectra that were fitted."""
-        pse = PSE(scene, self._capture.angles_deg)
-        transfer = self._members.conjugated(
-            ghost_transfer_at(pse.taps, pse.displacements, self._canvas.shape, self._members.index.ravel()).reshape(
-                -1, 2, *self._data.shape
-            )
-        )
-        covariance = _covariance(transfer, self._power)
-        return explained_groups(self._combs, covariance, self._noise**2, self._data).score
 
 
 class _Mixture:

@@ -107,13 +107,12 @@ def _substitute_back(re: Array, im: Array, inverse: Array, v_re: Array, v_im: Ar
 
 
 @compiled
-def explained(combs: Array, power: Array, noise: Any, data: Array, out: Array, told: Array, score: Array) -> None:
+def explained(combs: Array, power: Array, noise: Any, data: Array, out: Array, told: Array) -> None:
     """What the samples of groups say of the images' entries, under covariances of those.
 
     Shapes: combs (color, entry, measured, true), power (color, entry, entry, true, group), data (measured, group), out
     (color, entry, true, group): the posterior mean of the entries is power times it. told (color, entry, entry, true,
-    group): its covariance is power - power told power; empty if not wanted. score (group,): minus twice the log
-    likelihood. Groups are a multiple of the lanes.
+    group): its covariance is power - power told power; empty if not wanted. Groups are a multiple of the lanes.
     """
     n_colors, n_entries, n = combs.shape[0], combs.shape[1], combs.shape[2]
     lanes = LANES
@@ -129,11 +128,6 @@ def explained(combs: Array, power: Array, noise: Any, data: Array, out: Array, t
                 v_re[m, x] = data[m, first + x].real
                 v_im[m, x] = data[m, first + x].imag
         _substitute(re, im, inverse, v_re, v_im)
-        for x in range(lanes):
-            score[first + x] = 0
-        for m in range(n):
-            for x in range(lanes):
-                score[first + x] += v_re[m, x] ** 2 + v_im[m, x] ** 2 - 2 * np.log(inverse[m, x])
         _substitute_back(re, im, inverse, v_re, v_im)
         for c in range(n_colors):
             for e in range(n_entries):

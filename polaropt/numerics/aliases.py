@@ -94,14 +94,6 @@ class AliasGroups:
         of_itself = 2 * np.asarray(column) % self._columns == 0
         return Members(down * (self.width // 2 + 1) + across, mirrored, ~(mirrored & of_itself))
 
-    def slow(self, frequency: float) -> Members:
-        """Members of the groups one of which is slower than `frequency` (cycles a pixel), a half of the plane."""
-        down, across = np.fft.fftfreq(self.height)[: self._rows], np.fft.rfftfreq(self.width)[: self.n_columns]
-        rows, columns = np.mgrid[: self._rows, : self.n_columns]
-        nearest = np.minimum(rows, self._rows - rows)
-        chosen = np.hypot(down[nearest], across[columns]) < frequency
-        return self.members(rows[chosen], columns[chosen])
-
     def sample(self, n: int) -> tuple[Members, NDArray[np.float64]]:
         """Members of about `n` groups that stand for all, a quarter those that hold the slowest frequencies, and for
         how many groups each stands, (group,)."""
@@ -139,13 +131,10 @@ class Explained:
         The entries' posterior mean is their covariance times it.
     information : ndarray of complex64, shape (color, entry, entry, alias, group)
         Their posterior covariance is ``C - C information C`` with C their covariance; empty if not asked for.
-    score : float
-        Minus twice the log likelihood per sample, but for a constant, weighted.
     """
 
     mean: Spectrum
     information: Spectrum
-    score: float
 
 
 def explained_groups(
@@ -155,7 +144,6 @@ def explained_groups(
     data: Spectrum,
     *,
     information: bool = False,
-    weights: NDArray[np.float64] | None = None,
 ) -> Explained:
     """Wiener's filter at some groups.
 
@@ -171,8 +159,6 @@ def explained_groups(
         Spectrum of the samples, for an orthonormal transform.
     information : bool
         Whether the information is wanted.
-    weights : ndarray, shape (group,), optional
-        Of each group in the score. Default: equal.
     """
     # Kernels load numba: half a second, only where they are called.
     from polaropt.numerics.alias_kernels import LANES, explained
@@ -182,11 +168,9 @@ def explained_groups(
     power, data = (_filled_up(values, padded) for values in (power, data))
     mean = np.empty((*combs.shape[:2], *data.shape), np.complex64)
     shape = (*power.shape[:-1], power.shape[-1]) if information else (0, 0, 0, 0, 0)
-    told, score = np.empty(shape, np.complex64), np.empty(data.shape[1], np.float32)
-    explained(combs, power, np.float32(noise_power), data, mean, told, score)
-    share = np.ones(n) if weights is None else weights
-    value = float(score[:n] @ share) / (float(share.sum()) * len(data))
-    return Explained(mean[..., :n], told[..., :n], value)
+    told = np.empty(shape, np.complex64)
+    explained(combs, power, np.float32(noise_power), data, mean, told)
+    return Explained(mean[..., :n], told[..., :n])
 
 
 def _filled_up(values: Array, n: int) -> Array:

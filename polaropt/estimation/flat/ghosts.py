@@ -150,7 +150,7 @@ def cross_spectra(frame: PlateFrame) -> CrossSpectra:
     window = np.outer(profile, profile)
     window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)
     share = window / np.sum(window)
-    corners = _tile_corners(frame.valid, side)
+    corners = tile_corners(frame.valid, side)
     n_bands = min(_MOST_BANDS, len(corners))
     par: Images = np.zeros((n_bands, side, side // 2 + 1), np.float32)
     perp, cross, counts = par.copy(), np.zeros(par.shape, np.complex64), np.zeros(n_bands, np.intp)
@@ -201,9 +201,9 @@ def _usable(sums: Bands, side: int, frame: PlateFrame) -> CrossSpectra:
     )
 
 
-def _tile_corners(valid: Mask, side: int) -> list[tuple[int, int]]:
-    """Corners of half-overlapping tiles, without those that are mostly unknown."""
-    starts = [_starts(length, side) for length in valid.shape[-2:]]
+def tile_corners(valid: Mask, side: int, period: int = 1) -> list[tuple[int, int]]:
+    """Corners of half-overlapping tiles, without those that are mostly unknown; at multiples of a period."""
+    starts = [[start // period * period for start in _starts(length, side)] for length in valid.shape[-2:]]
     corners = [(top, left) for top in starts[0] for left in starts[1]]
     corners = corners[:: math.ceil(len(corners) / _MOST_TILES)]
     if valid.all():
@@ -229,7 +229,7 @@ def _opponent(images: Images) -> Images:
 
 _RADIAL_KNOTS = 3
 """Radii over which the layers' spectra bend; with few a blurred scene passes for one with close ghosts. By trial."""
-_DEGREES_OF_FREEDOM = np.float32(4)
+DEGREES_OF_FREEDOM = np.float32(4)
 """Of Student's likelihood: heavy tails, a variance of their own. By trial."""
 _FIRST_LEVEL = np.float32(1e-3)
 """Power of a layer times squared frequency where the fit begins."""
@@ -312,7 +312,7 @@ class ShiftLikelihood:
         self._scene = scene
         # Directions that are compared must not differ in what pictures they expect; nor may edges pass for ghosts.
         detail = detail or (_RADIAL_KNOTS, 2 if spectra.ghosts_deg is None else 4)
-        self._shapes = _spectral_shapes(spectra.along, spectra.across_azimuth, *detail)
+        self._shapes = spectral_shapes(spectra.along, spectra.across_azimuth, *detail)
         """(level, frequency): natural images' power, split over a few radii and directions."""
 
     def misfit(
@@ -352,7 +352,7 @@ class ShiftLikelihood:
         carried = np.arange(levels.shape[1]).reshape(incidences.size, -1)[:, nearest].ravel()
         levels = self._fitted(products, levels[:, carried], rounds)
         _, _, determinant, distance = self._model(products, levels)
-        nu = _DEGREES_OF_FREEDOM
+        nu = DEGREES_OF_FREEDOM
         value = (np.log(determinant) + (nu + 2) * np.log(nu + distance)) @ self._multiplicity.astype(np.float64)
         value = np.asarray(value / float(self._multiplicity.sum()))
         return value.reshape(incidences.size, -1) if np.ndim(incidence_deg) else value
@@ -392,7 +392,7 @@ class ShiftLikelihood:
         weights = self._multiplicity * self._shapes
         for _ in range(rounds):
             a, b, determinant, distance = self._model(products, levels)
-            surprise = (_DEGREES_OF_FREEDOM + 2) / ((_DEGREES_OF_FREEDOM + distance) * determinant)
+            surprise = (DEGREES_OF_FREEDOM + 2) / ((DEGREES_OF_FREEDOM + distance) * determinant)
             for level, toward, data in zip(levels, (a, b), (products.ad, products.bd), strict=True):
                 gain = ((distance * toward - data) * surprise) @ weights.T
                 level *= np.maximum(gain / ((toward / determinant) @ weights.T), _LEAST_FACTOR)
@@ -408,7 +408,8 @@ class ShiftLikelihood:
         return a, b, determinant, (p * of.ad + q * of.bd + of.nd) / determinant
 
 
-def _spectral_shapes(along: Matrix, across: Matrix, n_radii: int, n_directions: int) -> Images:
+def spectral_shapes(along: Matrix, across: Matrix, n_radii: int, n_directions: int) -> Images:
+    """Natural images' power at frequencies (n,), split over radii and directions: (radii * directions, n)."""
     radius2 = along**2 + across**2
     position = np.log(radius2) / 2
     knots = np.linspace(position.min(), position.max(), n_radii)
