@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-h", "--help", action="store_true")
     parser.add_argument("-o", "--out", type=Path)
     parser.add_argument("--workers")
-    for name in (name for study in STUDIES for name in study.inputs):
+    for name in dict.fromkeys(name for study in STUDIES for name in study.inputs):
         parser.add_argument(name)
     options, rest = parser.parse_known_args(arguments)
     if options.name is None:
@@ -65,7 +65,7 @@ def _run_each(plans: Mapping[str, Sequence[str]], out: Path) -> int:
 
 def inputs_of(study: Study, options: argparse.Namespace, alone: bool) -> list[str]:
     """What a study is told to work on; alone it is given all, and refuses what it does not know."""
-    names = [name for each in STUDIES for name in each.inputs if alone or each is study]
+    names = dict.fromkeys(name for each in STUDIES for name in each.inputs if alone or each is study)
     values = {name: getattr(options, name.lstrip("-")) for name in names}
     return [part for name, value in values.items() if value is not None for part in (name, value)]
 

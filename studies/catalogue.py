@@ -15,7 +15,7 @@ class Study:
     timed : bool
         Whether seconds are what it is about: then nothing runs beside it.
     inputs : tuple of str
-        Options, each with a folder or file, that tell it what to work on and no other study knows.
+        Options, each with a folder or file, that tell it what to work on and that not all studies know.
     """
 
     name: str
@@ -43,6 +43,7 @@ STUDIES = (
     Study(
         "mosaic",
         "How good are layers from one raw mosaic, at the resolution of the sensor, against four full photographs?",
+        inputs=("--data",),
     ),
     Study("coverage", "Do the stated standard errors of the layers hold?"),
     Study("parameter_errors", "Do the stated standard errors of the scene's parameters hold?"),

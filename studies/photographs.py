@@ -30,6 +30,8 @@ GAMMA = 2.2
 """With which measured layers are stored."""
 WHITE_QUANTILE = 0.999
 """Of a measured layer: this value is taken for white, what is brighter clips."""
+_SHIPPED_PAIRS = ((0, 1), (2, 3), (1, 2), (3, 0))
+"""Photographs inside scikit-image of each pair: transmission and reflection."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +107,13 @@ def shipped_pairs(size: int = SIZE_PX, margin: int = MARGIN_PX) -> list[Pair]:
 
     photographs = [data.astronaut(), data.coffee(), data.chelsea(), data.rocket()]
     frames = [middle(_white_1(photograph), size + 2 * margin) for photograph in photographs]
-    order = ((0, 1), (2, 3), (1, 2), (3, 0))
-    return [Pair(number, frames[i], frames[j], margin) for number, (i, j) in enumerate(order)]
+    return [Pair(number, frames[i], frames[j], margin) for number, (i, j) in enumerate(_SHIPPED_PAIRS)]
+
+
+def unseen_pairs(judged: int | None = None) -> tuple[int, ...]:
+    """Numbers of the shipped pairs that share no photograph with one of them, by its number; of all without one."""
+    own = set() if judged is None else set(_SHIPPED_PAIRS[judged])
+    return tuple(number for number, pair in enumerate(_SHIPPED_PAIRS) if not own & set(pair))
 
 
 @lru_cache(maxsize=8)

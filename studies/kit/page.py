@@ -225,7 +225,10 @@ def _filled(study: str, name: str, results: Path) -> str:
         return f"{begin}![{_caption(file)}]({results.name}/{study}/{name})\n{end}"
     # The study's own headings stand below the page's.
     table = re.sub(r"^#", "###", file.read_text(encoding="utf-8").strip(), flags=re.MULTILINE)
-    return f"{begin}{origin(read_metadata(_document(results, study)))}\n\n{table}\n\n{end}"
+    # A study of several parts has a document for each, named like its table.
+    own = file.with_suffix(".json")
+    document = own if own.is_file() else _document(results, study)
+    return f"{begin}{origin(read_metadata(document))}\n\n{table}\n\n{end}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,15 +1,14 @@
-"""Raw mosaics of polarization cameras: layers at the sensor's resolution, against four photographs and demosaicking.
+"""Layers from one raw mosaic, at the sensor's resolution, against four full photographs and demosaicking.
 
-Run ``polaropt study mosaic -o OUT``; without ``--photos`` it uses photographs inside scikit-image. The four full
-photographs are a bound: no mosaic tells as much. Truth is the layers as the lens images them; of a mono sensor, the
-mean of their colours.
+The four full photographs are a bound: no mosaic tells as much. Truth is the layers as the lens images them; of a mono
+sensor, the mean of their colours.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,21 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pandas import DataFrame
 
-from polaropt.capture import ANGLES_DEG, WHITE_16, Capture, planes_first, read_capture, write_png
+from polaropt.capture import ANGLES_DEG, WHITE_16, Capture, Origin, read_capture, write_png
 from polaropt.numerics import block_mean
 from polaropt.optics import SceneParameters
 from polaropt.separation import Separation, separate
 from polaropt.simulation import Camera, photograph_mosaic, sensor_image, simulate, stack_layers
 from solvers.base import StoppingRule
-from studies.kit.charts import BLUE, VERMILION, Style, legend_below, new_figure
+from studies.kit.charts import BLUE, ORANGE, VERMILION, Style, legend_below, new_figure
 from studies.kit.frames import Cell, joined, largest, markdown, mean, summary, values_of, where
-from studies.kit.run import effort_of, publish, run_study, study_parser
-from studies.photographs import Pair, n_pairs_of, pairs_of
+from studies.mosaic.demosaicking import bilinear, trained
+from studies.photographs import Pair, pairs_of
 from studies.scores import BORDER_PX, LAYERS, pane_errors
 
 Images = NDArray[np.float32]
 
-NAME = "mosaic"
 SIZE_PX, MARGIN_PX = 384, 20
 """Side of the frame: patterns are 2 or 4 px; what is kept beyond it for ghosts to come from."""
 INCIDENCES_DEG, QUICK_INCIDENCES_DEG = (40.0, 60.0, 75.0), (60.0,)
@@ -41,14 +39,14 @@ BLURS_PX = {"sharp": 0.0, "lens blur 0.7 px": 0.7}
 """Standard deviations of the lens's blur."""
 N_PAIRS = 6
 SENSORS = ("mono", "color")
-BOUND, JOINT, CLOSED, CELL, BILINEAR = (
+BOUND, JOINT, CLOSED, CELL, BILINEAR, LMMSE = WAYS = (
     "four full photographs",
     "joint solve",
     "joint closed form",
     "cell",
     "demosaicked first",
+    "demosaicked first by LMMSE",
 )
-WAYS = (BOUND, JOINT, CLOSED, CELL, BILINEAR)
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,7 @@ def run(job: Job) -> list[Row]:
         write_png(file, np.round(np.clip(mosaic.raw, 0, 1) * WHITE_16).astype(np.uint16))
         for way in job.ways:
             began = time.perf_counter()
-            capture, scale = _seen(mosaic, way, file)
+            capture, scale = _seen(mosaic, way, file, job)
             blind = _separated(capture, way)
             seconds = time.perf_counter() - began
             known = _separated(capture, way, mosaic.scene.scaled(1 / scale))
@@ -150,29 +148,21 @@ def take(pair: Pair, job: Job) -> Mosaic:
     )
 
 
-def _seen(mosaic: Mosaic, way: str, file: Path) -> tuple[Capture, int]:
+def _seen(mosaic: Mosaic, way: str, file: Path, job: Job) -> tuple[Capture, int]:
     """The capture that a way works on, and pixels of the sensor per pixel of it."""
-    color = mosaic.layers.shape[1] == 3
-    sensor = "color" if color else "mono"
+    color = job.sensor == "color"
     if way == BOUND:
         return mosaic.photographs, 1
     if way == BILINEAR:
-        return _bilinear(mosaic.raw, color), 1
+        return Capture.of_planes(bilinear(mosaic.raw, color), ANGLES_DEG), 1
+    if way == LMMSE:
+        covariances = trained(color, BLURS_PX[job.lens], job.pair if job.photos is None else None)
+        # Beside edges they swing below black. They are Stokes vectors, so that nothing in them tells the noise.
+        photographs = np.maximum(covariances.interpolate(mosaic.raw, NOISE), 0)
+        return Capture.of_planes(photographs, ANGLES_DEG, origin=Origin(raw_noise=NOISE)), 1
     if way == CELL:
-        return read_capture(file, sensor=sensor, resolution="cell"), 4 if color else 2
-    return read_capture(file, sensor=sensor), 1
-
-
-def _bilinear(raw: Images, color: bool) -> Capture:
-    """Photographs as polanalyser interpolates them: bilinear, each angle (and colour) for itself."""
-    import polanalyser
-
-    values = np.round(np.clip(raw, 0, 1) * WHITE_16).astype(np.uint16)
-    code = polanalyser.COLOR_PolarRGB if color else polanalyser.COLOR_PolarMono
-    # In the order 0, 45, 90, 135; OpenCV's colours are blue, green, red.
-    images = np.stack(polanalyser.demosaicing(values, code)).astype(np.float32) / WHITE_16
-    planes = np.stack([planes_first(image[..., ::-1] if color else image) for image in images])
-    return Capture.of_planes(planes, ANGLES_DEG)
+        return read_capture(file, sensor=job.sensor, resolution="cell"), 4 if color else 2
+    return read_capture(file, sensor=job.sensor), 1
 
 
 def _separated(capture: Capture, way: str, scene: SceneParameters | None = None) -> Separation:
@@ -210,12 +200,13 @@ _STYLES = {
     JOINT: Style("black", "-", "o", 2.4),
     CLOSED: Style(BLUE, "--", "s"),
     BILINEAR: Style(VERMILION, ":", "^"),
+    LMMSE: Style(ORANGE, "-.", "v"),
 }
 
 
 def figures(frame: DataFrame) -> dict[str, Callable[[], Any]]:
     """Blind PSNR of both layers over incidence."""
-    return {NAME: lambda: _levels(frame)}
+    return {"mosaic": lambda: _levels(frame)}
 
 
 def _levels(frame: DataFrame) -> Any:
@@ -237,24 +228,3 @@ def _levels(frame: DataFrame) -> Any:
     handles, names = grid[0, 0].get_legend_handles_labels()
     legend_below(figure, handles, names, len(names), handlelength=4)
     return figure
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the study."""
-    parser = study_parser(__doc__)
-    parser.add_argument("--sensors", default=",".join(SENSORS), help="mono, color or both, comma separated")
-    options = parser.parse_args(arguments)
-    quick = effort_of(options) == "quick"
-    jobs = [
-        Job(pair, incidence, sensor, lens, options.photos)
-        for sensor in options.sensors.split(",")
-        for lens in (list(BLURS_PX)[-1:] if quick else BLURS_PX)
-        for incidence in (QUICK_INCIDENCES_DEG if quick else INCIDENCES_DEG)
-        for pair in range(n_pairs_of(options, 1 if quick else N_PAIRS, SIZE_PX, MARGIN_PX))
-    ]
-    frame = run_study(NAME, run, jobs, Row, options)
-    publish(NAME, options, tables(frame), figures(frame))
-
-
-if __name__ == "__main__":
-    main()
