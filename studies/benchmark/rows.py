@@ -10,8 +10,8 @@ import numpy as np
 
 from studies.kit.run import tell
 
-IMPORTS, MEMORY, KERNELS, BLIND, RUNNING_ON, RACE = TABLES = (
-    "imports", "memory", "kernels", "blind", "running on", "time to gap",
+IMPORTS, MEMORY, MOSAICS, KERNELS, BLIND, RUNNING_ON, RACE = TABLES = (
+    "imports", "memory", "mosaics", "kernels", "blind", "running on", "time to gap",
 )  # fmt: skip
 
 

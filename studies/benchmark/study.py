@@ -1,4 +1,4 @@
-"""The benchmark: time to a gap, kernels against the memory, blind against known, memory and imports, in one run.
+"""The benchmark: time to a gap, kernels against the memory, blind against known, raw mosaics, memory and imports.
 
 Run ``polaropt study benchmark -o OUT`` (``--quick`` for a look, ``--full`` for the largest size, too). Ratios are of
 runs in the same process, interleaved.
@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 from polaropt.errors import InputError
 from studies.benchmark.figures import figures
 from studies.benchmark.kernels import measure_kernels
+from studies.benchmark.mosaics import KINDS, measure_mosaic
 from studies.benchmark.processes import measure_imports, measure_memory
 from studies.benchmark.race import INCIDENCES_DEG, Rounds, measure_race
-from studies.benchmark.rows import BLIND, IMPORTS, KERNELS, MEMORY, RACE, RUNNING_ON, TABLES, Place, Row
+from studies.benchmark.rows import BLIND, IMPORTS, KERNELS, MEMORY, MOSAICS, RACE, RUNNING_ON, TABLES, Place, Row
 from studies.benchmark.separations import measure_blind, measure_running_on
 from studies.benchmark.tables import tables
 from studies.camera import Sample, take
@@ -30,6 +31,8 @@ RUNNING_ON_DEG = (10.0, 20.0, 85.0)
 MEMORY_REPEATS = 3
 """At most: processes of their own differ by 1 %."""
 _SMALL, _MIDDLE, _LARGE = Size(256, 256), Size(512, 512), Size(1024, 1224)
+_SENSOR = Size(2048, 2448)
+"""Of the usual polarization cameras."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,10 @@ class Plan:
         Of a race in the hard case alone, which goes on for at most `largest_cap_seconds`: the slow ones are then after
         a few evaluations far enough behind.
     running_on, blind, memory : Size
+    mosaics : tuple of Size
+        Of raw mosaics, of all `kinds`.
+    kinds : tuple of str
+        See `studies.benchmark.mosaics.KINDS`.
     largest_cap_seconds : float
     """
 
@@ -67,6 +74,8 @@ class Plan:
     running_on: Size = _SMALL
     blind: Size = _MIDDLE
     memory: Size = _LARGE
+    mosaics: tuple[Size, ...] = (_MIDDLE, _LARGE)
+    kinds: tuple[str, ...] = tuple(KINDS)
     largest_cap_seconds: float = 20.0
 
 
@@ -80,9 +89,17 @@ PLANS: dict[Effort, Plan] = {
         running_on=Size(48, 48),
         blind=Size(64, 96),
         memory=Size(64, 96),
+        mosaics=(Size(128, 128), Size(192, 192)),
+        kinds=("mono",),
     ),
     "default": _DEFAULT,
-    "full": replace(_DEFAULT, pace=replace(_DEFAULT.pace, kernels=9), kernel_sizes=(_MIDDLE, _LARGE), largest=_LARGE),
+    "full": replace(
+        _DEFAULT,
+        pace=replace(_DEFAULT.pace, kernels=9),
+        kernel_sizes=(_MIDDLE, _LARGE),
+        largest=_LARGE,
+        mosaics=(_MIDDLE, _LARGE, _SENSOR),
+    ),
 }
 
 
@@ -109,6 +126,7 @@ def jobs_of(plan: Plan, photographs: Photographs, wanted: Sequence[str] = TABLES
         (IMPORTS, "", None, INCIDENCE_DEG),
         (MEMORY, "", plan.memory, INCIDENCE_DEG),
         (BLIND, "", plan.blind, INCIDENCE_DEG),
+        *((MOSAICS, kind, size, INCIDENCE_DEG) for kind in plan.kinds for size in plan.mosaics),
         *((RUNNING_ON, f"{incidence:g} degrees", plan.running_on, incidence) for incidence in RUNNING_ON_DEG),
         *((KERNELS, "", size, INCIDENCE_DEG) for size in plan.kernel_sizes),
         *((RACE, case, size, incidence) for size in plan.sizes for case, incidence in INCIDENCES_DEG.items()),
@@ -127,6 +145,8 @@ def run(job: Job) -> list[Row]:
     if job.size is None:
         return measure_imports(place, pace.imports)
     place.say("scene")
+    if job.table == MOSAICS:
+        return measure_mosaic(place, sized_pair(job.photographs, job.size), min(pace.separations, MEMORY_REPEATS))
     sample = sample_of(job.photographs, job.incidence_deg, job.size)
     measure: dict[str, Callable[[], list[Row]]] = {
         MEMORY: lambda: measure_memory(place, sample, min(pace.separations, MEMORY_REPEATS)),

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from pandas import DataFrame
 
-from studies.benchmark import processes
+from studies.benchmark import mosaics, processes
 from studies.benchmark.kernels import N_GHOSTS
 from studies.benchmark.race import INCIDENCES_DEG, OURS, REFERENCE, SCIPY_AUTOGRAD, TORCH_AUTOGRAD
-from studies.benchmark.rows import BLIND, IMPORTS, KERNELS, MEMORY, RACE, RUNNING_ON
+from studies.benchmark.rows import BLIND, IMPORTS, KERNELS, MEMORY, MOSAICS, RACE, RUNNING_ON
 from studies.benchmark.separations import MOMENTS
 from studies.kit.frames import Cell, markdown, summary, values_of, where
 
@@ -26,7 +26,8 @@ Section = tuple[str, str, DataFrame]
 
 def tables(frame: DataFrame, metadata: Mapping[str, Any]) -> str:
     """The machine, the figures that were asked for, and all tables for which there are rows."""
-    sections = [*_races(frame), _ratios(frame), _kernels(frame), _running_on(frame), *_each_row(frame)]
+    sections = [*_races(frame), _ratios(frame), _kernels(frame), _running_on(frame), _mosaics(frame)]
+    sections += _each_row(frame)
     shown = [_targets(frame), *(section for section in sections if len(section[2]))]
     parts = [f"## {title}\n\n{note}\n\n{markdown(table, 'lr')}" for title, note, table in shown]
     return "\n\n".join([_machine(metadata), *parts])
@@ -189,6 +190,31 @@ def _running_on(frame: DataFrame) -> Section:
     return "Running on to a relative change of 1e-6", note, table
 
 
+def _mosaics(frame: DataFrame) -> Section:
+    """Seconds and memory of raw mosaics by size, and with which power of the pixels they grow from size to size."""
+    found = where(frame, table=MOSAICS)
+
+    def growth(part: DataFrame) -> str:
+        wall = where(found, case=part.case.iloc[0], quantity=mosaics.WALL)
+        smallest, here = wall.iloc[0], one(wall, size=part["size"].iloc[0])
+        pixels = _pixels(here.size) / _pixels(smallest["size"])
+        return "-" if pixels == 1 else f"{math.log(here.median / smallest['median']) / math.log(pixels):.2f}"
+
+    cells = {
+        "s": _cell(mosaics.WALL),
+        "CPU (s)": _cell(mosaics.CPU),
+        "peak memory (MB)": _cell(mosaics.PEAK),
+        "growth": growth,
+    }
+    note = (
+        f"One file read and separated blind in a fresh process, kernels loaded; a pane at {mosaics.INCIDENCE_DEG:g} "
+        f"degrees, double images {mosaics.SHIFT_PX:g} px apart, noise {100 * mosaics.NOISE:g} % of white. Memory (MB, "
+        "1e6 bytes) is what comes on top of the loaded process, the raw included. Growth: the power of the pixels with "
+        "which the seconds grow from the smallest size on."
+    )
+    return "Raw mosaics", note, summary(found, {"what": "case", "size": "size"}, cells)
+
+
 def _each_row(frame: DataFrame) -> Iterator[Section]:
     """Tables that have a line for each row."""
     keys = {"what": "subject", "size": "size"}
@@ -211,24 +237,27 @@ _RATIOS = {
     (TORCH_AUTOGRAD, "easy"): (11, 22),
 }
 _EVALUATIONS = {"hard": (30, 15), "easy": (15, 10)}
+_MOSAIC_SIZE, _MOSAIC_MB = "2448x2048", 3000
+_MOSAIC_SECONDS = {"mono": 10.0, "color": 30.0, "mono, cell": 2.5, "color, cell": 7.5}
+"""Of the whole of a camera's raw mosaic; of cells a quarter."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A figure: measured (one value per repeat), to be reached, and beyond."""
+    """A figure: measured (one value per repeat), to be reached, and beyond, if more was asked for."""
 
     name: str
     where: str
     samples: tuple[float, ...]
     reach: float
-    beyond: float
+    beyond: float = math.nan
     larger_is_better: bool = False
     bound: str = ""
 
     def row(self) -> tuple[str, ...]:
         """As a line of the table."""
         sign = ">=" if self.larger_is_better else "<="
-        asked = [f"{sign} {figure(goal)}" for goal in (self.reach, self.beyond)]
+        asked = ["-" if math.isnan(goal) else f"{sign} {figure(goal)}" for goal in (self.reach, self.beyond)]
         return (self.name, self.where, with_spread(self.samples, self.bound), *asked, self._outcome())
 
     def _outcome(self) -> str:
@@ -245,6 +274,7 @@ class Target:
 def _targets(frame: DataFrame) -> Section:
     """All figures asked for, as far as they were measured."""
     found = [*_of_races(where(frame, table=RACE)), *_of_kernels(frame), *_of_separations(frame), *_of_imports(frame)]
+    found += _of_mosaics(where(frame, table=MOSAICS, size=_MOSAIC_SIZE))
     note = f"At {_SIZE} where not said otherwise; a run at other sizes takes its nearest. {BASELINE} is meant by ours."
     lines = [target.row() for target in found if target.samples]
     columns = ["figure", "where", "measured", "reach", "beyond", ""]
@@ -304,6 +334,14 @@ def _of_separations(frame: DataFrame) -> Iterator[Target]:
     for quantity in (processes.ABOVE_IMPORTS, processes.WITH_CAPTURE):
         for row in where(frame, table=MEMORY, quantity=quantity).itertuples():
             yield Target(f"memory of separate: {quantity}", f"{row.size}, {row.subject} (MB)", row.samples, 700, 400)
+
+
+def _of_mosaics(rows: DataFrame) -> Iterator[Target]:
+    for row in where(rows, quantity=mosaics.WALL).itertuples():
+        name = f"seconds of a raw mosaic, blind: {row.case}"
+        yield Target(name, row.size, row.samples, _MOSAIC_SECONDS[row.case])
+    for row in where(rows, quantity=mosaics.PEAK).itertuples():
+        yield Target(f"memory of a raw mosaic: {row.case} (MB)", row.size, row.samples, _MOSAIC_MB)
 
 
 def _of_imports(frame: DataFrame) -> Iterator[Target]:

@@ -16,13 +16,14 @@ pytest.importorskip("matplotlib")
 from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
 from solvers.base import Status, StopSolving
-from studies.benchmark import study
+from studies.benchmark import mosaics, study, tables
 from studies.benchmark.judge import Finish, Judge, Limits, Recorder, Verdict, find_finish
 from studies.benchmark.kernels import traffic_bytes
 from studies.benchmark.race import OURS, SCIPY_AUTOGRAD, TORCH_AUTOGRAD, Rounds, contestants, race
-from studies.benchmark.rows import TABLES, Place
+from studies.benchmark.rows import MOSAICS, TABLES, Place, Row
 from studies.benchmark.study import sample_of
 from studies.benchmark.tables import Target, figure, ratio, with_spread
+from studies.kit.frames import frame_of
 from studies.kit.timing import Threads
 from studies.photographs import Photographs, Size
 from studies.scores import both_psnr
@@ -162,6 +163,25 @@ def test_figures_asked_for_are_compared(target, outcome):
     assert target.row()[-1] == outcome
 
 
+def test_growth_is_the_power_of_the_pixels():
+    sizes = {"512x512": (2.0, 100.0), "1024x1024": (16.0, 300.0)}
+    rows = [
+        Place(MOSAICS, "mono", size).measured("mono", quantity, "", [value])
+        for size, values in sizes.items()
+        for quantity, value in zip((mosaics.WALL, mosaics.PEAK), values, strict=True)
+    ]
+    title, _, table = tables._mosaics(frame_of(Row, rows))
+    assert title == "Raw mosaics"
+    assert list(table["growth"]) == ["-", "1.50"]
+
+
+def test_what_is_asked_of_a_raw_mosaic_is_compared_at_the_sensor_s_size():
+    place = Place(MOSAICS, "color, cell", tables._MOSAIC_SIZE)
+    rows = [place.measured("c", mosaics.WALL, "s", [7.0]), place.measured("c", mosaics.PEAK, "MB", [3100.0])]
+    found = [target.row() for target in tables._of_mosaics(frame_of(Row, rows))]
+    assert [(row[-3], row[-2], row[-1]) for row in found] == [("<= 7.50", "-", "reached"), ("<= 3000", "-", "missed")]
+
+
 def test_an_unknown_table_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit):
         study.main(["--tables", "nonsense", "-o", str(tmp_path)])
@@ -178,7 +198,9 @@ def test_the_benchmark_is_one_command(tmp_path, monkeypatch, capsys):
     rounds = Rounds(1, 0.2, 0.2, 1, reference_evaluations=20)
     quick = study.PLANS["quick"]
     pace = replace(quick.pace, rounds=rounds, imports=1)
-    monkeypatch.setitem(study.PLANS, "quick", replace(quick, pace=pace, blind=SIZE, memory=SIZE))
+    monkeypatch.setitem(
+        study.PLANS, "quick", replace(quick, pace=pace, blind=SIZE, memory=SIZE, mosaics=(Size(96, 96),))
+    )
     monkeypatch.setattr("studies.benchmark.race.contestants", few_contestants)
     monkeypatch.setattr(study, "RUNNING_ON_DEG", (10.0,))
     study.main(["--quick", "--sizes", "48", "-o", str(tmp_path)])
@@ -186,7 +208,14 @@ def test_the_benchmark_is_one_command(tmp_path, monkeypatch, capsys):
     document = document_of(tmp_path / "benchmark.json")
     assert {row["table"] for row in document["results"]} == set(TABLES)
     report = (tmp_path / "benchmark.md").read_text()
-    for title in ("Time to gap 1e-3: hard", "Objective and gradient", "Running on", "Peak memory", "Imports"):
+    for title in (
+        "Time to gap 1e-3: hard",
+        "Objective and gradient",
+        "Running on",
+        "Raw mosaics",
+        "Peak memory",
+        "Imports",
+    ):
         assert f"## {title}" in report
     for name in ("work_precision.png", "work_precision.svg", "work_precision_easy.png"):
         assert (tmp_path / name).stat().st_size > 10_000
