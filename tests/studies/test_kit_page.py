@@ -59,6 +59,14 @@ def test_the_page_shows_table_and_command_between_its_marks(out: Path, tmp_path:
     assert page(made, results) == made
 
 
+def test_a_part_of_a_study_names_its_own_command(out: Path, tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    keep([out], results)
+    (results / "peers" / "part.md").write_text(TABLE)
+    write_document(results / "peers" / "part.json", metadata({}) | {"command": "polaropt study peers --part"}, [])
+    assert "`polaropt study peers --part`" in page("<!-- peers/part.md -->\n<!-- end -->\n", results)
+
+
 def test_results_of_several_code_states_are_refused(out: Path, tmp_path: Path) -> None:
     results = tmp_path / "results"
     keep([out], results)
