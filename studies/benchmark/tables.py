@@ -194,17 +194,21 @@ def _mosaics(frame: DataFrame) -> Section:
     """Seconds and memory of raw mosaics by size, and with which power of the pixels they grow from size to size."""
     found = where(frame, table=MOSAICS)
 
-    def growth(part: DataFrame) -> str:
-        wall = where(found, case=part.case.iloc[0], quantity=mosaics.WALL)
-        smallest, here = wall.iloc[0], one(wall, size=part["size"].iloc[0])
-        pixels = _pixels(here.size) / _pixels(smallest["size"])
-        return "-" if pixels == 1 else f"{math.log(here.median / smallest['median']) / math.log(pixels):.2f}"
+    def growth(clock: str) -> Cell:
+        def cell(part: DataFrame) -> str:
+            rows = where(found, case=part.case.iloc[0], quantity=clock)
+            smallest, here = rows.iloc[0], one(rows, size=part["size"].iloc[0])
+            pixels = _pixels(here.size) / _pixels(smallest["size"])
+            return "-" if pixels == 1 else f"{math.log(here.median / smallest['median']) / math.log(pixels):.2f}"
+
+        return cell
 
     cells = {
         "s": _cell(mosaics.WALL),
         "CPU (s)": _cell(mosaics.CPU),
         "peak memory (MB)": _cell(mosaics.PEAK),
-        "growth": growth,
+        "growth": growth(mosaics.WALL),
+        "growth of CPU": growth(mosaics.CPU),
     }
     note = (
         f"One file read and separated blind in a fresh process, kernels loaded; a pane at {mosaics.INCIDENCE_DEG:g} "

@@ -125,15 +125,21 @@ def covariances_of(frames: Iterable[Images], color: bool) -> Covariances:
     from scipy.fft import irfft2, rfft2
 
     reach = _WINDOW_PX[color] - 1
-    total, n = np.zeros(0), 0
-    for n, frame in enumerate(frames, 1):
-        planes = frame.reshape(-1, *frame.shape[-2:]).astype(np.float64)
-        planes -= planes.mean(axis=(-1, -2), keepdims=True)
+    total, n = None, 0
+    for frame in frames:
+        n += 1
+        planes = frame.reshape(-1, *frame.shape[-2:])
+        planes = planes - planes.mean(axis=(-1, -2), keepdims=True, dtype=np.float64).astype(np.float32)
         # With so much dark beside it no window reaches around the frame.
         height, width = (side + reach for side in planes.shape[-2:])
-        spectra = rfft2(planes, s=(height, width)) / math.sqrt(planes[0].size)
-        power = np.einsum("ahw,bhw->abhw", spectra.conj(), spectra)
-        total = power if n == 1 else total + power
+        spectra = rfft2(planes / np.float32(math.sqrt(planes[0].size)), s=(height, width))
+        if total is None:
+            total = np.zeros((len(spectra), *spectra.shape), np.complex64)
+        for first, spectrum in enumerate(spectra):
+            total[first, first:] += spectrum.conj() * spectra[first:]
+    assert total is not None
+    for first in range(1, len(total)):
+        total[first, :first] = total[:first, first].conj()
     both = np.roll(irfft2(total / n, s=(height, width)), (reach, reach), (-1, -2))
     return Covariances(color, both[..., : 2 * reach + 1, : 2 * reach + 1].copy())
 

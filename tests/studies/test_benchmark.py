@@ -164,15 +164,16 @@ def test_figures_asked_for_are_compared(target, outcome):
 
 
 def test_growth_is_the_power_of_the_pixels():
-    sizes = {"512x512": (2.0, 100.0), "1024x1024": (16.0, 300.0)}
+    sizes = {"512x512": (2.0, 3.0, 100.0), "1024x1024": (16.0, 12.0, 300.0)}
     rows = [
         Place(MOSAICS, "mono", size).measured("mono", quantity, "", [value])
         for size, values in sizes.items()
-        for quantity, value in zip((mosaics.WALL, mosaics.PEAK), values, strict=True)
+        for quantity, value in zip((mosaics.WALL, mosaics.CPU, mosaics.PEAK), values, strict=True)
     ]
     title, _, table = tables._mosaics(frame_of(Row, rows))
     assert title == "Raw mosaics"
     assert list(table["growth"]) == ["-", "1.50"]
+    assert list(table["growth of CPU"]) == ["-", "1.00"]
 
 
 def test_what_is_asked_of_a_raw_mosaic_is_compared_at_the_sensor_s_size():
