@@ -7,10 +7,13 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from polaropt import SceneParameters, read_capture, separate
+from polaropt.capture import swapped_photographs
 from polaropt.capture.write import write_png
 from polaropt.cli.app import main
 from polaropt.inversion import canvas_for, mosaic_layers
 from polaropt.optics import PSE
+from polaropt.reporting import inspect_capture
+from polaropt.reporting.words import attention
 from polaropt.simulation import Camera, cut, photograph_mosaic, psnr_db, sensor_image, shipped_photograph
 from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
@@ -136,10 +139,73 @@ def test_a_mosaic_needs_no_alignment(tmp_path, capsys):
     assert "leave --align out" in capsys.readouterr().err
 
 
-def test_a_wrong_cell_order_is_warned_of(tmp_path):
+# Orders of a cell that differ from the true one in what is orthogonal: the true one is Sony's.
+OTHER_PAIRS = [(45.0, 90.0, 135.0, 0.0), (90.0, 0.0, 135.0, 45.0)]
+
+
+def test_a_wrong_cell_order_that_was_given_is_kept_and_warned_of_naming_one_that_adds_up(tmp_path):
     path, _ = mosaic_file(tmp_path, False)
-    result = separate(read_capture(path, sensor="mono", cell_order=(45, 90, 135, 0)))
+    capture = read_capture(path, sensor="mono", cell_order=OTHER_PAIRS[0])
+    assert (capture.origin.cell_order, capture.origin.cell_order_found) == (OTHER_PAIRS[0], False)
+    result = separate(capture)
     assert "ANGLES_SWAPPED" in [warning.name for warning in result.diagnostics.warnings]
+    (words,) = attention(inspect_capture(capture), ())
+    assert "45,90,135,0" in words
+    assert "90,45,135,0" in words
+
+
+@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize("order", OTHER_PAIRS)
+def test_the_pairs_of_a_cell_are_found_where_no_order_was_given(tmp_path, color, order):
+    _, images = layers_of(color)
+    camera = Camera(noise=NOISE, bits=12, seed=3, lens_blur_px=0.7)
+    raw = photograph_mosaic(images[0], images[1], SCENE, camera, color, order)
+    write_png(tmp_path / "a.png", np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
+    capture = read_capture(tmp_path / "a.png", sensor="color" if color else "mono")
+    assert capture.origin.cell_order_found
+    assert capture.start_unknown, "closure tells neither the start of the angles nor their sense"
+    assert orthogonal_corners(capture.origin.cell_order) == orthogonal_corners(order)
+    assert swapped_photographs(capture.registered) == ()
+    (words,) = attention(inspect_capture(capture), ())
+    assert ",".join(f"{angle:g}" for angle in capture.origin.cell_order) in words
+
+
+def test_the_command_line_tells_an_order_that_was_found(tmp_path, capsys):
+    _, images = layers_of(False)
+    raw = photograph_mosaic(images[0], images[1], SCENE, Camera(lens_blur_px=0.7), False, OTHER_PAIRS[1])
+    write_png(tmp_path / "a.png", np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
+    for command in ("inspect", "estimate"):
+        assert main([command, str(tmp_path / "a.png"), "--sensor", "mono"]) == 0
+        assert "ATTENTION: the cell's orthogonal pairs do not add up" in capsys.readouterr().out
+
+
+def orthogonal_corners(order):
+    """Pairs of corners whose angles are 90 degrees apart."""
+    return {frozenset((i, (order.index((angle + 90) % 180)))) for i, angle in enumerate(order)}
+
+
+def test_layers_of_a_cell_whose_pairs_were_found_are_those_of_the_true_order_in_place(tmp_path):
+    truth, images = layers_of(False)
+    camera, pane = Camera(noise=NOISE, bits=12, seed=3, lens_blur_px=0.7), SCENE.replace(ghost_shift=0.0)
+    raw = photograph_mosaic(images[0], images[1], pane, camera, False, OTHER_PAIRS[1])
+    write_png(tmp_path / "a.png", np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
+    capture = read_capture(tmp_path / "a.png", sensor="mono")
+    result = separate(capture)
+    assert "CELL_ORDER_FOUND" in [warning.name for warning in result.diagnostics.warnings]
+    assert abs(result.scene.incidence_deg - 60) < 4
+    assert gains_db(result, capture, truth)[1] > 6
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.03])
+@pytest.mark.parametrize("exposure", [1.0, 1.8])
+@pytest.mark.parametrize("color", [False, True])
+def test_the_right_order_is_left_alone(tmp_path, noise, exposure, color):
+    _, images = layers_of(color)
+    raw = exposure * photograph_mosaic(images[0], images[1], SCENE, Camera(noise=noise, seed=1), color)
+    write_png(tmp_path / "a.png", np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
+    capture = read_capture(tmp_path / "a.png", sensor="color" if color else "mono", resolution="cell")
+    assert (capture.origin.cell_order, capture.origin.cell_order_found) == ((90, 45, 135, 0), False)
+    assert not capture.start_unknown
 
 
 def test_smooth_scenes_have_no_false_polarization(tmp_path):

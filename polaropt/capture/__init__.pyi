@@ -20,6 +20,7 @@ __all__ = [
     "StokesImages",
     "align",
     "encode_srgb",
+    "exchanged_order",
     "field_means",
     "find_mistakes",
     "fit_gamma",
@@ -76,6 +77,7 @@ from .decode import parse_gamma as parse_gamma
 from .decode import read_file as read_file
 from .mosaic import SONY_CELL as SONY_CELL
 from .mosaic import WHITE_16 as WHITE_16
+from .mosaic import exchanged_order as exchanged_order
 from .mosaic import sampling_of as sampling_of
 from .noise import NoiseClasses as NoiseClasses
 from .noise import NoiseModel as NoiseModel

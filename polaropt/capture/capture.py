@@ -126,6 +126,10 @@ class Origin:
         Whether the photographs went through a low pass, as the cells of a mosaic: their noise is not white.
     grey_levels : int, optional
         Levels between black and white that the samples of a mosaic lie on.
+    cell_order : tuple of float, optional
+        Polarizer angles of a mosaic's cell as it was read: top left, top right, bottom left, bottom right.
+    cell_order_found : bool
+        Whether that is not the usual order, which was not asked for and whose orthogonal pairs do not add up.
     left_out_px : (int, int)
         Rows and columns at the far sides of a mosaic that make no whole pattern and were left out.
     shifts_px : tuple of pairs of float
@@ -156,6 +160,8 @@ class Origin:
     exposures: tuple[float, ...] = ()
     low_passed: bool = False
     grey_levels: int | None = None
+    cell_order: tuple[float, ...] | None = None
+    cell_order_found: bool = False
     left_out_px: tuple[int, int] = (0, 0)
     shifts_px: tuple[tuple[float, float], ...] = ()
     shift_error_px: float | None = None

@@ -87,7 +87,12 @@ class GammaFit:
 
 def checked_blocks(capture: Capture) -> Floats:
     """Means (k, n) of 8x8 blocks that are valid throughout, evenly chosen where there are many."""
-    blocks = trusted_blocks(capture.intensities, capture.valid)
+    return blocks_of(capture.intensities, capture.valid)
+
+
+def blocks_of(intensities: Images, valid: Mask) -> Floats:
+    """The same of photographs (k, [channel,] h, w)."""
+    blocks = trusted_blocks(intensities, valid)
     return blocks[:, :: max(1, blocks.shape[1] // _ENOUGH_BLOCKS)]
 
 
@@ -171,13 +176,17 @@ def swapped_photographs(capture: Capture, blocks: Floats | None = None) -> tuple
 
     `blocks` are the capture's `checked_blocks`, if they are at hand.
     """
-    count = len(capture.angles_deg)
-    blocks = checked_blocks(capture) if blocks is None else blocks
+    return swapped_blocks(checked_blocks(capture) if blocks is None else blocks, capture.angles_deg)
+
+
+def swapped_blocks(blocks: Floats, angles_deg: Sequence[float]) -> tuple[tuple[int, int], ...]:
+    """The same of means (k, n) of blocks."""
+    count = len(angles_deg)
     if count < 4 or blocks.shape[1] < _FEWEST_BLOCKS:
         return ()
-    given = _misfit(blocks, capture.angles_deg)
+    given = _misfit(blocks, angles_deg)
     exchanges = list(combinations(range(count), 2))
-    misfits = np.array([_misfit(_exchanged(blocks, a, b), capture.angles_deg) for a, b in exchanges])
+    misfits = np.array([_misfit(_exchanged(blocks, a, b), angles_deg) for a, b in exchanges])
     best = float(misfits.min())
     if given < _ABOVE_NOISE or best > _MUCH_BETTER * given:
         return ()

@@ -68,6 +68,12 @@ def check_cell_order(cell_order: Sequence[float]) -> tuple[float, ...]:
     return cell
 
 
+def exchanged_order(cell_order: Sequence[float], exchange: tuple[int, int]) -> tuple[float, ...]:
+    """A cell's order with two of its angles exchanged, by their places among the ascending ones."""
+    first, second = (sorted(cell_order)[k] for k in exchange)
+    return tuple({first: second, second: first}.get(angle, angle) for angle in cell_order)
+
+
 def sampling_of(color: bool, cell_order: Sequence[float] = SONY_CELL) -> tuple[Sampling, tuple[float, ...]]:
     """The pattern of a sensor, and the polarizer angles of its photographs, ascending.
 

@@ -22,11 +22,13 @@ from polaropt.capture.capture import (
     RegisteredCells,
     grey_levels,
 )
+from polaropt.capture.checks import blocks_of, swapped_blocks
 from polaropt.capture.decode import AnyPath, linearize, parse_gamma, read_file, read_headless
 from polaropt.capture.focal_length import check_view, focal_from_view
 from polaropt.capture.mosaic import (
     SONY_CELL,
     check_cell_order,
+    exchanged_order,
     looks_color,
     registered_cells,
     sampling_of,
@@ -150,7 +152,7 @@ class ReaderOptions:
 
     angles_deg: tuple[float, ...]
     sensor: str
-    cell_order: tuple[float, ...]
+    cell_order: tuple[float, ...] | None
     black_level: float
     white_level: float | None
     pair_gain: float | None
@@ -168,7 +170,7 @@ class ReaderOptions:
 def checked_options(
     angles_deg: Sequence[float],
     sensor: str,
-    cell_order: Sequence[float],
+    cell_order: Sequence[float] | None,
     black_level: float,
     white_level: float | None,
     pair_gain: float | None,
@@ -197,7 +199,7 @@ def checked_options(
     gain = None if pair_gain is None else _number(pair_gain, "the pair gain")
     if gain is not None and not _GAIN_RANGE[0] <= gain <= _GAIN_RANGE[1]:
         raise InputError(f"the pair gain is {gain:g}; give a value near 1 (0.5 to 2)")
-    cell = check_cell_order(cell_order)
+    cell = None if cell_order is None else check_cell_order(cell_order)
     encoding = parse_gamma(gamma)
     return ReaderOptions(
         angles,
@@ -232,7 +234,7 @@ def read_capture(
     paths: AnyPath | Sequence[AnyPath],
     angles_deg: Sequence[float] = ANGLES_DEG,
     sensor: str = "auto",
-    cell_order: Sequence[float] = SONY_CELL,
+    cell_order: Sequence[float] | None = None,
     black_level: float = 0,
     white_level: float | None = None,
     pair_gain: float | None = None,
@@ -264,8 +266,9 @@ def read_capture(
     sensor : {"auto", "mono", "color"}
         Kind of mosaic. "auto" measures whether neighbouring cells alternate between colours
         (`polaropt.capture.mosaic.looks_color`).
-    cell_order : sequence of 4 floats
-        Angles of a mosaic's cell: top left, top right, bottom left, bottom right.
+    cell_order : sequence of 4 floats, optional
+        Angles of a mosaic's cell: top left, top right, bottom left, bottom right. Default: Sony's, 90, 45, 135, 0, or
+        where its orthogonal pairs do not add up the nearest order in which they do (`Origin.cell_order_found`).
     black_level, white_level : float
         Values that become 0 and 1, in the file's units. White by default is the full scale of the integer type (1 for
         floating point), or a lower value at which many pixels pile up. Values at white and above are not valid.
@@ -441,11 +444,12 @@ def _from_photographs(content: FileContent, levels: Levels, options: ReaderOptio
 
 def _from_mosaic(content: FileContent, levels: Levels, options: ReaderOptions) -> Capture:
     raw = _single_plane(content.pixels)
-    if options.angles_deg != ANGLES_DEG and sorted(options.angles_deg) != sorted(options.cell_order):
+    cell_order = options.cell_order or SONY_CELL
+    if options.angles_deg != ANGLES_DEG and sorted(options.angles_deg) != sorted(cell_order):
         raise InputError("one single image is taken as a mosaic; give its angles as the cell order")
     intensities, valid = levels.apply(raw)
     color = looks_color(intensities) if options.sensor == "auto" else options.sensor == "color"
-    sampling, angles = sampling_of(color, options.cell_order)
+    sampling, angles = sampling_of(color, cell_order)
     height, width = (side // sampling.period * sampling.period for side in raw.shape)
     if min(height, width) < SMALLEST_SIDE * sampling.period:
         raise InputError(
@@ -458,19 +462,22 @@ def _from_mosaic(content: FileContent, levels: Levels, options: ReaderOptions) -
         sampling,
     )
     origin = _origin("color mosaic" if color else "mono mosaic", content, levels, options)
-    origin = replace(origin, left_out_px=(raw.shape[0] - height, raw.shape[1] - width))
+    origin = replace(origin, cell_order=cell_order, left_out_px=(raw.shape[0] - height, raw.shape[1] - width))
     return _of_samples(samples, angles, origin, options)
 
 
 def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, options: ReaderOptions) -> Capture:
     """The photographs of a mosaic whose values are linear, with what a scene is estimated from."""
-    sampling, k = samples.sampling, len(angles)
+    k, analyzer = len(angles), options.analyzer
     step = quantization_step(samples.values[None])
-    analyzer = options.analyzer
     if analyzer is not None:
         _check_angles_of(analyzer, angles)
         samples = _without_gains(samples, analyzer.gains)
-    photographs, valid = registered_cells(samples.values, samples.valid, sampling, k)
+    photographs, valid = registered_cells(samples.values, samples.valid, samples.sampling, k)
+    # A calibration was made with an order that its fields agree with.
+    if options.cell_order is None and analyzer is None:
+        samples, photographs, valid, origin = _in_closing_order(samples, photographs, valid, angles, origin)
+    sampling = samples.sampling
     gain = options.pair_gain or _sensor_gain(photographs, angles, valid)
     photographs = divide_out_gain(photographs, angles, gain)
     if gain != 1:
@@ -500,6 +507,22 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
     return Capture.of_planes(
         full, counted, every, replace(origin, raw_noise=noise), samples if at_sensor else None, registered
     )
+
+
+def _in_closing_order(
+    samples: RawSamples, cells: Images, valid: Mask, angles: tuple[float, ...], origin: Origin
+) -> tuple[RawSamples, Images, Mask, Origin]:
+    """Samples and their cells with another order of the cell, where pairs do not add up in the one that was taken."""
+    swapped = swapped_blocks(blocks_of(cells, valid), angles)
+    if not swapped or origin.cell_order is None:
+        return samples, cells, valid, origin
+    order = exchanged_order(origin.cell_order, swapped[0])
+    index = np.arange(len(angles))
+    index[list(swapped[0])] = swapped[0][::-1]
+    sampling, _ = sampling_of(samples.sampling.n_channels > 1, order)
+    # Closure tells neither which pair is 0/90 nor the sense of the angles.
+    found = replace(origin, cell_order=order, cell_order_found=True, start_unknown=True)
+    return replace(samples, sampling=sampling), cells[index], valid[index], found
 
 
 def _check_angles_of(analyzer: Analyzer, angles: tuple[float, ...]) -> None:
@@ -538,9 +561,12 @@ def read_analyzer(analyzer: AnyPath | Analyzer | None) -> Analyzer | None:
 def field_means(
     paths: Sequence[AnyPath],
     sensor: str = "auto",
-    cell_order: Sequence[float] = SONY_CELL,
+    cell_order: Sequence[float] | None = None,
     black_level: float = 0.0,
     white_level: float | None = None,
+    *,
+    shape: Sequence[int] | None = None,
+    pixel_format: str | None = None,
 ) -> tuple[NDArray[np.float64], tuple[float, ...]]:
     """Mean of each corner's samples in raw mosaics of evenly lit fields, (n, k), and the corners' angles, ascending.
 
@@ -552,10 +578,10 @@ def field_means(
         A file that cannot be read, or a field that is clipped.
     """
     options = checked_options(ANGLES_DEG, sensor, cell_order, black_level, white_level, None, None, "sensor")
-    sampling, angles = sampling_of(False, options.cell_order)
+    sampling, angles = sampling_of(False, options.cell_order or SONY_CELL)
     means = []
     for path in paths:
-        content = read_file(path)
+        content, _ = _content((str(path),), shape, pixel_format)
         try:
             if content.stack:
                 raise InputError("holds several photographs; give one raw mosaic a file")

@@ -11,7 +11,16 @@ import typer
 
 import polaropt
 from polaropt.cli.command import say, say_json
-from polaropt.cli.options import numbers
+from polaropt.cli.options import (
+    BlackLevel,
+    CellOrder,
+    HeadlessShape,
+    PixelFormat,
+    SensorKind,
+    WhiteLevel,
+    cell_order_of,
+    sides_of,
+)
 
 if TYPE_CHECKING:
     from polaropt.optics import Calibration
@@ -34,18 +43,12 @@ class FieldOptions:
         Path,
         typer.Option("--output", "-o", metavar="FILE.json", help="For separate --analyzer.", show_default=False),
     ]
-    sensor: Annotated[str, typer.Option(metavar="KIND", help="Kind of mosaic: auto, mono or color.")] = "auto"
-    cell_order: Annotated[
-        str,
-        typer.Option(
-            metavar="DEG,DEG,...",
-            help="Angles in a mosaic's 2x2 cell: top left, top right, bottom left, bottom right.",
-        ),
-    ] = "90,45,135,0"
-    black_level: Annotated[float, typer.Option(metavar="VALUE", help="Value of black in the files.")] = 0.0
-    white_level: Annotated[
-        float | None, typer.Option(metavar="VALUE", help="Value at which the camera clips. Default: found.")
-    ] = None
+    sensor: SensorKind = "auto"
+    cell_order: CellOrder = None
+    black_level: BlackLevel = 0.0
+    white_level: WhiteLevel = None
+    shape: HeadlessShape = None
+    pixel_format: PixelFormat = None
     json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
 
 
@@ -61,9 +64,11 @@ def calibrate_command(options: FieldOptions) -> None:
     means, angles = field_means(
         options.fields,
         options.sensor,
-        numbers(options.cell_order, "--cell-order"),
+        cell_order_of(options.cell_order),
         options.black_level,
         options.white_level,
+        shape=sides_of(options.shape),
+        pixel_format=options.pixel_format,
     )
     found = calibrate(means, angles)
     document = {"polaropt": polaropt.__version__, **asdict(found.analyzer), **_told(found)}

@@ -70,7 +70,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
     """
     from polaropt.capture import noise_level
     from polaropt.estimation import find_scene
-    from polaropt.reporting import estimate_sentences, json_values, scene_report
+    from polaropt.reporting import cell_order_attention, estimate_sentences, json_values, marked, scene_report
 
     scene = pane.scene()
     ladder.check()
@@ -87,11 +87,11 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
             thickness_px=pane.thickness_px,
             thickness_kind=pane.thickness_kind,
         )
-    hint = photographs.focal_px
+    hint, doubts = photographs.focal_px, cell_order_attention(photographs)
     if output.json:
         polarized = found.estimate is None or found.estimate.polarized
         basis = {"errors": json_values(found.errors), "rungs": json_values(found.tried), "polarized": polarized}
-        say_json({**scene_report(found.scene, scene, hint), **basis})
+        say_json({**scene_report(found.scene, scene, hint), **basis, "attention": doubts})
         return
     sentences = estimate_sentences(found, scene, hint, from_thickness=pane.thickness_px is not None)
-    say(*capture.preparation(photographs), *sentences)
+    say(*capture.preparation(photographs), *sentences, *marked(doubts))

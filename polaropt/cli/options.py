@@ -169,9 +169,70 @@ def numbers(text: str, option: str) -> tuple[float, ...]:
         raise InputError(f"{option} is {text!r}; give numbers separated by commas, such as 0,45,90,135") from None
 
 
+def cell_order_of(text: str | None) -> tuple[float, ...] | None:
+    """The angles of --cell-order, if they were given."""
+    return None if text is None else numbers(text, "--cell-order")
+
+
+def sides_of(text: str | None) -> tuple[int, ...] | None:
+    """Height and width of --shape, if they were given; InputError for anything else."""
+    if text is None:
+        return None
+    sides = numbers(text, "--shape")
+    if len(sides) != 2 or any(side != int(side) for side in sides):
+        raise InputError(f"--shape is {text!r}; give height and width in pixels, such as 2048,2448")
+    return tuple(int(side) for side in sides)
+
+
+_FILES = "Reading the photographs"
+SensorKind = Annotated[
+    str, typer.Option(metavar="KIND", help="Kind of mosaic: auto, mono or color.", rich_help_panel=_FILES)
+]
+CellOrder = Annotated[
+    str | None,
+    typer.Option(
+        metavar="DEG,DEG,...",
+        help="Angles in a mosaic's 2x2 cell: top left, top right, bottom left, bottom right. Default: 90,45,135,0, or "
+        "where its orthogonal pairs do not add up a nearby order in which they do.",
+        rich_help_panel=_FILES,
+    ),
+]
+BlackLevel = Annotated[
+    float,
+    typer.Option(
+        metavar="VALUE",
+        help="Value of black in the file, where the camera adds one. Left out, it brightens both layers by twice as "
+        "much; inspect tells how high it can be.",
+        rich_help_panel=_FILES,
+    ),
+]
+WhiteLevel = Annotated[
+    float | None,
+    typer.Option(
+        metavar="VALUE",
+        help="Value at which the camera clips. Default: found from the file.",
+        rich_help_panel=_FILES,
+    ),
+]
+HeadlessShape = Annotated[
+    str | None,
+    typer.Option(
+        metavar="HEIGHT,WIDTH",
+        help="Size in pixels of a raw mosaic in a file without a header.",
+        rich_help_panel=_FILES,
+    ),
+]
+PixelFormat = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="How such a file is packed: Mono8, Mono10, Mono12, Mono16, Mono10p, Mono12p or Mono12Packed (GigE "
+        "Vision). Default: 8 or 16 bits, by its size.",
+        rich_help_panel=_FILES,
+    ),
+]
 AngleSense = Literal["ccw", "cw"]
 _RELATIVE = "relative"
-_FILES = "Reading the photographs"
 
 
 @dataclass(frozen=True)
@@ -205,35 +266,10 @@ class CaptureOptions:
             rich_help_panel=_FILES,
         ),
     ] = "ccw"
-    sensor: Annotated[
-        str,
-        typer.Option(metavar="KIND", help="Kind of mosaic: auto, mono or color.", rich_help_panel=_FILES),
-    ] = "auto"
-    cell_order: Annotated[
-        str,
-        typer.Option(
-            metavar="DEG,DEG,...",
-            help="Angles in a mosaic's 2x2 cell: top left, top right, bottom left, bottom right.",
-            rich_help_panel=_FILES,
-        ),
-    ] = "90,45,135,0"
-    black_level: Annotated[
-        float,
-        typer.Option(
-            metavar="VALUE",
-            help="Value of black in the file, where the camera adds one. Left out, it brightens both layers by twice "
-            "as much; inspect tells how high it can be.",
-            rich_help_panel=_FILES,
-        ),
-    ] = 0.0
-    white_level: Annotated[
-        float | None,
-        typer.Option(
-            metavar="VALUE",
-            help="Value at which the camera clips. Default: found from the file.",
-            rich_help_panel=_FILES,
-        ),
-    ] = None
+    sensor: SensorKind = "auto"
+    cell_order: CellOrder = None
+    black_level: BlackLevel = 0.0
+    white_level: WhiteLevel = None
     pair_gain: Annotated[
         float | None,
         typer.Option(
@@ -259,23 +295,8 @@ class CaptureOptions:
             rich_help_panel=_FILES,
         ),
     ] = "sensor"
-    shape: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HEIGHT,WIDTH",
-            help="Size in pixels of a raw mosaic in a file without a header.",
-            rich_help_panel=_FILES,
-        ),
-    ] = None
-    pixel_format: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="How such a file is packed: Mono8, Mono10, Mono12, Mono16, Mono10p, Mono12p or Mono12Packed (GigE "
-            "Vision). Default: 8 or 16 bits, by its size.",
-            rich_help_panel=_FILES,
-        ),
-    ] = None
+    shape: HeadlessShape = None
+    pixel_format: PixelFormat = None
     analyzer: Annotated[
         Path | None,
         typer.Option(
@@ -313,7 +334,7 @@ class CaptureOptions:
             self.captures,
             numbers(steps or "0,45,90,135", "--angles"),
             self.sensor,
-            numbers(self.cell_order, "--cell-order"),
+            cell_order_of(self.cell_order),
             self.black_level,
             self.white_level,
             self.pair_gain,
@@ -321,7 +342,7 @@ class CaptureOptions:
             resolution=self.resolution,
             angle_sense=self.angle_sense,
             field_of_view_deg=self.field_of_view_deg,
-            shape=None if self.shape is None else self._sides(self.shape),
+            shape=sides_of(self.shape),
             pixel_format=self.pixel_format,
             analyzer=self.analyzer,
         )
@@ -334,13 +355,6 @@ class CaptureOptions:
 
             capture = find_start_angle(capture)
         return capture
-
-    @staticmethod
-    def _sides(text: str) -> tuple[int, ...]:
-        sides = numbers(text, "--shape")
-        if len(sides) != 2 or any(side != int(side) for side in sides):
-            raise InputError(f"--shape is {text!r}; give height and width in pixels, such as 2048,2448")
-        return tuple(int(side) for side in sides)
 
     def check(self, pane: PaneOptions) -> None:
         """InputError where what is said of the camera contradicts what is said of the pane."""

@@ -120,7 +120,7 @@ def find_start_angle(capture: Capture) -> Capture:
     if not found.certain or left > _MOST_LEFT:
         return capture.with_origin(start_unknown=True)
     angles = tuple((angle + found.start_deg) % 180 for angle in capture.angles_deg)
-    return capture.replace(angles_deg=angles).with_origin(start_deg=found.start_deg)
+    return capture.replace(angles_deg=angles).with_origin(start_unknown=False, start_deg=found.start_deg)
 
 
 def ghost_direction(

@@ -60,6 +60,12 @@ class SeparationWarning(Enum):
         "The photographs look as if they were given in a wrong order (pairs do not add up, others would): "
         "check which file belongs to which polarizer angle, or the cell order of a mosaic."
     )
+    CELL_ORDER_FOUND = (
+        "The corners of the mosaic's cell are not in the usual order, whose orthogonal pairs do not add up: it was "
+        "read in one in which they do. Which pair is 0/90, and in which sense angles count, that does not tell: the "
+        "azimuth may be mirrored and off by 45 or 90 degrees, and double images are not looked for. Give the cell "
+        "order (--cell-order), or try --angles relative."
+    )
     ANGLES_REVERSED = (
         "The polarizer's angles look as if they were counted the other way (double images, or the change over the "
         "picture, contradict them): try --angle-sense cw (ccw if you gave cw)."
@@ -177,6 +183,7 @@ def diagnose(
         **_of_geometry_and_noise(polarized, reflection_unknown, noise_share, scene),
         SeparationWarning.SATURATED: clipped > _MUCH_CLIPPED,
         **_of_mistakes(mistakes),
+        SeparationWarning.CELL_ORDER_FOUND: capture.origin is not None and capture.origin.cell_order_found,
         **_of_angles(mistake),
         SeparationWarning.POLARIZED_SOURCE: _found_polarized(scene, estimate),
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,

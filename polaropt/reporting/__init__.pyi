@@ -1,6 +1,7 @@
 __all__ = [
     "Picture",
     "alignment_sentence",
+    "cell_order_attention",
     "estimate_sentences",
     "inspect_capture",
     "inspection_picture",
@@ -25,6 +26,7 @@ from .pictures import viewing_exposure as viewing_exposure
 from .report import json_values as json_values
 from .report import scene_report as scene_report
 from .words import alignment_sentence as alignment_sentence
+from .words import cell_order_attention as cell_order_attention
 from .words import estimate_sentences as estimate_sentences
 from .words import inspection_sentences as inspection_sentences
 from .words import marked as marked

@@ -13,6 +13,7 @@ from polaropt.capture import (
     EncodingHint,
     GammaFit,
     Origin,
+    exchanged_order,
     fit_gamma,
     grey_levels,
     noise_level,
@@ -81,6 +82,12 @@ class Inspection:
         Angles of photographs of which one pair looks swapped; empty if the order looks right.
     visible_shift_px : float
         About how far photographs are shifted against each other; 0 if not surely by more than half a pixel.
+    cell_order : tuple of float or None
+        Polarizer angles of a mosaic's cell as it was read.
+    cell_order_found : bool
+        Whether that is not the usual order, which was not asked for and whose orthogonal pairs do not add up.
+    closing_orders : tuple of tuples of float
+        Orders of the cell in which pairs would add up, where they do not; the nearest ones.
     left_out_px : (int, int)
         Rows and columns of a mosaic that make no whole pattern, and were left out.
     exposures : tuple of float
@@ -112,6 +119,9 @@ class Inspection:
     encoding_hint: EncodingHint
     swapped_deg: tuple[tuple[float, float], ...]
     visible_shift_px: float
+    cell_order: tuple[float, ...] | None = None
+    cell_order_found: bool = False
+    closing_orders: tuple[tuple[float, ...], ...] = ()
     left_out_px: tuple[int, int] = (0, 0)
     exposures: tuple[float, ...] = ()
 
@@ -137,6 +147,7 @@ def inspect_capture(capture: Capture) -> Inspection:
     removed = 1.0 if origin is None else origin.pair_gain
     swapped = swapped_photographs(capture)
     moved = visible_shift(capture)
+    cell_order = None if origin is None else origin.cell_order
     # Swapped and shifted photographs break the same identity that the encoding does.
     gamma = None if swapped or moved else fit_gamma(capture)
     hint = EncodingHint.NONE if origin is None or origin.gamma is not None else origin.encoding_hint
@@ -163,6 +174,9 @@ def inspect_capture(capture: Capture) -> Inspection:
         encoding_hint=hint,
         swapped_deg=tuple((capture.angles_deg[a], capture.angles_deg[b]) for a, b in swapped),
         visible_shift_px=moved,
+        cell_order=cell_order,
+        cell_order_found=origin is not None and origin.cell_order_found,
+        closing_orders=() if cell_order is None else tuple(exchanged_order(cell_order, pair) for pair in swapped),
         left_out_px=(0, 0) if origin is None else origin.left_out_px,
         exposures=() if origin is None else origin.exposures,
     )

@@ -205,12 +205,39 @@ def _encoding(it: Inspection) -> Finding:
 
 
 def _order(it: Inspection) -> Finding:
+    if it.cell_order is not None and it.closing_orders:
+        orders = " or ".join(_listed(order) for order in it.closing_orders)
+        return Finding(
+            "order",
+            attention=f"the cell's orthogonal pairs do not add up in the order {_listed(it.cell_order)}; they do in "
+            f"{orders}, or another with the same pairs: check the cell order.",
+        )
+    if it.cell_order is not None and it.cell_order_found:
+        return Finding("order", attention=_found_order(it.cell_order))
     if it.swapped_deg:
         pairs = ", or ".join(f"{a:g} and {b:g}" for a, b in it.swapped_deg)
         return Finding("order", attention=f"photographs look swapped: {pairs} degrees; check the order of the files.")
     if len(it.angles_deg) == 3:
         return Finding("order", "With three angles a wrong order of the files cannot be seen.")
     return Finding("order")
+
+
+def cell_order_attention(capture: Capture) -> list[str]:
+    """In which order a mosaic's cell was read, where that is not the usual one and was not asked for."""
+    origin = capture.origin
+    found = origin is not None and origin.cell_order_found
+    return [_found_order(origin.cell_order)] if found and origin is not None and origin.cell_order else []
+
+
+def _found_order(cell_order: Iterable[float]) -> str:
+    return (
+        "the cell's orthogonal pairs do not add up in the usual order; it was read in the order "
+        f"{_listed(cell_order)}, in which they do, as in others with the same pairs."
+    )
+
+
+def _listed(angles: Iterable[float]) -> str:
+    return ",".join(f"{angle:g}" for angle in angles)
 
 
 def _position(it: Inspection) -> Finding:

@@ -63,6 +63,32 @@ def test_a_calibrated_capture_is_that_of_an_ideal_sensor(tmp_path, calibration):
     assert errors["with, cells"] < 0.1 * errors["without, cells"]
 
 
+def test_a_field_may_lack_a_header(tmp_path):
+    even = 0.6 * np.array([1, 0, 0]).reshape(3, 1, 1) * np.ones((3, 80, 96))
+    values = np.round(65535 * photographed(even)).astype(np.uint16)
+    (tmp_path / "flat.raw").write_bytes(values.tobytes())
+    written = tmp_path / "a.json"
+    options = ["--shape", "80,96", "--pixel-format", "Mono16"]
+    assert main(["calibrate", str(tmp_path / "flat.raw"), "-o", str(written), *options]) == 0
+    gains = np.array(TRUE.gains) / np.mean(TRUE.gains)
+    np.testing.assert_allclose(json.loads(written.read_text())["gains"], gains, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--shape", "80"], "give height and width"),
+        (["--shape", "81,96"], "flat.raw"),
+        (["--pixel-format", "Mono16"], "give its shape too"),
+    ],
+)
+def test_a_field_without_a_header_that_cannot_be_read_is_one_line(tmp_path, capsys, options, words):
+    (tmp_path / "flat.raw").write_bytes(bytes(80 * 96 * 2))
+    assert main(["calibrate", str(tmp_path / "flat.raw"), "-o", str(tmp_path / "a.json"), *options]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert words in line
+
+
 def test_gains_alone_are_told_as_such(tmp_path, capsys):
     even = 0.6 * np.array([1, 0, 0]).reshape(3, 1, 1) * np.ones((3, 80, 96))
     file = saved(tmp_path / "flat.png", photographed(even))
