@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import Capture, RegisteredCells
+from polaropt.capture.capture import Capture, RawSamples, RegisteredCells
 from polaropt.capture.pair_gain import (
     BLOCK,
     divide_out_gain,
@@ -19,7 +19,7 @@ from polaropt.capture.pair_gain import (
     redundancy_residual,
     trusted_blocks,
 )
-from polaropt.numerics import quantization_step, quietest_combination, robust_spread, second_differences
+from polaropt.numerics import block_mean, quantization_step, quietest_combination, robust_spread, second_differences
 
 _LEAST = 1e-6
 """Noise of photographs without any (white = 1): weights go with its inverse square."""
@@ -31,6 +31,14 @@ ROUNDED = 0.5
 """Noise in steps of the grey levels, below which it is rounding, which does not look normal; by trial."""
 _MOST_VALUES, _BAND = 2**18, 16
 """Values of a photograph that are enough, and rows of a band that is taken from a larger one; set by hand."""
+
+
+_PATTERN = 4
+"""Side in pixels of a colour mosaic's pattern, and of the blocks that are told flat from others."""
+_FOLDS = 3
+"""How often means over a pattern follow each other: with two noise of 0.2 % comes out 5 % higher; by trial."""
+_SHADES, _FLAT_SHARE = 8, 0.5
+"""Classes of brightness, and the share of each that counts, the flattest: of all, sharp detail adds 10 %; by trial."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +91,52 @@ def registered_noise(capture: Capture) -> float:
     """Noise of one of the photographs that a scene is estimated from, `Capture.registered`."""
     level = noise_level(capture.registered)
     return level if capture.cells is None else _ALIASES * level
+
+
+def noise_of_color_samples(samples: RawSamples) -> float | None:
+    """Standard deviation of the noise of a colour mosaic's samples; None where too few can be trusted.
+
+    What alternates from pixel to pixel along rows and columns alike no light gives: the sums of both pairs of a cell
+    are equal in each colour, and colours alternate half as fast. It is measured on the raw samples, as narrowly as
+    that asks for: sums over a pattern, three times over, leave nothing of what alternates otherwise. The cells of one
+    colour, `registered_cells`, know no difference between that and detail of the scene that is half as fine.
+
+    Parameters
+    ----------
+    samples : RawSamples
+        Gains divided out.
+    """
+    from scipy.ndimage import correlate1d, minimum_filter
+
+    kernel = np.ones(1)
+    for _ in range(_FOLDS):
+        kernel = np.convolve(kernel, np.ones(_PATTERN))
+    kernel *= (-1.0) ** np.arange(kernel.size) / np.sqrt(np.square(kernel).sum())
+    values = samples.values
+    fast = correlate1d(correlate1d(values, kernel, axis=0, mode="nearest"), kernel, axis=1, mode="nearest")
+    means = block_mean(values, _PATTERN)
+    trusted = block_mean(_trusted(values[None], samples.valid[None]).astype(np.float32), _PATTERN) == 1
+    # What a block's values read lies in it and in the blocks around it.
+    inner = minimum_filter(trusted, 3, mode="constant", cval=0)
+    if np.count_nonzero(inner) * _PATTERN**2 < _ENOUGH_SAMPLES:
+        return None
+    flat = _flattest(means, inner)
+    rows, columns = (_PATTERN * side for side in means.shape)
+    blocks = fast[:rows, :columns].reshape(means.shape[0], _PATTERN, means.shape[1], _PATTERN)
+    return robust_spread(blocks.transpose(0, 2, 1, 3)[flat], 0.0)
+
+
+def _flattest(means: NDArray[np.float32], trusted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Of trusted blocks, in each class of brightness, those that differ least from the four around them."""
+    down, across = np.abs(np.diff(means, axis=0)), np.abs(np.diff(means, axis=1))
+    slope = np.pad(down, ((1, 0), (0, 0))) + np.pad(down, ((0, 1), (0, 0)))
+    slope += np.pad(across, ((0, 0), (1, 0))) + np.pad(across, ((0, 0), (0, 1)))
+    where = np.flatnonzero(trusted)
+    flat = np.zeros(means.size, dtype=bool)
+    for shade in np.array_split(where[np.argsort(means.ravel()[where])], _SHADES):
+        order = np.argsort(slope.ravel()[shade])
+        flat[shade[order[: math.ceil(_FLAT_SHARE * shade.size)]]] = True
+    return flat.reshape(means.shape)
 
 
 def redundancy(capture: Capture) -> Redundancy:

@@ -35,7 +35,7 @@ from polaropt.capture.mosaic import (
     share_of_noise,
     wiener_photographs,
 )
-from polaropt.capture.noise import noise_level
+from polaropt.capture.noise import noise_level, noise_of_color_samples
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
 from polaropt.errors import InputError
 from polaropt.numerics import block_mean, quantization_step
@@ -492,7 +492,8 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
     cells = Capture.of_planes(planes[0], counted, planes[1], replace(origin, low_passed=True))
     noise_share = share_of_noise(sampling)
     at_sensor = options.resolution == "sensor"
-    noise = max(noise_level(cells) / noise_share, step / math.sqrt(12))
+    level = (noise_of_color_samples(samples) if color else None) or noise_level(cells) / noise_share
+    noise = max(level, step / math.sqrt(12))
     rows = None if analyzer is None else analyzer.matrix
     full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs, rows)
     if analyzer is not None:

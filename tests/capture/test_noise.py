@@ -1,13 +1,18 @@
-"""Noise of large captures, from a part of their pixels."""
+"""Noise of large captures, from a part of their pixels, and of mosaics, from their samples."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from polaropt.capture.capture import Capture
-from polaropt.capture.noise import noise_level, noise_of_blocks
+from polaropt import SceneParameters
+from polaropt.capture.capture import Capture, RawSamples
+from polaropt.capture.mosaic import sampling_of
+from polaropt.capture.noise import noise_level, noise_of_blocks, noise_of_color_samples
 from polaropt.separation import separate
+from polaropt.simulation import Camera, cut, photograph_mosaic, shipped_photograph
 from polaropt.simulation.simulator import digitized
 from tests.blends import blend
 
@@ -48,3 +53,24 @@ def test_coarse_grey_levels_make_no_wide_lens_of_a_plain_pane() -> None:
     found = separate(capture).scene
     assert not found.varies
     assert found.incidence_deg == pytest.approx(60, abs=2)
+
+
+def color_samples(noise: float, exposure: float = 1.0, side: int = 256) -> RawSamples:
+    """Samples of a colour mosaic of two photographs behind a pane, as a lens images them."""
+    images = [cut(shipped_photograph(name), (side, side), (0.5, 0.5)) for name in ("coffee", "astronaut")]
+    camera = Camera(noise=noise, lens_blur_px=0.7, seed=1)
+    raw = exposure * photograph_mosaic(images[0], images[1], SceneParameters(60.0, 30.0, 4.0), camera, color=True)
+    return RawSamples(np.clip(raw, 0, 1), raw < 1, sampling_of(True)[0])
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.005, 0.02])
+@pytest.mark.parametrize("exposure", [1.0, 1.6])
+def test_the_noise_of_a_colour_mosaics_samples_is_told_from_its_detail(noise: float, exposure: float) -> None:
+    assert noise_of_color_samples(color_samples(noise, exposure)) == pytest.approx(exposure * noise, rel=0.1)
+
+
+def test_the_noise_of_a_colour_mosaic_that_is_nearly_all_clipped_is_left_open() -> None:
+    samples = color_samples(0.005)
+    nearly_all = np.ones_like(samples.valid)
+    nearly_all[:24, :24] = False
+    assert noise_of_color_samples(replace(samples, valid=~nearly_all)) is None
