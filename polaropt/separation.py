@@ -222,7 +222,7 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
         registered, scale = capture.registered, capture.scale
         mistakes = find_mistakes(registered)
         stages.begin("Estimating the scene", 0.02)
-        of_registered = noise if registered is capture else registered_noise(capture)
+        of_registered = registered_noise(capture, noise)
         source, of_source = scene_source(registered, of_registered, mistakes)
         checked = with_incidence_checked(source, asked.scaled(1 / scale), of_source)
         found = find_scene(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Any
 
@@ -366,35 +366,38 @@ class Capture:
         The values are not checked again: they may be such as no camera gives (all clipped, beyond white). Samples of a
         mosaic stay what they are; its cells have the angles that are given.
         """
-        other = object.__new__(type(self))
         cells = self.cells
         if cells is not None and angles_deg is not None:
             cells = replace(cells, capture=cells.capture.replace(angles_deg=angles_deg))
-        other._keep(
-            self.intensities if intensities is None else np.ascontiguousarray(intensities, dtype=np.float32),
-            self.angles_deg if angles_deg is None else _angles(angles_deg),
-            self.valid if valid is None else np.ascontiguousarray(valid),
-            self.origin if origin is None else origin,
-            self.samples,
-            cells,
+        return self._with(
+            intensities=self.intensities if intensities is None else intensities,
+            angles_deg=self.angles_deg if angles_deg is None else _angles(angles_deg),
+            valid=self.valid if valid is None else valid,
+            origin=self.origin if origin is None else origin,
+            cells=cells,
         )
-        return other
 
     def without_mosaic(self) -> Capture:
         """The photographs alone, whatever they were interpolated from."""
+        return self._with(samples=None, cells=None)
+
+    def _with(self, **changes: Any) -> Capture:
+        """The same capture but for some attributes, whose values are not checked."""
+        kept = {attribute.name: getattr(self, attribute.name) for attribute in fields(self)} | changes
+        kept["intensities"] = np.ascontiguousarray(kept["intensities"], dtype=np.float32)
+        kept["valid"] = np.ascontiguousarray(kept["valid"])
         other = object.__new__(type(self))
-        other._keep(self.intensities, self.angles_deg, self.valid, self.origin, None, None)
+        other._keep(**kept)
         return other
 
     def with_origin(self, **changes: Any) -> Capture:
         """The same capture, of which other facts are known: `changes` are attributes of `Origin`."""
         other = self.replace(origin=replace(self.origin or Origin(), **changes))
-        if self.cells is not None:
-            if changes.get("focal_px") is not None:
-                changes["focal_px"] /= self.cells.scale
-            cells = replace(self.cells, capture=self.cells.capture.with_origin(**changes))
-            object.__setattr__(other, "cells", cells)
-        return other
+        if self.cells is None:
+            return other
+        if changes.get("focal_px") is not None:
+            changes["focal_px"] /= self.cells.scale
+        return other._with(cells=replace(self.cells, capture=self.cells.capture.with_origin(**changes)))
 
     @property
     def registered(self) -> Capture:
@@ -449,11 +452,8 @@ class Capture:
     def part(self, rows: slice, columns: slice) -> Capture:
         """A part of the frame, which need not be a capture that makes sense by itself (all clipped, all black)."""
         part = (..., rows, columns)
-        other = object.__new__(type(self))
         samples = None if self.samples is None else self.samples.part(rows, columns)
-        intensities, valid = np.ascontiguousarray(self.intensities[part]), np.ascontiguousarray(self.valid[part])
-        other._keep(intensities, self.angles_deg, valid, self.origin, samples, None)
-        return other
+        return self._with(intensities=self.intensities[part], valid=self.valid[part], samples=samples, cells=None)
 
     def __repr__(self) -> str:
         return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"

@@ -87,10 +87,18 @@ _ALIASES = 2.0
 trial on 132 simulated mosaics, where 1 finds another pane nine times and 2 five times."""
 
 
-def registered_noise(capture: Capture) -> float:
-    """Noise of one of the photographs that a scene is estimated from, `Capture.registered`."""
-    level = noise_level(capture.registered)
-    return level if capture.cells is None else _ALIASES * level
+def registered_noise(capture: Capture, noise: float | None = None) -> float:
+    """Noise of one of the photographs that a scene is estimated from, `Capture.registered`.
+
+    Parameters
+    ----------
+    capture : Capture
+    noise : float, optional
+        `noise_level` of the capture, where it is at hand.
+    """
+    if capture.cells is None:
+        return noise_level(capture) if noise is None else noise
+    return _ALIASES * noise_level(capture.registered)
 
 
 def noise_of_color_samples(samples: RawSamples) -> float | None:

@@ -175,7 +175,7 @@ def diagnose(
     if scene is not None and free and mistakes == Mistakes():
         small = 1 / capture.scale
         registered, of_cells = capture.registered, None if estimate is None else estimate.scaled(small)
-        of_registered = noise if registered is capture else registered_noise(capture)
+        of_registered = registered_noise(capture, noise)
         mistake = angle_mistake(registered, of_registered, scene.scaled(small), of_cells, unexplained)
     deserved = {
         SeparationWarning.NO_POLARIZATION: not polarized,
