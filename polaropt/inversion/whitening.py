@@ -24,6 +24,10 @@ from priors.natural_image import in_basis
 class AssumedHessian:
     """The Hessian that is assumed, a 2x2 matrix per frequency and colour of the basis.
 
+    A mosaic's samples tell of a frequency and its aliases together; here stands their average. With the matrix of each
+    group of aliases (8x8 mono, 96x96 colour) a solve takes 0 or 1 of 5 to 18 evaluations less, of colour up to 5 of 19,
+    which its factors cost many times over.
+
     Attributes
     ----------
     told : ndarray of float32, shape (2, H, W // 2 + 1)
