@@ -170,6 +170,21 @@ def test_the_pairs_of_a_cell_are_found_where_no_order_was_given(tmp_path, color,
     assert ",".join(f"{angle:g}" for angle in capture.origin.cell_order) in words
 
 
+def test_pairs_of_which_two_choices_add_up_are_left_and_warned_of(tmp_path):
+    # Light that is polarized between two of the angles adds up in two of the three pairings.
+    _, images = layers_of(False)
+    pane = SCENE.replace(azimuth_deg=22.5)
+    camera = Camera(noise=NOISE, seed=3, lens_blur_px=0.7)
+    choices = []
+    for order in OTHER_PAIRS:
+        raw = photograph_mosaic(images[0], images[1], pane, camera, False, order)
+        write_png(tmp_path / "a.png", np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
+        capture = read_capture(tmp_path / "a.png", sensor="mono", resolution="cell")
+        choices.append((capture.origin.cell_order_found, bool(swapped_photographs(capture.registered))))
+    assert (False, True) in choices
+    assert not any(found for found, _ in choices)
+
+
 def test_the_command_line_tells_an_order_that_was_found(tmp_path, capsys):
     _, images = layers_of(False)
     raw = photograph_mosaic(images[0], images[1], SCENE, Camera(lens_blur_px=0.7), False, OTHER_PAIRS[1])

@@ -179,8 +179,14 @@ def swapped_photographs(capture: Capture, blocks: Floats | None = None) -> tuple
     return swapped_blocks(checked_blocks(capture) if blocks is None else blocks, capture.angles_deg)
 
 
-def swapped_blocks(blocks: Floats, angles_deg: Sequence[float]) -> tuple[tuple[int, int], ...]:
-    """The same of means (k, n) of blocks."""
+def swapped_blocks(
+    blocks: Floats, angles_deg: Sequence[float], *, beyond_doubt: bool = False
+) -> tuple[tuple[int, int], ...]:
+    """The same of means (k, n) of blocks.
+
+    `beyond_doubt`: only where no other exchange makes the identity hold nearly as well. Light polarized between two of
+    four angles lets it hold in two of the three ways to form pairs.
+    """
     count = len(angles_deg)
     if count < 4 or blocks.shape[1] < _FEWEST_BLOCKS:
         return ()
@@ -189,6 +195,11 @@ def swapped_blocks(blocks: Floats, angles_deg: Sequence[float]) -> tuple[tuple[i
     misfits = np.array([_misfit(_exchanged(blocks, a, b), angles_deg) for a, b in exchanges])
     best = float(misfits.min())
     if given < _ABOVE_NOISE or best > _MUCH_BETTER * given:
+        return ()
+    # Of four, the exchange of the other two forms the same pairs, those of one of both with another form others.
+    found = set(exchanges[int(misfits.argmin())])
+    rivals = [misfit for pair, misfit in zip(exchanges, misfits, strict=True) if len(found & set(pair)) == 1]
+    if beyond_doubt and best > _MUCH_BETTER * min(rivals):
         return ()
     return tuple(exchanges[k] for k in np.flatnonzero(misfits <= _AS_GOOD * best + 1e-6))
 

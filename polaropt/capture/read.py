@@ -268,7 +268,8 @@ def read_capture(
         (`polaropt.capture.mosaic.looks_color`).
     cell_order : sequence of 4 floats, optional
         Angles of a mosaic's cell: top left, top right, bottom left, bottom right. Default: Sony's, 90, 45, 135, 0, or
-        where its orthogonal pairs do not add up the nearest order in which they do (`Origin.cell_order_found`).
+        where its orthogonal pairs do not add up and only one other way to pair the corners does, the nearest order of
+        those (`Origin.cell_order_found`).
     black_level, white_level : float
         Values that become 0 and 1, in the file's units. White by default is the full scale of the integer type (1 for
         floating point), or a lower value at which many pixels pile up. Values at white and above are not valid.
@@ -514,7 +515,7 @@ def _in_closing_order(
     samples: RawSamples, cells: Images, valid: Mask, angles: tuple[float, ...], origin: Origin
 ) -> tuple[RawSamples, Images, Mask, Origin]:
     """Samples and their cells with another order of the cell, where pairs do not add up in the one that was taken."""
-    swapped = swapped_blocks(blocks_of(cells, valid), angles)
+    swapped = swapped_blocks(blocks_of(cells, valid), angles, beyond_doubt=True)
     if not swapped or origin.cell_order is None:
         return samples, cells, valid, origin
     order = exchanged_order(origin.cell_order, swapped[0])
