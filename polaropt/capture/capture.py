@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from polaropt.capture.pair_gain import redundancy_residual
 from polaropt.errors import InputError
-from polaropt.numerics import block_mean, quantization_step, quietest_combination, robust_spread, second_differences
+from polaropt.numerics import (
+    block_mean,
+    quantization_step,
+    quietest_combination,
+    robust_spread,
+    second_differences,
+    whole_blocks,
+)
 from polaropt.optics import Sampling, stokes_from_intensities
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -525,7 +532,7 @@ def _check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid:
 
 
 def _check_values(intensities: FloatImages, valid: NDArray[np.bool_]) -> None:
-    if not np.all(np.isfinite(intensities)):
+    if not all(np.isfinite(intensities[plane]).all() for plane in np.ndindex(intensities.shape[:-2])):
         raise InputError("photographs hold NaN or infinite values; replace them, or mask them in finite images")
     if not valid.any():
         raise InputError("every pixel is saturated; take the photographs again with a shorter exposure")
@@ -548,8 +555,9 @@ def _check_black_level(intensities: FloatImages, valid: NDArray[np.bool_], angle
     _check_above_noise(intensities, valid, angles_deg, "values")
     means = block_mean(intensities, _AVERAGED)
     if means[0].size >= _FEWEST_BLOCKS:
-        whole = block_mean(valid.astype(np.float32), _AVERAGED) == 1
-        _check_above_noise(means, whole, angles_deg, f"means of {_AVERAGED}x{_AVERAGED} pixels")
+        _check_above_noise(
+            means, whole_blocks(valid, _AVERAGED), angles_deg, f"means of {_AVERAGED}x{_AVERAGED} pixels"
+        )
 
 
 def _check_above_noise(values: FloatImages, valid: NDArray[np.bool_], angles_deg: tuple[float, ...], what: str) -> None:
@@ -572,15 +580,17 @@ def _noise_of_dark(values: FloatImages, angles_deg: tuple[float, ...]) -> float:
     """
     step, brightness = quantization_step(values), values.mean(axis=0)
     if len(values) > 3:
-        residual, step_of_residual = redundancy_residual(values, angles_deg), step / 2
+        residual, step_of_residual = None, step / 2
     else:
         residual, step_of_residual = second_differences(values), step / 6
         brightness = _sums_of_three(_sums_of_three(brightness).swapaxes(-1, -2)).swapaxes(-1, -2)
     count = min(brightness.size, max(int(_DARKEST_SHARE * brightness.size), _ENOUGH_DARK))
     darkest = np.argpartition(brightness.ravel(), count - 1)[:count]
-    samples = residual.reshape(len(residual), -1)[:, darkest[:: math.ceil(count / _MOST_DARK)]]
-    if len(values) == 3:
-        samples = quietest_combination(samples)
+    chosen = darkest[:: math.ceil(count / _MOST_DARK)]
+    if residual is None:
+        samples = redundancy_residual(values.reshape(len(values), -1)[:, chosen], angles_deg)
+    else:
+        samples = quietest_combination(residual.reshape(len(residual), -1)[:, chosen])
     return max(robust_spread(samples, step_of_residual), step / math.sqrt(12))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.numerics import block_mean
+from polaropt.numerics import block_mean, whole_blocks
 from polaropt.optics import analyzer_matrix
 
 Floats = NDArray[np.floating[Any]]
@@ -45,10 +45,7 @@ def orthogonal_pairs(angles_deg: Sequence[float], tolerance_deg: float = 0.5) ->
 def trusted_blocks(intensities: Floats, valid: NDArray[np.bool_], block: int = BLOCK) -> Floats:
     """Block means of photographs (k, [channel,] h, w) where all of a block is valid in all of them, shape (k, n)."""
     means = block_mean(intensities, block)
-    rows, columns = means.shape[-2:]
-    every: NDArray[np.bool_] = np.asarray(valid.all(axis=0))
-    every = every[..., : rows * block, : columns * block]
-    whole = every.reshape(*every.shape[:-2], rows, block, columns, block).all(axis=-3).all(axis=-1)
+    whole = whole_blocks(np.asarray(valid.all(axis=0)), block)
     bright = means.mean(axis=0)
     if not bright.size:
         return means.reshape(len(means), 0)

@@ -38,8 +38,11 @@ from polaropt.capture.mosaic import (
 from polaropt.capture.noise import noise_level, noise_of_color_samples
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
 from polaropt.errors import InputError
-from polaropt.numerics import block_mean, quantization_step
+from polaropt.numerics import block_mean, quantization_step, strips
 from polaropt.optics import Analyzer, analyzer_matrix
+
+Mask = NDArray[np.bool_]
+Images = NDArray[np.float32]
 
 # Where values are clipped below full scale, see `_is_clipped`; all by trial.
 _SMALLEST_PILE = 16
@@ -67,14 +70,24 @@ class Levels:
     black: float
     white: float
 
-    def apply(self, pixels: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Scaled values (float32), and which of them are below white."""
+    def apply(self, pixels: NDArray[Any], gamma: float | str | None = None) -> tuple[Images, Mask]:
+        """Linear values of pixels (..., h, w) in an encoding, float32, and which of them are below white.
+
+        Some rows at a time: the doubles of all would be several times the photographs.
+        """
+        values, valid = np.empty(pixels.shape, np.float32), np.empty(pixels.shape, np.bool_)
+        for plane in np.ndindex(pixels.shape[:-2]):
+            for rows in strips(*pixels.shape[-2:]):
+                part = (*plane, rows)
+                values[part] = linearize(self._scaled(pixels[part]), gamma)
+                np.less(pixels[part], self.white, out=valid[part])
+        return values, valid
+
+    def _scaled(self, pixels: NDArray[Any]) -> NDArray[np.float32]:
         scale = 1 / (self.white - self.black)
         if pixels.dtype.kind == "f" and pixels.dtype.itemsize <= 4:
-            scaled = (pixels - np.float32(self.black)) * np.float32(scale)
-        else:
-            scaled = (pixels.astype(np.float64) - self.black) * scale
-        return scaled.astype(np.float32), pixels < self.white
+            return np.asarray((pixels - np.float32(self.black)) * np.float32(scale), dtype=np.float32)
+        return np.asarray((pixels.astype(np.float64) - self.black) * scale, dtype=np.float32)
 
 
 def find_levels(pixels: NDArray[Any], black: float, white: float | None, bits: int | None = None) -> Levels:
@@ -99,7 +112,7 @@ def find_levels(pixels: NDArray[Any], black: float, white: float | None, bits: i
         raise InputError(f"holds values of type {pixels.dtype}; integers or floating point numbers are needed")
     if pixels.size == 0:
         raise InputError("holds no pixels; give images of at least 16x16 px")
-    if pixels.dtype.kind == "f" and not np.all(np.isfinite(pixels)):
+    if pixels.dtype.kind == "f" and not all(np.isfinite(part).all() for part in pixels):
         raise InputError("holds NaN or infinite values; replace them, or mask them in an npz file")
     if white is None:
         white = _white_of(pixels, bits)
@@ -110,7 +123,7 @@ def find_levels(pixels: NDArray[Any], black: float, white: float | None, bits: i
 
 def _white_of(pixels: NDArray[Any], bits: int | None) -> float:
     if pixels.dtype.kind == "f":
-        if np.mean(pixels > 1) > 0.5:
+        if sum(np.count_nonzero(part > 1) for part in pixels) > pixels.size / 2:
             raise InputError(
                 f"floating point values reach {float(pixels.max()):g}, while white is taken as 1; give the white level"
             )
@@ -126,13 +139,22 @@ def _is_clipped(pixels: NDArray[Any], highest: float) -> bool:
     A pile at the full scale of a smaller depth (4095 for 12 bits, also shifted up to 16) is believed at once; elsewhere
     it must be large.
     """
-    levels, counts = np.unique(pixels[pixels >= highest / 2], return_counts=True)
+    levels, counts = _histogram(pixels, highest / 2)
     below = counts[:-1][-_LEVELS_BELOW:]
     if levels.size <= _LEVELS_BELOW:
         return False
     pile = int(counts[-1])
     share = _SHARE if _is_full_scale(int(highest)) else _LARGE_SHARE
     return pile >= max(_SMALLEST_PILE, share * pixels.size) and pile >= _STEEP * float(below.mean())
+
+
+def _histogram(pixels: NDArray[Any], least: float) -> tuple[NDArray[Any], NDArray[np.intp]]:
+    """Values from `least` on and how often each occurs, counted part by part."""
+    parts = [np.unique(part[part >= least], return_counts=True) for part in pixels]
+    levels, which = np.unique(np.concatenate([part[0] for part in parts]), return_inverse=True)
+    counts = np.zeros(len(levels), dtype=np.intp)
+    np.add.at(counts, which, np.concatenate([part[1] for part in parts]))
+    return levels, counts
 
 
 def _is_full_scale(value: int) -> bool:
@@ -224,10 +246,6 @@ def _number(value: Any, what: str) -> float:
     if not np.isfinite(number):
         raise InputError(f"{what} is {value!r}; give a number")
     return number
-
-
-Mask = NDArray[np.bool_]
-Images = NDArray[np.float32]
 
 
 def read_capture(
@@ -385,9 +403,11 @@ def _listed_files(paths: AnyPath | Sequence[AnyPath]) -> tuple[str, ...]:
 
 def _one_per_angle(files: Sequence[str]) -> tuple[FileContent, tuple[float, ...]]:
     """The photographs of files, and the exposures of camera raw files."""
-    contents = [read_file(name) for name in files]
-    first = contents[0]
-    for name, content in zip(files, contents, strict=True):
+    contents: list[FileContent] = []
+    for i, name in enumerate(files):
+        content = read_file(name)
+        if i == 0:
+            first, stacked = content, np.empty((len(files), *content.pixels.shape), content.pixels.dtype)
         if content.stack:
             raise InputError(f"{name}: holds several photographs; give it alone, or one single-image file per angle")
         if content.pixels.shape != first.pixels.shape:
@@ -398,7 +418,9 @@ def _one_per_angle(files: Sequence[str]) -> tuple[FileContent, tuple[float, ...]
             raise InputError(f"{name}: holds {depths}; save all photographs with the same depth")
         if content.pixels.dtype.kind == "f" and not np.all(np.isfinite(content.pixels)):
             raise InputError(f"{name}: holds NaN or infinite values; replace them")
-    stacked = np.stack([content.pixels for content in contents])
+        stacked[i] = content.pixels
+        # All pixels stand in one array now.
+        contents.append(replace(content, pixels=stacked[i]))
     masks = [content.valid for content in contents if content.valid is not None]
     valid = np.stack(masks) if len(masks) == len(contents) else None
     lengths = [content.focal_px for content in contents if content.focal_px is not None]
@@ -435,12 +457,12 @@ def _from_photographs(content: FileContent, levels: Levels, options: ReaderOptio
         raise InputError(f"holds {len(content.pixels)} photograph(s); at least 3 polarizer angles are needed")
     stored = content.angles_deg if options.angles_deg == ANGLES_DEG else None
     angles = options.counted(stored or options.angles_deg)
-    intensities, valid = levels.apply(content.pixels)
-    valid = valid if content.valid is None else content.valid
-    if intensities.ndim == 4:
-        intensities, valid = np.moveaxis(intensities, -1, 1), np.moveaxis(valid, -1, 1)
+    colored = content.pixels.ndim == 4
+    intensities, valid = levels.apply(np.moveaxis(content.pixels, -1, 1) if colored else content.pixels, options.gamma)
+    if content.valid is not None:
+        valid = np.moveaxis(content.valid, -1, 1) if colored else content.valid
     origin = _origin("stack", content, levels, options)
-    return _finished(linearize(intensities, options.gamma), valid, angles, origin, options.pair_gain or 1.0)
+    return _finished(intensities, valid, angles, origin, options.pair_gain or 1.0)
 
 
 def _from_mosaic(content: FileContent, levels: Levels, options: ReaderOptions) -> Capture:

@@ -9,22 +9,22 @@ encoded.
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polaropt.capture.capture import Capture
+from polaropt.capture.capture import Capture, FloatImages, planes_last
 from polaropt.capture.decode import AnyPath
 from polaropt.capture.mosaic import WHITE_16
 from polaropt.errors import InputError
+from polaropt.numerics import strips
 
 _PREFIX = ".polaropt-"
 
@@ -128,28 +128,46 @@ def write_tiff(path: AnyPath, image: ArrayLike) -> None:
 
     pixels = np.ascontiguousarray(image, dtype=np.float32)
     kind = "rgb" if pixels.ndim == 3 and pixels.shape[-1] == 3 else "minisblack"
-    buffer = io.BytesIO()
-    tifffile.imwrite(buffer, pixels, photometric=kind, metadata=None)
-    write_bytes(path, buffer.getvalue())
+    with _opened(path) as file:
+        tifffile.imwrite(file, pixels, photometric=kind, metadata=None)
 
 
-def write_png_view(path: AnyPath, image: ArrayLike) -> None:
-    """Write a linear image (h, w) or (h, w, 3) as 8-bit sRGB PNG to look at, clipped at black and white."""
-    encoded = encode_srgb(np.asarray(image, dtype=np.float32))
-    write_png(path, np.round(255 * encoded).astype(np.uint8))
+def write_png_view(path: AnyPath, image: ArrayLike, exposure: float = 1.0) -> None:
+    """Write a linear image (h, w) or (h, w, 3) as 8-bit sRGB PNG to look at, clipped at black and white.
+
+    Parameters
+    ----------
+    path : path
+    image : array_like
+    exposure : float
+        What it is multiplied by.
+    """
+    linear = np.asarray(image, dtype=np.float32)
+    pixels = np.empty(linear.shape, dtype=np.uint8)
+    for rows in strips(len(linear), linear[0].size):
+        pixels[rows] = np.round(255 * encode_srgb(linear[rows] * exposure))
+    write_png(path, pixels)
 
 
 def write_png(path: AnyPath, pixels: Pixels) -> None:
     """Write 8- or 16-bit pixels (h, w) or (h, w, 3) as PNG, values as they are."""
     import imagecodecs
 
-    write_bytes(path, bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels))))
+    write_bytes(path, imagecodecs.png_encode(np.ascontiguousarray(pixels)))
 
 
-def write_bytes(path: AnyPath, data: bytes) -> None:
+def write_bytes(path: AnyPath, data: bytes | bytearray) -> None:
     """Write a file; InputError with the reason where that is impossible."""
+    with _opened(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def _opened(path: AnyPath) -> Iterator[BinaryIO]:
+    """A file to write; InputError with the reason where that is impossible."""
     try:
-        Path(path).write_bytes(data)
+        with Path(path).open("wb") as file:
+            yield file
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
 
@@ -198,31 +216,38 @@ def write_capture(capture: Capture, path: AnyPath) -> tuple[Path, ...]:
 
 
 def _write_npz(capture: Capture, target: Path) -> None:
-    buffer = io.BytesIO()
     angles = np.asarray(capture.angles_deg)
-    np.savez_compressed(buffer, intensities=capture.intensities, angles_deg=angles, valid=capture.valid)
-    write_bytes(target, buffer.getvalue())
+    with _opened(target) as file:
+        np.savez_compressed(file, intensities=capture.intensities, angles_deg=angles, valid=capture.valid)
 
 
 def _write_tiff(capture: Capture, target: Path) -> None:
     import tifffile
 
-    pages = _channels_last(np.where(capture.valid, capture.intensities, np.maximum(capture.intensities, 1)))
-    buffer = io.BytesIO()
-    photometric = "rgb" if capture.color else "minisblack"
-    tifffile.imwrite(buffer, pages, photometric=photometric, metadata={"angles_deg": list(capture.angles_deg)})
-    write_bytes(target, buffer.getvalue())
+    def pages() -> Iterator[FloatImages]:
+        for photograph, valid in zip(capture.intensities, capture.valid, strict=True):
+            yield planes_last(np.where(valid, photograph, np.maximum(photograph, 1)))
+
+    size = capture.shape[-2:]
+    with _opened(target) as file:
+        tifffile.imwrite(
+            file,
+            pages(),
+            shape=(len(capture.angles_deg), *size, *capture.shape[:-2]),
+            dtype=np.float32,
+            photometric="rgb" if capture.color else "minisblack",
+            metadata={"angles_deg": list(capture.angles_deg)},
+        )
 
 
 def _write_pngs(capture: Capture, target: Path) -> tuple[Path, ...]:
-    levels = np.round(np.clip(capture.intensities.astype(np.float64), 0, 1) * WHITE_16)
-    # The highest level means clipped.
-    pixels = _channels_last(np.where(capture.valid, np.minimum(levels, WHITE_16 - 1), WHITE_16).astype(np.uint16))
     files = tuple(target.with_name(f"{target.stem}_{angle:03g}.png") for angle in capture.angles_deg)
-    for name, image in zip(files, pixels, strict=True):
-        write_png(name, image)
+    for name, photograph, valid in zip(files, capture.intensities, capture.valid, strict=True):
+        pixels = np.empty((*capture.shape[-2:], *capture.shape[:-2]), dtype=np.uint16)
+        for rows in strips(len(pixels), pixels[0].size):
+            levels = np.round(np.clip(photograph[..., rows, :].astype(np.float64), 0, 1) * WHITE_16)
+            # The highest level means clipped.
+            levels = np.where(valid[..., rows, :], np.minimum(levels, WHITE_16 - 1), WHITE_16)
+            pixels[rows] = planes_last(levels)
+        write_png(name, pixels)
     return files
-
-
-def _channels_last(images: NDArray[Any]) -> NDArray[Any]:
-    return np.ascontiguousarray(np.moveaxis(images, 1, -1)) if images.ndim == 4 else images

@@ -155,18 +155,21 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
     camera, scene = layers.camera(), _one_scene(pane)
     with result_folder(layers.output) as work:
         images = common_middle([read_photograph(path, layers.gamma) for path in layers.layers])
-        if layers.sensor is None:
-            capture = photograph_pair(images[0], images[1], scene, camera, margin=0)
-            files = [path.name for path in write_capture(capture, work / f"capture.{layers.format}")]
-        else:
+        color = None if layers.sensor is None else layers.sensor == "color"
+        if color is not None:
             _check_mosaic(layers, images[0])
-            color = layers.sensor == "color"
-            raw = photograph_mosaic(images[0], images[1], scene, camera, color)
-            write_png(work / MOSAIC, np.round(np.clip(raw, 0, 1) * WHITE_16).astype(np.uint16))
-            files, images = [MOSAIC], [sensor_image(image, color) for image in images]
         truth = ["true_transmission.tiff", "true_reflection.tiff"]
         for name, image in zip(truth, images, strict=True):
-            write_tiff(work / name, camera.through_lens(image))
+            write_tiff(work / name, camera.through_lens(image if color is None else sensor_image(image, color)))
+        if color is None:
+            capture = photograph_pair(images[0], images[1], scene, camera, margin=0)
+            # Large ones need the memory.
+            del image, images
+            files = [path.name for path in write_capture(capture, work / f"capture.{layers.format}")]
+        else:
+            raw = photograph_mosaic(images[0], images[1], scene, camera, color)
+            write_png(work / MOSAIC, np.round(np.clip(raw, 0, 1) * WHITE_16).astype(np.uint16))
+            files = [MOSAIC]
         document = {"polaropt": polaropt.__version__, "scene": json_values(scene), "camera": json_values(camera)}
         document |= {"photographs": [str(path) for path in layers.layers], "files": files, "truth": truth}
         (work / "scene.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")

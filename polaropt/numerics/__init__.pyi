@@ -30,8 +30,10 @@ __all__ = [
     "robust_spread",
     "second_differences",
     "squared_frequencies",
+    "strips",
     "tukey_window",
     "vertex",
+    "whole_blocks",
     "wiener_spectra",
 ]
 
@@ -43,6 +45,8 @@ from .blocks import block_mean as block_mean
 from .blocks import fill_gaps as fill_gaps
 from .blocks import middle as middle
 from .blocks import middle_part as middle_part
+from .blocks import strips as strips
+from .blocks import whole_blocks as whole_blocks
 from .color import Basis as Basis
 from .color import in_color as in_color
 from .color import opponent_basis as opponent_basis

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,25 @@ from numpy.typing import NDArray
 Images = NDArray[np.float32]
 Real = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
+
+_STRIP_VALUES = 2**22
+"""Values of a frame that are worked on at a time: 32 MB of doubles; set by hand, changes the memory alone."""
+
+
+def strips(height: int, values_per_row: int, multiple: int = 1) -> Iterator[slice]:
+    """Rows of a frame from top to bottom, so many at a time that what is made of them stays small.
+
+    Parameters
+    ----------
+    height : int
+    values_per_row : int
+        All that a row of the frame holds: of every photograph and colour.
+    multiple : int
+        Of which a strip's rows are one, but for the last.
+    """
+    rows = multiple * max(1, _STRIP_VALUES // (values_per_row * multiple))
+    for top in range(0, height, rows):
+        yield slice(top, min(top + rows, height))
 
 
 def fill_gaps(images: Images, valid: Mask) -> Images:
@@ -60,6 +80,13 @@ def block_mean(images: Real, size: int | tuple[int, int], partial: bool = False)
     blocks = inside.reshape(*images.shape[:-2], rows, down, columns, across)
     # Column sums first: contiguous rows are the fast direction.
     return np.asarray(blocks.sum(axis=-3).sum(axis=-1) / (down * across))
+
+
+def whole_blocks(valid: Mask, size: int) -> Mask:
+    """Which whole blocks of the last two axes are valid throughout, (..., h // size, w // size)."""
+    rows, columns = (side // size for side in valid.shape[-2:])
+    inside = valid[..., : rows * size, : columns * size]
+    return np.asarray(inside.reshape(*valid.shape[:-2], rows, size, columns, size).all(axis=-3).all(axis=-1))
 
 
 def middle(images: Images, most: int) -> Images:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import AnyPath, linearize, parse_gamma, read_file
 from polaropt.errors import InputError
-from polaropt.numerics import in_color
+from polaropt.numerics import in_color, strips
 
 Image = NDArray[np.float32]
 
@@ -75,11 +75,15 @@ def cut(image: Image, size: tuple[int, int], place: tuple[float, float] = (0.5, 
     """A frame of `size`, at 0 (top, left) to 1 (bottom, right); the photograph is mirrored where it ends."""
     lack = [max(wanted - side, 0) for wanted, side in zip(size, image.shape, strict=False)]
     padding = [(missing // 2, missing - missing // 2) for missing in lack]
-    image = np.pad(image, [*padding, *[(0, 0)] * (image.ndim - 2)], mode="symmetric")
+    if any(lack):
+        image = np.pad(image, [*padding, *[(0, 0)] * (image.ndim - 2)], mode="symmetric")
     top, left = (round(where * (image.shape[axis] - size[axis])) for axis, where in enumerate(place))
     return np.ascontiguousarray(image[top : top + size[0], left : left + size[1]])
 
 
 def _linear(pixels: NDArray[Any], gamma: float | str | None) -> Image:
     white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1
-    return linearize(pixels.astype(np.float32) / np.float32(white), parse_gamma(gamma))
+    encoding, linear = parse_gamma(gamma), np.empty(pixels.shape, dtype=np.float32)
+    for rows in strips(pixels.shape[0], pixels[0].size):
+        linear[rows] = linearize(pixels[rows].astype(np.float32) / np.float32(white), encoding)
+    return linear

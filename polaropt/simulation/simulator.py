@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polaropt.capture import ANGLES_DEG, MOST_NEGATIVE, SONY_CELL, Capture, FloatImages, planes_first, sampling_of
 from polaropt.errors import InputError
-from polaropt.numerics import in_color
+from polaropt.numerics import in_color, strips
 from polaropt.optics import PSE, SceneParameters, VaryingPSE
 
 _DARKEST = 0.9 * MOST_NEGATIVE
@@ -59,24 +61,44 @@ def simulate(
     InputError
         Layers that differ in shape, or a wrong number of bits or noise.
     """
-    layers = stack_layers(transmission, reflection)
+    both = checked_layers(transmission, reflection)
     if not 0 <= noise < np.inf:
         raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
     if not 0 <= shot_noise < np.inf:
         raise InputError(f"the shot noise is {shot_noise}; give a variance per unit of intensity of 0 or more")
     if bits is not None and not 1 <= bits <= 24:
         raise InputError(f"{bits} bits; give a depth from 1 to 24")
-    exact = exact_photographs(layers, scene, angles_deg)
+    photographs = _exact_in_strips(both, scene, angles_deg)
     random = np.random.default_rng(seed)
-    sigma = np.sqrt(noise**2 + shot_noise * np.maximum(exact, 0)) if shot_noise else noise
-    photographs = exact + sigma * random.standard_normal(exact.shape)
-    return Capture.of_planes(digitized(photographs, bits), angles_deg)
+    for plane in photographs.reshape(-1, *photographs.shape[-2:]):
+        for rows in strips(*plane.shape):
+            exact = plane[rows]
+            sigma = np.sqrt(noise**2 + shot_noise * np.maximum(exact, 0)) if shot_noise else noise
+            plane[rows] = digitized(exact + sigma * random.standard_normal(exact.shape), bits)
+    return Capture.of_planes(photographs, angles_deg)
 
 
 def exact_photographs(layers: FloatImages, scene: SceneParameters, angles_deg: Sequence[float]) -> FloatImages:
     """Photographs (k, [channel,] h, w) of layers (2, [channel,] h, w) before any noise, clipping and rounding."""
     engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
     return np.asarray(engine.forward(layers), dtype=np.float32)
+
+
+def _exact_in_strips(
+    both: tuple[NDArray[Any], NDArray[Any]], scene: SceneParameters, angles_deg: Sequence[float]
+) -> FloatImages:
+    """The same of images (h, w[, channel]), some rows at a time with those around that ghosts bring in."""
+    height, width, *channels = both[0].shape
+    engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
+    shifts = engine.displacements(height, width) if isinstance(engine, VaryingPSE) else engine.displacements
+    reach = 1 + math.ceil(max(abs(down) for _, down in shifts))
+    photographs = np.empty((len(angles_deg), *channels, height, width), dtype=np.float32)
+    for rows in strips(height, len(angles_deg) * math.prod(channels) * width, multiple=min(reach, height)):
+        first, stop = max(0, rows.start - reach), min(height, rows.stop + reach)
+        of_strip = engine.moved(0, -first, height, width) if isinstance(engine, VaryingPSE) else engine
+        seen = of_strip.forward(stack_layers(*(image[first:stop] for image in both)))
+        photographs[..., rows, :] = seen[..., rows.start - first : rows.stop - first, :]
+    return photographs
 
 
 def digitized(photographs: NDArray[np.float64], bits: int | None) -> NDArray[np.float64]:
@@ -90,15 +112,20 @@ def digitized(photographs: NDArray[np.float64], bits: int | None) -> NDArray[np.
 
 def stack_layers(transmission: ArrayLike, reflection: ArrayLike) -> FloatImages:
     """Images (h, w[, channel]) to layers (2, [channel,] h, w), float32."""
-    both = [_as_linear(image) for image in (transmission, reflection)]
+    both = checked_layers(transmission, reflection)
+    return np.ascontiguousarray(np.stack([planes_first(_as_linear(image)) for image in both]))
+
+
+def checked_layers(transmission: ArrayLike, reflection: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Two images (h, w[, channel]) as they are; InputError where they differ in shape or are no images."""
+    both = np.asarray(transmission), np.asarray(reflection)
     if both[0].shape != both[1].shape or both[0].ndim not in (2, 3):
         shapes = f"{both[0].shape} and {both[1].shape}"
         raise InputError(f"the layers have shapes {shapes}; give two equal (h, w[, channel])")
-    return np.ascontiguousarray(np.stack([planes_first(image) for image in both]))
+    return both
 
 
-def _as_linear(image: ArrayLike) -> FloatImages:
-    values = np.asarray(image)
+def _as_linear(values: NDArray[Any]) -> FloatImages:
     white = np.iinfo(values.dtype).max if values.dtype in (np.uint8, np.uint16) else 1
     return values.astype(np.float32) / np.float32(white)
 
