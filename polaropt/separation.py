@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Literal
@@ -27,6 +27,8 @@ from polaropt.inversion import Canvas
 from polaropt.judging import (
     Diagnostics,
     Uncertainty,
+    UncertaintyStrip,
+    assembled,
     diagnose,
     estimate_uncertainty,
     noise_share,
@@ -88,7 +90,7 @@ class Separation:
     seconds: dict[str, float]
     cpu_seconds: dict[str, float]
     parts: Callable[[], Images] = field(repr=False)
-    judge: Callable[[], Uncertainty] = field(repr=False)
+    judge: Callable[[], Iterator[UncertaintyStrip]] = field(repr=False)
 
     @cached_property
     def components(self) -> Images:
@@ -110,7 +112,14 @@ class Separation:
 
     @cached_property
     def _judged(self) -> Uncertainty:
-        return self.judge()
+        return assembled(self.judge(), self.layers)
+
+    def uncertainty_strips(self) -> Iterator[UncertaintyStrip]:
+        """`uncertainty` and `reflection_known` of some rows at a time, which are not kept."""
+        if "_judged" in vars(self):
+            yield UncertaintyStrip(slice(0, self.layers.shape[-2]), self._judged)
+        else:
+            yield from self.judge()
 
     @property
     def transmission(self) -> Images:
@@ -305,7 +314,8 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
 def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells, and the better guess in doubt."""
     capture, noise, found = case.capture, case.noise, case.found
-    intensity = capture.stokes[0]
+    layers = np.zeros((2, *capture.shape), dtype=np.float32)
+    layers[0] = capture.intensity
     diagnostics = diagnose(
         capture,
         noise,
@@ -317,7 +327,7 @@ def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separa
     )
     stages.end()
     return Separation(
-        layers=np.stack([intensity, np.zeros_like(intensity)]),
+        layers=layers,
         scene=found.scene,
         errors=found.errors,
         tried=found.tried,
@@ -341,5 +351,5 @@ def _components(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images, color: bo
 
 
 def _halves(capture: Capture) -> Images:
-    half = np.broadcast_to(capture.stokes[0] / 2, capture.intensities.shape)
+    half = np.broadcast_to(capture.intensity / 2, capture.intensities.shape)
     return np.stack([half, np.zeros_like(half)])

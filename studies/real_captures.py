@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pandas import DataFrame
 
-from polaropt.capture import Capture, planes_last, read_capture, write_png_view
+from polaropt.capture import Capture, planes_first, planes_last, read_capture, write_png_view
 from polaropt.optics import SceneParameters
 from polaropt.separation import separate
 from polaropt.simulation import simulate, stack_layers
@@ -181,7 +181,7 @@ def _picture(job: Job) -> Path:
 def _write_side_by_side(path: Path, images: Sequence[Image]) -> None:
     """Images next to each other, each at its own exposure."""
     shown = [np.clip(image / np.quantile(image, WHITE_QUANTILE), 0, 1) for image in images]
-    write_png_view(path, np.concatenate(shown, axis=1).astype(np.float32))
+    write_png_view(path, planes_first(np.concatenate(shown, axis=1).astype(np.float32)))
 
 
 def tables(frame: DataFrame) -> str:

@@ -45,6 +45,7 @@ __all__ = [
     "sampling_of",
     "stokes_images",
     "swapped_photographs",
+    "tiff_rows",
     "visible_shift",
     "write_capture",
     "write_png",
@@ -99,6 +100,7 @@ from .read import read_capture as read_capture
 from .write import encode_srgb as encode_srgb
 from .write import result_file as result_file
 from .write import result_folder as result_folder
+from .write import tiff_rows as tiff_rows
 from .write import write_capture as write_capture
 from .write import write_png as write_png
 from .write import write_png_view as write_png_view

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Any
@@ -19,6 +19,7 @@ from polaropt.numerics import (
     quietest_combination,
     robust_spread,
     second_differences,
+    strips,
     whole_blocks,
 )
 from polaropt.optics import Sampling, stokes_from_intensities
@@ -455,6 +456,17 @@ class Capture:
         """Least-squares Stokes images (3, [channel,] h, w), clipped pixels taken as they are."""
         images: Any = stokes_from_intensities(self.intensities, self.angles_deg)
         return np.asarray(images, dtype=np.float32)
+
+    def intensity_strips(self, multiple: int = 1) -> Iterator[tuple[slice, FloatImages]]:
+        """Rows from top to bottom, a multiple of so many at a time, and their s0, ([channel,] rows, w)."""
+        height = self.shape[-2]
+        for rows in strips(height, self.intensities.size // height, multiple):
+            yield rows, stokes_from_intensities(self.intensities[..., rows, :], self.angles_deg)[0]
+
+    @property
+    def intensity(self) -> FloatImages:
+        """Least-squares s0, ([channel,] h, w): `stokes` without the rest, which is much memory."""
+        return np.concatenate([part for _, part in self.intensity_strips()], axis=-2)
 
     def part(self, rows: slice, columns: slice) -> Capture:
         """A part of the frame, which need not be a capture that makes sense by itself (all clipped, all black)."""

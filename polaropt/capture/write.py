@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -132,20 +132,53 @@ def write_tiff(path: AnyPath, image: ArrayLike) -> None:
         tifffile.imwrite(file, pixels, photometric=kind, metadata=None)
 
 
-def write_png_view(path: AnyPath, image: ArrayLike, exposure: float = 1.0) -> None:
-    """Write a linear image (h, w) or (h, w, 3) as 8-bit sRGB PNG to look at, clipped at black and white.
+@contextmanager
+def tiff_rows(path: AnyPath, shape: tuple[int, ...]) -> Iterator[Callable[[FloatImages], None]]:
+    """File of a linear image as `write_tiff` makes it, some rows at a time.
 
     Parameters
     ----------
     path : path
-    image : array_like
+    shape : tuple of int
+        Of the image's planes, ([channel,] h, w).
+
+    Yields
+    ------
+    callable
+        Takes the next rows of all planes, ([channel,] rows, w).
+    """
+    import tifffile
+
+    *channels, height, width = shape
+    kind = "rgb" if channels == [3] else "minisblack"
+    with _opened(path) as file:
+        size = (height, width, *channels)
+        place = tifffile.imwrite(file, shape=size, dtype=np.float32, photometric=kind, metadata=None, returnoffset=True)
+        assert place is not None
+        file.seek(place[0])
+
+        def write(planes: FloatImages) -> None:
+            for rows in strips(planes.shape[-2], planes.size // planes.shape[-2]):
+                file.write(planes_last(np.asarray(planes[..., rows, :], dtype=np.float32)).tobytes())
+
+        yield write
+
+
+def write_png_view(path: AnyPath, planes: FloatImages, exposure: float = 1.0) -> None:
+    """Write a linear image as 8-bit sRGB PNG to look at, clipped at black and white.
+
+    Parameters
+    ----------
+    path : path
+    planes : ndarray, shape (h, w) or (3, h, w)
     exposure : float
         What it is multiplied by.
     """
-    linear = np.asarray(image, dtype=np.float32)
-    pixels = np.empty(linear.shape, dtype=np.uint8)
-    for rows in strips(len(linear), linear[0].size):
-        pixels[rows] = np.round(255 * encode_srgb(linear[rows] * exposure))
+    *channels, height, width = planes.shape
+    pixels = np.empty((height, width, *channels), dtype=np.uint8)
+    for rows in strips(height, pixels[0].size):
+        part = planes_last(np.asarray(planes[..., rows, :], dtype=np.float32))
+        pixels[rows] = np.round(255 * encode_srgb(part * np.float32(exposure)))
     write_png(path, pixels)
 
 

@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, StokesImages, plate_frame, registered_noise, stokes_images
+from polaropt.capture import Capture, plate_frame, registered_noise, stokes_images
 from polaropt.estimation.flat.estimate import LEAST_NOISE, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.rung import noise_misfit
@@ -272,12 +272,9 @@ def _ghosts_along(estimate: SceneEstimate) -> bool:
 def _fits_reversed(capture: Capture, noise: float, scene: SceneParameters, unexplained: float) -> bool:
     """Whether a pane before a wide lens explains the capture with its angles counted the other way, and only so."""
     stokes = stokes_images(capture, noise)
-    mirror = np.array([1, 1, -1])
-    images = stokes.images * mirror[:, None, None, None].astype(np.float32)
-    reversed_stokes = StokesImages(images, stokes.covariance * np.outer(mirror, mirror), stokes.valid)
     incidence, azimuth, _ = scene.values()
     plain = SceneParameters(incidence, -azimuth, 0.0, scene.refractive_index, single_surface=scene.single_surface)
-    fit = fit_perspective(reversed_stokes, plain=plain)
+    fit = fit_perspective(stokes.reversed(), plain=plain)
     gained = unexplained - fit.misfit
     clearly = gained > SCATTERS * math.sqrt(2 / fit.n) and gained > _EXPLAINED * (unexplained - 1)
     return clearly and fit.misfit < noise_misfit(fit.n)

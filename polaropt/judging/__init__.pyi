@@ -2,6 +2,8 @@ __all__ = [
     "Diagnostics",
     "SeparationWarning",
     "Uncertainty",
+    "UncertaintyStrip",
+    "assembled",
     "diagnose",
     "estimate_uncertainty",
     "noise_share",
@@ -9,6 +11,8 @@ __all__ = [
 ]
 
 from .uncertainty import Uncertainty as Uncertainty
+from .uncertainty import UncertaintyStrip as UncertaintyStrip
+from .uncertainty import assembled as assembled
 from .uncertainty import estimate_uncertainty as estimate_uncertainty
 from .uncertainty import uncertainty_without_polarization as uncertainty_without_polarization
 from .warnings import Diagnostics as Diagnostics

@@ -7,8 +7,9 @@ incidence is moved by two errors, as two are to cover the truth: towards frontal
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,6 +168,14 @@ class Uncertainty:
     reflection_known: Images
 
 
+@dataclass(frozen=True)
+class UncertaintyStrip:
+    """Some rows of the frame with their `Uncertainty`."""
+
+    rows: slice
+    uncertainty: Uncertainty
+
+
 def estimate_uncertainty(
     capture: Capture,
     layers: Images,
@@ -175,8 +184,10 @@ def estimate_uncertainty(
     growth: NoiseModel | None = None,
     *,
     of_scene: SceneErrors = SceneErrors(),  # noqa: B008 (frozen)
-) -> Uncertainty:
+) -> Iterator[UncertaintyStrip]:
     """Standard errors from the variance that each place's photographs and spectra leave, and from the scene's errors.
+
+    From top to bottom, a row of tiles at a time: of a large frame they are as much as its layers.
 
     Parameters
     ----------
@@ -184,49 +195,88 @@ def estimate_uncertainty(
     layers : ndarray of float32, shape (2, channel, h, w)
     noise : float
     pieces : sequence of Piece
-        Their weights add up to 1 in every pixel.
+        Row by row of tiles; their weights add up to 1 in every pixel.
     growth : NoiseModel, optional
         How the noise grows with the light. Default: it is the same everywhere.
     of_scene : SceneErrors
         Of what was estimated of the scene. Default: it is known.
     """
-    colors = layers.shape[1]
-    total = np.zeros((2 * colors + 1, *layers.shape[-2:]), dtype=np.float32)
-    for piece in pieces:
-        part = capture.part(*piece.tile.where)
-        classes = None if growth is None else noise_classes(part, growth)
-        usual = noise if classes is None else classes.typical
-        precision = local_precision(part, piece.pse, usual, piece.known, classes)
-        for place in _places(piece, usual, part.shape[-2:]):
-            rows, columns = place.tile.where
-            of_frame = (slice(None), *_within(piece.tile, rows, columns))
-            exact = None if precision is None else precision[rows, columns]
-            total[of_frame] += place.tile.weights * _looked_up(layers[:, *of_frame], place.known, exact)
-    errors = total[:-1].reshape(2, colors, *layers.shape[-2:])
+    colors, (height, width) = layers.shape[1], layers.shape[-2:]
     doubtful = doubts(pieces[0].pse.scene, of_scene)
-    if doubtful:
-        np.hypot(errors, _of_scene(capture, noise, pieces, doubtful, growth), out=errors)
-    known = 1 - np.clip(total[-1], 0, 1)
-    return Uncertainty(errors if capture.color else errors[:, 0], known)
+    bands = [list(band) for _, band in groupby(pieces, key=lambda piece: piece.tile.rows.start)]
+    ends = [*(band[0].tile.rows.start for band in bands[1:]), height]
+    # What the band above has left in the rows that both cover.
+    total = np.zeros((2 * colors + 1, 0, width), dtype=np.float32)
+    added = np.zeros((2 * colors if doubtful else 0, 0, width), dtype=np.float32)
+    for band, end in zip(bands, ends, strict=True):
+        top, bottom = band[0].tile.rows.start, band[0].tile.rows.stop
+        total, added = (_continued(rows, bottom - top) for rows in (total, added))
+        for piece in band:
+            _add_noise(total, capture.part(*piece.tile.where), layers, noise, piece, growth)
+            if doubtful:
+                _add_scene(added, capture, noise, piece.tile, doubtful, growth)
+        errors, known = total[:-1, : end - top], 1 - np.clip(total[-1, : end - top], 0, 1)
+        if doubtful:
+            np.hypot(errors, added[:, : end - top], out=errors)
+        errors = errors.reshape(2, colors, end - top, width)
+        yield UncertaintyStrip(slice(top, end), Uncertainty(errors if capture.color else errors[:, 0], known))
+        total, added = total[:, end - top :].copy(), added[:, end - top :].copy()
 
 
-def _of_scene(
-    capture: Capture, noise: float, pieces: Sequence[Piece], doubtful: tuple[Doubt, ...], growth: NoiseModel | None
-) -> Images:
-    """Standard errors (2, channel, h, w) that the scene's own add."""
+def _continued(rows: Images, n: int) -> Images:
+    """Planes (plane, rows, w) with zeros below, n rows in all."""
+    planes = np.zeros((len(rows), n, rows.shape[-1]), dtype=np.float32)
+    planes[:, : rows.shape[1]] = rows
+    return planes
+
+
+def _add_noise(
+    total: Images, part: Capture, layers: Images, noise: float, piece: Piece, growth: NoiseModel | None
+) -> None:
+    """Add to the rows of a band what the noise leaves in a tile of it, and what it does not tell of the reflection."""
+    classes = None if growth is None else noise_classes(part, growth)
+    usual = noise if classes is None else classes.typical
+    precision = local_precision(part, piece.pse, usual, piece.known, classes)
+    for place in _places(piece, usual, part.shape[-2:]):
+        rows, columns = place.tile.where
+        of_frame = _within(piece.tile, rows, columns)
+        exact = None if precision is None else precision[rows, columns]
+        looked_up = _looked_up(layers[..., *of_frame], place.known, exact)
+        total[:, rows, of_frame[1]] += place.tile.weights * looked_up
+
+
+def _add_scene(
+    added: Images,
+    capture: Capture,
+    noise: float,
+    tile: Tile,
+    doubtful: tuple[Doubt, ...],
+    growth: NoiseModel | None,
+) -> None:
+    """Add to the rows of a band the standard errors that the scene's own leave in a tile of it."""
     height, width = capture.shape[-2:]
-    errors = np.zeros((2, capture.shape[0] if capture.color else 1, height, width), dtype=np.float32)
-    for tile in (piece.tile for piece in pieces):
-        center = ((width - 1) / 2 - tile.columns.start, (height - 1) / 2 - tile.rows.start)
-        variance = scene_variance(capture.part(*tile.where), noise, doubtful, center, growth)
-        errors[..., *tile.where] += tile.weights * np.sqrt(variance, out=variance)
-    return errors
+    center = ((width - 1) / 2 - tile.columns.start, (height - 1) / 2 - tile.rows.start)
+    variance = scene_variance(capture.part(*tile.where), noise, doubtful, center, growth)
+    errors = tile.weights * np.sqrt(variance, out=variance)
+    added[..., tile.columns] += errors.reshape(len(added), *errors.shape[-2:])
 
 
-def uncertainty_without_polarization(capture: Capture, noise: float) -> Uncertainty:
+def uncertainty_without_polarization(capture: Capture, noise: float) -> Iterator[UncertaintyStrip]:
     """Of a capture that shows no polarization: its intensity holds both layers, so that each may be all of it."""
-    intensity = np.abs(capture.stokes[0])
-    return Uncertainty(np.stack([intensity, intensity]) + np.float32(noise), np.zeros(capture.shape[-2:], np.float32))
+    for rows, part in capture.intensity_strips():
+        error = np.abs(part) + np.float32(noise)
+        known = np.zeros(part.shape[-2:], np.float32)
+        yield UncertaintyStrip(rows, Uncertainty(np.stack([error, error]), known))
+
+
+def assembled(strips: Iterable[UncertaintyStrip], layers: Images) -> Uncertainty:
+    """Strips of a frame as one, for layers (2, [channel,] h, w)."""
+    errors = np.empty(layers.shape, dtype=np.float32)
+    known = np.empty(layers.shape[-2:], dtype=np.float32)
+    for strip in strips:
+        errors[..., strip.rows, :] = strip.uncertainty.standard_error
+        known[strip.rows] = strip.uncertainty.reflection_known
+    return Uncertainty(errors, known)
 
 
 def _within(tile: Tile, rows: slice, columns: slice) -> tuple[slice, slice]:

@@ -1,4 +1,5 @@
 __all__ = [
+    "GAP_STRIP",
     "MAD_TO_SIGMA",
     "NATURAL_POWER_LAW",
     "AliasGroups",
@@ -6,11 +7,13 @@ __all__ = [
     "Box",
     "Members",
     "block_mean",
+    "block_shares",
     "column_multiplicity",
     "each_plane",
     "explained_groups",
     "fill_gaps",
     "frequencies",
+    "gap_values",
     "grid_minimum",
     "grid_sums",
     "hann_autocorrelation",
@@ -20,7 +23,6 @@ __all__ = [
     "left_out",
     "local_minima",
     "local_minimum",
-    "middle",
     "middle_part",
     "minimum_error",
     "natural_frequencies",
@@ -41,9 +43,11 @@ from .aliases import AliasGroups as AliasGroups
 from .aliases import Members as Members
 from .aliases import explained_groups as explained_groups
 from .aliases import wiener_spectra as wiener_spectra
+from .blocks import GAP_STRIP as GAP_STRIP
 from .blocks import block_mean as block_mean
+from .blocks import block_shares as block_shares
 from .blocks import fill_gaps as fill_gaps
-from .blocks import middle as middle
+from .blocks import gap_values as gap_values
 from .blocks import middle_part as middle_part
 from .blocks import strips as strips
 from .blocks import whole_blocks as whole_blocks

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -38,19 +39,83 @@ def fill_gaps(images: Images, valid: Mask) -> Images:
     `valid` has the shape (channel, h, w).
     """
     filled = np.where(valid, images, np.float32(0))
-    means, shares = filled, valid.astype(np.float32)
     gaps = np.stack(np.nonzero(~valid))
-    size = 1
-    while gaps.size and max(shares.shape[-2:]) > 1:
-        means, shares = block_mean(means, 2, partial=True), block_mean(shares, 2, partial=True)
-        size *= 2
-        blocks = (gaps[0], gaps[1] // size, gaps[2] // size)
-        share = shares[blocks]
-        there = share > 0
-        values = means[(..., *blocks)][..., there] / share[there]
-        filled[(..., *gaps[:, there])] = values
-        gaps = gaps[:, ~there]
+    filled[(..., *gaps)] = gap_values([(filled, valid)])[1]
     return filled
+
+
+_LARGEST_GAP = 256
+"""Side of the blocks up to which gaps are filled strip by strip; wider ones are filled from all strips together."""
+GAP_STRIP = _LARGEST_GAP
+"""Rows of a strip whose gaps are filled by itself are a multiple of it."""
+
+
+def gap_values(parts: Iterable[tuple[Images, Mask]]) -> tuple[NDArray[np.intp], Images]:
+    """Where images are invalid, and what `fill_gaps` puts there.
+
+    Parameters
+    ----------
+    parts : iterable of (images, valid)
+        Strips from top to bottom, (..., channel, rows, w) and (channel, rows, w): one, or such of a multiple of
+        `GAP_STRIP` rows, but for the last.
+
+    Returns
+    -------
+    gaps : ndarray, shape (3, n)
+        Channel, row and column.
+    values : ndarray, shape (..., n)
+    """
+    top, gaps, values, levels = 0, [], [], []
+    for images, valid in parts:
+        of_part = np.stack(np.nonzero(~valid))
+        level = _Level(np.where(valid, images, np.float32(0)), valid.astype(np.float32), 1)
+        filled, level = level.filled(of_part, _LARGEST_GAP)
+        values.append(filled)
+        gaps.append(of_part + np.array([[0], [top], [0]]))
+        levels.append(level)
+        top += valid.shape[-2]
+    everywhere, found = np.concatenate(gaps, axis=-1), np.concatenate(values, axis=-1)
+    if np.isnan(found).any():
+        means = np.concatenate([level.means for level in levels], axis=-2)
+        shares = np.concatenate([level.shares for level in levels], axis=-2)
+        coarser, _ = _Level(means, shares, _LARGEST_GAP).filled(everywhere, 2 * max(top, valid.shape[-1]))
+        found = np.where(np.isnan(found), coarser, found)
+    # Where nothing at all is valid.
+    found[np.isnan(found)] = 0
+    return everywhere, found
+
+
+@dataclass(frozen=True)
+class _Level:
+    """Means over blocks of a side of images that are 0 where invalid, and shares of valid pixels in them."""
+
+    means: Images
+    shares: Images
+    size: int
+
+    def filled(self, gaps: NDArray[np.intp], largest: int) -> tuple[Images, _Level]:
+        """Mean of the valid pixels of the finest block around each gap that has any, NaN where none has, (..., n).
+
+        With the level of the blocks of the largest size that is looked at.
+        """
+        level = self
+        values = np.full((*self.means.shape[:-3], gaps.shape[1]), np.nan, dtype=np.float32)
+        left = np.arange(gaps.shape[1])
+        while level.size < largest:
+            means, shares = (block_mean(part, 2, partial=True) for part in (level.means, level.shares))
+            level = _Level(means, shares, 2 * level.size)
+            blocks = (gaps[0, left], gaps[1, left] // level.size, gaps[2, left] // level.size)
+            share = shares[blocks]
+            there = share > 0
+            values[..., left[there]] = means[(..., *blocks)][..., there] / share[there]
+            left = left[~there]
+        return values, level
+
+
+def block_shares(valid: Mask, size: int) -> Images:
+    """Shares of valid pixels (..., h, w) in blocks, as `block_mean` would have them."""
+    parts = strips(valid.shape[-2], valid.size // valid.shape[-2], size)
+    return np.concatenate([block_mean(valid[..., rows, :].astype(np.float32), size) for rows in parts], axis=-2)
 
 
 def block_mean(images: Real, size: int | tuple[int, int], partial: bool = False) -> Real:
@@ -87,11 +152,6 @@ def whole_blocks(valid: Mask, size: int) -> Mask:
     rows, columns = (side // size for side in valid.shape[-2:])
     inside = valid[..., : rows * size, : columns * size]
     return np.asarray(inside.reshape(*valid.shape[:-2], rows, size, columns, size).all(axis=-3).all(axis=-1))
-
-
-def middle(images: Images, most: int) -> Images:
-    """Images (..., h, w) cut to at most so many pixels a side around their middle."""
-    return images[(..., *middle_part(images.shape, most))]
 
 
 def middle_part(shape: tuple[int, ...], most: int) -> tuple[slice, slice]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, linearize, planes_last, write_png, write_png_view, write_tiff
+from polaropt.capture import Capture, linearize, tiff_rows, write_png, write_png_view, write_tiff
 from polaropt.judging import SeparationWarning
 from polaropt.reporting.inspection import inspect_capture
 from polaropt.reporting.page import write_html_report
@@ -18,9 +19,10 @@ from polaropt.reporting.pictures import (
     LAYERS,
     MISFIT_WHITE,
     Image,
+    UncertaintyPanels,
+    UncertaintySummary,
     misfit_map,
     side_by_side,
-    uncertainty_panels,
     viewing_exposure,
 )
 from polaropt.reporting.report import json_values, separation_report
@@ -49,10 +51,12 @@ def write_separation(folder: Path, result: Separation, capture: Capture) -> dict
     """
     exposures = {}
     for name in LAYERS:
-        layer = getattr(result, name)
+        layer = result.layers[LAYERS.index(name)]
         exposures[name] = viewing_exposure(layer)
-        write_tiff(folder / f"{name}.tiff", layer)
-        write_png_view(folder / f"{name}.png", layer * exposures[name])
+        with tiff_rows(folder / f"{name}.tiff", layer.shape) as write:
+            write(layer)
+        write_png_view(folder / f"{name}.png", layer, exposures[name])
+    told, errors = write_uncertainty(folder, result)
     inspection = inspect_capture(capture)
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
     misfit = misfit_map(result, capture) if unexplained else None
@@ -61,14 +65,14 @@ def write_separation(folder: Path, result: Separation, capture: Capture) -> dict
         **separation_report(result, capture, result.asked),
         "inspection": inspection.as_dict(),
         "attention": attention(inspection, result.diagnostics.warnings),
-        "uncertainty": write_uncertainty(folder, result),
+        "uncertainty": told,
         "misfit_map": None if misfit is None else _write_misfit(folder, misfit),
         "view": {"exposure": exposures, "encoding": "sRGB of exposure times the linear values"},
     }
     document: dict[str, Any] = json_values(report)
     text = json.dumps(document, indent=2, allow_nan=False)
     (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    write_html_report(folder / "report.html", result, capture, document, misfit)
+    write_html_report(folder / "report.html", result, capture, document, errors, misfit)
     return document
 
 
@@ -79,7 +83,7 @@ def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:
     return {"unit": "standard deviations of the noise", "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}
 
 
-def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
+def write_uncertainty(folder: Path, result: Separation) -> tuple[dict[str, Any], UncertaintyPanels]:
     """Write standard errors and how much of the reflection is known: linear, and one picture of all three to look at.
 
     Parameters
@@ -92,13 +96,23 @@ def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
     -------
     dict
         What the report says of them.
+    UncertaintyPanels
+        What the picture shows.
     """
-    errors = dict(zip(LAYERS, map(planes_last, result.uncertainty), strict=True))
-    for name, error in errors.items():
-        write_tiff(folder / f"{name}_error.tiff", error)
-    known = result.reflection_known
-    write_tiff(folder / "reflection_known.tiff", known)
-    shown = uncertainty_panels(result)
+    shape = result.layers.shape
+    names = [f"{name}_error.tiff" for name in LAYERS]
+    summary = UncertaintySummary(shape)
+    with ExitStack() as files:
+        *of_layers, of_known = (
+            files.enter_context(tiff_rows(folder / name, size))
+            for name, size in [*((name, shape[1:]) for name in names), ("reflection_known.tiff", shape[-2:])]
+        )
+        for strip in result.uncertainty_strips():
+            for write, error in zip(of_layers, strip.uncertainty.standard_error, strict=True):
+                write(error)
+            of_known(strip.uncertainty.reflection_known)
+            summary.add(strip)
+    shown = summary.panels()
     white = shown.white
     panels: list[tuple[str, Image | None]] = [
         (f"{name}: error, white = {white[name]:.2g}", error / np.float32(white[name]))
@@ -108,8 +122,9 @@ def write_uncertainty(folder: Path, result: Separation) -> dict[str, Any]:
     # Values of the picture are in proportion to the errors.
     straight = [(title, None if panel is None else linearize(np.clip(panel, 0, 1), "srgb")) for title, panel in panels]
     write_png(folder / "uncertainty.png", side_by_side([straight]))
-    return {
-        "typical_error": {name: float(np.sqrt(np.mean(np.square(error)))) for name, error in errors.items()},
-        "reflection_faded": {"share_of_pixels": float(np.mean(known < FADED)), "told_below": FADED},
+    told = {
+        "typical_error": shown.typical,
+        "reflection_faded": {"share_of_pixels": shown.faded_share, "told_below": FADED},
         "white_in_png": white,
     }
+    return told, shown

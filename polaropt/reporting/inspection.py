@@ -22,8 +22,9 @@ from polaropt.capture import (
     swapped_photographs,
     visible_shift,
 )
-from polaropt.numerics import block_mean, quantization_step
+from polaropt.numerics import quantization_step, whole_blocks
 from polaropt.optics import stokes_from_intensities
+from polaropt.reporting.pictures import grey_means
 from polaropt.reporting.report import json_values
 
 # Side in pixels of the blocks whose polarization is summed up: noise of a pixel alone looks polarized. Set by hand.
@@ -216,10 +217,9 @@ def _grey_levels(capture: Capture) -> int | None:
 
 def _polarization(capture: Capture) -> dict[str, float]:
     """DoLP and AoLP of small blocks that are valid at every angle (of all blocks, if there are none)."""
-    images = capture.intensities.mean(axis=1) if capture.color else capture.intensities
-    valid = capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0)
-    stokes = stokes_from_intensities(block_mean(images, _SUMMARY_BLOCK), capture.angles_deg)
-    whole = block_mean(np.asarray(valid, dtype=np.float32), _SUMMARY_BLOCK) == 1
+    valid = np.asarray(capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0))
+    stokes = stokes_from_intensities(grey_means(capture, _SUMMARY_BLOCK), capture.angles_deg)
+    whole = whole_blocks(valid, _SUMMARY_BLOCK)
     whole &= stokes[0] > 0
     s0, s1, s2 = stokes[:, whole] if whole.any() else stokes.reshape(3, -1)
     polarized = np.hypot(s1, s2)

@@ -23,10 +23,11 @@ from polaropt.reporting.pictures import (
     MISFIT_WHITE,
     Image,
     Picture,
+    UncertaintyPanels,
     aolp_colors,
     dolp_colors,
     polarization_panels,
-    uncertainty_panels,
+    reduced_intensity,
     viewing_exposure,
 )
 from polaropt.reporting.words import report_attention, shown_fields, source_of
@@ -84,7 +85,11 @@ class PagePicture:
 
 
 def page_pictures(
-    result: Separation, capture: Capture, exposures: Mapping[str, float], misfit: Image | None = None
+    result: Separation,
+    capture: Capture,
+    exposures: Mapping[str, float],
+    errors: UncertaintyPanels,
+    misfit: Image | None = None,
 ) -> list[PagePicture]:
     """Photograph and layers, their errors, polarization and misfit, in the order of the page.
 
@@ -94,22 +99,22 @@ def page_pictures(
     capture : Capture
     exposures : mapping of str to float
         What "transmission" and "reflection" are multiplied by.
+    errors : UncertaintyPanels
     misfit : ndarray, shape (h, w), optional
         Standard deviations of the noise.
     """
     last = [] if misfit is None else [_misfit(misfit)]
-    return [*_layers(result, capture, exposures), *_errors(result), *_polarization(capture), *last]
+    return [*_layers(result, capture, exposures), *_errors(errors), *_polarization(capture), *last]
 
 
 def _layers(result: Separation, capture: Capture, exposures: Mapping[str, float]) -> list[PagePicture]:
     shown = (
-        ("photograph", "Photograph", "light of all polarizations, as without a filter", capture.stokes[0]),
-        ("transmission", "Transmission", "what is behind the glass", result.layers[0]),
-        ("reflection", "Reflection", "what the glass mirrors", result.layers[1]),
+        ("photograph", "Photograph", "light of all polarizations, as without a filter", _intensity(capture)),
+        ("transmission", "Transmission", "what is behind the glass", _reduced(result.layers[0])),
+        ("reflection", "Reflection", "what the glass mirrors", _reduced(result.layers[1])),
     )
     pictures = []
-    for name, title, what, planes in shown:
-        image = _reduced(planes)
+    for name, title, what, image in shown:
         exposure = exposures.get(name) or viewing_exposure(image)
         caption = f"{what[0].upper()}{what[1:]}; {exposure:.3g} times the linear values, in sRGB."
         pixels = np.round(255 * encode_srgb(image * np.float32(exposure))).astype(np.uint8)
@@ -117,8 +122,7 @@ def _layers(result: Separation, capture: Capture, exposures: Mapping[str, float]
     return pictures
 
 
-def _errors(result: Separation) -> list[PagePicture]:
-    panels = uncertainty_panels(result)
+def _errors(panels: UncertaintyPanels) -> list[PagePicture]:
     pictures = []
     for name, error in panels.errors.items():
         white = panels.white[name]
@@ -170,8 +174,16 @@ def _picture(
 
 def _reduced(planes: Image) -> Image:
     """Planes ([channel,] h, w) to an image of at most about a thousand pixels along its long side."""
-    block = -(-max(planes.shape[-2:]) // _LONG_SIDE)
-    return planes_last(np.asarray(block_mean(planes, block), dtype=np.float32))
+    return planes_last(np.asarray(block_mean(planes, _reduction(planes.shape)), dtype=np.float32))
+
+
+def _intensity(capture: Capture) -> Image:
+    """The photograph as without a filter, of that size."""
+    return planes_last(reduced_intensity(capture, _reduction(capture.shape)))
+
+
+def _reduction(shape: tuple[int, ...]) -> int:
+    return -(-max(shape[-2:]) // _LONG_SIDE)
 
 
 def _gradient(colors: Picture) -> str:
@@ -294,6 +306,7 @@ def write_html_report(
     result: Separation,
     capture: Capture,
     report: dict[str, Any],
+    errors: UncertaintyPanels,
     misfit: NDArray[np.float32] | None = None,
 ) -> None:
     """Write a page that needs nothing beside it: pictures, pane, course of the solve, warnings.
@@ -306,10 +319,11 @@ def write_html_report(
         What was separated.
     report : dict
         As in ``report.json``.
+    errors : UncertaintyPanels
     misfit : ndarray, shape (h, w), optional
         Map of the misfit in standard deviations of the noise, where the model does not explain the photographs.
     """
-    pictures = page_pictures(result, capture, report["view"]["exposure"], misfit)
+    pictures = page_pictures(result, capture, report["view"]["exposure"], errors, misfit)
     names = [Path(name).name for name in report["input"].get("files", ())]
     page = _template().render(
         title=_title(names),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -11,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, encode_srgb, planes_last
-from polaropt.numerics import block_mean, in_color
+from polaropt.numerics import block_mean, in_color, strips
 from polaropt.optics import dolp_aolp, stokes_from_intensities
 
 if TYPE_CHECKING:
+    from polaropt.judging import UncertaintyStrip
     from polaropt.separation import Separation
 
 
@@ -28,6 +30,8 @@ LAYERS = ("transmission", "reflection")
 _WHITE_QUANTILE = 0.99
 # Least value, white = 1, that is scaled to white: below it is nothing to see.
 _LEAST_WHITE = 1e-6
+# Values that a quantile is taken of, for the sake of time and memory.
+_MOST_SAMPLES = 4_000_000
 _PAPER = (255, 255, 255)
 # Of pictures side by side, in pixels: height of a title, room between pictures, size of letters.
 _TITLE, _GAP, _LETTERS = 24, 8, 14
@@ -39,8 +43,13 @@ def viewing_exposure(layer: Image) -> float:
     Each layer has its own: a mirrored sky is up to fifty times as bright as what is behind the surface, and with one
     factor for both the other picture would be black.
     """
-    bright = float(np.quantile(layer, _WHITE_QUANTILE))
+    bright = float(np.quantile(_thinned(layer), _WHITE_QUANTILE))
     return 1 / bright if bright > 0 else 1.0
+
+
+def _thinned(values: Image) -> Image:
+    """All values of an image, or of a large one as many as a quantile needs."""
+    return values.reshape(-1)[:: max(1, values.size // _MOST_SAMPLES)]
 
 
 def side_by_side(rows: Sequence[Sequence[tuple[str, Image | None]]], exposure: float = 1.0) -> Picture:
@@ -160,15 +169,26 @@ def _reduction(capture: Capture) -> int:
 
 
 def _gray_stokes(capture: Capture) -> tuple[Floats, NDArray[np.bool_]]:
-    images = capture.intensities.mean(axis=1) if capture.color else capture.intensities
     valid = capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0)
     block = _reduction(capture)
     whole = block_mean(np.asarray(valid, dtype=np.float32), block) > 0.5
-    return stokes_from_intensities(block_mean(images, block), capture.angles_deg), whole
+    return stokes_from_intensities(grey_means(capture, block), capture.angles_deg), whole
+
+
+def grey_means(capture: Capture, block: int) -> Image:
+    """Photographs (k, h // block, w // block), means over blocks and colours."""
+    height, images = capture.shape[-2], capture.intensities
+    parts = (images[..., rows, :] for rows in strips(height, images.size // height, block))
+    return np.concatenate([block_mean(part.mean(axis=1) if capture.color else part, block) for part in parts], axis=-2)
+
+
+def reduced_intensity(capture: Capture, block: int) -> Image:
+    """The light of all polarizations, means over blocks, ([channel,] h // block, w // block)."""
+    return np.concatenate([block_mean(part, block) for _, part in capture.intensity_strips(block)], axis=-2)
 
 
 def _intensity_panel(capture: Capture) -> Picture:
-    s0 = block_mean(capture.stokes[0], _reduction(capture))
+    s0 = reduced_intensity(capture, _reduction(capture))
     view = encode_srgb(s0 / max(float(np.quantile(s0, _WHITE_QUANTILE)), _LEAST_WHITE))
     if capture.color and view.shape[0] == 3:
         return np.round(255 * np.moveaxis(view, 0, -1)).astype(np.uint8)
@@ -215,32 +235,69 @@ class UncertaintyPanels:
     Attributes
     ----------
     errors : dict of str to ndarray
-        Standard errors of transmission and reflection, (h, w) or (h, w, channel), linear.
+        Standard errors of transmission and reflection, (h, w) or (h, w, channel), linear; of large images pixels are
+        left out.
     white : dict of str to float
         The error to show as white.
     known : ndarray, shape (h, w, 3)
         Known share of the reflection's detail, red below `faded`.
     faded : float
+    typical : dict of str to float
+        Root mean square of each error.
+    faded_share : float
+        Of the pixels.
     """
 
     errors: dict[str, Image]
     white: dict[str, float]
     known: Image
     faded: float
+    typical: dict[str, float]
+    faded_share: float
 
 
-def uncertainty_panels(result: Separation) -> UncertaintyPanels:
-    """Panels of ``uncertainty.png``; of large images pixels are left out."""
-    errors = dict(zip(LAYERS, map(planes_last, result.uncertainty), strict=True))
-    white = {name: max(float(np.quantile(error, _WHITE_QUANTILE)), _LEAST_WHITE) for name, error in errors.items()}
-    shown = {name: _panel(error) for name, error in errors.items()}
-    return UncertaintyPanels(shown, white, _red_where_faded(_panel(result.reflection_known)), FADED)
+class UncertaintySummary:
+    """What is shown and told of uncertainties that come a strip of rows at a time.
 
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the layers, (2, [channel,] h, w).
+    """
 
-def _panel(image: Image) -> Image:
-    """A large image with pixels left out."""
-    step = -(-max(image.shape[:2]) // _LARGEST_PANEL)
-    return image[::step, ::step]
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+        self._step = -(-max(shape[-2:]) // _LARGEST_PANEL)
+        self._errors: list[Image] = []
+        self._known: list[Image] = []
+        self._samples: list[Image] = []
+        self._squares = np.zeros(2)
+        self._faded = 0
+
+    def add(self, strip: UncertaintyStrip) -> None:
+        """Look at the next rows."""
+        errors, known = strip.uncertainty.standard_error, strip.uncertainty.reflection_known
+        shown = (..., slice(-strip.rows.start % self._step, None, self._step), slice(None, None, self._step))
+        self._errors.append(errors[shown].copy())
+        self._known.append(known[shown].copy())
+        every = max(1, math.prod(self._shape[1:]) // _MOST_SAMPLES)
+        self._samples.append(errors.reshape(2, -1)[:, ::every].copy())
+        self._squares += [np.square(error).sum(dtype=np.float64) for error in errors]
+        self._faded += int(np.count_nonzero(known < FADED))
+
+    def panels(self) -> UncertaintyPanels:
+        """Panels of ``uncertainty.png``, after all rows."""
+        errors, samples = np.concatenate(self._errors, axis=-2), np.concatenate(self._samples, axis=-1)
+        white = np.maximum(np.quantile(samples, _WHITE_QUANTILE, axis=1), _LEAST_WHITE)
+        typical = np.sqrt(self._squares / math.prod(self._shape[1:]))
+        return UncertaintyPanels(
+            errors=dict(zip(LAYERS, map(planes_last, errors), strict=True)),
+            white=dict(zip(LAYERS, white.tolist(), strict=True)),
+            known=_red_where_faded(np.concatenate(self._known)),
+            faded=FADED,
+            typical=dict(zip(LAYERS, typical.tolist(), strict=True)),
+            faded_share=self._faded / math.prod(self._shape[-2:]),
+        )
 
 
 def _red_where_faded(known: Image) -> Image:

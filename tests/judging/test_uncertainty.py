@@ -172,7 +172,7 @@ def test_the_table_is_read_as_scipy_reads_it(precisions, seed):
 def test_files_hold_the_errors_and_the_report_what_is_faded(tmp_path, color):
     example = blend(10, 64, color=color)
     result = separate(example.capture, example.scene)
-    told = write_uncertainty(tmp_path, result)
+    told, _ = write_uncertainty(tmp_path, result)
     for i, name in enumerate(("transmission", "reflection")):
         written = tifffile.imread(tmp_path / f"{name}_error.tiff")
         np.testing.assert_array_equal(planes_first(written), result.uncertainty[i])

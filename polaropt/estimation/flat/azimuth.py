@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood
 from polaropt.estimation.flat.search import Evidence, Trial
-from polaropt.numerics import block_mean, jackknife_error
+from polaropt.numerics import jackknife_error
 from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_correction
 
 Images = NDArray[np.float32]
@@ -52,15 +53,12 @@ class PrincipalAxis:
     snr: float
 
 
-def principal_axis(polarized: Images, noise_covariance: Matrix) -> PrincipalAxis:
+def principal_axis(stokes: StokesImages) -> PrincipalAxis:
     """Dominant axis of Wiener-smoothed (s1, s2), by their uncentred second moment.
 
     Parameters
     ----------
-    polarized : ndarray, shape (2, channel, h, w)
-        s1 and s2 in the camera's frame, complete (no gaps).
-    noise_covariance : ndarray, shape (2, 2)
-        Covariance of the noise of s1 and s2 in a pixel.
+    stokes : StokesImages
 
     Notes
     -----
@@ -69,9 +67,9 @@ def principal_axis(polarized: Images, noise_covariance: Matrix) -> PrincipalAxis
     """
     from scipy.fft import dctn
 
-    size = _thinning(max(polarized.shape[-2:]))
-    noise_covariance = noise_covariance / size**2
-    coefficients = dctn(block_mean(polarized, size), axes=(-2, -1), norm="ortho", overwrite_x=size > 1)
+    size = _thinning(max(stokes.images.shape[-2:]))
+    noise_covariance = stokes.covariance[1:, 1:] / size**2
+    coefficients = dctn(stokes.means(size)[1:], axes=(-2, -1), norm="ortho", overwrite_x=size > 1)
     radius2 = _squared_frequency(*coefficients.shape[-2:])
     noise = float(np.trace(noise_covariance))
     gains = np.stack(

@@ -120,7 +120,7 @@ def estimate_scene(
         raise InputError(f"the thickness is {thickness_px} px; it must lie between 0 and {FARTHEST_SHIFT_PX:g}")
     noise = max(LEAST_NOISE, noise_level(capture) if noise is None else noise)
     stokes = stokes_images(capture, noise)
-    axis = principal_axis(stokes.images[1:], stokes.covariance[1:, 1:])
+    axis = principal_axis(stokes)
     frame = plate_frame(stokes, axis.azimuth_deg if scene.azimuth_deg is None else scene.azimuth_deg)
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
     taken = _choose_axis(frame, scene, thickness, noise)

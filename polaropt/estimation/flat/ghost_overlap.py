@@ -19,7 +19,7 @@ from polaropt.numerics import (
     frequencies,
     grid_sums,
     left_out,
-    middle,
+    middle_part,
     minimum_error,
     tukey_window,
     vertex,
@@ -132,7 +132,7 @@ class _Wiener:
     def __init__(self, frame: PlateFrame, scene: SceneParameters) -> None:
         from scipy.fft import rfft2
 
-        images = block_mean(middle(frame.images, _SIDE).mean(axis=1), _HALF)
+        images = block_mean(frame.images[..., *middle_part(frame.images.shape, _SIDE)].mean(axis=1), _HALF)
         self._shape: tuple[int, int] = images.shape[-2:]
         images -= images.mean(axis=(-2, -1), keepdims=True)
         images *= np.outer(*(fading(side) for side in self._shape))

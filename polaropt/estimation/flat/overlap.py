@@ -128,10 +128,10 @@ def block_images(frame: PlateFrame, most_blocks: int, most_sizes: int = len(SIZE
     sizes = _usable_sizes(min(frame.images.shape[-2:]), most_blocks)[:most_sizes]
     spacing = max(1, sizes[0] // _FINEST_MEANS)
     length = sizes[0] // spacing
-    means = _running_mean(block_mean(frame.images, spacing), length)
+    means = _running_mean(frame.means(spacing), length)
     shares = None
     if not frame.valid.all():
-        shares = _running_mean(block_mean(frame.valid.astype(np.float32), spacing), length)
+        shares = _running_mean(frame.shares(spacing), length)
     return BlockImages(means, shares, frame.covariance, length, spacing, sizes, frame.azimuth_deg)
 
 

@@ -21,7 +21,14 @@ from polaropt.estimation.flat.ghosts import HIGHEST_FREQUENCY
 from polaropt.estimation.flat.search import OVERLAP_WEIGHT
 from polaropt.estimation.polarized.kernels import WhitenedSpectra, explain, pane_vectors
 from polaropt.estimation.polarized.light import AZIMUTH, INCIDENCE, SHIFT, Point, entering_light, in_place, pane_light
-from polaropt.numerics import NATURAL_POWER_LAW, block_mean, column_multiplicity, frequencies, middle, opponent_basis
+from polaropt.numerics import (
+    NATURAL_POWER_LAW,
+    block_mean,
+    column_multiplicity,
+    frequencies,
+    middle_part,
+    opponent_basis,
+)
 from polaropt.optics import SceneParameters, frame_matrix
 
 Images = NDArray[np.float32]
@@ -93,7 +100,7 @@ class PolarizedLikelihood:
 
         self._scene = scene
         self._whiten = np.linalg.inv(np.linalg.cholesky(stokes.covariance / _HALF**2))
-        images = block_mean(middle(stokes.images, _SIDE), _HALF)
+        images = block_mean(stokes.images[..., *middle_part(stokes.images.shape, _SIDE)], _HALF)
         basis = opponent_basis(images.shape[1])
         images = np.einsum("ij,dc,jcyx->idyx", self._whiten, basis, images)
         self._shape: tuple[int, int] = images.shape[-2:]

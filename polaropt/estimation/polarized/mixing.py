@@ -57,7 +57,7 @@ class Mixture:
     def __init__(self, stokes: StokesImages) -> None:
         size = max(1, math.ceil(max(stokes.images.shape[-2:]) / _BLOCKS))
         self._unwhiten = np.linalg.cholesky(stokes.covariance * (stokes.block_noise(size) / size) ** 2)
-        means = block_mean(stokes.images, size).reshape(3, -1).astype(np.float64)
+        means = stokes.means(size).reshape(3, -1).astype(np.float64)
         white = np.linalg.solve(self._unwhiten, means)
         seen = _seen(stokes, size)
         known = white[:, seen.ravel()]
@@ -151,7 +151,7 @@ class Windows:
 
 def _seen(stokes: StokesImages, size: int) -> NDArray[np.bool_]:
     """Blocks (channel, h, w) without clipped pixels; all where these are too few."""
-    whole = block_mean(stokes.valid.astype(np.float32), size) > WHOLE
+    whole = stokes.shares(size) > WHOLE
     return whole if whole.mean() > LEAST_SEEN else np.ones_like(whole)
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
-from polaropt.numerics import block_mean
 from polaropt.optics import FLAT, Bend, bent_normal, pixel_grid, plane_normal, viewing_angles
 
 Values = NDArray[np.float64]
@@ -55,11 +54,11 @@ class PolarizedBlocks:
         height, width = stokes.images.shape[-2:]
         size = max(1, math.ceil(max(height, width) / most))
         self._source, self._size = stokes, size
-        means = block_mean(stokes.images[1:], size)
+        means = stokes.means(size)[1:]
         self._of_blocks = stokes.block_noise(size)
         self.noise = self._of_blocks * math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
         # A clipped pixel is no polarized light.
-        whole = block_mean(stokes.valid.astype(np.float32), size).min(axis=0).ravel() > WHOLE
+        whole = stokes.shares(size).min(axis=0).ravel() > WHOLE
         self._seen = seen = whole if whole.mean() > LEAST_SEEN else np.ones_like(whole)
         self._s1, self._s2 = (means.astype(np.float64) / self.noise).reshape(2, means.shape[1], -1)[..., seen]
         rows, columns = means.shape[-2:]
@@ -79,7 +78,7 @@ class PolarizedBlocks:
     @cached_property
     def stokes(self) -> Values:
         """All Stokes components of the blocks as they were measured, in units of `noise`, (3, channel, m)."""
-        means = block_mean(self._source.images, self._size)
+        means = self._source.means(self._size)
         return np.asarray(means.reshape(*means.shape[:2], -1)[..., self._seen].astype(np.float64) / self.noise)
 
     @property

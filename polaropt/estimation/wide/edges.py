@@ -19,7 +19,7 @@ from polaropt.estimation.flat.errors import widened_incidence
 from polaropt.estimation.flat.overlap import FAINT_OVERLAP, MOSTLY_VALID, PARTS, SHRINK
 from polaropt.estimation.wide.blocks import PolarizedBlocks
 from polaropt.estimation.wide.pane import AZIMUTH, BEND, INCIDENCE, N_NUMBERS, VIEW, PaneFit, Prior, fitted, with_errors
-from polaropt.numerics import block_mean, grid_sums, left_out, local_minimum, minimum_error, vertex
+from polaropt.numerics import grid_sums, left_out, local_minimum, minimum_error, vertex
 from polaropt.optics import Pane, SceneParameters, in_place_weights, pixel_grid, plane_normal
 
 Images = NDArray[np.float32]
@@ -93,8 +93,8 @@ class VaryingOverlap:
 
 def _scale(stokes: StokesImages, size: int) -> _Scale:
     height, width = stokes.images.shape[-2:]
-    means = block_mean(stokes.images, size)
-    good = block_mean(stokes.valid.astype(np.float32), size).min(axis=0) >= MOSTLY_VALID
+    means = stokes.means(size)
+    good = stokes.shares(size).min(axis=0) >= MOSTLY_VALID
     weight = good[:-1, :-1] & good[:-1, 1:] & good[1:, :-1]
     rows, columns = means.shape[-2:]
     x, y = pixel_grid(rows, columns, ((width - size) / 2 / size, (height - size) / 2 / size))
