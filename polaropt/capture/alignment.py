@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +28,15 @@ Moved = Callable[[FloatImages, FloatImages, int], tuple[FloatImages, FloatImages
 """Puts a plane of photograph k and the shares of its valid pixels back."""
 
 
-def align(capture: Capture) -> Capture:
+def align(capture: Capture, *, overwrite: bool = False) -> Capture:
     """Move photographs that are shifted, turned or scaled against each other onto the first one.
 
     Parameters
     ----------
     capture : Capture
+    overwrite : bool
+        Whether the result may take the capture's own memory, which is then of no use any more: large photographs need
+        it only once.
 
     Returns
     -------
@@ -52,13 +57,13 @@ def align(capture: Capture) -> Capture:
     turns = measure_turns(capture, shifts)
     if turns.certain:
         motions = turns.motions
-        aligned = _aligned(capture, motions, _turned_back(motions))
+        aligned = _aligned(capture, motions, _turned_back(motions), overwrite)
         rotations, scales = tuple(map(float, motions.rotations_deg)), tuple(map(float, motions.scales))
         return _with_motions(aligned, motions.offsets, turns.error, rotations, scales)
     if not shifts.certain:
         return capture
     motions = Motions.of_shifts(shifts.pixels)
-    return _with_motions(_aligned(capture, motions, _shifted_back(motions)), shifts.pixels, shifts.error)
+    return _with_motions(_aligned(capture, motions, _shifted_back(motions), overwrite), shifts.pixels, shifts.error)
 
 
 def _with_motions(
@@ -76,14 +81,31 @@ def _with_motions(
     )
 
 
-def _aligned(capture: Capture, motions: Motions, moved_back: Moved) -> Capture:
+def _aligned(capture: Capture, motions: Motions, moved_back: Moved, overwrite: bool) -> Capture:
     """The frame that all photographs show, those that moved put back."""
     frame = _common_frame(motions, capture.shape[-2:])
-    images, valid = capture.intensities.copy(), capture.valid.copy()
-    for k in range(len(images)):
-        if motions.offsets[k].any() or (motions.matrices[k] != np.eye(2)).any():
-            images[k], valid[k] = _moved_back(capture.intensities[k], capture.valid[k], k, moved_back)
-    return Capture.of_planes(images[..., *frame], capture.angles_deg, valid[..., *frame], capture.origin)
+    shape = (*capture.intensities.shape[:-2], *(lines.stop - lines.start for lines in frame))
+    images, valid = (_room(array, shape, overwrite) for array in (capture.intensities, capture.valid))
+    for k, (photograph, trusted) in enumerate(zip(capture.intensities, capture.valid, strict=True)):
+        moved = motions.offsets[k].any() or (motions.matrices[k] != np.eye(2)).any()
+        # Overshoot at clipped pixels and at dark edges; what noise has left below black stays there.
+        bounds = min(0.9 * MOST_NEGATIVE, float(photograph.min())), max(1.0, float(photograph.max()))
+        for plane in np.ndindex(photograph.shape[:-2]):
+            image, kept = photograph[plane], trusted[plane]
+            if moved:
+                image, share = moved_back(image, kept.astype(np.float32), k)
+                # What touches invalid pixels is not valid.
+                image, kept = np.clip(image, *bounds, out=image), share > WHOLE
+            images[k, *plane], valid[k, *plane] = image[frame], kept[frame]
+    return Capture.of_planes(images, capture.angles_deg, valid, capture.origin)
+
+
+def _room(array: NDArray[Any], shape: tuple[int, ...], overwrite: bool) -> NDArray[Any]:
+    """Room for planes no larger than an array's, in its own memory where that may be overwritten.
+
+    Filled from the first plane on, it takes no plane of the array before that has been read.
+    """
+    return array.reshape(-1)[: math.prod(shape)].reshape(shape) if overwrite else np.empty(shape, array.dtype)
 
 
 def _common_frame(motions: Motions, shape: tuple[int, ...]) -> tuple[slice, slice]:
@@ -102,16 +124,6 @@ def _common_frame(motions: Motions, shape: tuple[int, ...]) -> tuple[slice, slic
     if (last - first < SMALLEST_SIDE).any():
         raise InputError(f"the photographs are shifted by {farthest:.0f} px; too little of them overlaps")
     return slice(first[0], last[0]), slice(first[1], last[1])
-
-
-def _moved_back(image: FloatImages, valid: Mask, k: int, moved_back: Moved) -> tuple[FloatImages, Mask]:
-    """Photograph k ([channel,] h, w) put back; what touches invalid pixels is not valid."""
-    moved, kept = np.empty_like(image), np.empty_like(valid)
-    for plane in np.ndindex(image.shape[:-2]):
-        moved[plane], share = moved_back(image[plane], valid[plane].astype(np.float32), k)
-        kept[plane] = share > WHOLE
-    # Overshoot at clipped pixels and at dark edges; what noise has left below black stays there.
-    return np.clip(moved, min(0.9 * MOST_NEGATIVE, float(image.min())), max(1.0, float(image.max()))), kept
 
 
 def _shifted_back(motions: Motions) -> Moved:
@@ -144,5 +156,6 @@ def _fourier_moved(plane: FloatImages, offset: Matrix) -> FloatImages:
     sides = [next_fast_len(side + 2 * MIRRORED_PX, real=True) for side in plane.shape]
     padding = [(MIRRORED_PX, whole - side - MIRRORED_PX) for whole, side in zip(sides, plane.shape, strict=True)]
     spectrum = rfft2(np.pad(plane, padding, mode="symmetric"))
-    moved: FloatImages = irfft2(fourier_shift(spectrum, offset, n=sides[1]), s=sides)
+    fourier_shift(spectrum, offset, n=sides[1], output=spectrum)
+    moved: FloatImages = irfft2(spectrum, s=sides, overwrite_x=True)
     return moved[MIRRORED_PX : MIRRORED_PX + plane.shape[0], MIRRORED_PX : MIRRORED_PX + plane.shape[1]]

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.numerics import block_mean, middle_part
+from polaropt.numerics import block_mean, middle_part, strips
 
 Matrix = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -122,16 +122,30 @@ def finely_moved_back(image: Image, matrix: Matrix, offset: Matrix) -> Image:
     Splines alone smooth the finest detail and the noise. The image is mirrored beyond its edges.
     """
     from scipy.ndimage import affine_transform, spline_filter
-    from scipy.signal import resample
 
-    padded = np.pad(image, MIRRORED_PX, mode="symmetric")
-    doubled = resample(resample(padded, 2 * padded.shape[0], axis=0), 2 * padded.shape[1], axis=1)
-    coefficients = spline_filter(doubled, order=3, output=np.float32)
+    coefficients = _doubled(_doubled(np.pad(image, MIRRORED_PX, mode="symmetric"), 0), 1)
+    spline_filter(coefficients, order=3, output=coefficients)
     place = 2 * (_place(matrix, offset, image.shape) + MIRRORED_PX)
     moved = affine_transform(
         coefficients, 2 * matrix, place, output_shape=image.shape, order=3, mode="nearest", prefilter=False
     )
     return np.asarray(moved, dtype=np.float32)
+
+
+_LINES = 16
+"""Lines that are transformed together are a multiple of it: those that processors take at once."""
+
+
+def _doubled(image: Image, axis: int) -> Image:
+    """An image with twice as many samples along an axis, in the Fourier domain, some lines at a time."""
+    from scipy.signal import resample
+
+    n, lines = image.shape[axis], image.shape[1 - axis]
+    doubled = np.empty((2 * n, lines) if axis == 0 else (lines, 2 * n), dtype=np.float32)
+    for part in strips(lines, 2 * n, _LINES):
+        where = (slice(None), part) if axis == 0 else (part, slice(None))
+        doubled[where] = resample(image[where], 2 * n, axis=axis)
+    return doubled
 
 
 Images = NDArray[np.floating[Any]]

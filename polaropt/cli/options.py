@@ -349,7 +349,7 @@ class CaptureOptions:
         if self.align:
             from polaropt.capture import align
 
-            capture = align(capture)
+            capture = align(capture, overwrite=True)
         if self.angles.startswith(_RELATIVE):
             from polaropt.estimation import find_start_angle
 
