@@ -36,7 +36,7 @@ from polaropt.judging import (
 )
 from polaropt.optics import PSE, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.progress import Progress, Stages
-from polaropt.solving import Settings, Solution, Term, Weights, check_start, component_images, solve
+from polaropt.solving import ComponentStrip, Settings, Solution, Term, Weights, check_start, component_strips, solve
 from solvers.base import SolverResult, Status, StoppingRule
 from solvers.kernels import compilations_reported_to
 from solvers.registry import get_solver
@@ -89,13 +89,20 @@ class Separation:
     n_bounces: int | None
     seconds: dict[str, float]
     cpu_seconds: dict[str, float]
-    parts: Callable[[], Images] = field(repr=False)
+    parts: Callable[[], Iterator[ComponentStrip]] = field(repr=False)
     judge: Callable[[], Iterator[UncertaintyStrip]] = field(repr=False)
 
     @cached_property
     def components(self) -> Images:
         """The two parts of every photograph, (2, k, [channel,] h, w); simulated when first asked for."""
-        return self.parts()
+        return np.concatenate([strip.components for strip in self.parts()], axis=-2)
+
+    def component_strips(self) -> Iterator[ComponentStrip]:
+        """`components` of some rows at a time, which are not kept."""
+        if "components" in vars(self):
+            yield ComponentStrip(slice(0, self.layers.shape[-2]), self.components)
+        else:
+            yield from self.parts()
 
     @property
     def uncertainty(self) -> Images:
@@ -315,7 +322,8 @@ def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separa
     """The intensity as transmission: all that an unpolarized capture tells, and the better guess in doubt."""
     capture, noise, found = case.capture, case.noise, case.found
     layers = np.zeros((2, *capture.shape), dtype=np.float32)
-    layers[0] = capture.intensity
+    for rows, intensity in capture.intensity_strips():
+        layers[0][..., rows, :] = intensity
     diagnostics = diagnose(
         capture,
         noise,
@@ -345,11 +353,12 @@ def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separa
     )
 
 
-def _components(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images, color: bool) -> Images:
-    components = component_images(pse, canvas, layers)
-    return components if color else components[:, :, 0]
+def _components(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images, color: bool) -> Iterator[ComponentStrip]:
+    for strip in component_strips(pse, canvas, layers):
+        yield strip if color else ComponentStrip(strip.rows, strip.components[:, :, 0])
 
 
-def _halves(capture: Capture) -> Images:
-    half = np.broadcast_to(capture.intensity / 2, capture.intensities.shape)
-    return np.stack([half, np.zeros_like(half)])
+def _halves(capture: Capture) -> Iterator[ComponentStrip]:
+    for rows, intensity in capture.intensity_strips():
+        half = np.broadcast_to(intensity / 2, (len(capture.angles_deg), *intensity.shape))
+        yield ComponentStrip(rows, np.stack([half, np.zeros_like(half)]))

@@ -463,11 +463,6 @@ class Capture:
         for rows in strips(height, self.intensities.size // height, multiple):
             yield rows, stokes_from_intensities(self.intensities[..., rows, :], self.angles_deg)[0]
 
-    @property
-    def intensity(self) -> FloatImages:
-        """Least-squares s0, ([channel,] h, w): `stokes` without the rest, which is much memory."""
-        return np.concatenate([part for _, part in self.intensity_strips()], axis=-2)
-
     def part(self, rows: slice, columns: slice) -> Capture:
         """A part of the frame, which need not be a capture that makes sense by itself (all clipped, all black)."""
         part = (..., rows, columns)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, NoiseModel, noise_classes
 from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
+from polaropt.numerics import strips
 from polaropt.optics import FIELDS, PSE, Field, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.solving import Piece, Problem, Tile, Weights
 from priors.base import CHROMA_WEIGHT
@@ -206,32 +207,37 @@ def estimate_uncertainty(
     bands = [list(band) for _, band in groupby(pieces, key=lambda piece: piece.tile.rows.start)]
     ends = [*(band[0].tile.rows.start for band in bands[1:]), height]
     # What the band above has left in the rows that both cover.
-    total = np.zeros((2 * colors + 1, 0, width), dtype=np.float32)
-    added = np.zeros((2 * colors if doubtful else 0, 0, width), dtype=np.float32)
+    nothing = np.empty((0, width), dtype=np.float32)
+    total, added = (2 * colors + 1) * [nothing], (2 * colors if doubtful else 0) * [nothing]
     for band, end in zip(bands, ends, strict=True):
         top, bottom = band[0].tile.rows.start, band[0].tile.rows.stop
-        total, added = (_continued(rows, bottom - top) for rows in (total, added))
+        total, added = ([_continued(plane, bottom - top) for plane in planes] for planes in (total, added))
         for piece in band:
             _add_noise(total, capture.part(*piece.tile.where), layers, noise, piece, growth)
             if doubtful:
                 _add_scene(added, capture, noise, piece.tile, doubtful, growth)
-        errors, known = total[:-1, : end - top], 1 - np.clip(total[-1, : end - top], 0, 1)
-        if doubtful:
-            np.hypot(errors, added[:, : end - top], out=errors)
-        errors = errors.reshape(2, colors, end - top, width)
-        yield UncertaintyStrip(slice(top, end), Uncertainty(errors if capture.color else errors[:, 0], known))
-        total, added = total[:, end - top :].copy(), added[:, end - top :].copy()
+        for rows in strips(end - top, len(total) * width):
+            errors, known = np.stack([plane[rows] for plane in total[:-1]]), 1 - np.clip(total[-1][rows], 0, 1)
+            if doubtful:
+                np.hypot(errors, np.stack([plane[rows] for plane in added]), out=errors)
+            uncertainty = Uncertainty(errors.reshape(2, *capture.shape[:-2], *known.shape), known)
+            yield UncertaintyStrip(slice(top + rows.start, top + rows.stop), uncertainty)
+        total, added = ([plane[end - top :] for plane in planes] for planes in (total, added))
+
+
+# Planes (rows, w) of a band: apart, each fits into memory that the tiles of the solve have left.
+Planes = list[Images]
 
 
 def _continued(rows: Images, n: int) -> Images:
-    """Planes (plane, rows, w) with zeros below, n rows in all."""
-    planes = np.zeros((len(rows), n, rows.shape[-1]), dtype=np.float32)
-    planes[:, : rows.shape[1]] = rows
-    return planes
+    """Rows (rows, w) with zeros below, n in all."""
+    plane = np.zeros((n, rows.shape[-1]), dtype=np.float32)
+    plane[: len(rows)] = rows
+    return plane
 
 
 def _add_noise(
-    total: Images, part: Capture, layers: Images, noise: float, piece: Piece, growth: NoiseModel | None
+    total: Planes, part: Capture, layers: Images, noise: float, piece: Piece, growth: NoiseModel | None
 ) -> None:
     """Add to the rows of a band what the noise leaves in a tile of it, and what it does not tell of the reflection."""
     classes = None if growth is None else noise_classes(part, growth)
@@ -242,11 +248,12 @@ def _add_noise(
         of_frame = _within(piece.tile, rows, columns)
         exact = None if precision is None else precision[rows, columns]
         looked_up = _looked_up(layers[..., *of_frame], place.known, exact)
-        total[:, rows, of_frame[1]] += place.tile.weights * looked_up
+        for plane, values in zip(total, looked_up, strict=True):
+            plane[rows, of_frame[1]] += place.tile.weights * values
 
 
 def _add_scene(
-    added: Images,
+    added: Planes,
     capture: Capture,
     noise: float,
     tile: Tile,
@@ -257,8 +264,9 @@ def _add_scene(
     height, width = capture.shape[-2:]
     center = ((width - 1) / 2 - tile.columns.start, (height - 1) / 2 - tile.rows.start)
     variance = scene_variance(capture.part(*tile.where), noise, doubtful, center, growth)
-    errors = tile.weights * np.sqrt(variance, out=variance)
-    added[..., tile.columns] += errors.reshape(len(added), *errors.shape[-2:])
+    errors = np.sqrt(variance, out=variance).reshape(len(added), *variance.shape[-2:])
+    for plane, error in zip(added, errors, strict=True):
+        plane[:, tile.columns] += tile.weights * error
 
 
 def uncertainty_without_polarization(capture: Capture, noise: float) -> Iterator[UncertaintyStrip]:

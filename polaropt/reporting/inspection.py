@@ -221,11 +221,12 @@ def _polarization(capture: Capture) -> dict[str, float]:
     stokes = stokes_from_intensities(grey_means(capture, _SUMMARY_BLOCK), capture.angles_deg)
     whole = whole_blocks(valid, _SUMMARY_BLOCK)
     whole &= stokes[0] > 0
-    s0, s1, s2 = stokes[:, whole] if whole.any() else stokes.reshape(3, -1)
+    s0, s1, s2 = stokes = stokes[:, whole] if whole.any() else stokes.reshape(3, -1)
     polarized = np.hypot(s1, s2)
-    dolp = np.clip(polarized / np.maximum(s0, _NO_LIGHT), 0, 1)
+    dolp = polarized / np.maximum(s0, _NO_LIGHT)
+    np.clip(dolp, 0, 1, out=dolp)
     total = float(np.sum(polarized, dtype=np.float64))
-    resultant = np.sum(s1 + 1j * s2, dtype=np.complex128) / max(total, _NOTHING)
+    resultant = complex(*(np.sum(part, dtype=np.float64) for part in (s1, s2))) / max(total, _NOTHING)
     length = float(np.clip(np.abs(resultant), _LEAST_LENGTH, 1))
     return {
         "dolp_median": float(np.median(dolp)),

@@ -83,11 +83,13 @@ def misfit_map(result: Separation, capture: Capture) -> NDArray[np.float32]:
     count = np.zeros(capture.shape[-2:], dtype=np.float32)
     total = np.zeros_like(count)
     observed = capture.observed
-    # One photograph at a time: all residuals of a large capture are much memory.
-    for k, (photograph, valid) in enumerate(zip(observed.intensities, observed.valid, strict=True)):
-        squares = np.square(result.components[0, k] + result.components[1, k] - photograph) * valid
-        total += squares.reshape(-1, *count.shape).sum(axis=0)
-        count += valid.reshape(-1, *count.shape).sum(axis=0)
+    for strip in result.component_strips():
+        of_strip, n = total[strip.rows], count[strip.rows]
+        for k in range(len(observed.intensities)):
+            photograph, valid = (part[k][..., strip.rows, :] for part in (observed.intensities, observed.valid))
+            squares = np.square(strip.components[0, k] + strip.components[1, k] - photograph) * valid
+            of_strip += squares.reshape(-1, *n.shape).sum(axis=0)
+            n += valid.reshape(-1, *n.shape).sum(axis=0)
     mean = np.sqrt(total / np.maximum(count, 1)) / np.float32(result.diagnostics.noise)
     return np.asarray(mean, dtype=np.float32)
 

@@ -1,4 +1,5 @@
 __all__ = [
+    "ComponentStrip",
     "Coordinates",
     "Frame",
     "FusedMisfit",
@@ -15,7 +16,7 @@ __all__ = [
     "Weights",
     "build_objective",
     "check_start",
-    "component_images",
+    "component_strips",
     "conditioned_observation",
     "energies",
     "initializers",
@@ -40,9 +41,10 @@ from .objective import build_objective as build_objective
 from .observation import conditioned_observation as conditioned_observation
 from .observation import plain_observation as plain_observation
 from .observation import plate_views as plate_views
+from .problem import ComponentStrip as ComponentStrip
 from .problem import Coordinates as Coordinates
 from .problem import Problem as Problem
-from .problem import component_images as component_images
+from .problem import component_strips as component_strips
 from .solution import Piece as Piece
 from .solution import Settings as Settings
 from .solution import Solution as Solution

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -216,21 +217,30 @@ class Problem:
         return 2 * misfit / max(1.0, _LEAST_FREE * n, n - told * self.canvas.height * self.canvas.width)
 
 
-def component_images(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images) -> Images:
-    """The parts of the photographs that come from each layer of the canvas, (2, k, channel, h, w)."""
-    if isinstance(pse, VaryingPSE):
-        on_canvas = pse.moved(canvas.left, canvas.top, canvas.height, canvas.width)
-        components: Images = canvas.crop(np.concatenate(list(_in_strips(on_canvas, layers)), axis=-2))
-        return components
-    # A colour at a time: the engine holds several times its input.
-    return np.concatenate([canvas.crop(pse.components(layers[:, c : c + 1])) for c in range(layers.shape[1])], axis=2)
+@dataclass(frozen=True)
+class ComponentStrip:
+    """Some rows of the frame, and what each layer adds to the photographs there, (2, k, channel, rows, w)."""
+
+    rows: slice
+    components: Images
 
 
-def _in_strips(pse: VaryingPSE, layers: Images) -> Iterator[Images]:
-    """Components of some rows at a time: the weights of all ghosts in every pixel are much memory."""
-    height, width = layers.shape[-2:]
-    reach = 1 + math.ceil(max(abs(down) for _, down in pse.displacements(height, width)))
-    for top in range(0, height, _STRIP_ROWS):
-        first, stop = max(0, top - reach), min(height, top + _STRIP_ROWS)
-        part = pse.moved(0, -first, height, width).components(layers[..., first : stop + reach, :])
-        yield part[..., top - first : stop - first, :]
+def component_strips(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images) -> Iterator[ComponentStrip]:
+    """The parts of the photographs that come from each layer of the canvas, some rows at a time.
+
+    The engine holds several times its input, and the weights of all ghosts in every pixel are much memory.
+    """
+    height, width = canvas.shape
+    varying = pse.moved(canvas.left, canvas.top, height, width) if isinstance(pse, VaryingPSE) else None
+    shifts = pse.displacements if isinstance(pse, PSE) else pse.displacements(height, width)
+    reach = 1 + math.ceil(max(abs(down) for _, down in shifts))
+    step = max(_STRIP_ROWS, reach)
+    for top in range(0, height, step):
+        first, stop = max(canvas.top, top), min(canvas.top + canvas.height, top + step)
+        if first >= stop:
+            continue
+        above, below = max(0, top - reach), min(height, top + step + reach)
+        engine = pse if varying is None else varying.moved(0, -above, height, width)
+        part = engine.components(layers[..., above:below, :])
+        inside = part[..., first - above : stop - above, canvas.left : canvas.left + canvas.width]
+        yield ComponentStrip(slice(first - canvas.top, stop - canvas.top), inside)

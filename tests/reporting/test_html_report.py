@@ -15,6 +15,7 @@ from polaropt.capture.capture import Capture
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.files import write_separation
 from polaropt.reporting.page import convergence_chart, page_pictures, parameters
+from polaropt.reporting.pictures import UncertaintySummary
 from polaropt.reporting.report import json_values, scene_report
 from polaropt.separation import separate
 from solvers.base import StoppingRule
@@ -116,7 +117,10 @@ def test_the_misfit_is_shown_where_there_is_a_map(separated):
         'id="misfit"' in page.read_text()
     )
     result, capture = blend_result()
-    pictures = page_pictures(result, capture, {}, np.full((96, 96), 3.0, np.float32))
+    summary = UncertaintySummary(result.layers.shape)
+    for strip in result.uncertainty_strips():
+        summary.add(strip)
+    pictures = page_pictures(result, capture, {}, summary.panels(), np.full((96, 96), 3.0, np.float32))
     assert pictures[-1].name == "misfit"
     assert pictures[-1].key.ticks[0] == "0"
 

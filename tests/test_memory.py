@@ -1,0 +1,132 @@
+"""Large photographs take little memory beside themselves."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polaropt.capture import Capture, polarization, read_capture, stokes_images, write_capture
+from polaropt.capture.alignment import _aligned, _shifted_back, _turned_back
+from polaropt.capture.registration import Motions
+from polaropt.numerics import blocks, fill_gaps
+from polaropt.optics import SceneParameters
+from polaropt.reporting.pictures import reduced_intensity
+from polaropt.simulation import simulate
+
+PANE = SceneParameters(60.0, 20.0, 6.3)
+SIZE = (640, 800)
+
+
+@pytest.fixture(scope="module")
+def layers() -> list[np.ndarray]:
+    random = np.random.default_rng(0)
+    coarse = (random.uniform(0.1, 0.7, (SIZE[0] // 8, SIZE[1] // 8, 3)).astype(np.float32) for _ in range(2))
+    return [np.repeat(np.repeat(layer, 8, axis=0), 8, axis=1) for layer in coarse]
+
+
+@pytest.fixture(scope="module")
+def capture(layers: list[np.ndarray]) -> Capture:
+    return simulate(*layers, PANE)
+
+
+@pytest.fixture
+def narrow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Strips as small against these photographs as usual ones are against 24 megapixels."""
+    monkeypatch.setattr(blocks, "_STRIP_VALUES", 2**17)
+    monkeypatch.setattr(polarization, "_LARGE", 2**17)
+
+
+@contextmanager
+def peak() -> Iterator[Callable[[], float]]:
+    """Most bytes allocated inside, beyond those before."""
+    tracemalloc.start()
+    try:
+        yield lambda: tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_simulating_takes_little_beside_the_capture(layers: list[np.ndarray], narrow: None) -> None:
+    simulate(*(layer[:64, :64] for layer in layers), PANE)
+    with peak() as taken:
+        made = simulate(*layers, PANE)
+        assert taken() < 1.25 * (made.intensities.nbytes + made.valid.nbytes)
+
+
+def test_strips_change_nothing(layers: list[np.ndarray], capture: Capture, narrow: None) -> None:
+    np.testing.assert_array_equal(simulate(*layers, PANE).intensities, capture.intensities)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tiff"])
+def test_reading_and_writing_take_the_file_s_values_and_little_more(
+    capture: Capture, narrow: None, tmp_path: Path, suffix: str
+) -> None:
+    photograph = capture.intensities.nbytes / 4
+    small = capture.part(slice(0, 64), slice(0, 64))
+    read_capture(write_capture(small, tmp_path / f"small.{suffix}"))
+    with peak() as taken:
+        files = write_capture(capture, tmp_path / f"capture.{suffix}")
+        assert taken() < 3.5 * photograph
+    in_file = 2 if suffix == "png" else 4
+    with peak() as taken:
+        read = read_capture(files)
+        kept = read.intensities.nbytes + read.valid.nbytes
+        assert taken() < 1.1 * kept + 2 * in_file * capture.intensities.size
+    np.testing.assert_allclose(read.intensities, np.maximum(capture.intensities, 0 if in_file == 2 else -1), atol=1e-5)
+
+
+def test_stokes_images_of_large_photographs_are_not_kept(capture: Capture, narrow: None) -> None:
+    with peak() as taken:
+        stokes = stokes_images(capture, 0.005)
+        stokes.means(32)
+        reduced_intensity(capture, 8)
+        assert taken() < 0.35 * capture.intensities.nbytes
+
+
+@pytest.mark.parametrize("clipped", [False, True])
+def test_stokes_images_of_large_photographs_are_those_of_small_ones(
+    capture: Capture, monkeypatch: pytest.MonkeyPatch, clipped: bool
+) -> None:
+    part = capture.part(slice(0, 640), slice(0, 300))
+    valid = np.random.default_rng(1).uniform(size=part.valid.shape) > (0.3 if clipped else -1)
+    valid[..., 60:600, 40:280] &= not clipped
+    part = part.replace(valid=valid)
+    kept = stokes_images(part, 0.005)
+    monkeypatch.setattr(blocks, "_STRIP_VALUES", 2**17)
+    monkeypatch.setattr(polarization, "_LARGE", 2**17)
+    read = stokes_images(part, 0.005)
+    assert isinstance(read.images, polarization.MixedImages)
+    np.testing.assert_array_equal(read.images[..., 100:300, 7:90], kept.images[..., 100:300, 7:90])
+    np.testing.assert_array_equal(read.means(8), kept.means(8))
+    np.testing.assert_array_equal(read.shares(8), kept.shares(8))
+    np.testing.assert_array_equal(read.reversed().means(8), kept.reversed().means(8))
+
+
+def test_gaps_as_wide_as_the_frame_are_filled() -> None:
+    images = np.ones((1, 600, 300), dtype=np.float32)
+    valid = np.zeros(images.shape, dtype=bool)
+    assert (fill_gaps(images, valid) == 0).all()
+    valid[0, 590:, 290:] = True
+    np.testing.assert_allclose(fill_gaps(images, valid), 1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 0.2])
+def test_moving_photographs_back_in_place_takes_a_few_planes(capture: Capture, narrow: None, turn_deg: float) -> None:
+    motions = Motions.of_shifts(np.array([[0, 0], [1.5, -2], [0, 0], [-3, 0.5]]))
+    if turn_deg:
+        cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+        motions.matrices[1] = [[cos, sin], [-sin, cos]]
+    put_back = (_turned_back if turn_deg else _shifted_back)(motions)
+    expected = _aligned(capture, motions, put_back, overwrite=False)
+    apart = capture.replace(intensities=capture.intensities.copy(), valid=capture.valid.copy())
+    with peak() as taken:
+        aligned = _aligned(apart, motions, put_back, overwrite=True)
+        assert taken() < 10 * apart.intensities[0, 0].nbytes
+    assert np.shares_memory(aligned.intensities, apart.intensities)
+    np.testing.assert_array_equal(aligned.intensities, expected.intensities)
+    np.testing.assert_array_equal(aligned.valid, expected.valid)
