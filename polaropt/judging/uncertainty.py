@@ -225,7 +225,7 @@ def estimate_uncertainty(
         total, added = ([plane[end - top :] for plane in planes] for planes in (total, added))
 
 
-# Planes (rows, w) of a band: apart, each fits into memory that the tiles of the solve have left.
+# Planes (rows, w) of a band, apart: they are stacked for a few rows at a time alone.
 Planes = list[Images]
 
 
