@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+import pkgutil
 import types
 import typing
 from collections.abc import Iterator
@@ -52,17 +54,23 @@ def examples(annotation: Any) -> Iterator[Any]:
         yield typing.get_args(annotation)[0]
 
 
-def study_module(name: str) -> types.ModuleType:
-    """A study is a module, or a package with a module ``study``."""
-    package = f"studies.{name}"
-    spec = find_spec(package)
+def modules_with_rows(name: str) -> list[types.ModuleType]:
+    """A study is a module, or a package; what makes rows is a function ``run``."""
+    spec = find_spec(f"studies.{name}")
     assert spec is not None
-    return import_module(f"{package}.study" if spec.submodule_search_locations else package)
+    package = spec.submodule_search_locations
+    names = [found.name for found in pkgutil.iter_modules(package, f"studies.{name}.")] if package else [spec.name]
+    modules = [import_module(name) for name in names if not name.endswith("__main__")]
+    return [module for module in modules if inspect.isfunction(getattr(module, "run", None))]
 
 
-@pytest.mark.parametrize("name", [study.name for study in STUDIES])
-def test_the_rows_of_every_study_fit_the_form_and_come_back(name: str, tmp_path: Path) -> None:
-    module = study_module(name)
+def test_every_study_makes_rows() -> None:
+    assert [study.name for study in STUDIES if not modules_with_rows(study.name)] == []
+
+
+@pytest.mark.parametrize("module", [part for study in STUDIES for part in modules_with_rows(study.name)])
+def test_the_rows_of_every_study_fit_the_form_and_come_back(module: types.ModuleType, tmp_path: Path) -> None:
+    name = module.__name__
     (kind,) = typing.get_args(typing.get_type_hints(module.run)["return"])
     hints = typing.get_type_hints(kind)
     values = {field.name: list(examples(hints[field.name])) for field in fields(kind)}
