@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -81,6 +82,34 @@ class PaneOptions:
         typer.Option("--single-surface", metavar="", help="No back face: a water surface.", rich_help_panel=_PANE),
     ] = False
 
+    panes: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Panes of the window, one behind another.", rich_help_panel=_PANE),
+    ] = None
+    gap_shift: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="Distance between the double images of one pane's back and the next one's front, in pixels.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    gap_azimuth: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="Direction in which these lie, as panes are never quite parallel. Default: the azimuth.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
+    tint: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            help="Share of the light that tinted glass passes, 0 to 1; the transmission is what is seen through it.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
     focal_px: Annotated[
         float | None,
         typer.Option(
@@ -104,11 +133,20 @@ class PaneOptions:
             single_surface=self.single_surface,
             transmission_ghost_shift=self.transmission_shift,
             focal_px=self.focal_px,
+            n_panes=1 if self.single_surface else self.panes,
+            gap_shift=self.gap_shift,
+            gap_azimuth_deg=self.gap_azimuth,
+            absorption=self._absorption(),
         )
+
+    def _absorption(self) -> float | None:
+        if self.tint is None:
+            return 0.0 if self.single_surface else None
+        return -math.log(self.tint)
 
     def check(self) -> None:
         """InputError where two options contradict each other."""
-        from polaropt.optics import FARTHEST_SHIFT_PX
+        from polaropt.optics import DARKEST_TINT, FARTHEST_SHIFT_PX, MOST_PANES
 
         if self.shift is not None and self.thickness_px is not None:
             raise InputError("--shift and --thickness-px both set the ghost shift; give one of them")
@@ -118,9 +156,20 @@ class PaneOptions:
             ("--shift", self.shift),
             ("--transmission-shift", self.transmission_shift),
             ("--thickness-px", self.thickness_px),
+            ("--panes", self.panes),
+            ("--tint", self.tint),
         ):
             if self.single_surface and value is not None:
                 raise InputError(f"{name} is for a pane with a back face; leave it or --single-surface out")
+        if self.panes is not None and not 1 <= self.panes <= MOST_PANES:
+            raise InputError(f"--panes is {self.panes}; give a whole number from 1 to {MOST_PANES}")
+        if self.tint is not None and not DARKEST_TINT <= self.tint <= 1:
+            raise InputError(f"--tint is {self.tint:g}; give the share of the light that passes, {DARKEST_TINT:g} to 1")
+        for name, value in (("--gap-shift", self.gap_shift), ("--gap-azimuth", self.gap_azimuth)):
+            if value is not None and (self.panes or 1) == 1:
+                raise InputError(f"{name} is for a window of several panes; give --panes too, or leave it out")
+        if self.gap_azimuth is not None and self.gap_shift is None:
+            raise InputError("--gap-azimuth is the direction of --gap-shift; give both, or leave it out")
         if self.thickness_px is not None and not 0 <= self.thickness_px <= FARTHEST_SHIFT_PX:
             raise InputError(f"--thickness-px is {self.thickness_px:g}; give 0 to {FARTHEST_SHIFT_PX:g}")
 

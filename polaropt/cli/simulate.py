@@ -159,12 +159,13 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
         if color is not None:
             _check_mosaic(layers, images[0])
         truth = ["true_transmission.tiff", "true_reflection.tiff"]
-        for name, image in zip(truth, images, strict=True):
-            write_tiff(work / name, camera.through_lens(image if color is None else sensor_image(image, color)))
+        for name, image, share in zip(truth, images, (scene.tint, 1.0), strict=True):
+            seen = camera.through_lens(image if color is None else sensor_image(image, color))
+            write_tiff(work / name, seen if share == 1 else seen * np.float32(share))
         if color is None:
             capture = photograph_pair(images[0], images[1], scene, camera, margin=0)
             # Large ones need the memory.
-            del image, images
+            del image, images, seen
             files = [path.name for path in write_capture(capture, work / f"capture.{layers.format}")]
         else:
             raw = photograph_mosaic(images[0], images[1], scene, camera, color)
@@ -201,7 +202,7 @@ def _one_scene(pane: PaneOptions) -> SceneParameters:
     if pane.thickness_px is not None:
         shift = ghost_step(incidence, pane.index, pane.thickness_px, pane.thickness_kind)
     shift = 0.0 if pane.single_surface or (pane.focal_px is not None and pane.shift is None) else shift
-    return pane.scene().replace(incidence_deg=incidence, azimuth_deg=azimuth, ghost_shift=shift)
+    return pane.scene().replace(incidence_deg=incidence, azimuth_deg=azimuth, ghost_shift=shift).plainest
 
 
 def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> dict[str, Any]:
@@ -215,7 +216,12 @@ def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) ->
     if layers.format != "png":
         raise InputError("--format is for one pair; a data set is always npz, leave it out")
     assert many.pairs is not None
-    for name, value in (("--focal-px", pane.focal_px), ("--transmission-shift", pane.transmission_shift)):
+    for name, value in (
+        ("--focal-px", pane.focal_px),
+        ("--transmission-shift", pane.transmission_shift),
+        ("--panes", pane.panes),
+        ("--tint", pane.tint),
+    ):
         if value is not None:
             raise InputError(f"{name} is for one pair; leave it or --pairs out")
     pane.scene()  # its checks, before anything is written

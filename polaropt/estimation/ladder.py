@@ -107,6 +107,9 @@ def find_scene(
     """
     if asked.complete and thickness_px is None:
         return LadderResult(asked, None, ())
+    asked = asked.plainest
+    if asked.stacked:
+        raise InputError("a window of several panes must be given whole: incidence, azimuth, shift and gap shift")
     if capture.cells is not None:
         small, of_cells = 1 / capture.scale, registered_noise(capture)
         thickness = None if thickness_px is None else thickness_px * small

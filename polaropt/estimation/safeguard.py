@@ -66,7 +66,8 @@ def with_incidence_checked(source: Capture, asked: SceneParameters, noise: float
     Where the layers would be corrected by a third too much or too little with it, the azimuth found without it is
     kept: with a wrong incidence the one across often seems to explain the photographs better.
     """
-    if asked.incidence_deg is None or asked.complete:
+    # What is known of a single pane says nothing of several.
+    if asked.incidence_deg is None or asked.complete or asked.stacked:
         return CheckedScene(asked)
     open_scene = asked.replace(incidence_deg=None, focal_px=None)
     found = estimate_scene(source, open_scene, noise=noise)
@@ -114,7 +115,8 @@ def left_alone(found: LadderResult, asked: CheckedScene) -> LadderResult:
 def correction(scene: SceneParameters) -> float:
     """What is taken off the intensity for each unit of polarized light, all bounces in place."""
     incidence = max(INCIDENCE_LIMITS_DEG[0], scene.incidence_deg or 0.0)
-    return in_place_correction(incidence, scene.refractive_index, scene.single_surface)
+    window = (scene.n_panes or 1, scene.absorption or 0.0)
+    return in_place_correction(incidence, scene.refractive_index, scene.single_surface, *window)
 
 
 def linear(capture: Capture, gamma: float) -> Capture:

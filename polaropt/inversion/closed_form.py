@@ -18,7 +18,7 @@ from polaropt.inversion.transfer import plate_transfer
 from polaropt.inversion.variance import Knowledge
 from polaropt.inversion.whitening import AssumedHessian
 from polaropt.numerics import Basis, each_plane, opponent_basis
-from polaropt.optics import PSE, SceneParameters, in_place_reflectance
+from polaropt.optics import PSE, SceneParameters
 from priors.natural_image import in_basis
 
 Images = NDArray[np.float32]
@@ -101,11 +101,20 @@ def per_pixel_layers(capture: Capture, scene: SceneParameters) -> Images:
         Noise is amplified by the inverse of the difference of the two reflectances.
     """
     incidence_deg, azimuth_deg, _ = scene.values()
-    plain = SceneParameters(incidence_deg, azimuth_deg, 0.0, scene.refractive_index, None, scene.single_surface)
-    entries = plate_entries(capture, PSE(plain, capture.angles_deg))
-    r_p, r_s = in_place_reflectance(incidence_deg, scene.refractive_index, scene.single_surface)
-    determinant = min(r_p - r_s, -_LEAST_DETERMINANT)
-    inverse = 2 / determinant * np.array([[-r_s, r_p], [1 - r_s, r_p - 1]])
+    plain = SceneParameters(
+        incidence_deg,
+        azimuth_deg,
+        0.0,
+        scene.refractive_index,
+        single_surface=scene.single_surface,
+        n_panes=scene.n_panes,
+        absorption=scene.absorption,
+    )
+    engine = PSE(plain, capture.angles_deg)
+    entries = plate_entries(capture, engine)
+    (t_p, r_p), (t_s, r_s) = 2 * engine.taps.sum(axis=1).T
+    determinant = max(t_p * r_s - r_p * t_s, _LEAST_DETERMINANT)
+    inverse = 2 / determinant * np.array([[r_s, -r_p], [-t_s, t_p]])
     layers: Images = np.tensordot(inverse.astype(np.float32), entries, axes=1)
     return layers if capture.color else layers[:, 0]
 

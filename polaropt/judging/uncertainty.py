@@ -27,7 +27,7 @@ Images = NDArray[np.float32]
 
 # Errors beyond these, by unit, count as these: the layers change no more in proportion, and the engine's ranges end.
 # Set by hand.
-_LARGEST = {"deg": 20.0, "px": 8.0}
+_LARGEST = {"deg": 20.0, "px": 8.0, "": 0.5}
 # Standard errors by which the incidence is moved: two are to cover the truth, and towards frontal glass what follows
 # from it soars.
 _COVERING = 2.0
@@ -53,7 +53,7 @@ def doubts(scene: SceneParameters, errors: SceneErrors) -> tuple[Doubt, ...]:
         falls with the cosine of its error.
     """
     # Ghosts hardly matter to how slow changes answer, and before a wide lens they cost many times as much.
-    base = scene.replace(ghost_shift=0.0, transmission_ghost_shift=None) if scene.varies else scene
+    base = scene.replace(ghost_shift=0.0, transmission_ghost_shift=None, gap_shift=0.0) if scene.varies else scene
     return tuple(_moved(base, errors))
 
 

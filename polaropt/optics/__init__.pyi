@@ -1,10 +1,12 @@
 __all__ = [
+    "DARKEST_TINT",
     "FARTHEST_SHIFT_PX",
     "FIELDS",
     "FLAT",
     "GHOST_SHIFT_SEARCH_PX",
     "INCIDENCE_LIMITS_DEG",
     "INCIDENCE_SEARCH_DEG",
+    "MOST_PANES",
     "PSE",
     "SEARCHED",
     "Analyzer",
@@ -43,6 +45,7 @@ __all__ = [
     "pixel_grid",
     "plane_normal",
     "plate_at",
+    "plate_of",
     "scene_angles",
     "shown_stokes",
     "stokes_from_intensities",
@@ -79,13 +82,16 @@ from .plate import in_place_correction as in_place_correction
 from .plate import in_place_reflectance as in_place_reflectance
 from .plate import in_place_weights as in_place_weights
 from .plate import plate_at as plate_at
+from .plate import plate_of as plate_of
 from .sampling import SampledPSE as SampledPSE
 from .sampling import Sampling as Sampling
+from .scene import DARKEST_TINT as DARKEST_TINT
 from .scene import FARTHEST_SHIFT_PX as FARTHEST_SHIFT_PX
 from .scene import FIELDS as FIELDS
 from .scene import GHOST_SHIFT_SEARCH_PX as GHOST_SHIFT_SEARCH_PX
 from .scene import INCIDENCE_LIMITS_DEG as INCIDENCE_LIMITS_DEG
 from .scene import INCIDENCE_SEARCH_DEG as INCIDENCE_SEARCH_DEG
+from .scene import MOST_PANES as MOST_PANES
 from .scene import SEARCHED as SEARCHED
 from .scene import Component as Component
 from .scene import Field as Field

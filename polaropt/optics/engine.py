@@ -9,7 +9,6 @@ azimuth at the middle of the frame, at one distance: how it changes over the fra
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any
@@ -19,7 +18,7 @@ from array_api_compat import array_namespace, is_numpy_namespace, is_torch_names
 from numpy.typing import NDArray
 
 from polaropt.optics.geometry import pixel_grid, scene_angles
-from polaropt.optics.plate import GhostLine, ghost_line, ghosts_that_matter, ghosts_until, plate_images
+from polaropt.optics.plate import double_images, ghosts_that_matter, ghosts_until, images_that_show, plate_images
 from polaropt.optics.scene import SceneParameters
 from polaropt.optics.shift import PaddedFrame, Shift, zeros
 from polaropt.optics.stokes import analyzer_matrix, as_floating, change_basis, frame_matrix, stokes_vector
@@ -57,11 +56,11 @@ class PSE:
         _, azimuth_deg, _ = scene.values()
         self.scene = scene
         self.angles_deg = tuple(float(angle) for angle in angles_deg)
-        line = ghost_line(scene, n_ghosts)
-        self.weights = line.weights
-        self.n_ghosts = int(line.orders.max())
+        images = double_images(scene, n_ghosts)
+        self.weights = images.weights
+        self.n_ghosts = int(images.orders.max())
         """Ghosts of each layer that are kept."""
-        self.displacements = displacements(line, azimuth_deg)
+        self.displacements: Displacements = images.places
         """(ghosts + 1) times (dx, dy): columns to the right and rows down from the direct image."""
         self._to_frame = frame_matrix(azimuth_deg)
         self.mixing: NDArray[np.float64] = analyzer_matrix(angles_deg) @ np.linalg.inv(self._to_frame)
@@ -165,13 +164,6 @@ def _check_shape(name: str, images: Any, first: tuple[int, ...]) -> None:
     if tuple(images.shape[: len(first)]) != first or len(images.shape) < len(first) + 2:
         expected = ", ".join(map(str, first))
         raise ValueError(f"{name} have shape {tuple(images.shape)}; expected ({expected}, [channel,] height, width)")
-
-
-def displacements(line: GhostLine, azimuth_deg: float) -> Displacements:
-    """Columns to the right and rows down to each image of a line along the azimuth."""
-    azimuth = math.radians(azimuth_deg)
-    across, down = line.steps * math.cos(azimuth), -line.steps * math.sin(azimuth)
-    return tuple(zip((line.orders * across).tolist(), (line.orders * down).tolist(), strict=True))
 
 
 @lru_cache(maxsize=16)
@@ -302,8 +294,7 @@ class VaryingPSE:
 
     def displacements(self, height: int, width: int) -> Displacements:
         """(ghosts + 1) times (dx, dy): columns to the right and rows down from the direct image."""
-        line = ghost_line(self.scene, self.n_ghosts(height, width))
-        return displacements(line, self.scene.values()[1])
+        return double_images(self.scene, self.n_ghosts(height, width)).places
 
     def n_ghosts(self, height: int, width: int) -> int:
         """Ghosts of each layer that are kept in images of this size."""
@@ -366,6 +357,8 @@ def ghosts_that_show(
     scene: SceneParameters, shape: tuple[int, int], center: tuple[float, float] | None, share: float
 ) -> int:
     """Ghosts that carry more than `share` of the light somewhere in images of this shape."""
+    if scene.stacked:
+        return min(_MOST_VARYING_GHOSTS, images_that_show(scene, share))
     cosine = scene_angles(scene, *pixel_grid(*shape, _center_of(center, *shape)))[0]
     steepest = plate_images(np.atleast_1d(max(float(cosine.min()), _GRAZING)), scene)
     return min(_MOST_VARYING_GHOSTS, ghosts_until(float(steepest.rho[:2].max()), share))
@@ -392,7 +385,7 @@ def _mixtures(
 
 def _rows_of_mixtures(scene: SceneParameters, n_ghosts: int, x: Planes, y: Planes) -> NDArray[np.float32]:
     cosine, cos, sin = scene_angles(scene, x, y)
-    weights = ghost_line(scene, n_ghosts, plate_images(np.maximum(cosine, _GRAZING), scene)).weights
+    weights = double_images(scene, n_ghosts, np.maximum(cosine, _GRAZING)).weights
     incoming = (scene.transmission_polarization, scene.reflection_polarization)
     mixtures = [
         shown_stokes(np.moveaxis(weight, 1, 0), stokes_vector(*light), cos, sin)
@@ -433,6 +426,8 @@ def bounces_that_show(
     Those that drown cost as much as the others; their light is added to the last one kept.
     """
     share = _GHOST_SHARE * noise
+    if scene.stacked and not scene.varies:
+        return images_that_show(scene, share) if scene.has_ghosts else 0
     if not scene.varies:
         return ghosts_that_matter(scene, share)
     return ghosts_that_show(scene, (shape[0], shape[1]), center, share) if scene.has_ghosts else 1

@@ -7,6 +7,8 @@ face's reflection and tau its transmission entry, and z the shift by one ghost s
     transmitted  ``h_t(z) = tau^2 / (1 - rho^2 z)``
 
 (source paper, Eqs. (3) and (4)) for each of the three diagonal Mueller entries. Whatever needs the series asks `Plate`.
+Of tinted glass a passage there and back leaves a share, which goes with z. Faces of several panes are joined in
+`polaropt.optics.stack`.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 
 from polaropt.optics.fresnel import interface, interface_images
 from polaropt.optics.scene import SceneParameters
+from polaropt.optics.stack import before_in_place, faces, image_weights, passages
 
 Entries = NDArray[Any]
 Weights = NDArray[np.float64]
@@ -87,6 +90,10 @@ class Plate:
         The direct images and ghosts 1..n_bounces. None: all.
     literal : bool
         Eq. (3) as printed, which puts the first ghost of the reflection at shift 0, instead of physics.
+    n_panes : int
+        More than one: only `at` and `in_place` know them, and `image_weights`.
+    passed_twice : float
+        Share of the light that a pane's glass leaves there and back. The transmission is what is seen through it once.
     """
 
     rho: Entries
@@ -94,26 +101,33 @@ class Plate:
     single_surface: bool = False
     n_bounces: int | None = None
     literal: bool = False
+    n_panes: int = 1
+    passed_twice: float = 1.0
 
-    def at(self, z: Any) -> tuple[Any, Any]:
-        """``h_t(z)`` and ``h_r(z)``; z a number, or an array that goes with the entries."""
-        if self.single_surface:
-            return self.tau, self.rho
-        if self.n_bounces is not None:
+    @property
+    def n_faces(self) -> int:
+        """As `SceneParameters.n_faces`."""
+        return 1 if self.single_surface else 2 * self.n_panes
+
+    def at(self, z: Any, gap: Any = 1.0) -> tuple[Any, Any]:
+        """``h_t(z)`` and ``h_r(z)``; z a number, or an array that goes with the entries, and the same from gaps."""
+        if self.n_bounces is not None and not self.single_surface:
             transmitted, reflected = self.weights(self.n_bounces)
             return _power_series(transmitted, z), _power_series(reflected, z)
-        passed = self.tau * self.tau / (1 - self.rho * self.rho * z)
-        return passed, self.rho + self.rho * (1 if self.literal else z) * passed
+        steps = passages(self.n_faces, z if self.passed_twice == 1 else self.passed_twice * z, gap)
+        passed, mirrored = faces(self.rho, self.tau, steps)
+        if self.literal and not self.single_surface:
+            mirrored = self.rho + self.passed_twice * self.rho * passed
+        return passed, mirrored
 
     def in_place(self) -> tuple[Entries, Entries]:
         """``h_t(1)`` and ``h_r(1)``, all images on each other: of intensities ``1 - R'`` and ``R' = 2 R / (1 + R)``."""
-        if self.single_surface:
-            return self.tau, self.rho
-        if self.n_bounces is not None:
+        if self.n_bounces is not None and not self.single_surface:
             transmitted, reflected = self.weights(self.n_bounces).sum(axis=1)
             return transmitted, reflected
-        passed = self._passed()
-        return passed, self.rho + self.rho * passed
+        steps = passages(self.n_faces, self.passed_twice, 1.0)
+        passed, mirrored = faces(self.rho, self.tau, steps, before_in_place)
+        return passed, mirrored
 
     def weights(self, n_ghosts: int) -> Entries:
         """Weights of the direct image and of each ghost, (layer, n_ghosts + 1, 2 or 3, ...).
@@ -125,13 +139,14 @@ class Plate:
             return np.stack([self.tau, self.rho])[:, None]
         last = n_ghosts if self.n_bounces is None else self.n_bounces
         order = np.arange(last + 1).reshape(-1, *(1 for _ in self.rho.shape))
-        transmitted = self.tau**2 * self.rho ** (2 * order)
-        ghosts = self.tau**2 * self.rho ** (2 * order[1:] - 1)
+        left = self.passed_twice**order
+        transmitted = self.tau**2 * self.rho ** (2 * order) * left
+        ghosts = self.tau**2 * self.rho ** (2 * order[1:] - 1) * left[1:]
         weights = np.stack([transmitted, np.concatenate([self.rho[None], ghosts])])
         if self.n_bounces is None:
-            passed = self._passed()
-            weights[0, -1] += passed * self.rho ** (2 * (last + 1))
-            weights[1, -1] += passed * self.rho ** (2 * last + 1)
+            passed, rest = self.in_place()[0], self.passed_twice ** (last + 1)
+            weights[0, -1] += passed * self.rho ** (2 * (last + 1)) * rest
+            weights[1, -1] += passed * self.rho ** (2 * last + 1) * rest
         if self.literal:
             ghosts = weights[1, 1:].copy()
             weights[1, 1:] = 0
@@ -144,8 +159,11 @@ class Plate:
         if self.single_surface:
             nothing = 0 * self.rho
             return GhostSeries(self.tau, nothing, nothing), GhostSeries(self.rho, nothing, nothing)
-        through, ratio = self.tau * self.tau, self.rho * self.rho
-        ghost = through * self.rho * through.dtype.type(self.n_bounces != 0)
+        left = self.tau.dtype.type(self.passed_twice)
+        through, ratio = self.tau * self.tau, self.rho * self.rho * left
+        ghost = through * self.rho * left * through.dtype.type(self.n_bounces != 0)
+        # The series of a window of panes is no such line.
+        assert self.n_panes == 1
         return GhostSeries(through, ghost * self.rho, ratio), GhostSeries(self.rho, ghost, ratio)
 
     def cleared(self) -> Cleared:
@@ -159,14 +177,8 @@ class Plate:
         through = self.tau[:2] ** 2
         if self.n_bounces == 0:
             return Cleared((through, nothing), (rho, nothing), nothing)
-        return Cleared((through, nothing), (rho, rho * (1 - 2 * rho)), rho * rho)
-
-    def _passed(self) -> Entries:
-        """``tau^2 / (1 - rho^2)``, with 1 - rho^2 written in the transmittances so that it does not cancel."""
-        par, perp, *third = self.tau
-        if third:
-            third = [par * perp / (par + perp - par * perp)]
-        return np.stack([par / (2 - par), perp / (2 - perp), *third])
+        left = self.passed_twice
+        return Cleared((through, nothing), (rho, rho * (1 - 2 * rho) * left), rho * rho * left)
 
 
 def _power_series(weights: Entries, z: Any) -> Any:
@@ -176,13 +188,18 @@ def _power_series(weights: Entries, z: Any) -> Any:
 def plate_at(incidence_deg: float, scene: SceneParameters) -> Plate:
     """The plate that a scene's pane is at an incidence, entries (3,)."""
     rho, tau = (np.array(entries) for entries in interface(incidence_deg, scene.refractive_index))
-    return Plate(rho, tau, scene.single_surface, scene.n_bounces, scene.literal_eq3)
+    return plate_of(rho, tau, scene)
 
 
 def plate_images(cosine: Planes, scene: SceneParameters) -> Plate:
     """The same for an array of cosines of the incidence, entries (3, ...)."""
-    rho, tau = interface_images(cosine, scene.refractive_index)
-    return Plate(rho, tau, scene.single_surface, scene.n_bounces, scene.literal_eq3)
+    return plate_of(*interface_images(cosine, scene.refractive_index), scene)
+
+
+def plate_of(rho: Entries, tau: Entries, scene: SceneParameters) -> Plate:
+    """The plate of a scene's pane, whose faces have these entries."""
+    kind = (scene.single_surface, scene.n_bounces, scene.literal_eq3, scene.n_panes or 1)
+    return Plate(rho, tau, *kind, math.exp(-2 * (scene.absorption or 0.0)))
 
 
 def mirror_entries(reflected: Entries) -> Entries:
@@ -221,36 +238,39 @@ def _seen_weights(scene: SceneParameters, plate: Plate, n_ghosts: int) -> Weight
 
 
 @dataclass(frozen=True)
-class GhostLine:
-    """Images that a pane makes of its layers, side by side along the azimuth.
+class DoubleImages:
+    """Images that a pane makes of its layers, side by side.
 
     Attributes
     ----------
     weights : ndarray, shape (2, n, 3, ...)
         [0] transmission, [1] reflection; entries (par, perp, s2').
     orders : ndarray, shape (n,)
-        How many steps an image lies from the direct one.
-    steps : ndarray, shape (n,)
-        Its step in pixels along the azimuth, signed.
+        Which ghost of its layer an image is, 0 the direct one.
+    places : tuple of n times (float, float)
+        Columns to the right and rows down from the direct image.
     """
 
     weights: NDArray[np.float64]
     orders: NDArray[np.float64]
-    steps: NDArray[np.float64]
+    places: tuple[tuple[float, float], ...]
 
 
-def ghost_line(scene: SceneParameters, n_ghosts: int | None = None, plate: Plate | None = None) -> GhostLine:
-    """Ghosts with their places: one image for each order, or for each layer's own where their shifts differ.
+def double_images(scene: SceneParameters, n_ghosts: int | None = None, cosine: Planes | None = None) -> DoubleImages:
+    """Images with their places: one for each order, or for each layer's own where their shifts differ.
 
     Parameters
     ----------
     scene : SceneParameters
         A complete scene.
     n_ghosts : int, optional
-        As for `ghost_weights`.
-    plate : Plate, optional
-        Where its entries (3, ...) are not those of the scene's incidence; with it, `n_ghosts` must be given.
+        As for `ghost_weights`; of a window of several panes, so many as are brightest beside the direct image.
+    cosine : ndarray, optional
+        Of the incidence, where that is not the scene's; with it, `n_ghosts` must be given.
     """
+    if scene.stacked:
+        return _images_of_panes(scene, n_ghosts, cosine)
+    plate = None if cosine is None else plate_images(cosine, scene)
 
     def weights_of(shifted: SceneParameters) -> Weights:
         if plate is None:
@@ -258,18 +278,127 @@ def ghost_line(scene: SceneParameters, n_ghosts: int | None = None, plate: Plate
         assert n_ghosts is not None
         return _seen_weights(shifted, plate, n_ghosts)
 
-    shift, own = scene.values()[2], scene.transmission_ghost_shift
+    _, azimuth, shift = scene.values()
+    own = scene.transmission_ghost_shift
     weights = weights_of(scene)
     n = weights.shape[1]
     if own is None or own == shift:
-        return GhostLine(weights, np.arange(n, dtype=np.float64), np.full(n, shift))
+        orders = np.arange(n, dtype=np.float64)
+        return DoubleImages(weights, orders, _along(orders, np.full(n, shift), azimuth))
     of_t = weights_of(scene.replace(ghost_shift=own, transmission_ghost_shift=None))[0]
     # The direct light of both layers is one image; the ghosts of each show nothing of the other.
     both = np.zeros((2, n + len(of_t) - 1, *of_t.shape[1:]))
     both[1, :n] = weights[1]
     both[0, 0], both[0, n:] = of_t[0], of_t[1:]
     orders = np.concatenate([np.arange(n), np.arange(1, len(of_t))]).astype(np.float64)
-    return GhostLine(both, orders, np.repeat([shift, own], [n, len(of_t) - 1]))
+    return DoubleImages(both, orders, _along(orders, np.repeat([shift, own], [n, len(of_t) - 1]), azimuth))
+
+
+def _along(orders: Any, steps: Any, azimuth_deg: float) -> tuple[tuple[float, float], ...]:
+    """Columns to the right and rows down to each image of a line in a direction."""
+    azimuth = math.radians(azimuth_deg)
+    across, down = steps * math.cos(azimuth), -steps * math.sin(azimuth)
+    return tuple(zip((orders * across).tolist(), (orders * down).tolist(), strict=True))
+
+
+# Entries of a table over the cosine of the incidence, between which images' weights are interpolated: 4e-6 off at most.
+_INCIDENCES = 65
+# Least range of the table in cosines, where all are alike.
+_LEAST_RANGE = 1e-6
+# Images of a window fainter than this are added to their neighbours where the number to keep is open. Set by hand.
+_FAINT_IMAGE = 1e-8
+_MOST_IMAGES = 600
+
+
+def _images_of_panes(scene: SceneParameters, n_ghosts: int | None, cosine: Planes | None) -> DoubleImages:
+    """Images of a window of several panes, the brightest; the light of the others is added to their neighbours."""
+    if not scene.has_ghosts:
+        plate = plate_at(scene.values()[0], scene) if cosine is None else plate_images(cosine, scene)
+        passed, mirrored = plate.in_place()
+        return DoubleImages(np.stack([passed, mirror_entries(mirrored)])[:, None], np.zeros(1), ((0.0, 0.0),))
+    table = _orders(scene, scene.values()[0])
+    places, index = _distinct_places(scene, table.shape[1:3])
+    together = _merged(table, index, len(places))
+    keep = _brightest(together, _count(together, _FAINT_IMAGE) if n_ghosts is None else n_ghosts + 1)
+    kept = [places[k] for k in keep]
+    where = np.array(places)
+    nearest = np.square(where[:, None] - where[keep]).sum(axis=-1).argmin(axis=1)
+    to_kept = nearest[index]
+    if cosine is None:
+        weights = _merged(table, to_kept, len(kept))
+    else:
+        steepest, frontal = float(cosine.min()), float(cosine.max())
+        grid = np.linspace(steepest, max(frontal, steepest + _LEAST_RANGE), _INCIDENCES)
+        rows = []
+        for value in grid:
+            entries = _orders(scene, math.degrees(math.acos(min(1.0, float(value)))), table.shape[1])
+            rows.append(_merged(entries, to_kept, len(kept)))
+        weights = _interpolated(np.stack(rows, axis=-1), cosine, grid)
+    return DoubleImages(weights, np.arange(len(kept), dtype=np.float64), tuple(kept))
+
+
+def _orders(scene: SceneParameters, incidence_deg: float, side: int | None = None) -> Weights:
+    """Weights (2, i, j, 3) of the images i shifts of a pane and j of a gap away, as the pane turns them back."""
+    plate = plate_at(incidence_deg, scene)
+    weights = image_weights(plate.rho, plate.tau, plate.n_faces, plate.passed_twice, side)
+    weights[1, ..., 2] *= -1
+    return weights
+
+
+def _distinct_places(
+    scene: SceneParameters, shape: tuple[int, ...]
+) -> tuple[list[tuple[float, float]], NDArray[np.intp]]:
+    """Where images lie, the direct one first, and which of them each order (2, i, j) of each layer is."""
+    _, azimuth, shift = scene.values()
+    own = shift if scene.transmission_ghost_shift is None else scene.transmission_ghost_shift
+    gap_azimuth = azimuth if scene.gap_azimuth_deg is None else scene.gap_azimuth_deg
+    index = np.empty((2, *shape), np.intp)
+    found: dict[tuple[float, float], int] = {}
+    (gap,) = _along(np.ones(1), np.array([scene.gap_shift or 0.0]), gap_azimuth)
+    for layer, length in ((1, shift), (0, own)):
+        (step,) = _along(np.ones(1), np.array([length]), azimuth)
+        for i, j in np.ndindex(*shape):
+            place = (i * step[0] + j * gap[0], i * step[1] + j * gap[1])
+            index[layer, i, j] = found.setdefault(place, len(found))
+    return list(found), index
+
+
+def _merged(table: Weights, index: NDArray[np.intp], n: int) -> Weights:
+    """Weights (2, i, j, 3) added up by the image that each belongs to, (2, n, 3)."""
+    merged = np.zeros((2, n, 3))
+    for layer in (0, 1):
+        np.add.at(merged[layer], index[layer].ravel(), table[layer].reshape(-1, 3))
+    return merged
+
+
+def _brightness(weights: Weights) -> Weights:
+    return np.asarray(np.abs(weights).max(axis=(0, 2)))
+
+
+def _count(weights: Weights, share: float) -> int:
+    """Images that carry more than a share of the light."""
+    return max(1, min(_MOST_IMAGES, int(np.count_nonzero(_brightness(weights) > share))))
+
+
+def _brightest(weights: Weights, n: int) -> NDArray[np.intp]:
+    """The direct image and the brightest others, in their order."""
+    rest = 1 + np.argsort(-_brightness(weights)[1:], kind="stable")[: n - 1]
+    return np.concatenate([np.zeros(1, np.intp), np.sort(rest)])
+
+
+def _interpolated(table: Weights, cosine: Planes, grid: Planes) -> Weights:
+    """Weights (2, n, 3, ...) at cosines, linearly between those of a table (2, n, 3, grid)."""
+    position = (cosine - grid[0]) / (grid[1] - grid[0])
+    lower = np.clip(position.astype(np.intp), 0, len(grid) - 2)
+    fraction = position - lower
+    return np.asarray(table[..., lower] * (1 - fraction) + table[..., lower + 1] * fraction)
+
+
+def images_that_show(scene: SceneParameters, share: float) -> int:
+    """Images of a window of several panes, beside the direct one, that carry more than a share of the light."""
+    table = _orders(scene, scene.values()[0])
+    places, index = _distinct_places(scene, table.shape[1:3])
+    return _count(_merged(table, index, len(places)), share) - 1
 
 
 def ghosts_that_matter(scene: SceneParameters, share: float = _NEGLIGIBLE) -> int:
@@ -287,20 +416,29 @@ def ghosts_until(strongest: float, share: float = _NEGLIGIBLE) -> int:
     return min(_MOST_GHOSTS, max(1, math.ceil(math.log(share) / (2 * math.log(strongest)))))
 
 
-def in_place_reflectance(incidence_deg: float, refractive_index: float, single_surface: bool) -> tuple[float, float]:
-    """Parallel and perpendicular reflectance of the whole pane, all bounces summed in place."""
+def in_place_reflectance(
+    incidence_deg: float, refractive_index: float, single_surface: bool, n_panes: int = 1, absorption: float = 0.0
+) -> tuple[float, float]:
+    """Parallel and perpendicular reflectance of the whole window, all bounces summed in place."""
     rho, tau = (np.array(entries) for entries in interface(incidence_deg, refractive_index))
-    par, perp, _ = Plate(rho, tau, single_surface).in_place()[1]
+    plate = Plate(rho, tau, single_surface, n_panes=n_panes, passed_twice=math.exp(-2 * absorption))
+    par, perp, _ = plate.in_place()[1]
     return float(par), float(perp)
 
 
-def in_place_weights(cosine: Planes, refractive_index: float, single_surface: bool) -> tuple[Planes, Planes]:
-    """Diagonal entries (3, ...) of the whole pane for transmitted and reflected light, all bounces in place."""
-    transmitted, reflected = Plate(*interface_images(cosine, refractive_index), single_surface).in_place()
+def in_place_weights(
+    cosine: Planes, refractive_index: float, single_surface: bool, n_panes: int = 1, absorption: float = 0.0
+) -> tuple[Planes, Planes]:
+    """Diagonal entries (3, ...) of the whole window for transmitted and reflected light, all bounces in place."""
+    entries = interface_images(cosine, refractive_index)
+    plate = Plate(*entries, single_surface, n_panes=n_panes, passed_twice=math.exp(-2 * absorption))
+    transmitted, reflected = plate.in_place()
     return transmitted, mirror_entries(reflected)
 
 
-def in_place_correction(incidence_deg: float, refractive_index: float, single_surface: bool) -> float:
+def in_place_correction(
+    incidence_deg: float, refractive_index: float, single_surface: bool, n_panes: int = 1, absorption: float = 0.0
+) -> float:
     """What is taken off the intensity for each unit of polarized light (s1 in the pane's frame), bounces in place."""
-    par, perp = in_place_reflectance(incidence_deg, refractive_index, single_surface)
+    par, perp = in_place_reflectance(incidence_deg, refractive_index, single_surface, n_panes, absorption)
     return (perp + par) / (perp - par)

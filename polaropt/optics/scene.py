@@ -18,6 +18,10 @@ FARTHEST_SHIFT_PX = 1e5
 """Ghost shift beyond which all ghosts lie outside any photograph. Set by hand."""
 FOCAL_RANGE_PX = (0.01, 1e10)
 """Focal lengths: from one that sees half a turn in a pixel to rays that are parallel for any frame. Set by hand."""
+MOST_PANES = 8
+"""Panes of a window; glazing is sold with four at most. Set by hand."""
+DARKEST_TINT = 1e-3
+"""Share of the light that a pane passes at least. Set by hand."""
 # Where a scene's numbers are looked for and worked with; what they may be at all is checked by `SceneParameters`. All
 # set by hand.
 INCIDENCE_SEARCH_DEG = (0.5, 88.0)
@@ -30,6 +34,10 @@ GHOST_SHIFT_SEARCH_PX = 24.0
 """Largest ghost shift that is searched, either way."""
 _SHIFTS_PER_FRAME = 6.0
 """A frame is at least so many shifts wide: farther ghosts would be told by few edges."""
+
+_SHIFTS = ("ghost_shift", "transmission_ghost_shift", "gap_shift")
+_LENGTHS = (*_SHIFTS, "focal_px")
+"""Fields in pixels."""
 
 Rung = Literal["none", "pixelwise", "ghosts", "perspective", "curved", "polarized"]
 
@@ -73,6 +81,17 @@ class SceneParameters:
         changed by (b_xx x + b_xy y, b_xy x + b_yy y). Zeros: flat.
     signal : bool
         Whether there is polarization at all; without, the numbers above mean nothing and the rung is "none".
+    n_panes : int or None
+        Parallel panes, one behind another, each with its own double images. None: to be found.
+    gap_shift : float or None
+        Distance in pixels from the image that the back of one pane makes to that of the next pane's front, signed; the
+        same for both layers. None: to be found.
+    gap_azimuth_deg : float or None
+        Direction of that distance in the image, counter-clockwise from x: panes are neither parallel nor flat. None:
+        along the azimuth.
+    absorption : float or None
+        Minus the logarithm of the share of light that tinted glass leaves in one pass. The transmission is what is seen
+        through the tint, ``exp(-n_panes absorption)`` of the light: its scale cannot be told. None: to be found.
 
     Raises
     ------
@@ -93,15 +112,19 @@ class SceneParameters:
     focal_px: float | None = None
     bend_deg_per_px: tuple[float, float, float] = (0.0, 0.0, 0.0)
     signal: bool = True
+    n_panes: int | None = 1
+    gap_shift: float | None = 0.0
+    gap_azimuth_deg: float | None = None
+    absorption: float | None = 0.0
 
     def __post_init__(self) -> None:
         _check_incidence(self.incidence_deg)
         _check_index(self.refractive_index)
-        for name in ("azimuth_deg", "ghost_shift", "transmission_ghost_shift"):
+        for name in ("azimuth_deg", "gap_azimuth_deg", *_SHIFTS):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
                 raise InputError(f"{name} is {value}; give a finite number")
-        for name in ("ghost_shift", "transmission_ghost_shift"):
+        for name in _SHIFTS:
             if abs(getattr(self, name) or 0.0) > FARTHEST_SHIFT_PX:
                 raise InputError(f"{name} is {getattr(self, name)} px; it must be {FARTHEST_SHIFT_PX:g} or less")
         shortest, longest = FOCAL_RANGE_PX
@@ -121,11 +144,48 @@ class SceneParameters:
                 raise InputError(f"{name} has degree {dolp}; a degree of polarization lies in [0, 1]")
             if not math.isfinite(aolp_deg):
                 raise InputError(f"{name} has angle {aolp_deg}; give degrees")
+        self._check_window()
+
+    def _check_window(self) -> None:
+        """InputError where panes and tint are outside their ranges or contradict the other numbers."""
+        n, absorption = self.n_panes, self.absorption
+        if n is not None and not (1 <= n <= MOST_PANES and n == int(n)):
+            raise InputError(f"n_panes is {n}; give a whole number from 1 to {MOST_PANES}")
+        darkest = -math.log(DARKEST_TINT)
+        if absorption is not None and not 0 <= absorption <= darkest:
+            raise InputError(f"the absorption is {absorption}; it must lie between 0 and {darkest:.3g}")
+        if self.single_surface and ((n or 1) > 1 or absorption):
+            raise InputError("a single surface is no window of panes, and has no tint; leave them or it out")
+        if (n or 1) > 1 and (self.n_bounces is not None or self.literal_eq3):
+            raise InputError("n_bounces and literal_eq3 are for a single pane; leave them out, or n_panes")
 
     @property
     def complete(self) -> bool:
         """Whether nothing is left to estimate."""
-        return all(getattr(self, name) is not None for name in SEARCHED)
+        window_known = None not in (self.n_panes, self.absorption) and (self.n_panes == 1 or self.gap_shift is not None)
+        return window_known and all(getattr(self, name) is not None for name in SEARCHED)
+
+    @property
+    def plainest(self) -> SceneParameters:
+        """The same with one clear pane where panes or tint are to be found."""
+        panes = 1 if self.n_panes is None else self.n_panes
+        gap = 0.0 if self.gap_shift is None and panes == 1 else self.gap_shift
+        return self.replace(n_panes=panes, gap_shift=gap, absorption=self.absorption or 0.0)
+
+    @property
+    def n_faces(self) -> int:
+        """Faces that the light meets one after the other, at the fewest; two a pane."""
+        return 1 if self.single_surface else 2 * (self.n_panes or 1)
+
+    @property
+    def tint(self) -> float:
+        """Share of the light from behind that tinted panes leave, each passed once."""
+        return math.exp(-(self.n_panes or 1) * (self.absorption or 0.0))
+
+    @property
+    def stacked(self) -> bool:
+        """Whether there is more than one pane."""
+        return self.n_faces > 2
 
     @property
     def rung(self) -> Rung:
@@ -153,7 +213,8 @@ class SceneParameters:
     @property
     def has_ghosts(self) -> bool:
         """Whether either layer's bounces lie beside each other."""
-        return bool(self.ghost_shift or self.transmission_ghost_shift) and not self.single_surface
+        beside = self.ghost_shift or self.transmission_ghost_shift or (self.stacked and self.gap_shift)
+        return bool(beside) and not self.single_surface
 
     @property
     def polarized(self) -> bool:
@@ -169,9 +230,8 @@ class SceneParameters:
 
     def scaled(self, factor: float) -> SceneParameters:
         """The same scene in photographs with so many times the pixels a side."""
-        lengths = ("ghost_shift", "transmission_ghost_shift", "focal_px")
         changes: dict[str, object] = {
-            name: None if getattr(self, name) is None else factor * getattr(self, name) for name in lengths
+            name: None if getattr(self, name) is None else factor * getattr(self, name) for name in _LENGTHS
         }
         changes["bend_deg_per_px"] = tuple(bend / factor for bend in self.bend_deg_per_px)
         return self if factor == 1 else self.replace(**changes)
@@ -247,6 +307,9 @@ class SceneErrors:
     Attributes
     ----------
     incidence_deg, azimuth_deg, ghost_shift, transmission_ghost_shift, focal_px : float or None
+    gap_shift, gap_azimuth_deg, absorption : float or None
+    n_panes : None
+        A whole number, found or not, has no standard error.
     bend_deg_per_px : (float, float, float) or None
     transmission_polarization, reflection_polarization : (float, float) or None
         Of degree and angle (degrees).
@@ -260,12 +323,15 @@ class SceneErrors:
     bend_deg_per_px: tuple[float, float, float] | None = None
     transmission_polarization: tuple[float, float] | None = None
     reflection_polarization: tuple[float, float] | None = None
+    n_panes: None = None
+    gap_shift: float | None = None
+    gap_azimuth_deg: float | None = None
+    absorption: float | None = None
 
     def scaled(self, factor: float) -> SceneErrors:
         """Those of the same scene in photographs with so many times the pixels a side."""
-        lengths = ("ghost_shift", "transmission_ghost_shift", "focal_px")
         changes: dict[str, Any] = {
-            name: None if getattr(self, name) is None else factor * getattr(self, name) for name in lengths
+            name: None if getattr(self, name) is None else factor * getattr(self, name) for name in _LENGTHS
         }
         if self.bend_deg_per_px is not None:
             changes["bend_deg_per_px"] = tuple(bend / factor for bend in self.bend_deg_per_px)
@@ -339,6 +405,15 @@ FIELDS = (
     Field("azimuth_deg", "azimuth of the plane of incidence", "azimuth", (Component("deg", 2, period=180.0),)),
     Field("ghost_shift", "ghost shift", "ghost shift", _SHIFT_PX),
     Field("transmission_ghost_shift", "ghost shift of the transmission", "shift of the transmission", _SHIFT_PX),
+    Field("n_panes", "number of panes", "panes", (Component("", 0),)),
+    Field("gap_shift", "shift from pane to pane", "shift between panes", _SHIFT_PX),
+    Field(
+        "gap_azimuth_deg",
+        "direction from pane to pane",
+        "direction between panes",
+        (Component("deg", 1, period=360.0),),
+    ),
+    Field("absorption", "absorption of one pass", "absorption", (Component("", 3),)),
     Field("focal_px", "focal length", "focal length", (Component("px", 0),)),
     Field("bend_deg_per_px", "bend of the pane", "bend", _BEND),
     Field("refractive_index", "refractive index", "refractive index", (Component("", 3),)),

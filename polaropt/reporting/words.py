@@ -279,11 +279,12 @@ def start_sentence(capture: Capture) -> str:
 def shown_fields(scene: Mapping[str, Any]) -> list[Field]:
     """Fields that say something of a scene as in ``report.json``: not what it lacks."""
     varies = scene["focal_px"] is not None or any(scene["bend_deg_per_px"])
-    absent: set[str] = set()
+    absent: set[str] = set() if scene["n_panes"] != 1 else {"n_panes", "gap_shift", "gap_azimuth_deg"}
+    absent |= set() if scene["absorption"] else {"absorption"}
     if scene["single_surface"]:
-        absent = {"ghost_shift", "transmission_ghost_shift"}
+        absent |= {"ghost_shift", "transmission_ghost_shift"}
     elif varies and not scene["ghost_shift"]:
-        absent = {"ghost_shift"}
+        absent |= {"ghost_shift"}
     return [field for field in FIELDS if field.name not in absent and is_set(field, scene[field.name])]
 
 

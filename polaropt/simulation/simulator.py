@@ -81,6 +81,9 @@ def simulate(
 def exact_photographs(layers: FloatImages, scene: SceneParameters, angles_deg: Sequence[float]) -> FloatImages:
     """Photographs (k, [channel,] h, w) of layers (2, [channel,] h, w) before any noise, clipping and rounding."""
     engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
+    if scene.absorption:
+        # The engine's transmission is what is seen through the tint.
+        layers = np.stack([np.float32(scene.tint) * layers[0], layers[1]])
     return np.asarray(engine.forward(layers), dtype=np.float32)
 
 

@@ -126,7 +126,7 @@ def test_angles_that_come_round_are_the_same_after_a_period() -> None:
     assert periods["azimuth_deg"] == [180.0]
     assert periods["transmission_polarization"] == periods["reflection_polarization"] == [None, 180.0]
     cyclic = {name for name, own in periods.items() if any(own)}
-    assert cyclic == {"azimuth_deg", "transmission_polarization", "reflection_polarization"}
+    assert cyclic == {"azimuth_deg", "gap_azimuth_deg", "transmission_polarization", "reflection_polarization"}
 
 
 def test_what_is_searched_lies_within_what_can_be_worked_with() -> None:

@@ -58,7 +58,7 @@ def test_what_a_warning_of_the_separation_says_is_not_said_again() -> None:
     assert len(attention(bad, ())) == 3
 
 
-OPEN = SceneParameters(None, None, None)
+OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None, absorption=None)
 # What a field of each kind can hold, and what is said of it.
 FULL = SceneParameters(
     incidence_deg=61.2,
@@ -70,6 +70,10 @@ FULL = SceneParameters(
     bend_deg_per_px=(0.02, 0.0, 0.0),
     transmission_polarization=(0.6, 140.0),
     reflection_polarization=(0.3, 60.0),
+    n_panes=2,
+    gap_shift=9.0,
+    gap_azimuth_deg=40.0,
+    absorption=0.3,
 )
 
 
@@ -91,6 +95,8 @@ def test_every_quantity_of_the_scene_is_said_everywhere() -> None:
         (SceneParameters(50.0, 10.0, 0.0, single_surface=True), "ghost shift"),
         (SceneParameters(50.0, 10.0, 0.0, focal_px=500.0), "ghost shift"),
         (SceneParameters(50.0, 10.0, 3.0, reflection_polarization=(0.0, 60.0)), "mirrored light"),
+        (SceneParameters(50.0, 10.0, 3.0), "panes"),
+        (SceneParameters(50.0, 10.0, 3.0), "absorption"),
     ],
 )
 def test_what_a_scene_lacks_is_said_nowhere(scene: SceneParameters, absent: str) -> None:

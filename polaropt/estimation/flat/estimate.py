@@ -118,6 +118,7 @@ def estimate_scene(
         raise InputError(f"a pane of index {scene.refractive_index:g} mirrors nothing; give {_LEAST_INDEX:g} or more")
     if thickness_px is not None and not 0 <= thickness_px <= FARTHEST_SHIFT_PX:
         raise InputError(f"the thickness is {thickness_px} px; it must lie between 0 and {FARTHEST_SHIFT_PX:g}")
+    scene = scene.plainest
     noise = max(LEAST_NOISE, noise_level(capture) if noise is None else noise)
     stokes = stokes_images(capture, noise)
     axis = principal_axis(stokes)
