@@ -213,7 +213,16 @@ def separate(
         thickness_kind=thickness_kind,
     )
     _check(settings)
-    asked = scene or SceneParameters(None, None, None, refractive_index, single_surface=single_surface)
+    asked = scene or SceneParameters(
+        None,
+        None,
+        None,
+        refractive_index,
+        single_surface=single_surface,
+        n_panes=1 if single_surface else None,
+        gap_shift=None,
+        absorption=0.0 if single_surface else None,
+    )
     return _separate(capture, asked, settings, Stages(progress))
 
 

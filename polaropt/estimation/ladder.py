@@ -16,6 +16,7 @@ from polaropt.capture import Capture, registered_noise, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.estimation.flat.sampled_ghosts import shift_of_samples
+from polaropt.estimation.flat.window import with_window
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
@@ -107,9 +108,10 @@ def find_scene(
     """
     if asked.complete and thickness_px is None:
         return LadderResult(asked, None, ())
-    asked = asked.plainest
-    if asked.stacked:
-        raise InputError("a window of several panes must be given whole: incidence, azimuth, shift and gap shift")
+    if asked.absorption is None:
+        asked = asked.replace(absorption=0.0)
+    if asked.stacked and asked.focal_px is not None:
+        raise InputError("a window of several panes before a wide lens must be given whole, or leave the lens out")
     if capture.cells is not None:
         small, of_cells = 1 / capture.scale, registered_noise(capture)
         thickness = None if thickness_px is None else thickness_px * small
@@ -127,7 +129,7 @@ def find_scene(
     if asked.bent:
         raise InputError("a bent pane must be given whole: set incidence, azimuth and ghost shift, or no bend")
     began = time.perf_counter()
-    flat = asked.replace(focal_px=None)
+    flat = asked.replace(focal_px=None, n_panes=1, gap_shift=0.0)
     if asked.ghost_shift is None and (model not in ("auto", "ghosts") or capture.start_unknown):
         flat = flat.replace(ghost_shift=0.0)
     stokes = stokes_images(capture, noise)
@@ -140,6 +142,10 @@ def find_scene(
         return _unseparated(estimate, seconds, "There is no polarization beyond the noise." if unpolarized else _ASKED)
     blocks = PolarizedBlocks(stokes)
     misfit = blocks.constant_misfit(estimate.scene.values()[1])
+    if asked.stacked or (asked.n_panes is None and model in ("auto", "ghosts") and misfit <= noise_misfit(blocks.n)):
+        estimate = with_window(estimate, stokes, asked)
+        misfit = blocks.constant_misfit(estimate.scene.values()[1])
+    asked = asked.replace(n_panes=estimate.scene.n_panes, gap_shift=estimate.scene.gap_shift)
     return _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds)
 
 

@@ -68,6 +68,7 @@ def with_ghosts(evidence: Evidence, attempt: RungFit) -> RungFit:
         or evidence.asked.ghost_shift is not None
         or scene.single_surface
         or scene.n_bounces == 0
+        or scene.stacked
     ):
         return attempt
     found = likeliest_shift(evidence.stokes, scene)
@@ -164,6 +165,8 @@ def _curved(evidence: Evidence) -> RungFit:
 def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -> bool:
     """Whether constant polarization of the layers' light may explain what is left, or edges speak of it."""
     asked, first = evidence.asked, off == _ALL_BUT
+    if asked.stacked:
+        return False
     if evidence.wanted == "polarized":
         return first and not asked.polarized and asked.focal_px is None
     # Polarized light explains what a wrong azimuth leaves, and makes it worse.

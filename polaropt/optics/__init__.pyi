@@ -51,6 +51,7 @@ __all__ = [
     "stokes_from_intensities",
     "stokes_vector",
     "viewing_angles",
+    "window_orders",
 ]
 
 from .analyzer import Analyzer as Analyzer
@@ -83,6 +84,7 @@ from .plate import in_place_reflectance as in_place_reflectance
 from .plate import in_place_weights as in_place_weights
 from .plate import plate_at as plate_at
 from .plate import plate_of as plate_of
+from .plate import window_orders as window_orders
 from .sampling import SampledPSE as SampledPSE
 from .sampling import Sampling as Sampling
 from .scene import DARKEST_TINT as DARKEST_TINT

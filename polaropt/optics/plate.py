@@ -316,7 +316,7 @@ def _images_of_panes(scene: SceneParameters, n_ghosts: int | None, cosine: Plane
         plate = plate_at(scene.values()[0], scene) if cosine is None else plate_images(cosine, scene)
         passed, mirrored = plate.in_place()
         return DoubleImages(np.stack([passed, mirror_entries(mirrored)])[:, None], np.zeros(1), ((0.0, 0.0),))
-    table = _orders(scene, scene.values()[0])
+    table = window_orders(scene, scene.values()[0])
     places, index = _distinct_places(scene, table.shape[1:3])
     together = _merged(table, index, len(places))
     keep = _brightest(together, _count(together, _FAINT_IMAGE) if n_ghosts is None else n_ghosts + 1)
@@ -331,13 +331,13 @@ def _images_of_panes(scene: SceneParameters, n_ghosts: int | None, cosine: Plane
         grid = np.linspace(steepest, max(frontal, steepest + _LEAST_RANGE), _INCIDENCES)
         rows = []
         for value in grid:
-            entries = _orders(scene, math.degrees(math.acos(min(1.0, float(value)))), table.shape[1])
+            entries = window_orders(scene, math.degrees(math.acos(min(1.0, float(value)))), table.shape[1])
             rows.append(_merged(entries, to_kept, len(kept)))
         weights = _interpolated(np.stack(rows, axis=-1), cosine, grid)
     return DoubleImages(weights, np.arange(len(kept), dtype=np.float64), tuple(kept))
 
 
-def _orders(scene: SceneParameters, incidence_deg: float, side: int | None = None) -> Weights:
+def window_orders(scene: SceneParameters, incidence_deg: float, side: int | None = None) -> Weights:
     """Weights (2, i, j, 3) of the images i shifts of a pane and j of a gap away, as the pane turns them back."""
     plate = plate_at(incidence_deg, scene)
     weights = image_weights(plate.rho, plate.tau, plate.n_faces, plate.passed_twice, side)
@@ -396,7 +396,7 @@ def _interpolated(table: Weights, cosine: Planes, grid: Planes) -> Weights:
 
 def images_that_show(scene: SceneParameters, share: float) -> int:
     """Images of a window of several panes, beside the direct one, that carry more than a share of the light."""
-    table = _orders(scene, scene.values()[0])
+    table = window_orders(scene, scene.values()[0])
     places, index = _distinct_places(scene, table.shape[1:3])
     return _count(_merged(table, index, len(places)), share) - 1
 

@@ -73,6 +73,11 @@ def widened_incidence(error_deg: float) -> float:
     return math.hypot(_WIDER * error_deg, _LEAST_DEG)
 
 
+def widened_shift(error_px: float) -> float:
+    """The same of a ghost shift in pixels: ghosts are told by spectra, whose model is nearly a tenth of a pixel off."""
+    return math.hypot(_SHIFT_WIDER * error_px, _LEAST_PX)
+
+
 def shift_errors(
     spectra: CrossSpectra, scene: SceneParameters, rivals: Sequence[float] = ()
 ) -> tuple[float, float | None]:
@@ -113,4 +118,4 @@ def _error(misfits: Values, distances: Values) -> float:
         for distance, gap in zip(distances, worse.T, strict=True)
         if gap.mean() < _SURE * jackknife_error(gap)
     ]
-    return max([math.hypot(_SHIFT_WIDER * near, _LEAST_PX), *open_rivals])
+    return max([widened_shift(near), *open_rivals])

@@ -8,6 +8,7 @@ its smoothing no longer matters, and pictures of half the size will do.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from polaropt.numerics import (
     tukey_window,
     vertex,
 )
-from polaropt.optics import INCIDENCE_LIMITS_DEG, Plate, SceneParameters, interface
+from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, interface, plate_of
 
 Images = NDArray[np.float32]
 
@@ -72,8 +73,8 @@ def refined_incidence(frame: PlateFrame, scene: SceneParameters) -> tuple[float,
     overlap = LayerOverlap(frame, scene, start)
     step = min(_STEP_DEG, (INCIDENCE_LIMITS_DEG[1] - start) / 2)
     parts = [overlap.parts(start + shift) for shift in (-step, 0.0, step)]
-    before, here, after = (float(_normalized(part.sum(axis=-1))) for part in parts)
-    error = minimum_error([_normalized(left_out(part)) for part in parts], step)
+    before, here, after = (float(overlap_of(part.sum(axis=-1))) for part in parts)
+    error = minimum_error([overlap_of(left_out(part)) for part in parts], step)
     # One parabola: a search would need four times as many inversions.
     return start + step * vertex(before, here, after, _FARTHEST), error
 
@@ -96,7 +97,7 @@ class LayerOverlap:
 
     def at(self, incidence_deg: float) -> float:
         """The overlap, 0..1."""
-        return float(_normalized(self.parts(incidence_deg).sum(axis=-1)))
+        return float(overlap_of(self.parts(incidence_deg).sum(axis=-1)))
 
     def parts(self, incidence_deg: float) -> Sums:
         """Sums over each part of the frame, (3, part): of |grad t||grad r|, |grad t|^2 and |grad r|^2."""
@@ -107,10 +108,11 @@ class LayerOverlap:
 def coarse_overlap(layers: Images) -> float:
     """Cosine between the gradient magnitudes of two layers (2, h, w), averaged over 2x2 samples first."""
     t, r = _gradients(layers)
-    return float(_normalized(np.stack([np.sqrt(t * r), t, r]).sum(axis=(-2, -1), dtype=np.float64)))
+    return float(overlap_of(np.stack([np.sqrt(t * r), t, r]).sum(axis=(-2, -1), dtype=np.float64)))
 
 
-def _normalized(sums: Sums) -> Sums:
+def overlap_of(sums: Sums) -> Sums:
+    """Overlap of sums (3, ...) as of `LayerOverlap.parts`."""
     overlap: Sums = sums[0] / np.sqrt(sums[1] * sums[2] + _NOTHING)
     return overlap
 
@@ -143,11 +145,12 @@ class _Wiener:
         shift, own = scene.values()[2], scene.transmission_ghost_shift
         self._z_r = np.exp(-1j * along * shift / _HALF).astype(np.complex64)
         self._z_t = self._z_r if own is None else np.exp(-1j * along * own / _HALF).astype(np.complex64)
+        self._z_gap = None if not scene.stacked else _gap_phase(scene, rows, columns)
         self._radius2 = (rows**2 + columns**2).astype(np.float32)
         self._radius2[0, 0] = (2 * np.pi / max(self._shape)) ** 2
         self._noise = (frame.covariance / (_HALF**2 * frame.images.shape[1])).astype(np.float32)
         self._levels: Images = np.full(2, _FIRST_LEVEL, np.float32)
-        self._refractive_index = scene.refractive_index
+        self._scene = scene
 
     def fit(self, incidence_deg: float) -> None:
         """Fit the levels of both layers at an incidence."""
@@ -169,7 +172,8 @@ class _Wiener:
         (seen_par, seen_perp), radius2 = self._seen[part], self._radius2[part]
         z_r = self._z_r[part]
         z_t = z_r if self._z_t is self._z_r else self._z_t[part]
-        par, perp = _transfer(incidence_deg, self._refractive_index, z_t, z_r)
+        z_gap = None if self._z_gap is None else self._z_gap[part]
+        par, perp = _transfer(incidence_deg, self._scene, z_t, z_r, z_gap)
         p = self._levels[:, None, None]
         (n_par, n_cross), (_, n_perp) = self._noise
         # Everything in units of 1 / |omega|^2.
@@ -183,13 +187,23 @@ class _Wiener:
         return found
 
 
-def _transfer(incidence_deg: float, refractive_index: float, z_t: Spectrum, z_r: Spectrum) -> Spectrum:
+def _gap_phase(scene: SceneParameters, rows: Any, columns: Any) -> Spectrum:
+    """What a gap between panes, there and back, does to each frequency."""
+    azimuth = math.radians(scene.values()[1] if scene.gap_azimuth_deg is None else scene.gap_azimuth_deg)
+    along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
+    return np.asarray(np.exp(-1j * along * (scene.gap_shift or 0.0) / _HALF), np.complex64)
+
+
+def _transfer(
+    incidence_deg: float, scene: SceneParameters, z_t: Spectrum, z_r: Spectrum, z_gap: Spectrum | None
+) -> Spectrum:
     """What the pane passes and mirrors, (entry, layer, h, w): a polarizer takes half of each."""
-    rho = np.array(interface(incidence_deg, refractive_index).reflection[:2], np.float32)[:, None, None]
-    plate = Plate(rho, 1 - rho)
-    transmitted, reflected = plate.at(z_r)
+    rho = np.array(interface(incidence_deg, scene.refractive_index).reflection[:2], np.float32)[:, None, None]
+    plate = plate_of(rho, 1 - rho, scene)
+    gap = 1.0 if z_gap is None else z_gap
+    transmitted, reflected = plate.at(z_r, gap)
     if z_t is not z_r:
-        transmitted, _ = plate.at(z_t)
+        transmitted, _ = plate.at(z_t, gap)
     return np.asarray(np.stack([transmitted, reflected], axis=1) / 2, np.complex64)
 
 

@@ -231,11 +231,11 @@ _RADIAL_KNOTS = 3
 """Radii over which the layers' spectra bend; with few a blurred scene passes for one with close ghosts. By trial."""
 DEGREES_OF_FREEDOM = np.float32(4)
 """Of Student's likelihood: heavy tails, a variance of their own. By trial."""
-_FIRST_LEVEL = np.float32(1e-3)
+FIRST_LEVEL = np.float32(1e-3)
 """Power of a layer times squared frequency where the fit begins."""
 _FIRST_ROUNDS = 12
 """Rounds of the first fit of levels. By trial."""
-_LEAST_FACTOR = np.float32(1e-3)
+LEAST_FACTOR = np.float32(1e-3)
 """By which a level shrinks in a round at most."""
 _LEAST_DETERMINANT = np.float32(1e-6)
 """Of a covariance, as a share of the product of its diagonal: float32 tells no less."""
@@ -347,7 +347,7 @@ class ShiftLikelihood:
         sparse = np.arange(0, steps.size, _EVERY)
         nearest = np.minimum((np.arange(steps.size) + _EVERY // 2) // _EVERY, sparse.size - 1)
         rows = np.arange(incidences.size * steps.size).reshape(incidences.size, -1)
-        levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), _FIRST_LEVEL)
+        levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), FIRST_LEVEL)
         levels = self._fitted(products.of(rows[:, sparse].ravel()), levels, _FIRST_ROUNDS)
         carried = np.arange(levels.shape[1]).reshape(incidences.size, -1)[:, nearest].ravel()
         levels = self._fitted(products, levels[:, carried], rounds)
@@ -395,7 +395,7 @@ class ShiftLikelihood:
             surprise = (DEGREES_OF_FREEDOM + 2) / ((DEGREES_OF_FREEDOM + distance) * determinant)
             for level, toward, data in zip(levels, (a, b), (products.ad, products.bd), strict=True):
                 gain = ((distance * toward - data) * surprise) @ weights.T
-                level *= np.maximum(gain / ((toward / determinant) @ weights.T), _LEAST_FACTOR)
+                level *= np.maximum(gain / ((toward / determinant) @ weights.T), LEAST_FACTOR)
         return levels
 
     def _model(self, products: _Products, levels: Images) -> tuple[Images, Images, Images, Images]:

@@ -1,0 +1,326 @@
+"""Windows of several panes: their number, incidence and the shifts of panes and gaps.
+
+The shifts at which a single pane is likely are those between the brightest images, a pane's and that from pane to
+pane. From them scans along one shift at a time lead near the window, and steps along all its numbers to it. Patterns
+mimic faint images in the spectra, but not in the layers: edges that a wrong window leaves doubled overlap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import PlateFrame, StokesImages, plate_frame
+from polaropt.estimation.flat.errors import widened_incidence, widened_shift
+from polaropt.estimation.flat.estimate import SceneEstimate
+from polaropt.estimation.flat.ghost_overlap import LayerOverlap, overlap_of, refined_incidence
+from polaropt.estimation.flat.ghosts import cross_spectra
+from polaropt.estimation.flat.window_likelihood import Window, WindowLikelihood
+from polaropt.numerics import jackknife_error, left_out, local_minima, minimum_error, vertex
+from polaropt.optics import (
+    GHOST_SHIFT_SEARCH_PX,
+    INCIDENCE_SEARCH_DEG,
+    SceneErrors,
+    SceneParameters,
+    in_place_reflectance,
+    largest_search_shift,
+)
+
+Values = NDArray[np.float64]
+
+# All below by trial.
+_STEP_PX, _PANE_PX = 1.0, 6.0
+"""Spacing of scans, and the largest shift of a pane that is scanned."""
+_MOST_STARTS = 3
+"""Shifts of a single pane that windows are begun from."""
+_TRIAL_DEG = (40.0, 52.0, 62.0, 72.0, 80.0)
+"""Incidences of single panes that windows are likened to where the axis is in doubt."""
+_EQUIVALENT_STEP_DEG = 1.0
+_LEAST_EQUIVALENT, _EQUIVALENT_SPACING_DEG = 2, 7.0
+_MOST_CANDIDATES = 3
+_SCAN_ROUNDS, _ROUNDS = 4, 8
+_FIRST_STEPS = (2.0, 0.5, 0.5, 0.5, 0.1)
+"""Of incidence (degrees), the three shifts (pixels) and absorption."""
+_CLOSER, _ROUGH_SWEEPS, _SWEEPS = 0.5, 3, 4
+"""What steps are multiplied by from sweep to sweep, and the number of sweeps."""
+_NAMES = ("incidence_deg", "pane_shift", "gap_along", "gap_across", "absorption")
+_OVERLAP_WEIGHT = 0.5
+"""What a unit of log overlap is worth in log likelihood per frequency."""
+_LEAST_GAIN = 0.003
+"""Score that another pane must gain."""
+_SURE = 2.0
+"""The same in standard errors of what is gained."""
+_UNUSUAL, _RESOLVED_PX = 0.025, 0.5
+"""What panes that are far from parallel must gain beside, and the shift of a pane from which on its sense is told."""
+_NEAR_DEG, _FARTHEST = 0.7, 2.0
+"""Incidences beside a window's at which its overlap is looked at, and steps up to which a parabola is followed."""
+_LEAST_INCIDENCE_DEG = 30.0
+"""Of the single pane that looks alike: below it the transmission hardly needs to know, and little is told."""
+MOST_FOUND = 3
+"""Panes of a window that is found; what is told may have more."""
+_DOUBTFUL_MARGIN = 0.08
+"""Margin of the azimuth's axis up to which the one across is looked at, too: the single pane that it is of is wrong."""
+_TURNS = 3
+"""In which incidence and shifts are refined."""
+_ERROR_STEPS_PX = (-0.25, 0.0, 0.25)
+
+
+@dataclass(frozen=True)
+class LikelyWindow:
+    """A window and its score: minus its log likelihood per frequency, and the log overlap of its layers' edges.
+
+    `parts` are the scores without parts of the frame: the likelihood's, and the overlap's share.
+    """
+
+    window: Window
+    score: float
+    parts: tuple[Values, ...] = ()
+
+
+class WindowSearch:
+    """Search for the likeliest window at one azimuth.
+
+    Parameters
+    ----------
+    likelihood : WindowLikelihood
+    most_shift : float
+        Largest shift to look at, in pixels.
+    refractive_index : float
+    told : dict of str to float
+        Numbers of a window that are not to be found.
+    """
+
+    def __init__(
+        self, likelihood: WindowLikelihood, most_shift: float, refractive_index: float, told: dict[str, Any]
+    ) -> None:
+        self._likelihood, self._index, self.told = likelihood, refractive_index, told
+        n = math.floor(most_shift / _STEP_PX)
+        self._grid = _STEP_PX * np.arange(-n, n + 1.0)
+
+    def single(self, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
+        """Likely single panes: at the likeliest of some incidences each local minimum over shifts, likeliest first."""
+        windows = [Window(incidence, shift) for incidence in incidences_deg for shift in self._grid.tolist()]
+        misfits = self._likelihood.misfit(windows, _SCAN_ROUNDS).reshape(len(incidences_deg), -1)
+        best = int(np.argmin(misfits.min(axis=1)))
+        misfit, trials = misfits[best], windows[best * self._grid.size :]
+        minima = np.flatnonzero(local_minima(misfit))
+        return [LikelyWindow(trials[int(i)], float(misfit[i])) for i in minima[np.argsort(misfit[minima])]]
+
+    def candidates(self, n_panes: int, singles: Sequence[LikelyWindow]) -> list[LikelyWindow]:
+        """Likely windows of so many panes, begun from single panes."""
+        return [self.refined(start, _ROUGH_SWEEPS) for start in self._scanned(n_panes, singles)]
+
+    def _scanned(self, n_panes: int, singles: Sequence[LikelyWindow]) -> list[Window]:
+        """Windows at which scans of one shift are least."""
+        near = equivalent_incidences(singles[0].window.incidence_deg, n_panes, self._index)
+        panes = self._grid[np.abs(self._grid) <= _PANE_PX].tolist()
+        trials: dict[Window, None] = {}
+        for start in singles[:_MOST_STARTS]:
+            one = start.window.pane_shift
+            pairs = [(one, gap) for gap in self._grid.tolist()] + [(pane, one - pane) for pane in panes]
+            for angle, (pane, gap) in product(near, pairs):
+                trial = replace(Window(angle, pane, gap, n_panes=n_panes), **self.told)
+                trials[trial] = None
+        windows = list(trials)
+        misfit = self._likelihood.misfit(windows, _SCAN_ROUNDS)
+        kept: list[Window] = []
+        for i in np.argsort(misfit):
+            if all(_apart(windows[int(i)], other) for other in kept):
+                kept.append(windows[int(i)])
+            if len(kept) == _MOST_CANDIDATES:
+                break
+        return kept
+
+    def refined(self, start: Window, sweeps: int = _SWEEPS) -> LikelyWindow:
+        """The likeliest window near a start, along each of its numbers in turns."""
+        free = [name for name in (_NAMES[:4] if start.n_panes > 1 else _NAMES[:2]) if name not in self.told]
+        free += ["absorption"] if start.absorption and "absorption" not in self.told else []
+        steps = dict(zip(_NAMES, _FIRST_STEPS, strict=True))
+        best = LikelyWindow(replace(start, **self.told), math.inf)
+        for _ in range(sweeps):
+            for name in free:
+                here = getattr(best.window, name)
+                best = self._along(best.window, name, steps[name])
+                # Far steps say that the minimum is not near yet.
+                near = abs(getattr(best.window, name) - here) < steps[name]
+                steps[name] *= _CLOSER if near else 1.0
+        return best
+
+    def _along(self, window: Window, name: str, step: float) -> LikelyWindow:
+        """The likeliest of a few windows along one number, between them by a parabola."""
+        here = getattr(window, name)
+        values = [v for v in (here + step * np.arange(-2, 3.0)).tolist() if _allowed(name, v)]
+        misfit = self._likelihood.misfit([replace(window, **{name: value}) for value in values], _ROUNDS)
+        i = int(np.argmin(misfit))
+        at = values[i]
+        if 0 < i < len(values) - 1:
+            at += step * vertex(*(float(m) for m in misfit[i - 1 : i + 2]))
+        return LikelyWindow(replace(window, **{name: at}), float(misfit[i]))
+
+
+def _allowed(name: str, value: float) -> bool:
+    if name == "incidence_deg":
+        return INCIDENCE_SEARCH_DEG[0] <= value <= INCIDENCE_SEARCH_DEG[1]
+    return value >= 0 if name == "absorption" else abs(value) <= GHOST_SHIFT_SEARCH_PX
+
+
+def _apart(one: Window, other: Window) -> bool:
+    """Whether two windows are more than neighbours of a scan."""
+    far = max(abs(one.pane_shift - other.pane_shift), abs(one.gap_along - other.gap_along))
+    return far > 2 * _STEP_PX
+
+
+def equivalent_incidences(incidence_deg: float, n_panes: int, refractive_index: float) -> list[float]:
+    """Incidences between those at which so many panes in place polarize, and mirror, as one does at another."""
+
+    def reflected(angle: float, n: int) -> tuple[float, float]:
+        par, perp = in_place_reflectance(angle, refractive_index, False, n)
+        return perp - par, perp
+
+    angles = np.arange(INCIDENCE_SEARCH_DEG[0], incidence_deg + _EQUIVALENT_STEP_DEG, _EQUIVALENT_STEP_DEG)
+    table = np.array([reflected(float(angle), n_panes) for angle in angles])
+    lowest, highest = sorted(angles[np.abs(table - reflected(incidence_deg, 1)).argmin(axis=0)].tolist())
+    n = max(_LEAST_EQUIVALENT, math.ceil((highest - lowest) / _EQUIVALENT_SPACING_DEG) + 1)
+    return [float(angle) for angle in np.linspace(lowest, highest, n)]
+
+
+class _Axis:
+    """The search at one azimuth, and how windows are compared there."""
+
+    def __init__(self, frame: PlateFrame, asked: SceneParameters) -> None:
+        self.frame, self._asked = frame, asked
+        spectra = cross_spectra(frame)
+        self.parts = [WindowLikelihood(part, asked.refractive_index) for part in spectra.left_out()]
+        self.likelihood = WindowLikelihood(spectra, asked.refractive_index)
+        most = largest_search_shift(min(frame.images.shape[-2:]))
+        self.search = WindowSearch(self.likelihood, most, asked.refractive_index, _told(asked, frame.azimuth_deg))
+
+    def scene(self, window: Window) -> SceneParameters:
+        """The scene that a window is."""
+        gap = math.hypot(window.gap_along, window.gap_across)
+        turned = math.degrees(math.atan2(window.gap_across, window.gap_along))
+        along = window.n_panes == 1 or self._asked.gap_shift is not None
+        direction = self._asked.gap_azimuth_deg if along else (self.frame.azimuth_deg - turned) % 360
+        return self._asked.replace(
+            incidence_deg=window.incidence_deg,
+            azimuth_deg=self.frame.azimuth_deg,
+            ghost_shift=window.pane_shift,
+            n_panes=window.n_panes,
+            gap_shift=self._asked.gap_shift if along and window.n_panes > 1 else gap,
+            gap_azimuth_deg=direction,
+            absorption=window.absorption,
+        )
+
+    def judged(self, window: Window) -> LikelyWindow:
+        """A window with its score, at the incidence near it at which the layers' edges overlap least."""
+        overlap = LayerOverlap(self.frame, self.scene(window), window.incidence_deg)
+        if "incidence_deg" not in self.search.told:
+            near = window.incidence_deg + _NEAR_DEG * np.arange(-1, 2.0)
+            values = [math.log(overlap.at(float(angle))) for angle in np.clip(near, *INCIDENCE_SEARCH_DEG)]
+            moved = window.incidence_deg + _NEAR_DEG * vertex(values[0], values[1], values[2], _FARTHEST)
+            window = replace(window, incidence_deg=float(np.clip(moved, *INCIDENCE_SEARCH_DEG)))
+        sums = overlap.parts(window.incidence_deg)
+        misfit = float(self.likelihood.misfit([window], _ROUNDS)[0])
+        score = misfit + _OVERLAP_WEIGHT * math.log(overlap_of(sums.sum(axis=-1)))
+        likelihoods = np.array([part.misfit([window])[0] for part in self.parts])
+        return LikelyWindow(
+            window,
+            score + (_UNUSUAL if self._unusual(window) else 0.0),
+            (likelihoods, _OVERLAP_WEIGHT * np.log(overlap_of(left_out(sums)))),
+        )
+
+    def _unusual(self, window: Window) -> bool:
+        """Whether gaps are narrower than panes, or shift to the other side: as of panes that are far from parallel."""
+        if window.n_panes == 1 or {"pane_shift", "gap_along"} <= set(self.search.told):
+            return False
+        along = math.copysign(window.gap_along, window.gap_along * window.pane_shift)
+        pane = abs(window.pane_shift)
+        return pane > _RESOLVED_PX and (along < 0 or math.hypot(along, window.gap_across) < pane - _RESOLVED_PX)
+
+    def best(self, n_panes: int, singles: Sequence[LikelyWindow]) -> LikelyWindow:
+        """The best window of so many panes."""
+        judged = [self.judged(found.window) for found in self.search.candidates(n_panes, singles)]
+        return min(judged, key=lambda found: found.score)
+
+    def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
+        """The scene near a window, its incidence where the layers' edges overlap least, and standard errors."""
+        error = None
+        if "incidence_deg" in self.search.told:
+            window = self.search.refined(window).window
+        else:
+            # The likelihood's own incidence is off where images hardly lie apart; the edges' goes with the shifts.
+            for _ in range(_TURNS):
+                incidence, error = refined_incidence(self.frame, self.scene(window))
+                self.search.told["incidence_deg"] = incidence
+                window = self.search.refined(window, _ROUGH_SWEEPS).window
+            del self.search.told["incidence_deg"]
+
+        def shift_error(name: str) -> float | None:
+            if name in self.search.told:
+                return None
+            near = [replace(window, **{name: getattr(window, name) + step}) for step in _ERROR_STEPS_PX]
+            values = np.array([part.misfit(near) for part in self.parts])
+            return widened_shift(minimum_error(list(values.T), _ERROR_STEPS_PX[-1])) if self.parts else math.inf
+
+        errors = SceneErrors(
+            incidence_deg=None if error is None else widened_incidence(error),
+            ghost_shift=shift_error("pane_shift"),
+            gap_shift=shift_error("gap_along"),
+        )
+        return self.scene(window), errors
+
+
+def _clearly_better(one: LikelyWindow, other: LikelyWindow) -> bool:
+    """Whether a window scores better than another in all of the frame."""
+    error = math.hypot(*(jackknife_error(a - b) for a, b in zip(one.parts, other.parts, strict=True)))
+    return other.score - one.score > max(_LEAST_GAIN, _SURE * error)
+
+
+def _told(asked: SceneParameters, azimuth_deg: float) -> dict[str, Any]:
+    """Numbers of a window that are not to be found."""
+    told = {"incidence_deg": asked.incidence_deg, "pane_shift": asked.ghost_shift}
+    if asked.gap_shift is not None:
+        turned = math.radians(azimuth_deg - (azimuth_deg if asked.gap_azimuth_deg is None else asked.gap_azimuth_deg))
+        told |= {"gap_along": asked.gap_shift * math.cos(turned), "gap_across": asked.gap_shift * math.sin(turned)}
+    return {name: value for name, value in told.items() if value is not None}
+
+
+def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParameters) -> SceneEstimate:
+    """An estimate of a single pane, or the window of several that explains the capture clearly better.
+
+    Parameters
+    ----------
+    estimate : SceneEstimate
+        Of a single flat pane.
+    stokes : StokesImages
+    asked : SceneParameters
+        Fields that are None are to be found; a number of panes that is given is kept.
+    """
+    incidence, azimuth, shift = estimate.scene.values()
+    frame, plain = plate_frame(stokes, azimuth), asked.replace(absorption=asked.absorption or 0.0)
+    axes = [_Axis(frame, plain)]
+    taken, found = axes[0], None
+    if asked.n_panes is None:
+        if incidence < _LEAST_INCIDENCE_DEG and estimate.axis_margin >= _DOUBTFUL_MARGIN:
+            return estimate
+        found = min((axes[0].judged(Window(incidence, px)) for px in {shift, 0.0}), key=lambda one: one.score)
+    if asked.azimuth_deg is None and estimate.axis_margin < _DOUBTFUL_MARGIN:
+        axes.append(_Axis(frame.across(), plain))
+    for n_panes in range(2, MOST_FOUND + 1) if asked.n_panes is None else (asked.n_panes,):
+        starts = [(incidence,), _TRIAL_DEG]
+        tried = [(axis, axis.best(n_panes, axis.search.single(near))) for axis, near in zip(axes, starts, strict=False)]
+        axis, best = min(tried, key=lambda pair: pair[1].score)
+        if found is not None and not _clearly_better(best, found):
+            break
+        taken, found = axis, best
+    if found is None or found.window.n_panes == 1:
+        return estimate
+    scene, errors = taken.refined(found.window)
+    errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
+    return replace(estimate, scene=scene, errors=errors, axis_stake=0.0)

@@ -1,0 +1,149 @@
+"""How likely a capture's mean spectra are under windows of several panes, or tinted ones.
+
+Each image of a layer beside the others shapes its spectrum: the brightness of the images tells the incidence, the
+number of panes and the tint, their places the shifts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.estimation.flat.ghosts import (
+    DEGREES_OF_FREEDOM,
+    FIRST_LEVEL,
+    LEAST_FACTOR,
+    CrossSpectra,
+    spectral_shapes,
+)
+from polaropt.numerics import hann_autocorrelation
+from polaropt.optics import SceneParameters, window_orders
+from solvers.kernels import in_blocks
+
+if TYPE_CHECKING:
+    from polaropt.estimation.flat.window_kernels import Seen
+
+Values = NDArray[np.float64]
+
+# Orders of images that are looked at, and the weight of those that count. By trial.
+_ORDERS, _LEAST_WEIGHT = 10, 2e-3
+_DETAIL = (5, 4)
+"""Radii and directions into which the layers' spectra are split: with fewer, edges pass for further panes. By trial."""
+_ROUNDS = 8
+"""In which each trial's spectra are fitted. By trial."""
+_TRIALS_OF_A_THREAD = 8
+"""Set by hand."""
+_DIGITS = 3
+"""Decimals of incidence (degrees) and absorption to which windows are told apart: less than any error. Set by hand."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A trial window in the frame of its azimuth.
+
+    Attributes
+    ----------
+    incidence_deg : float
+    pane_shift : float
+        In pixels along the azimuth.
+    gap_along, gap_across : float
+        From one pane's back to the next one's front, in pixels along the azimuth, and 90 degrees clockwise from it.
+    n_panes : int
+    absorption : float
+    """
+
+    incidence_deg: float
+    pane_shift: float
+    gap_along: float = 0.0
+    gap_across: float = 0.0
+    n_panes: int = 1
+    absorption: float = 0.0
+
+
+class WindowLikelihood:
+    """Likelihood of windows given a capture's mean spectra.
+
+    Parameters
+    ----------
+    spectra : CrossSpectra
+    refractive_index : float
+    """
+
+    def __init__(self, spectra: CrossSpectra, refractive_index: float) -> None:
+        self._spectra, self._index = spectra, refractive_index
+        self._seen = _seen(spectra)
+
+    def misfit(self, windows: Sequence[Window], rounds: int = _ROUNDS) -> Values:
+        """Minus log likelihood per frequency of trial windows, up to a constant, (window,)."""
+        from polaropt.estimation.flat.window_kernels import Lags, window_misfits
+
+        glass = [(round(w.incidence_deg, _DIGITS), w.n_panes, round(w.absorption, _DIGITS)) for w in windows]
+        different = list(dict.fromkeys(glass))
+        tables = [_lags(*of, self._index) for of in different]
+        longest = max(len(orders[0]) for orders, _ in tables)
+        orders = np.zeros((len(tables), 2, longest, 2), np.int64)
+        weights = np.zeros((len(tables), 2, longest, 4), np.float32)
+        for k, (own, of_lags) in enumerate(tables):
+            orders[k, :, : own.shape[1]], weights[k, :, : own.shape[1]] = own, of_lags
+        kinds = np.array([different.index(of) for of in glass])
+        shifts = np.array([(w.pane_shift, w.gap_along, w.gap_across) for w in windows])
+        common = self._coherence(orders[kinds], shifts)
+        lags, trials, out = Lags(orders, weights), shifts.astype(np.float32), np.empty(len(windows))
+        settings = (np.float32(DEGREES_OF_FREEDOM), LEAST_FACTOR, rounds, FIRST_LEVEL)
+
+        def some(start: int, stop: int) -> None:
+            window_misfits(trials, kinds, lags, common, self._seen, *settings, out, start, stop)
+
+        in_blocks(some, len(windows), _TRIALS_OF_A_THREAD)
+        return out
+
+    def _coherence(self, orders: NDArray[np.int64], shifts: Values) -> NDArray[np.float32]:
+        """Share of its light that a tile's window has in common with itself so far off, (window, 2, lag)."""
+        along = orders[..., 0] * shifts[:, :1, None] + orders[..., 1] * shifts[:, 1:2, None]
+        across = orders[..., 1] * shifts[:, 2:, None]
+        azimuth, tile = math.radians(self._spectra.azimuth_deg), self._spectra.tile
+        columns = along * math.cos(azimuth) + across * math.sin(azimuth)
+        rows = along * math.sin(azimuth) - across * math.cos(azimuth)
+        return (hann_autocorrelation(columns / tile) * hann_autocorrelation(rows / tile)).astype(np.float32)
+
+
+def _seen(spectra: CrossSpectra) -> Seen:
+    from polaropt.estimation.flat.window_kernels import Seen
+
+    (par, cross), (_, perp) = spectra.covariance
+    data = np.stack([spectra.par, spectra.perp, spectra.cross.real, spectra.cross.imag])
+    parts = (spectra.along, spectra.across_azimuth, spectra.multiplicity)
+    shapes = spectral_shapes(spectra.along, spectra.across_azimuth, *_DETAIL)
+    arrays = (*parts, shapes, data, np.array([par, perp, cross]))
+    return Seen(*(np.ascontiguousarray(part, dtype=np.float32) for part in arrays))
+
+
+@lru_cache(maxsize=4096)
+def _lags(
+    incidence_deg: float, n_panes: int, absorption: float, refractive_index: float
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Orders (2, lag, 2) and weights (2, lag, 4) of a kind of window, as `window_kernels.Lags`."""
+    scene = SceneParameters(
+        incidence_deg, 0.0, 1.0, refractive_index, n_panes=n_panes, gap_shift=1.0, absorption=absorption
+    )
+    images = window_orders(scene, incidence_deg, 2 * _ORDERS)[:, :_ORDERS, :_ORDERS, :2]
+    images = np.where(np.abs(images) > _LEAST_WEIGHT, images, 0)
+    side = 2 * _ORDERS
+    spectra = np.fft.fft2(images, (side, side), axes=(1, 2))
+    pairs = [spectra[..., a] * spectra[..., b].conj() for a, b in ((0, 0), (1, 1), (0, 1))]
+    par, perp, cross = (np.fft.ifft2(pair, axes=(1, 2)).real for pair in pairs)
+    back = np.roll(cross[:, ::-1, ::-1], (1, 1), axis=(1, 2))
+    twice = np.full((side, side), 2.0)
+    twice[0, 0] = 1.0
+    weights = np.stack([par * twice, perp * twice, (cross + back) * twice / 2, cross - back], axis=-1)
+    # One of each pair of opposite lags; the other is its mirror image.
+    i, j = np.meshgrid(*(2 * [np.fft.fftfreq(side, 1 / side).round().astype(np.int64)]), indexing="ij")
+    used = ((i > 0) | ((i == 0) & (j >= 0))) & (np.abs(weights).max(axis=(0, -1)) > _LEAST_WEIGHT**2)
+    orders = np.stack([i[used], j[used]], axis=-1)
+    return np.stack([orders, orders]), weights[:, used].astype(np.float32)

@@ -1,0 +1,98 @@
+"""Windows of several panes, found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polaropt import InputError, SceneParameters, separate
+from polaropt.capture import Capture, plate_frame, stokes_images
+from polaropt.estimation import find_scene
+from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
+from polaropt.estimation.flat.window import equivalent_incidences
+from polaropt.estimation.flat.window_likelihood import Window, WindowLikelihood
+from polaropt.optics import in_place_reflectance
+from polaropt.simulation import Camera, photograph_pair
+from studies.photographs import pairs_of
+
+NOISE = 0.005
+OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None, absorption=None)
+TWO = SceneParameters(60.0, 25.0, 2.0, n_panes=2, gap_shift=9.0)
+
+
+def taken(scene: SceneParameters, pair: int = 0, size: int = 192) -> Capture:
+    photographs = pairs_of(None, size)[pair]
+    frames = (photographs.transmission, photographs.reflection)
+    return photograph_pair(*frames, scene, Camera(noise=NOISE), margin=photographs.margin)
+
+
+def likelihood(capture: Capture) -> WindowLikelihood:
+    return WindowLikelihood(cross_spectra(plate_frame(stokes_images(capture, NOISE), 25.0)), 1.5)
+
+
+def test_the_true_window_is_likeliest() -> None:
+    true = Window(60.0, 2.0, 9.0, n_panes=2)
+    others = [
+        replace(true, **changes)
+        for changes in (
+            {"incidence_deg": 57.0},
+            {"incidence_deg": 63.0},
+            {"pane_shift": 3.0},
+            {"gap_along": -9.0},
+            {"gap_across": 2.0},
+            {"n_panes": 1},
+            {"n_panes": 3},
+            {"absorption": 0.3},
+        )
+    ]
+    misfit = likelihood(taken(TWO)).misfit([true, *others])
+    assert misfit[0] < misfit[1:].min() - 2e-3
+
+
+def test_a_single_pane_is_as_likely_as_the_line_of_its_ghosts_says() -> None:
+    spectra = cross_spectra(plate_frame(stokes_images(taken(TWO), NOISE), 25.0))
+    shifts = np.array([-3.0, 0.0, 2.0, 11.0])
+    lines = ShiftLikelihood(spectra, OPEN.plainest, (5, 4)).misfit(70.0, shifts, rounds=30)
+    found = WindowLikelihood(spectra, 1.5).misfit([Window(70.0, float(shift)) for shift in shifts], rounds=40)
+    np.testing.assert_allclose(found, lines, atol=2e-3)
+
+
+@pytest.mark.parametrize("incidence_deg", [45.0, 72.0])
+def test_two_panes_that_look_like_one_lie_between_the_incidences_of_equal_reflectance(incidence_deg: float) -> None:
+    angles = equivalent_incidences(incidence_deg, 2, 1.5)
+    assert angles == sorted(angles)
+    wanted = in_place_reflectance(incidence_deg, 1.5, False)[1]
+    assert min(abs(in_place_reflectance(angle, 1.5, False, 2)[1] - wanted) for angle in angles) < 0.02
+
+
+def test_two_panes_are_found_blind_and_one_is_left_alone() -> None:
+    found = find_scene(taken(TWO), OPEN, NOISE)
+    scene = found.scene
+    assert scene.n_panes == 2
+    assert scene.rung == "ghosts"
+    assert scene.incidence_deg == pytest.approx(60, abs=0.7)
+    assert (scene.ghost_shift, scene.gap_shift) == pytest.approx((2, 9), abs=0.5)
+    assert 0 < (found.errors.gap_shift or 0) < 1
+    single = find_scene(taken(SceneParameters(60.0, 25.0, 4.0)), OPEN, NOISE).scene
+    assert (single.n_panes, single.gap_shift) == (1, 0)
+
+
+def test_the_incidence_of_a_known_number_of_panes_is_found_where_their_images_lie_on_each_other() -> None:
+    window = TWO.replace(incidence_deg=50.0, ghost_shift=0.0, gap_shift=0.0)
+    found = find_scene(taken(window), window.replace(incidence_deg=None, azimuth_deg=None), NOISE).scene
+    assert found.incidence_deg == pytest.approx(50, abs=1)
+    assert (found.n_panes, found.ghost_shift, found.gap_shift) == (2, 0, 0)
+
+
+def test_a_window_that_is_told_whole_is_separated() -> None:
+    capture, truth = taken(TWO), pairs_of(None, 192)[0].frames[0]
+    result = separate(capture, TWO)
+    assert np.sqrt(np.mean((result.transmission - truth) ** 2)) < 0.008
+    assert result.tried == ()
+
+
+def test_a_window_before_a_wide_lens_is_not_looked_for() -> None:
+    with pytest.raises(InputError, match="wide lens"):
+        find_scene(taken(TWO, size=64), OPEN.replace(n_panes=2, focal_px=500.0), NOISE)
