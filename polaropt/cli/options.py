@@ -84,7 +84,11 @@ class PaneOptions:
 
     panes: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Panes of the window, one behind another.", rich_help_panel=_PANE),
+        typer.Option(
+            metavar="N",
+            help="Panes of the window, one behind another. Default: up to three are found by their double images.",
+            rich_help_panel=_PANE,
+        ),
     ] = None
     gap_shift: Annotated[
         float | None,
@@ -106,7 +110,8 @@ class PaneOptions:
         float | None,
         typer.Option(
             metavar="SHARE",
-            help="Share of the light that tinted glass passes, 0 to 1; the transmission is what is seen through it.",
+            help="Share of the light that tinted glass passes, 0 to 1; the transmission is what is seen through it. "
+            "Default: found where a dimmed double image tells it (from about a quarter of the light on).",
             rich_help_panel=_PANE,
         ),
     ] = None
@@ -165,6 +170,8 @@ class PaneOptions:
             raise InputError(f"--panes is {self.panes}; give a whole number from 1 to {MOST_PANES}")
         if self.tint is not None and not DARKEST_TINT <= self.tint <= 1:
             raise InputError(f"--tint is {self.tint:g}; give the share of the light that passes, {DARKEST_TINT:g} to 1")
+        if self.thickness_px is not None and (self.panes or 1) > 1:
+            raise InputError("--thickness-px is for a single pane; give --shift and --gap-shift, or leave it out")
         for name, value in (("--gap-shift", self.gap_shift), ("--gap-azimuth", self.gap_azimuth)):
             if value is not None and (self.panes or 1) == 1:
                 raise InputError(f"{name} is for a window of several panes; give --panes too, or leave it out")

@@ -144,7 +144,8 @@ def separate_command(
 ) -> None:
     """Separate what is behind the glass (transmission) from what the glass mirrors (reflection).
 
-    Nothing needs to be known: incidence, azimuth and ghost shift are estimated unless given.
+    Nothing needs to be known: incidence, azimuth and double images are estimated unless given, and with them the number
+    of panes and the tint where they show.
 
     Writes into the folder: transmission.tiff and reflection.tiff (linear, 32-bit floating point), transmission.png and
     reflection.png (to look at: sRGB, each with the exposure that report.json tells), how well they are known

@@ -16,7 +16,7 @@ from polaropt.capture import Capture, registered_noise, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.estimation.flat.sampled_ghosts import shift_of_samples
-from polaropt.estimation.flat.window import with_window
+from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
@@ -108,10 +108,8 @@ def find_scene(
     """
     if asked.complete and thickness_px is None:
         return LadderResult(asked, None, ())
-    if asked.absorption is None:
-        asked = asked.replace(absorption=0.0)
-    if asked.stacked and asked.focal_px is not None:
-        raise InputError("a window of several panes before a wide lens must be given whole, or leave the lens out")
+    if asked.stacked and thickness_px is not None:
+        raise InputError("a thickness is for a single pane; give the shifts of a window of several, or leave it out")
     if capture.cells is not None:
         small, of_cells = 1 / capture.scale, registered_noise(capture)
         thickness = None if thickness_px is None else thickness_px * small
@@ -126,10 +124,15 @@ def find_scene(
         return in_full(found, capture, asked, noise, model, sense_only=thickness_px is not None)
     if asked.focal_px is not None and model == "auto":
         model = "perspective"
+    if asked.stacked and model not in ("auto", "ghosts"):
+        # Only where the pane is seen from far are the images of several panes looked for.
+        asked = asked.replace(ghost_shift=asked.ghost_shift or 0.0, gap_shift=asked.gap_shift or 0.0)
     if asked.bent:
         raise InputError("a bent pane must be given whole: set incidence, azimuth and ghost shift, or no bend")
     began = time.perf_counter()
-    flat = asked.replace(focal_px=None, n_panes=1, gap_shift=0.0)
+    flat = asked.replace(focal_px=None).plainest
+    shifted = asked.stacked and model in ("auto", "ghosts")
+    flat = flat.replace(n_panes=1, gap_shift=0.0) if shifted else flat
     if asked.ghost_shift is None and (model not in ("auto", "ghosts") or capture.start_unknown):
         flat = flat.replace(ghost_shift=0.0)
     stokes = stokes_images(capture, noise)
@@ -142,11 +145,14 @@ def find_scene(
         return _unseparated(estimate, seconds, "There is no polarization beyond the noise." if unpolarized else _ASKED)
     blocks = PolarizedBlocks(stokes)
     misfit = blocks.constant_misfit(estimate.scene.values()[1])
-    if asked.stacked or (asked.n_panes is None and model in ("auto", "ghosts") and misfit <= noise_misfit(blocks.n)):
+    open_window = thickness_px is None and (asked.n_panes is None or asked.absorption is None)
+    if shifted or (open_window and model in ("auto", "ghosts") and misfit <= noise_misfit(blocks.n)):
         estimate = with_window(estimate, stokes, asked)
         misfit = blocks.constant_misfit(estimate.scene.values()[1])
-    asked = asked.replace(n_panes=estimate.scene.n_panes, gap_shift=estimate.scene.gap_shift)
-    return _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds)
+    remark = window_remark(estimate.scene) if asked.n_panes is None and not estimate.scene.has_ghosts else ""
+    window = {name: getattr(estimate.scene, name) for name in ("n_panes", "gap_shift", "gap_azimuth_deg", "absorption")}
+    asked = asked.replace(**window)
+    return _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds, remark)
 
 
 def in_full(
@@ -216,10 +222,11 @@ class _Step:
         return RungReport(self.rung, *parts, taken, " ".join(filter(None, (reason, self.attempt.remark))))
 
 
-def _climbed(evidence: Evidence, seconds: float) -> LadderResult:
-    """Rung by rung up to the first that leaves nothing but noise, or the best of all."""
+def _climbed(evidence: Evidence, seconds: float, remark: str) -> LadderResult:
+    """Rung by rung up to the first that leaves nothing but noise, or the best of all; a remark is of the lowest."""
     wanted, plain = evidence.wanted, evidence.estimate.scene
-    steps = [_Step(plain.rung, RungFit(plain, evidence.misfit, 1, True, errors=evidence.estimate.errors), seconds)]
+    first = RungFit(plain, evidence.misfit, 1, True, remark, errors=evidence.estimate.errors)
+    steps = [_Step(plain.rung, first, seconds)]
     for rung in RUNGS:
         if wanted not in ("auto", rung.name) or not rung.may_help(evidence):
             continue

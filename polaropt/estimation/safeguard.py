@@ -9,6 +9,7 @@ import numpy as np
 from polaropt.capture import MOST_NEGATIVE, Capture, Mistakes, align, noise_level, noise_of_blocks
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
+from polaropt.estimation.flat.window import MOST_FOUND
 from polaropt.estimation.ladder import LadderResult, RungReport
 from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_correction
 
@@ -73,7 +74,9 @@ def with_incidence_checked(source: Capture, asked: SceneParameters, noise: float
     found = estimate_scene(source, open_scene, noise=noise)
     if not found.polarized:
         return CheckedScene(asked)
-    if abs(correction(asked) / correction(found.scene) - 1) <= _MUCH_CORRECTION:
+    # Several panes look like one at a steeper angle.
+    windows = [asked.replace(n_panes=n) for n in range(1, MOST_FOUND + 1)] if asked.n_panes is None else [asked]
+    if any(abs(correction(window) / correction(found.scene) - 1) <= _MUCH_CORRECTION for window in windows):
         return CheckedScene(asked)
     azimuth = found.scene.azimuth_deg if asked.azimuth_deg is None else asked.azimuth_deg
     return CheckedScene(asked.replace(azimuth_deg=azimuth), doubtful=True, harmful=_overcorrected(asked, found))
@@ -115,8 +118,7 @@ def left_alone(found: LadderResult, asked: CheckedScene) -> LadderResult:
 def correction(scene: SceneParameters) -> float:
     """What is taken off the intensity for each unit of polarized light, all bounces in place."""
     incidence = max(INCIDENCE_LIMITS_DEG[0], scene.incidence_deg or 0.0)
-    window = (scene.n_panes or 1, scene.absorption or 0.0)
-    return in_place_correction(incidence, scene.refractive_index, scene.single_surface, *window)
+    return in_place_correction(incidence, scene.refractive_index, *scene.sheets)
 
 
 def linear(capture: Capture, gamma: float) -> Capture:

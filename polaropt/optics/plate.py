@@ -155,15 +155,19 @@ class Plate:
 
     @property
     def series(self) -> tuple[GhostSeries, GhostSeries]:
-        """Both layers as closed series: of all bounces, or of none where `n_bounces` is 0; as physics has them."""
+        """Both layers as closed series: of all bounces, or of none where `n_bounces` is 0; as physics has them.
+
+        Those of several panes are no such line: all their images lie in place.
+        """
         if self.single_surface:
             nothing = 0 * self.rho
             return GhostSeries(self.tau, nothing, nothing), GhostSeries(self.rho, nothing, nothing)
+        if self.n_panes > 1:
+            nothing, (passed, mirrored) = 0 * self.rho, self.in_place()
+            return GhostSeries(passed, nothing, nothing), GhostSeries(mirrored, nothing, nothing)
         left = self.tau.dtype.type(self.passed_twice)
         through, ratio = self.tau * self.tau, self.rho * self.rho * left
         ghost = through * self.rho * left * through.dtype.type(self.n_bounces != 0)
-        # The series of a window of panes is no such line.
-        assert self.n_panes == 1
         return GhostSeries(through, ghost * self.rho, ratio), GhostSeries(self.rho, ghost, ratio)
 
     def cleared(self) -> Cleared:
@@ -174,6 +178,9 @@ class Plate:
         rho, nothing = self.rho[:2], 0 * self.rho[:2]
         if self.single_surface:
             return Cleared((self.tau[:2], nothing), (rho, nothing), nothing)
+        if self.n_panes > 1:
+            passed, mirrored = self.in_place()
+            return Cleared((passed[:2], nothing), (mirrored[:2], nothing), nothing)
         through = self.tau[:2] ** 2
         if self.n_bounces == 0:
             return Cleared((through, nothing), (rho, nothing), nothing)

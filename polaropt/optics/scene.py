@@ -178,6 +178,11 @@ class SceneParameters:
         return 1 if self.single_surface else 2 * (self.n_panes or 1)
 
     @property
+    def sheets(self) -> tuple[bool, int, float]:
+        """What of faces and glass decides how the whole reflects: single surface, number of panes, absorption."""
+        return self.single_surface, self.n_panes or 1, self.absorption or 0.0
+
+    @property
     def tint(self) -> float:
         """Share of the light from behind that tinted panes leave, each passed once."""
         return math.exp(-(self.n_panes or 1) * (self.absorption or 0.0))

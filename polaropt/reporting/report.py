@@ -71,6 +71,10 @@ def scene_report(found: SceneParameters, given: SceneParameters, focal_hint_px: 
     estimated = [field.name for field in FIELDS if field.estimable and _added(field, found, given)]
     if found.single_surface and "ghost_shift" in estimated:
         estimated.remove("ghost_shift")
+    # One clear pane is what is taken where nothing speaks against it.
+    unsaid = {"n_panes", "gap_shift"} if not found.stacked else set()
+    unsaid |= set() if found.absorption else {"absorption"}
+    estimated = [name for name in estimated if name not in unsaid]
     if found.focal_px == focal_hint_px and "focal_px" in estimated:
         estimated.remove("focal_px")
     return {"scene": {"rung": found.rung, **json_values(found)}, "estimated": estimated}

@@ -13,6 +13,7 @@ from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.window import equivalent_incidences
 from polaropt.estimation.flat.window_likelihood import Window, WindowLikelihood
+from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.optics import in_place_reflectance
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
@@ -93,6 +94,35 @@ def test_a_window_that_is_told_whole_is_separated() -> None:
     assert result.tried == ()
 
 
-def test_a_window_before_a_wide_lens_is_not_looked_for() -> None:
-    with pytest.raises(InputError, match="wide lens"):
-        find_scene(taken(TWO, size=64), OPEN.replace(n_panes=2, focal_px=500.0), NOISE)
+def test_before_a_wide_lens_a_known_number_of_panes_is_taken_in_place() -> None:
+    window = TWO.replace(incidence_deg=50.0, ghost_shift=0.0, gap_shift=0.0, focal_px=230.0)
+    asked = OPEN.replace(n_panes=2, focal_px=230.0)
+    found = find_scene(taken(window), asked, NOISE).scene
+    assert (found.rung, found.n_panes) == ("perspective", 2)
+    assert found.incidence_deg == pytest.approx(50, abs=1.5)
+    assert not found.has_ghosts
+
+
+def test_a_thickness_is_for_a_single_pane() -> None:
+    with pytest.raises(InputError, match="single pane"):
+        find_scene(taken(TWO, size=64), OPEN.replace(n_panes=2), NOISE, thickness_px=5.0)
+
+
+def test_tint_is_found_by_a_dim_ghost() -> None:
+    tinted = SceneParameters(60.0, 25.0, 6.0, absorption=0.5)
+    found = find_scene(taken(tinted, size=256), OPEN, NOISE)
+    assert found.scene.absorption == pytest.approx(0.5, abs=0.2)
+    assert found.scene.n_panes == 1
+    assert found.errors.absorption is not None
+
+
+def test_without_double_images_it_is_said_what_looks_alike() -> None:
+    found = find_scene(taken(SceneParameters(57.0, 25.0, 0.0)), OPEN, NOISE)
+    (lowest,) = (rung for rung in found.tried if rung.taken)
+    assert found.scene.n_panes == 1
+    assert "two panes at 4" in lowest.reason
+
+
+def test_a_told_incidence_that_suits_two_panes_is_not_doubted() -> None:
+    window = TWO.replace(incidence_deg=45.0)
+    assert not with_incidence_checked(taken(window), OPEN.replace(incidence_deg=45.0), NOISE).doubtful

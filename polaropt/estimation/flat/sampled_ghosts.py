@@ -274,7 +274,7 @@ def shift_of_samples(
     """
     cells = capture.cells
     flat = scene.rung in ("pixelwise", "ghosts") and not scene.single_surface and scene.n_bounces != 0
-    if cells is None or not flat or scene.transmission_ghost_shift is not None:
+    if cells is None or not flat or scene.stacked or scene.transmission_ghost_shift is not None:
         return None
     of_sensor = cells.samples.sampling.period / cells.scale
     found = sampled_shift(cells.samples, capture.angles_deg, scene.scaled(of_sensor), noise, sense_only=sense_only)

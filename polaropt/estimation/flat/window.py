@@ -56,6 +56,11 @@ _LEAST_GAIN = 0.003
 """Score that another pane must gain."""
 _SURE = 2.0
 """The same in standard errors of what is gained."""
+_LEAST_GAIN_OF_TINT, _MOST_LOSS_OF_TINT = 0.001, 0.01
+"""Log likelihood that tint must gain, and score that it may lose."""
+_LEAST_ABSORPTION, _TOLD_ABSORPTION, _LEAST_GHOST_PX = 0.15, 0.3, 1.25
+"""Absorption that may be told at all, and by the likelihood alone: interpolation dims ghosts as less tint does; and the
+shift of a ghost that tells it: close ones look like a blurred scene."""
 _UNUSUAL, _RESOLVED_PX = 0.025, 0.5
 """What panes that are far from parallel must gain beside, and the shift of a pane from which on its sense is told."""
 _NEAR_DEG, _FARTHEST = 0.7, 2.0
@@ -68,18 +73,24 @@ _DOUBTFUL_MARGIN = 0.08
 """Margin of the azimuth's axis up to which the one across is looked at, too: the single pane that it is of is wrong."""
 _TURNS = 3
 """In which incidence and shifts are refined."""
-_ERROR_STEPS_PX = (-0.25, 0.0, 0.25)
+_ERROR_STEP_PX, _ERROR_STEP = 0.25, 0.05
+"""Beside a shift and an absorption: where the likelihood is looked at for their standard errors."""
+_WEAK_PRIOR = 0.002
+"""Of a squared absorption, in log likelihood: dim ghosts hardly tell how dark the glass is. By trial."""
+_TRIAL_ABSORPTION = 0.4
+"""Of tinted glass: two thirds of the light pass."""
 
 
 @dataclass(frozen=True)
 class LikelyWindow:
     """A window and its score: minus its log likelihood per frequency, and the log overlap of its layers' edges.
 
-    `parts` are the scores without parts of the frame: the likelihood's, and the overlap's share.
+    `misfit` is the first alone; `parts` are the same two without parts of the frame.
     """
 
     window: Window
     score: float
+    misfit: float
     parts: tuple[Values, ...] = ()
 
 
@@ -103,18 +114,27 @@ class WindowSearch:
         n = math.floor(most_shift / _STEP_PX)
         self._grid = _STEP_PX * np.arange(-n, n + 1.0)
 
-    def single(self, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
+    def single(self, incidences_deg: Sequence[float], absorption: float = 0.0) -> list[LikelyWindow]:
         """Likely single panes: at the likeliest of some incidences each local minimum over shifts, likeliest first."""
-        windows = [Window(incidence, shift) for incidence in incidences_deg for shift in self._grid.tolist()]
+        windows = [
+            Window(incidence, shift, absorption=absorption)
+            for incidence, shift in product(incidences_deg, self._grid.tolist())
+        ]
         misfits = self._likelihood.misfit(windows, _SCAN_ROUNDS).reshape(len(incidences_deg), -1)
         best = int(np.argmin(misfits.min(axis=1)))
         misfit, trials = misfits[best], windows[best * self._grid.size :]
         minima = np.flatnonzero(local_minima(misfit))
-        return [LikelyWindow(trials[int(i)], float(misfit[i])) for i in minima[np.argsort(misfit[minima])]]
+        return [
+            LikelyWindow(trials[int(i)], float(misfit[i]), float(misfit[i])) for i in minima[np.argsort(misfit[minima])]
+        ]
 
-    def candidates(self, n_panes: int, singles: Sequence[LikelyWindow]) -> list[LikelyWindow]:
-        """Likely windows of so many panes, begun from single panes."""
-        return [self.refined(start, _ROUGH_SWEEPS) for start in self._scanned(n_panes, singles)]
+    def candidates(self, n_panes: int, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
+        """Likely windows of so many panes, begun from single panes at some incidences; one pane is tinted."""
+        if n_panes == 1:
+            starts = [single.window for single in self.single(incidences_deg, _TRIAL_ABSORPTION)[:_MOST_STARTS]]
+        else:
+            starts = self._scanned(n_panes, self.single(incidences_deg))
+        return [self.refined(start, _ROUGH_SWEEPS) for start in starts]
 
     def _scanned(self, n_panes: int, singles: Sequence[LikelyWindow]) -> list[Window]:
         """Windows at which scans of one shift are least."""
@@ -142,7 +162,7 @@ class WindowSearch:
         free = [name for name in (_NAMES[:4] if start.n_panes > 1 else _NAMES[:2]) if name not in self.told]
         free += ["absorption"] if start.absorption and "absorption" not in self.told else []
         steps = dict(zip(_NAMES, _FIRST_STEPS, strict=True))
-        best = LikelyWindow(replace(start, **self.told), math.inf)
+        best = LikelyWindow(replace(start, **self.told), math.inf, math.inf)
         for _ in range(sweeps):
             for name in free:
                 here = getattr(best.window, name)
@@ -156,12 +176,14 @@ class WindowSearch:
         """The likeliest of a few windows along one number, between them by a parabola."""
         here = getattr(window, name)
         values = [v for v in (here + step * np.arange(-2, 3.0)).tolist() if _allowed(name, v)]
-        misfit = self._likelihood.misfit([replace(window, **{name: value}) for value in values], _ROUNDS)
+        near = [replace(window, **{name: value}) for value in values]
+        misfit = self._likelihood.misfit(near, _ROUNDS)
+        misfit += _WEAK_PRIOR * np.square([trial.absorption for trial in near])
         i = int(np.argmin(misfit))
         at = values[i]
         if 0 < i < len(values) - 1:
             at += step * vertex(*(float(m) for m in misfit[i - 1 : i + 2]))
-        return LikelyWindow(replace(window, **{name: at}), float(misfit[i]))
+        return LikelyWindow(replace(window, **{name: at}), float(misfit[i]), float(misfit[i]))
 
 
 def _allowed(name: str, value: float) -> bool:
@@ -232,6 +254,7 @@ class _Axis:
         return LikelyWindow(
             window,
             score + (_UNUSUAL if self._unusual(window) else 0.0),
+            misfit,
             (likelihoods, _OVERLAP_WEIGHT * np.log(overlap_of(left_out(sums)))),
         )
 
@@ -243,9 +266,9 @@ class _Axis:
         pane = abs(window.pane_shift)
         return pane > _RESOLVED_PX and (along < 0 or math.hypot(along, window.gap_across) < pane - _RESOLVED_PX)
 
-    def best(self, n_panes: int, singles: Sequence[LikelyWindow]) -> LikelyWindow:
-        """The best window of so many panes."""
-        judged = [self.judged(found.window) for found in self.search.candidates(n_panes, singles)]
+    def best(self, n_panes: int, incidences_deg: Sequence[float]) -> LikelyWindow:
+        """The best window of so many panes, see `WindowSearch.candidates`."""
+        judged = [self.judged(found.window) for found in self.search.candidates(n_panes, incidences_deg)]
         return min(judged, key=lambda found: found.score)
 
     def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
@@ -262,18 +285,25 @@ class _Axis:
             del self.search.told["incidence_deg"]
 
         def shift_error(name: str) -> float | None:
-            if name in self.search.told:
-                return None
-            near = [replace(window, **{name: getattr(window, name) + step}) for step in _ERROR_STEPS_PX]
-            values = np.array([part.misfit(near) for part in self.parts])
-            return widened_shift(minimum_error(list(values.T), _ERROR_STEPS_PX[-1])) if self.parts else math.inf
+            error = self._error(window, name, _ERROR_STEP_PX)
+            return None if error is None else widened_shift(error)
 
         errors = SceneErrors(
             incidence_deg=None if error is None else widened_incidence(error),
             ghost_shift=shift_error("pane_shift"),
-            gap_shift=shift_error("gap_along"),
+            gap_shift=shift_error("gap_along") if window.n_panes > 1 else None,
+            absorption=self._error(window, "absorption", _ERROR_STEP) if window.absorption else None,
         )
         return self.scene(window), errors
+
+    def _error(self, window: Window, name: str, step: float) -> float | None:
+        """Standard error of one number of a window, by leaving parts of the frame out; None where it is told."""
+        if name in self.search.told:
+            return None
+        here = max(getattr(window, name), step) if name == "absorption" else getattr(window, name)
+        near = [replace(window, **{name: here + move}) for move in (-step, 0.0, step)]
+        values = np.array([part.misfit(near) for part in self.parts])
+        return minimum_error(list(values.T), step) if self.parts else math.inf
 
 
 def _clearly_better(one: LikelyWindow, other: LikelyWindow) -> bool:
@@ -282,9 +312,24 @@ def _clearly_better(one: LikelyWindow, other: LikelyWindow) -> bool:
     return other.score - one.score > max(_LEAST_GAIN, _SURE * error)
 
 
+def _shows_tint(tinted: LikelyWindow, plain: LikelyWindow) -> bool:
+    """Whether a ghost lies so far off, and is so much dimmer than of clear glass, that it tells of tint.
+
+    A dim ghost hardly moves edges, so that the likelihood decides, unless the overlap speaks against it.
+    """
+    window = tinted.window
+    if abs(window.pane_shift) < _LEAST_GHOST_PX or window.absorption < _LEAST_ABSORPTION:
+        return False
+    if _clearly_better(tinted, plain):
+        return True
+    gain, error = plain.misfit - tinted.misfit, jackknife_error(plain.parts[0] - tinted.parts[0])
+    told = window.absorption >= _TOLD_ABSORPTION and gain > max(_LEAST_GAIN_OF_TINT, _SURE * error)
+    return told and plain.score - tinted.score > -_MOST_LOSS_OF_TINT
+
+
 def _told(asked: SceneParameters, azimuth_deg: float) -> dict[str, Any]:
     """Numbers of a window that are not to be found."""
-    told = {"incidence_deg": asked.incidence_deg, "pane_shift": asked.ghost_shift}
+    told = {"incidence_deg": asked.incidence_deg, "pane_shift": asked.ghost_shift, "absorption": asked.absorption}
     if asked.gap_shift is not None:
         turned = math.radians(azimuth_deg - (azimuth_deg if asked.gap_azimuth_deg is None else asked.gap_azimuth_deg))
         told |= {"gap_along": asked.gap_shift * math.cos(turned), "gap_across": asked.gap_shift * math.sin(turned)}
@@ -292,7 +337,7 @@ def _told(asked: SceneParameters, azimuth_deg: float) -> dict[str, Any]:
 
 
 def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParameters) -> SceneEstimate:
-    """An estimate of a single pane, or the window of several that explains the capture clearly better.
+    """An estimate of a single clear pane, or the window that explains the capture clearly better.
 
     Parameters
     ----------
@@ -300,27 +345,46 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
         Of a single flat pane.
     stokes : StokesImages
     asked : SceneParameters
-        Fields that are None are to be found; a number of panes that is given is kept.
+        Fields that are None are to be found: tint of a single pane, and up to three clear ones. A number of panes and
+        an absorption that are given are kept.
     """
     incidence, azimuth, shift = estimate.scene.values()
-    frame, plain = plate_frame(stokes, azimuth), asked.replace(absorption=asked.absorption or 0.0)
-    axes = [_Axis(frame, plain)]
-    taken, found = axes[0], None
-    if asked.n_panes is None:
-        if incidence < _LEAST_INCIDENCE_DEG and estimate.axis_margin >= _DOUBTFUL_MARGIN:
-            return estimate
-        found = min((axes[0].judged(Window(incidence, px)) for px in {shift, 0.0}), key=lambda one: one.score)
-    if asked.azimuth_deg is None and estimate.axis_margin < _DOUBTFUL_MARGIN:
-        axes.append(_Axis(frame.across(), plain))
-    for n_panes in range(2, MOST_FOUND + 1) if asked.n_panes is None else (asked.n_panes,):
-        starts = [(incidence,), _TRIAL_DEG]
-        tried = [(axis, axis.best(n_panes, axis.search.single(near))) for axis, near in zip(axes, starts, strict=False)]
-        axis, best = min(tried, key=lambda pair: pair[1].score)
-        if found is not None and not _clearly_better(best, found):
-            break
-        taken, found = axis, best
-    if found is None or found.window.n_panes == 1:
+    open_panes, doubtful = asked.n_panes is None, asked.azimuth_deg is None and estimate.axis_margin < _DOUBTFUL_MARGIN
+    if open_panes and incidence < _LEAST_INCIDENCE_DEG and not doubtful:
         return estimate
+    frame = plate_frame(stokes, azimuth)
+    axes: list[tuple[_Axis, tuple[float, ...]]] = [(_Axis(frame, asked), (incidence,))]
+    if doubtful:
+        axes.append((_Axis(frame.across(), asked), _TRIAL_DEG))
+
+    def best(n_panes: int) -> tuple[_Axis, LikelyWindow]:
+        return min(((axis, axis.best(n_panes, near)) for axis, near in axes), key=lambda pair: pair[1].score)
+
+    taken = axes[0][0]
+    if open_panes or asked.n_panes == 1:
+        plains = {Window(incidence, px, absorption=asked.absorption or 0.0) for px in (shift, 0.0)}
+        plain = found = min((taken.judged(window) for window in plains), key=lambda judged: judged.score)
+        if asked.absorption is None:
+            tinted = [taken.judged(near.window) for near in taken.search.candidates(1, (incidence,))]
+            telling = [near for near in tinted if _shows_tint(near, plain)]
+            found = min(telling, key=lambda judged: judged.score, default=plain)
+        if open_panes:
+            axis, two = best(2)
+            if _clearly_better(two, plain) and two.score < found.score:
+                taken, found = axis, two
+        if found is plain:
+            return estimate
+        if open_panes and found.window.n_panes == MOST_FOUND - 1:
+            axis, more = best(MOST_FOUND)
+            taken, found = (axis, more) if more.score < found.score - _LEAST_GAIN else (taken, found)
+    else:
+        taken, found = best(asked.n_panes or 1)
     scene, errors = taken.refined(found.window)
     errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
     return replace(estimate, scene=scene, errors=errors, axis_stake=0.0)
+
+
+def window_remark(scene: SceneParameters) -> str:
+    """What is to be said of a pane without double images: several would look like it."""
+    incidence = equivalent_incidences(scene.values()[0], 2, scene.refractive_index)[-1]
+    return f"Without double images two panes at {incidence:.0f} degrees would look much alike."
