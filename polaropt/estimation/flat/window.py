@@ -41,9 +41,14 @@ _MOST_STARTS = 3
 """Shifts of a single pane that windows are begun from."""
 _TRIAL_DEG = (40.0, 52.0, 62.0, 72.0, 80.0)
 """Incidences of single panes that windows are likened to where the axis is in doubt."""
+_SIDE_STEP_PX, _SIDE_STEPS, _MOST_TO_SIDES = 1.5, 7, 2
+"""Spacing and number of steps of a scan to all sides, and from how many shifts of a single pane."""
+_ANOTHER_DEG = (5.0, 9.0)
+"""How much less steep a window with a pane more stands that looks like one without."""
 _EQUIVALENT_STEP_DEG = 1.0
 _LEAST_EQUIVALENT, _EQUIVALENT_SPACING_DEG = 2, 7.0
-_MOST_CANDIDATES = 3
+_MOST_CANDIDATES, _MOST_FROM_SIDES = 3, 1
+"""Windows of a scan that are looked at closely."""
 _SCAN_ROUNDS, _ROUNDS = 4, 8
 _FIRST_STEPS = (2.0, 0.5, 0.5, 0.5, 0.1)
 """Of incidence (degrees), the three shifts (pixels) and absorption."""
@@ -52,8 +57,8 @@ _CLOSER, _ROUGH_SWEEPS, _SWEEPS = 0.5, 3, 4
 _NAMES = ("incidence_deg", "pane_shift", "gap_along", "gap_across", "absorption")
 _OVERLAP_WEIGHT = 0.5
 """What a unit of log overlap is worth in log likelihood per frequency."""
-_LEAST_GAIN = 0.003
-"""Score that another pane must gain."""
+_LEAST_GAIN, _LEAST_GAIN_OF_THREE = 0.003, 0.02
+"""Score that a second pane must gain, and a third, which two at another angle mimic where their images lie close."""
 _SURE = 2.0
 """The same in standard errors of what is gained."""
 _LEAST_GAIN_OF_TINT, _MOST_LOSS_OF_TINT = 0.001, 0.01
@@ -68,9 +73,10 @@ _NEAR_DEG, _FARTHEST = 0.7, 2.0
 _LEAST_INCIDENCE_DEG = 30.0
 """Of the single pane that looks alike: below it the transmission hardly needs to know, and little is told."""
 MOST_FOUND = 3
-"""Panes of a window that is found; what is told may have more."""
-_DOUBTFUL_MARGIN = 0.08
-"""Margin of the azimuth's axis up to which the one across is looked at, too: the single pane that it is of is wrong."""
+"""Panes of a window that is found: two, and one more; what is told may have more."""
+_DOUBTFUL_MARGIN, _NEARLY_AS_LIKELY = 0.2, 0.03
+"""Margin of the azimuth's axis up to which the one across is looked at, too, as the single pane that it is of may be
+wrong; and log likelihood that a scan there may lack of the single pane's to be worth a closer look."""
 _TURNS = 3
 """In which incidence and shifts are refined."""
 _ERROR_STEP_PX, _ERROR_STEP = 0.25, 0.05
@@ -133,11 +139,17 @@ class WindowSearch:
         if n_panes == 1:
             starts = [single.window for single in self.single(incidences_deg, _TRIAL_ABSORPTION)[:_MOST_STARTS]]
         else:
-            starts = self._scanned(n_panes, self.single(incidences_deg))
+            starts = self.scanned(n_panes, self.single(incidences_deg))
         return [self.refined(start, _ROUGH_SWEEPS) for start in starts]
 
-    def _scanned(self, n_panes: int, singles: Sequence[LikelyWindow]) -> list[Window]:
-        """Windows at which scans of one shift are least."""
+    def with_another(self, window: Window) -> list[LikelyWindow]:
+        """Likely windows of a pane more than one that was found, whose panes stand alike."""
+        angles = [window.incidence_deg - step for step in _ANOTHER_DEG]
+        starts = [replace(window, incidence_deg=angle, n_panes=window.n_panes + 1) for angle in angles if angle > 0]
+        return [self.refined(start, _ROUGH_SWEEPS) for start in starts]
+
+    def scanned(self, n_panes: int, singles: Sequence[LikelyWindow]) -> list[Window]:
+        """Windows at which scans of shifts are likeliest: along the azimuth, and of a gap's to all sides."""
         near = equivalent_incidences(singles[0].window.incidence_deg, n_panes, self._index)
         panes = self._grid[np.abs(self._grid) <= _PANE_PX].tolist()
         trials: dict[Window, None] = {}
@@ -147,13 +159,22 @@ class WindowSearch:
             for angle, (pane, gap) in product(near, pairs):
                 trial = replace(Window(angle, pane, gap, n_panes=n_panes), **self.told)
                 trials[trial] = None
-        windows = list(trials)
+        middle = near[len(near) // 2]
+        sides = (_SIDE_STEP_PX * np.arange(-_SIDE_STEPS, _SIDE_STEPS + 1.0)).tolist()
+        to_sides = [
+            replace(Window(middle, start.window.pane_shift, along, across, n_panes), **self.told)
+            for start, along, across in product(singles[:_MOST_TO_SIDES], sides, sides)
+        ]
+        return [*self._likely(list(trials), _MOST_CANDIDATES), *self._likely(to_sides, _MOST_FROM_SIDES)]
+
+    def _likely(self, windows: list[Window], most: int) -> list[Window]:
+        """The likeliest windows, those beside likelier ones left out."""
         misfit = self._likelihood.misfit(windows, _SCAN_ROUNDS)
         kept: list[Window] = []
         for i in np.argsort(misfit):
             if all(_apart(windows[int(i)], other) for other in kept):
                 kept.append(windows[int(i)])
-            if len(kept) == _MOST_CANDIDATES:
+            if len(kept) == most:
                 break
         return kept
 
@@ -194,8 +215,9 @@ def _allowed(name: str, value: float) -> bool:
 
 def _apart(one: Window, other: Window) -> bool:
     """Whether two windows are more than neighbours of a scan."""
-    far = max(abs(one.pane_shift - other.pane_shift), abs(one.gap_along - other.gap_along))
-    return far > 2 * _STEP_PX
+    shifts = ("pane_shift", "gap_along", "gap_across")
+    far = max(abs(getattr(one, name) - getattr(other, name)) for name in shifts)
+    return bool(far > 2 * _STEP_PX)
 
 
 def equivalent_incidences(incidence_deg: float, n_panes: int, refractive_index: float) -> list[float]:
@@ -266,10 +288,14 @@ class _Axis:
         pane = abs(window.pane_shift)
         return pane > _RESOLVED_PX and (along < 0 or math.hypot(along, window.gap_across) < pane - _RESOLVED_PX)
 
-    def best(self, n_panes: int, incidences_deg: Sequence[float]) -> LikelyWindow:
-        """The best window of so many panes, see `WindowSearch.candidates`."""
-        judged = [self.judged(found.window) for found in self.search.candidates(n_panes, incidences_deg)]
-        return min(judged, key=lambda found: found.score)
+    def best(self, candidates: Sequence[LikelyWindow]) -> LikelyWindow:
+        """The best of some windows."""
+        return min((self.judged(found.window) for found in candidates), key=lambda found: found.score)
+
+    def scan(self, n_panes: int, incidences_deg: Sequence[float]) -> float:
+        """The misfit of the likeliest window of a scan."""
+        starts = self.search.scanned(n_panes, self.search.single(incidences_deg))
+        return float(self.likelihood.misfit(starts[:1], _ROUNDS)[0])
 
     def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
         """The scene near a window, its incidence where the layers' edges overlap least, and standard errors."""
@@ -306,16 +332,17 @@ class _Axis:
         return minimum_error(list(values.T), step) if self.parts else math.inf
 
 
-def _clearly_better(one: LikelyWindow, other: LikelyWindow) -> bool:
+def _clearly_better(one: LikelyWindow, other: LikelyWindow, least: float = _LEAST_GAIN) -> bool:
     """Whether a window scores better than another in all of the frame."""
     error = math.hypot(*(jackknife_error(a - b) for a, b in zip(one.parts, other.parts, strict=True)))
-    return other.score - one.score > max(_LEAST_GAIN, _SURE * error)
+    return bool(other.score - one.score > max(least, _SURE * error))
 
 
 def _shows_tint(tinted: LikelyWindow, plain: LikelyWindow) -> bool:
     """Whether a ghost lies so far off, and is so much dimmer than of clear glass, that it tells of tint.
 
-    A dim ghost hardly moves edges, so that the likelihood decides, unless the overlap speaks against it.
+    A dim ghost hardly moves edges: where clear glass shows none the likelihood decides, unless the overlap speaks
+    against it.
     """
     window = tinted.window
     if abs(window.pane_shift) < _LEAST_GHOST_PX or window.absorption < _LEAST_ABSORPTION:
@@ -323,8 +350,9 @@ def _shows_tint(tinted: LikelyWindow, plain: LikelyWindow) -> bool:
     if _clearly_better(tinted, plain):
         return True
     gain, error = plain.misfit - tinted.misfit, jackknife_error(plain.parts[0] - tinted.parts[0])
-    told = window.absorption >= _TOLD_ABSORPTION and gain > max(_LEAST_GAIN_OF_TINT, _SURE * error)
-    return told and plain.score - tinted.score > -_MOST_LOSS_OF_TINT
+    alone = window.absorption >= _TOLD_ABSORPTION and abs(plain.window.pane_shift) < _LEAST_GHOST_PX
+    told = alone and gain > max(_LEAST_GAIN_OF_TINT, _SURE * error)
+    return bool(told and plain.score - tinted.score > -_MOST_LOSS_OF_TINT)
 
 
 def _told(asked: SceneParameters, azimuth_deg: float) -> dict[str, Any]:
@@ -353,30 +381,33 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     if open_panes and incidence < _LEAST_INCIDENCE_DEG and not doubtful:
         return estimate
     frame = plate_frame(stokes, azimuth)
-    axes: list[tuple[_Axis, tuple[float, ...]]] = [(_Axis(frame, asked), (incidence,))]
-    if doubtful:
-        axes.append((_Axis(frame.across(), asked), _TRIAL_DEG))
+    first, across = _Axis(frame, asked), _Axis(frame.across(), asked) if doubtful else None
 
-    def best(n_panes: int) -> tuple[_Axis, LikelyWindow]:
-        return min(((axis, axis.best(n_panes, near)) for axis, near in axes), key=lambda pair: pair[1].score)
+    def best(n_panes: int, plain: LikelyWindow | None = None) -> tuple[_Axis, LikelyWindow]:
+        here = first, first.best(first.search.candidates(n_panes, (incidence,)))
+        most = math.inf if plain is None else plain.misfit + _NEARLY_AS_LIKELY
+        if across is None or across.scan(n_panes, _TRIAL_DEG) > most:
+            return here
+        there = across, across.best(across.search.candidates(n_panes, _TRIAL_DEG))
+        return min(here, there, key=lambda pair: pair[1].score)
 
-    taken = axes[0][0]
     if open_panes or asked.n_panes == 1:
         plains = {Window(incidence, px, absorption=asked.absorption or 0.0) for px in (shift, 0.0)}
-        plain = found = min((taken.judged(window) for window in plains), key=lambda judged: judged.score)
+        plain = found = min((first.judged(window) for window in plains), key=lambda judged: judged.score)
+        taken = first
         if asked.absorption is None:
-            tinted = [taken.judged(near.window) for near in taken.search.candidates(1, (incidence,))]
+            tinted = [first.judged(near.window) for near in first.search.candidates(1, (incidence,))]
             telling = [near for near in tinted if _shows_tint(near, plain)]
             found = min(telling, key=lambda judged: judged.score, default=plain)
         if open_panes:
-            axis, two = best(2)
+            axis, two = best(2, plain)
             if _clearly_better(two, plain) and two.score < found.score:
                 taken, found = axis, two
+                near = (incidence,) if axis is first else _TRIAL_DEG
+                more = axis.best(axis.search.with_another(two.window) + axis.search.candidates(MOST_FOUND, near))
+                found = more if _clearly_better(more, two, _LEAST_GAIN_OF_THREE) else found
         if found is plain:
             return estimate
-        if open_panes and found.window.n_panes == MOST_FOUND - 1:
-            axis, more = best(MOST_FOUND)
-            taken, found = (axis, more) if more.score < found.score - _LEAST_GAIN else (taken, found)
     else:
         taken, found = best(asked.n_panes or 1)
     scene, errors = taken.refined(found.window)
