@@ -41,7 +41,7 @@ _MOST_STARTS = 3
 """Shifts of a single pane that windows are begun from."""
 _TRIAL_DEG = (40.0, 52.0, 62.0, 72.0, 80.0)
 """Incidences of single panes that windows are likened to where the axis is in doubt."""
-_SIDE_STEP_PX, _SIDE_STEPS, _MOST_TO_SIDES = 1.5, 7, 2
+_SIDE_STEP_PX, _SIDE_STEPS, _MOST_TO_SIDES = 2.0, 5, 1
 """Spacing and number of steps of a scan to all sides, and from how many shifts of a single pane."""
 _ANOTHER_DEG = (5.0, 9.0)
 """How much less steep a window with a pane more stands that looks like one without."""
