@@ -81,10 +81,12 @@ def simulate(
 def exact_photographs(layers: FloatImages, scene: SceneParameters, angles_deg: Sequence[float]) -> FloatImages:
     """Photographs (k, [channel,] h, w) of layers (2, [channel,] h, w) before any noise, clipping and rounding."""
     engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
-    if scene.absorption:
-        # The engine's transmission is what is seen through the tint.
-        layers = np.stack([np.float32(scene.tint) * layers[0], layers[1]])
-    return np.asarray(engine.forward(layers), dtype=np.float32)
+    return np.asarray(engine.forward(_through_tint(layers, scene)), dtype=np.float32)
+
+
+def _through_tint(layers: FloatImages, scene: SceneParameters) -> FloatImages:
+    """Layers as an engine takes them: its transmission is what is seen through the tint."""
+    return np.stack([np.float32(scene.tint) * layers[0], layers[1]]) if scene.absorption else layers
 
 
 def _exact_in_strips(
@@ -99,7 +101,8 @@ def _exact_in_strips(
     for rows in strips(height, len(angles_deg) * math.prod(channels) * width, multiple=min(reach, height)):
         first, stop = max(0, rows.start - reach), min(height, rows.stop + reach)
         of_strip = engine.moved(0, -first, height, width) if isinstance(engine, VaryingPSE) else engine
-        seen = of_strip.forward(stack_layers(*(image[first:stop] for image in both)))
+        layers = stack_layers(*(image[first:stop] for image in both))
+        seen = of_strip.forward(_through_tint(layers, scene))
         photographs[..., rows, :] = seen[..., rows.start - first : rows.stop - first, :]
     return photographs
 
