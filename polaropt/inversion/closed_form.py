@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, least_squares_entries
 from polaropt.inversion.canvas import Canvas
-from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Power, Spectrum, fit_spectra, moments_of
+from polaropt.inversion.spectra import Bands, FittedSpectra, FrequencyBands, Power, Spectrum, fit_spectra, moments_of
 from polaropt.inversion.transfer import plate_transfer
 from polaropt.inversion.variance import Knowledge
 from polaropt.inversion.whitening import AssumedHessian
@@ -176,7 +176,7 @@ def fitted_closed_form(
 
 
 def knowledge_of(
-    equations: NormalEquations, fitted: FittedSpectra, bands: FrequencyBands, mean: Images, basis: Basis
+    equations: NormalEquations, fitted: FittedSpectra, bands: Bands, mean: Images, basis: Basis
 ) -> ClosedForm:
     """What is known of the layers under fitted spectra, without the layers themselves."""
     edges = bands.share * bands.squared_frequency
@@ -227,7 +227,7 @@ def _fitted(equations: NormalEquations, bands: FrequencyBands, power: NDArray[np
     return fit_spectra(moments_of(information, sampled), bands, power)
 
 
-def _sampled(equations: NormalEquations, bands: FrequencyBands, prior: Power, basis: Basis) -> Knowledge:
+def _sampled(equations: NormalEquations, bands: Bands, prior: Power, basis: Basis) -> Knowledge:
     told = equations.told.reshape(2, -1)[:, bands.sample]
     cross = np.square(np.abs(equations.cross.ravel()[bands.sample]))
     return Knowledge(told, cross, prior, bands.share, bands.squared_frequency, basis)
@@ -255,7 +255,8 @@ def initial_power(total: Images) -> NDArray[np.float64]:
 def means_of(level: NDArray[np.float32], sums: Matrix, precision: Matrix, basis: Basis) -> Images:
     """Means of the layers (2, channel, 1, 1): all bounces in place, with a weak prior at the mean intensity."""
     intensity = float(np.sqrt(np.square(level[0] + level[1]).sum()))
-    expected = intensity * np.eye(basis.shape[0])[0]
+    # Grey.
+    expected = intensity * basis.mean(axis=1) * np.sqrt(len(basis))
     spread = np.eye(2) / (_MEAN_SPREAD * max(intensity, LEAST_INTENSITY)) ** 2
     normal = sums.T @ precision @ sums + spread
     right = sums.T @ precision @ level + spread @ np.stack([expected, expected])

@@ -24,10 +24,11 @@ from polaropt.inversion.closed_form import (
     normal_equations,
     plate_entries,
 )
-from polaropt.inversion.spectra import FittedSpectra, FrequencyBands, Moments, Power, Spectrum, fit_spectra
+from polaropt.inversion.directional_spectra import EQUIVALENT_TURNS, DirectionalBands, fit_directional_spectra
+from polaropt.inversion.spectra import FittedSpectra, Moments, Power, Spectrum
 from polaropt.inversion.transfer import plate_transfer
 from polaropt.inversion.variance import Knowledge
-from polaropt.numerics import AliasGroups, Basis, Members, explained_groups, opponent_basis, wiener_spectra
+from polaropt.numerics import AliasGroups, Basis, Members, explained_groups, principal_colors, wiener_spectra
 from polaropt.optics import PSE
 from priors.natural_image import in_basis
 
@@ -35,6 +36,8 @@ Images = NDArray[np.float32]
 
 # Frequencies that the spectra are fitted to, as many as for four full photographs.
 _SAMPLED = 6144
+# Blur before colours are seen to vary together, in pixels: what is finer was interpolated. By trial: 4 does as well.
+_BLUR_PX = 2.0
 # Share of a power that remains open at least, and of a determinant: rounding leaves no less. Set by hand.
 _LEAST_LEFT = np.float32(1e-6)
 
@@ -55,8 +58,10 @@ def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> C
     samples = capture.samples
     if samples is None:
         raise ValueError("the capture has no samples of a mosaic")
-    basis = opponent_basis(samples.sampling.n_channels)
-    entries = in_basis(basis.astype(np.float32), plate_entries(capture, pse), np)
+    seen = plate_entries(capture, pse)
+    # Colours that are not told are told from the others by how they vary together.
+    basis = principal_colors(seen[0] + seen[1], _BLUR_PX)
+    entries = in_basis(basis.astype(np.float32), seen, np)
     level = entries.mean(axis=(-1, -2), keepdims=True)
     mixture = _Mixture(samples, pse, canvas, noise, basis)
     data = mixture.spectrum(capture, in_basis(basis.T.astype(np.float32), level, np)[..., 0, 0])
@@ -119,16 +124,18 @@ class _Mixture:
         whole *= canvas.window()
         return np.asarray(rfft2(whole, norm="ortho"), dtype=np.complex64)
 
-    def fitted(self, data: Spectrum, power: NDArray[np.float64]) -> tuple[FittedSpectra, FrequencyBands, Knowledge]:
+    def fitted(self, data: Spectrum, power: NDArray[np.float64]) -> tuple[FittedSpectra, DirectionalBands, Knowledge]:
         """Spectra under which the samples are likeliest, and what is known of the layers under them."""
         members, counts = self.groups.sample(_SAMPLED // self.groups.period**2)
         height, width = self._canvas.shape
         shares = np.broadcast_to(counts, members.index.shape).ravel()
-        bands = FrequencyBands(height, width, members.index.ravel(), shares)
+        bands = DirectionalBands(height, width, members.index.ravel(), shares)
         transfer, samples = members.of(self.transfer), members.of(data)
-        fitted = fit_spectra(self._moments(transfer, samples), bands, power)
+        fitted = fit_directional_spectra(self._moments(transfer, samples), bands, power)
         told, cross = self._information(transfer, samples, fitted.prior)
-        known = Knowledge(told, cross, fitted.prior, bands.share, bands.squared_frequency, self._basis)
+        known = Knowledge(
+            told, cross, fitted.prior, bands.share, bands.squared_frequency, self._basis, EQUIVALENT_TURNS
+        )
         return fitted, bands, known
 
     def _moments(self, transfer: Spectrum, samples: Spectrum) -> Moments:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,32 +40,20 @@ class FrequencyBands:
     ----------
     height, width : int
         Of the images.
-    sample : ndarray of int, shape (n,), optional
-        Flat indices of the frequencies to stand for all. Default: all slow ones and some others.
-    counts : ndarray, shape (n,), optional
-        For how many frequencies of the whole spectrum each of them stands.
 
     Attributes
     ----------
     sample : ndarray of int, shape (n,)
-        Flat indices of the frequencies that stand for all.
+        Flat indices of the frequencies that stand for all: the slow ones and some others.
     share : ndarray of float32, shape (n,)
         Of all frequencies of the whole spectrum, for which a sampled one stands.
     squared_frequency : ndarray of float32, shape (n,)
         Of the sample.
     """
 
-    def __init__(
-        self,
-        height: int,
-        width: int,
-        sample: NDArray[np.intp] | None = None,
-        counts: NDArray[np.float64] | None = None,
-    ) -> None:
+    def __init__(self, height: int, width: int) -> None:
         self._squared: Power = natural_frequencies(height, width).astype(np.float32)
-        if sample is None or counts is None:
-            sample, counts = _sampled(self._squared, column_multiplicity(width))
-        self.sample = sample
+        self.sample, counts = _sampled(self._squared, column_multiplicity(width))
         self.share: Power = (counts / (height * width)).astype(np.float32)
         self.squared_frequency: Power = self._squared.ravel()[self.sample]
         self._span = np.log([float(self._squared.min()), float(self._squared.max())])
@@ -158,6 +147,17 @@ def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spe
     return coefficients, uncertainty
 
 
+class Bands(Protocol):
+    """Frequencies that stand for all, and a correction of the power law from few logarithms, see `FrequencyBands`."""
+
+    sample: NDArray[np.intp]
+    share: Power
+    squared_frequency: Power
+
+    def power_law(self, power: float, logarithms: NDArray[np.float64]) -> Power:
+        """Power of every frequency, (height, width // 2 + 1)."""
+
+
 @dataclass(frozen=True)
 class FittedSpectra:
     """Spectra of the layers that explain the photographs.
@@ -167,7 +167,7 @@ class FittedSpectra:
     power : ndarray, shape (2, channel)
         Of the power law.
     logarithms : ndarray, shape (2, channel, bands)
-        Of each band's correction.
+        Of each band's correction, or each node's.
     prior, uncertainty : ndarray of float32, shape (2, channel, n)
         Power before and after the photographs are seen, at the sampled frequencies.
     """
@@ -177,7 +177,7 @@ class FittedSpectra:
     prior: Power
     uncertainty: Power
 
-    def everywhere(self, bands: FrequencyBands) -> Power:
+    def everywhere(self, bands: Bands) -> Power:
         """Power of every frequency before the photographs are seen, (2, channel, H, W // 2 + 1)."""
         return np.stack(
             [

@@ -46,6 +46,8 @@ class Knowledge:
     squared_frequency : ndarray, shape (n,)
     basis : ndarray, shape (channel, channel)
         The colour basis.
+    turns : int
+        Of expectation maximization, after which the spectra's fit stopped, or as good as which it is.
     """
 
     told: Power
@@ -54,6 +56,7 @@ class Knowledge:
     share: Power
     squared_frequency: Power
     basis: Basis
+    turns: int = TURNS
 
     def uncertainty(self, precision: float = 1.0, scales: tuple[float, float] = (1.0, 1.0)) -> Power:
         """Power that remains open, (2, channel, n), where information and spectra are so many times the usual."""
@@ -108,7 +111,7 @@ class Knowledge:
         photographs, to the layer's own. What it has not gone leaves the spread of spectra between photographs.
         """
         told = 1 - self.uncertainty() / self.prior
-        unfitted = (1 - told**2) ** TURNS
+        unfitted = (1 - told**2) ** self.turns
         return replace(self, prior=self.prior * (1 + np.float32(_SPREAD_OF_POWER - 1) * unfitted))
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "minimum_error",
     "natural_frequencies",
     "opponent_basis",
+    "principal_colors",
     "quantization_step",
     "quietest_combination",
     "robust_spread",
@@ -54,6 +55,7 @@ from .blocks import whole_blocks as whole_blocks
 from .color import Basis as Basis
 from .color import in_color as in_color
 from .color import opponent_basis as opponent_basis
+from .color import principal_colors as principal_colors
 from .jackknife import grid_sums as grid_sums
 from .jackknife import jackknife_error as jackknife_error
 from .jackknife import left_out as left_out

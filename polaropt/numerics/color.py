@@ -6,6 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Basis = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+# Share of the edges' energy that is taken to lie as in the opponent basis, so that grey pictures have chroma; and that
+# of a picture without edges. Set by hand.
+_ALWAYS_OPPONENT, _LEAST_ENERGY = 1e-4, 1e-12
 
 
 def opponent_basis(n_channels: int) -> Basis:
@@ -19,7 +24,30 @@ def opponent_basis(n_channels: int) -> Basis:
     return (basis * np.sign(np.diag(triangle))).T
 
 
-Image = NDArray[np.float32]
+def principal_colors(image: Image, blur_px: float) -> Basis:
+    """Orthonormal rows in which the edges of an image are not correlated: the strongest first, shape (n, n).
+
+    Of most photographs the first is nearly grey.
+
+    Parameters
+    ----------
+    image : ndarray, shape (channel, h, w)
+    blur_px : float
+        Standard deviation of a blur that leaves out what is finer.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    n = image.shape[0]
+    basis = opponent_basis(n)
+    if n == 1:
+        return basis
+    smooth = gaussian_filter(image, (0, blur_px, blur_px))
+    edges = [np.diff(smooth, axis=axis).reshape(n, -1).astype(np.float64) for axis in (1, 2)]
+    energy = sum(edge @ edge.T for edge in edges) / smooth[0].size
+    always = _ALWAYS_OPPONENT * np.trace(energy) + _LEAST_ENERGY
+    rows = np.linalg.eigh(energy + always * basis.T @ np.diag(np.arange(n, 0, -1)) @ basis)[1].T[::-1]
+    largest = np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
+    return np.asarray(rows * np.sign(largest))
 
 
 def in_color(image: Image) -> Image:
