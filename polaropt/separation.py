@@ -10,17 +10,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, measured_noise, planes_last, registered_noise
+from polaropt.capture import Capture, planes_last, registered_noise
 from polaropt.errors import InputError
 from polaropt.estimation import (
     LadderResult,
     RungReport,
     SceneEstimate,
+    StillPhotographs,
     find_scene,
     in_full,
     left_alone,
     model_names,
     scene_source,
+    still_photographs,
     with_incidence_checked,
 )
 from polaropt.inversion import Canvas
@@ -36,7 +38,17 @@ from polaropt.judging import (
 )
 from polaropt.optics import PSE, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.progress import Progress, Stages
-from polaropt.solving import ComponentStrip, Settings, Solution, Term, Weights, check_start, component_strips, solve
+from polaropt.solving import (
+    ComponentStrip,
+    Settings,
+    Solution,
+    Term,
+    Weights,
+    check_start,
+    component_strips,
+    inpainted,
+    solve,
+)
 from solvers.base import SolverResult, Status, StoppingRule
 from solvers.kernels import compilations_reported_to
 from solvers.registry import get_solver
@@ -71,6 +83,9 @@ class Separation:
         Bounces that the solve kept apart, as many as stand out of the noise; None where all lie on each other.
     seconds, cpu_seconds : dict of str to float
         Time of each stage: elapsed, and of all cores together.
+    moving : ndarray of bool, shape (h, w), or None
+        Where something moves between the photographs: it was left out when the scene was estimated, and the layers are
+        those of one photograph, with the reflection around. None where nothing does, or nothing could tell.
     parts : callable
         Makes `components`.
     judge : callable
@@ -89,6 +104,7 @@ class Separation:
     n_bounces: int | None
     seconds: dict[str, float]
     cpu_seconds: dict[str, float]
+    moving: NDArray[np.bool_] | None = field(repr=False)
     parts: Callable[[], Iterator[ComponentStrip]] = field(repr=False)
     judge: Callable[[], Iterator[UncertaintyStrip]] = field(repr=False)
 
@@ -242,10 +258,10 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
     # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
     with threadpool_limits(1, "blas"), compilations_reported_to(stages.compiling):
         stages.begin("Measuring the noise", 0.0)
-        noise, growth = measured_noise(capture)
+        still = still_photographs(capture)
+        noise, mistakes = still.noise, still.mistakes
         # A scene is estimated from the cells of a mosaic, in their pixels.
-        registered, scale = capture.registered, capture.scale
-        mistakes = find_mistakes(registered)
+        registered, scale = still.capture.registered, capture.scale
         stages.begin("Estimating the scene", 0.02)
         of_registered = registered_noise(capture, noise)
         source, of_source = scene_source(registered, of_registered, mistakes)
@@ -261,12 +277,13 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
         if settings.model == "auto":
             found = left_alone(found, checked)
         sense_only = settings.thickness_px is not None
-        found = in_full(found, capture, asked, noise, settings.model, sense_only=sense_only)
-        case = _Case(capture, asked, settings, noise, growth, mistakes, checked.doubtful, found)
+        found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
+        case = _Case(capture, still, asked, settings, checked.doubtful, found)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:
             return _unseparated(case, estimate, stages)
-        solution = solve(capture, found.scene, noise, settings, stages, growth=growth)
+        solved = capture if still.moving is None else inpainted(capture, still.moving, found.scene, noise)
+        solution = solve(solved, found.scene, noise, settings, stages, growth=still.growth)
         stages.begin("Taking stock", 0.97)
         return _separated(case, solution, stages)
 
@@ -276,17 +293,16 @@ class _Case:
     """A capture with what was asked of it, and all that is known before it is solved."""
 
     capture: Capture
+    still: StillPhotographs
     asked: SceneParameters
     settings: Settings
-    noise: float
-    growth: NoiseModel
-    mistakes: Mistakes
     doubtful_incidence: bool
     found: LadderResult
 
 
 def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
-    capture, noise, found = case.capture, case.noise, case.found
+    still, found = case.still, case.found
+    capture, noise = still.capture, still.noise
     diagnostics = diagnose(
         capture,
         noise,
@@ -296,7 +312,8 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
         scene=found.scene,
         unexplained=found.unexplained,
         noise_share=noise_share(capture, solution.layers[0], solution.transmission_variance),
-        mistakes=case.mistakes,
+        mistakes=still.mistakes,
+        moving=still.moving,
         doubtful_incidence=case.doubtful_incidence,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
@@ -308,12 +325,13 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
         tried=found.tried,
         terms=solution.terms,
         solver=solution.solver,
-        diagnostics=replace(diagnostics, noise_model=case.growth),
+        diagnostics=replace(diagnostics, noise_model=still.growth),
         asked=case.asked,
         settings=case.settings,
         n_bounces=solution.n_bounces,
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
+        moving=still.moving,
         parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
         judge=partial(
             estimate_uncertainty,
@@ -321,7 +339,7 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
             solution.layers,
             noise,
             solution.pieces,
-            case.growth,
+            still.growth,
             of_scene=found.errors,
         ),
     )
@@ -329,17 +347,19 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
 
 def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells, and the better guess in doubt."""
-    capture, noise, found = case.capture, case.noise, case.found
+    capture, still, found = case.capture, case.still, case.found
+    noise = still.noise
     layers = np.zeros((2, *capture.shape), dtype=np.float32)
     for rows, intensity in capture.intensity_strips():
         layers[0][..., rows, :] = intensity
     diagnostics = diagnose(
-        capture,
+        still.capture,
         noise,
         misfit_ratio=1.0,
         reflection_unknown=float(not estimate.polarized),
         estimate=estimate,
-        mistakes=case.mistakes,
+        mistakes=still.mistakes,
+        moving=still.moving,
         doubtful_incidence=case.doubtful_incidence,
     )
     stages.end()
@@ -357,6 +377,7 @@ def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separa
         n_bounces=None,
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
+        moving=still.moving,
         parts=partial(_halves, capture),
         judge=partial(uncertainty_without_polarization, capture, noise),
     )

@@ -19,6 +19,7 @@ __all__ = [
     "RegisteredCells",
     "StokesImages",
     "align",
+    "blocks_of",
     "encode_srgb",
     "exchanged_order",
     "field_means",
@@ -39,6 +40,7 @@ __all__ = [
     "plate_frame",
     "read_capture",
     "read_file",
+    "redundancy_residual",
     "registered_noise",
     "result_file",
     "result_folder",
@@ -68,6 +70,7 @@ from .capture import planes_first as planes_first
 from .capture import planes_last as planes_last
 from .checks import GammaFit as GammaFit
 from .checks import Mistakes as Mistakes
+from .checks import blocks_of as blocks_of
 from .checks import find_mistakes as find_mistakes
 from .checks import fit_gamma as fit_gamma
 from .checks import swapped_photographs as swapped_photographs
@@ -90,6 +93,7 @@ from .noise import registered_noise as registered_noise
 from .pair_gain import PLAUSIBLE_GAIN as PLAUSIBLE_GAIN
 from .pair_gain import orthogonal_pairs as orthogonal_pairs
 from .pair_gain import pair_gain_of as pair_gain_of
+from .pair_gain import redundancy_residual as redundancy_residual
 from .polarization import PlateFrame as PlateFrame
 from .polarization import StokesImages as StokesImages
 from .polarization import least_squares_entries as least_squares_entries

@@ -4,6 +4,7 @@ __all__ = [
     "LadderResult",
     "RungReport",
     "SceneEstimate",
+    "StillPhotographs",
     "angle_mistake",
     "estimate_scene",
     "find_scene",
@@ -11,8 +12,12 @@ __all__ = [
     "in_full",
     "left_alone",
     "model_names",
+    "motion_shows",
+    "moving_pixels",
     "scene_source",
+    "still_photographs",
     "with_incidence_checked",
+    "without_moving",
 ]
 
 from .angles import AngleMistake as AngleMistake
@@ -26,6 +31,11 @@ from .ladder import RungReport as RungReport
 from .ladder import find_scene as find_scene
 from .ladder import in_full as in_full
 from .ladder import model_names as model_names
+from .motion import StillPhotographs as StillPhotographs
+from .motion import motion_shows as motion_shows
+from .motion import moving_pixels as moving_pixels
+from .motion import still_photographs as still_photographs
+from .motion import without_moving as without_moving
 from .safeguard import left_alone as left_alone
 from .safeguard import scene_source as scene_source
 from .safeguard import with_incidence_checked as with_incidence_checked

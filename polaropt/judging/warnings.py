@@ -13,6 +13,7 @@ from polaropt.estimation import NOTABLE_STAKE, AngleMistake, SceneEstimate, angl
 from polaropt.optics import SceneParameters, stokes_from_intensities
 
 Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 _UNKNOWN_REFLECTION = 0.86
 """There the fine detail of the reflection correlates with the truth by 0.3 to 0.4."""
@@ -98,6 +99,10 @@ class SeparationWarning(Enum):
         "The pane with these parameters does not explain the photographs down to their noise: "
         "a wide lens, a bent pane, polarized light or movement may be the reason."
     )
+    MOVING = (
+        "Something moved between the photographs: it was left out of the estimation, and the layers show there what "
+        "one of them saw, the reflection as it is around. moving.png shows where."
+    )
     SOLVER_FAILED = "The solver met values that are not finite; the best point before is returned."
 
 
@@ -111,7 +116,7 @@ class Diagnostics:
     noise : float
         Standard deviation of one photograph's noise (white = 1).
     clipped : float
-        Share of pixels that were not trusted.
+        Share of pixels that were not trusted, of what stands still.
     misfit_ratio : float
         Mean squared residual of the photographs in units of the noise; 1 where the model explains them.
     reflection_unknown : float
@@ -120,6 +125,8 @@ class Diagnostics:
         How the scene was found; None where nothing was estimated.
     noise_model : NoiseModel or None
         How the noise grows with the light; None where that is not known.
+    moving : float
+        Share of the frame in which something moves between the photographs.
     """
 
     warnings: tuple[SeparationWarning, ...]
@@ -129,6 +136,7 @@ class Diagnostics:
     reflection_unknown: float
     estimate: SceneEstimate | None
     noise_model: NoiseModel | None = None
+    moving: float = 0.0
 
 
 def diagnose(
@@ -142,6 +150,7 @@ def diagnose(
     unexplained: float = 1.0,
     noise_share: float = 0.0,
     mistakes: Mistakes | None = None,
+    moving: Mask | None = None,
     doubtful_incidence: bool = False,
     finite: bool = True,
 ) -> Diagnostics:
@@ -160,12 +169,16 @@ def diagnose(
         See the function of this name.
     mistakes : Mistakes, optional
         What was found wrong with the photographs. Default: it is looked for.
+    moving : ndarray of bool, shape (h, w), optional
+        Pixels in which something moves between the photographs: not valid in the capture.
     doubtful_incidence : bool
         Whether the photographs speak against the incidence that was given.
     finite : bool
         Whether the solver met nothing but finite values.
     """
-    clipped = 1 - np.count_nonzero(capture.valid) / capture.valid.size
+    moving_share = 0.0 if moving is None else float(moving.mean())
+    n_still = (1 - moving_share) * capture.valid.size
+    clipped = 1 - np.count_nonzero(capture.valid) / n_still
     polarized = estimate is None or estimate.polarized
     if scene is None and estimate is not None:
         scene = estimate.scene
@@ -189,6 +202,7 @@ def diagnose(
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
         SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),
         SeparationWarning.MODEL_DOES_NOT_EXPLAIN: polarized and (misfit_ratio > _BAD_FIT or unexplained > _MUCH_LEFT),
+        SeparationWarning.MOVING: moving is not None,
         SeparationWarning.SOLVER_FAILED: not finite,
     }
     return Diagnostics(
@@ -198,6 +212,7 @@ def diagnose(
         misfit_ratio=misfit_ratio,
         reflection_unknown=reflection_unknown,
         estimate=estimate,
+        moving=moving_share,
     )
 
 

@@ -20,6 +20,7 @@ __all__ = [
     "conditioned_observation",
     "energies",
     "initializers",
+    "inpainted",
     "is_kept",
     "kinds_of_pixels",
     "plain_observation",
@@ -32,6 +33,7 @@ __all__ = [
 from .compiled import FusedMisfit as FusedMisfit
 from .compiled import FusedPenalties as FusedPenalties
 from .compiled import kinds_of_pixels as kinds_of_pixels
+from .inpainting import inpainted as inpainted
 from .kernels.penalties import Frame as Frame
 from .kernels.penalties import energies as energies
 from .objective import Misfit as Misfit

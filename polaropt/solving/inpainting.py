@@ -1,0 +1,106 @@
+"""What moves, as one of the photographs saw it: where the others cannot tell how the light is polarized.
+
+In the photograph that shows the pane's reflection least the reflection is taken for what it is around; the rest is
+transmission. The others are what the two layers would have given them. A solve that left these pixels out would do
+worse: priors alone cannot fill tens of pixels, and what they put there reaches the pixels around.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture
+from polaropt.inversion import Canvas
+from polaropt.optics import SceneParameters, engine_for
+from polaropt.solving.problem import component_strips
+
+Images = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_FINEST_PX = 2.0
+"""Standard deviation of the finest mean over what is around; twice as much each time. Set by hand."""
+_ENOUGH = 0.25
+"""Weight of known pixels in such a mean at which it stands for itself: as at the edge of a small gap. Set by hand."""
+_LEAST_WEIGHT = 1e-6
+"""Such a weight that is divided by."""
+_CONTRAST = 0.3
+"""Standard deviation of a layer before anything is measured, white = 1; set by hand."""
+_LEAST_SHARE = 1e-3
+"""Share of a layer in a photograph that is divided by: a pane passes and mirrors more."""
+_CORRECTIONS = 2
+"""Times that the transmission is corrected for its double images; a third changes nothing."""
+
+
+def inpainted(capture: Capture, moving: Mask, scene: SceneParameters, noise: float) -> Capture:
+    """Photographs whose moving pixels hold what one of them saw, and the others would have seen at the same time.
+
+    Parameters
+    ----------
+    capture : Capture
+    moving : ndarray of bool, shape (h, w)
+    scene : SceneParameters
+        A complete scene.
+    noise : float
+        Standard deviation of one photograph's noise (white = 1).
+
+    Returns
+    -------
+    Capture
+        There they are valid where that one is.
+    """
+    height, width = capture.shape[-2:]
+    pse = engine_for(scene, capture.angles_deg, noise, (height, width))
+    canvas = Canvas(height, width, 0, 0, 0, 0)
+    photographs = capture.intensities.reshape(len(capture.angles_deg), -1, *capture.shape[-2:])
+    valid = capture.valid.reshape(photographs.shape)
+
+    def parts(layers: Images) -> Images:
+        return np.concatenate([strip.components for strip in component_strips(pse, canvas, layers)], axis=-2)
+
+    of_transmission, of_reflection = parts(np.ones((2, 1, height, width), np.float32))
+    layers = _in_place(photographs, of_transmission, of_reflection, noise)
+    known = valid.all(axis=0) & ~moving
+    layers[1] = np.where(moving, np.maximum(_filled(layers[1], known), 0), layers[1])
+    shares = of_transmission / np.maximum(of_reflection, np.float32(_LEAST_SHARE))
+    shown = int(np.argmax(shares[:, 0, moving].mean(axis=-1)))
+    of_shown = np.maximum(of_transmission[shown], np.float32(_LEAST_SHARE))
+    layers[0] = np.where(moving, (photographs[shown] - of_reflection[shown] * layers[1]) / of_shown, layers[0])
+    seen = parts(layers).sum(axis=0)
+    for _ in range(_CORRECTIONS):
+        off = photographs[shown] - seen[shown]
+        layers[0] = np.where(moving, np.maximum(layers[0] + off / of_shown, 0), layers[0])
+        seen = parts(layers).sum(axis=0)
+    return capture.replace(
+        intensities=np.where(moving, seen, photographs).reshape(capture.intensities.shape),
+        valid=np.where(moving, valid[shown], valid).reshape(capture.valid.shape),
+    )
+
+
+def _in_place(photographs: Images, of_transmission: Images, of_reflection: Images, noise: float) -> Images:
+    """Layers (2, channel, h, w) of each pixel by itself, all bounces in place; where they are open, both the light."""
+    light = 2 * photographs.mean(axis=0)
+    t, r = of_transmission, of_reflection
+    beyond = photographs - (t + r) * light
+    ridge = np.float32((noise / _CONTRAST) ** 2)
+    tt, tr, rr = (t * t).sum(axis=0) + ridge, (t * r).sum(axis=0), (r * r).sum(axis=0) + ridge
+    of_t, of_r = (t * beyond).sum(axis=0), (r * beyond).sum(axis=0)
+    determinant = tt * rr - tr * tr
+    changes = np.stack([rr * of_t - tr * of_r, tt * of_r - tr * of_t]) / determinant
+    return np.asarray(light + changes, dtype=np.float32)
+
+
+def _filled(images: Images, known: Mask) -> Images:
+    """Images (channel, h, w) with smooth values where they are not known: means over ever finer surroundings."""
+    from scipy.ndimage import gaussian_filter
+
+    filled = np.empty_like(images)
+    for channel, (image, weights) in enumerate(zip(images * known, known.astype(np.float32), strict=True)):
+        mean = np.full_like(image, image.sum(dtype=np.float64) / max(1.0, weights.sum(dtype=np.float64)))
+        sizes = _FINEST_PX * 2.0 ** np.arange(np.ceil(np.log2(max(image.shape) / (4 * _FINEST_PX))))
+        for size in sizes[::-1]:
+            weight = gaussian_filter(weights, size, mode="nearest")
+            around = gaussian_filter(image, size, mode="nearest") / np.maximum(weight, np.float32(_LEAST_WEIGHT))
+            mean += np.minimum(weight / np.float32(_ENOUGH), 1) * (around - mean)
+        filled[channel] = mean
+    return filled

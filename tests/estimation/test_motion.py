@@ -1,0 +1,142 @@
+"""What moves between the photographs is found by their closure, and costs what stands still little."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_dilation
+
+from polaropt import Capture, separate
+from polaropt.capture import align, measured_noise
+from polaropt.estimation import motion_shows, moving_pixels, still_photographs
+from polaropt.estimation.safeguard import linear
+from polaropt.judging import SeparationWarning
+from polaropt.simulation import psnr_db
+from tests.blends import Blend, blend
+from tests.captured import photographed
+from tests.shifted import shifted_blend
+
+SIZE, SIDE, TOP, LEFT = 128, 32, 40, 56
+ANGLES = (0.0, 45.0, 90.0, 135.0)
+
+
+@lru_cache(maxsize=8)
+def still(noise: float = 0.005, **how) -> Blend:
+    return blend(size=SIZE, noise=noise, **how)
+
+
+@dataclass(frozen=True)
+class Moving:
+    capture: Capture
+    where: np.ndarray
+
+
+def walked_by(scene: Blend, step: int = 6, brightness: float = 1.0) -> Moving:
+    """Before the glass, a thing that is elsewhere in each photograph: what another part of the picture looks like."""
+    images, where = scene.capture.intensities.copy(), np.zeros((SIZE, SIZE), bool)
+    for k, image in enumerate(images):
+        columns = slice(LEFT + step * (k - 2), LEFT + step * (k - 2) + SIDE)
+        image[..., TOP : TOP + SIDE, columns] = brightness * scene.layers[1][..., 80 : 80 + SIDE, 10 : 10 + SIDE] / 2
+        where[TOP : TOP + SIDE, columns] = True
+    return Moving(Capture.of_planes(images, ANGLES), where)
+
+
+def moving_in(capture: Capture) -> np.ndarray | None:
+    return moving_pixels(capture, *measured_noise(capture))
+
+
+@pytest.mark.parametrize("color", [True, False])
+@pytest.mark.parametrize("noise", [0.001, 0.005, 0.02])
+def test_what_walks_by_is_found(color, noise):
+    moving = walked_by(still(noise, color=color))
+    found = moving_in(moving.capture)
+    assert found is not None
+    assert found[moving.where].mean() > 0.97
+    assert not found[~binary_dilation(moving.where, iterations=16)].any()
+
+
+def gained(capture: Capture) -> Capture:
+    gains = np.array([1, 1.02, 0.99, 1.03], np.float32)[:, None, None, None]
+    return Capture.of_planes(capture.intensities * gains, ANGLES)
+
+
+def quantized(capture: Capture) -> Capture:
+    return Capture.of_planes(np.round(capture.intensities * 255) / 255, ANGLES)
+
+
+def clipped(capture: Capture) -> Capture:
+    return Capture.of_planes(np.clip(2.5 * capture.intensities, 0, 1), ANGLES)
+
+
+def hot(capture: Capture) -> Capture:
+    """Defects: a pixel in a thousand is bright in one photograph."""
+    images = capture.intensities.copy()
+    images[2, ..., np.random.default_rng(0).random(images.shape[-2:]) < 1e-3] = 0.9
+    return Capture.of_planes(images, ANGLES)
+
+
+@pytest.mark.parametrize("changed", [lambda it: it, gained, quantized, clipped, hot])
+def test_nothing_is_said_to_move_where_nothing_does(changed):
+    assert moving_in(changed(still().capture)) is None
+
+
+@pytest.mark.parametrize("how", [{"noise": 0.002}, {"noise": 0.03}, {"noise": 0.001, "shot_noise": 1e-3}])
+def test_neither_is_noise(how):
+    assert moving_in(still(**how).capture) is None
+
+
+def test_neither_is_what_aligning_leaves():
+    shifts = np.array([[0, 0], [2.3, -1.6], [-1.4, 3.2], [0.7, 1.5]])
+    assert moving_in(align(shifted_blend(60, SIZE, shifts).capture)) is None
+
+
+def test_photographs_that_stand_still_are_left_as_they_are():
+    capture = still().capture
+    photographs = still_photographs(capture)
+    assert photographs.capture is capture
+    assert photographs.moving is None
+    assert photographs.moving_share == 0
+
+
+def test_an_encoding_is_not_taken_for_motion():
+    encoded = linear(still().capture, 1 / 2.2)
+    photographs = still_photographs(encoded)
+    assert photographs.moving is None
+    assert photographs.mistakes.encoded
+
+
+def test_only_more_than_three_photographs_taken_in_turn_can_tell():
+    assert motion_shows(still().capture)
+    assert not motion_shows(photographed((64, 64), (0, 60, 120)))
+    assert not motion_shows(still().capture.with_origin(layout="mono mosaic"))
+
+
+def test_what_stands_still_is_separated_as_well_as_without_motion():
+    scene = still()
+    moving = walked_by(scene)
+    result = separate(moving.capture)
+    assert SeparationWarning.MOVING in result.diagnostics.warnings
+    assert result.diagnostics.moving == pytest.approx(result.moving.mean())
+    assert result.scene.incidence_deg == pytest.approx(60, abs=1)
+    undisturbed = separate(scene.capture)
+    assert undisturbed.moving is None
+    still_part = ~binary_dilation(moving.where, iterations=2)
+    with_motion, without = (
+        psnr_db(it.layers[0][..., still_part], scene.layers[0][..., still_part]) for it in (result, undisturbed)
+    )
+    assert with_motion > without - 1.5
+
+
+def test_the_transmission_shows_what_moves_once():
+    """As the photograph along the plane of incidence saw it, in which the glass reflects least."""
+    scene = still()
+    result = separate(walked_by(scene).capture, scene.scene)
+    thing = scene.layers[1][..., 80 : 80 + SIDE, 10 : 10 + SIDE]
+    places = [result.layers[0][..., TOP : TOP + SIDE, LEFT + 6 * (k - 2) :][..., :SIDE] for k in range(4)]
+    likeness = [float(np.corrcoef(thing.ravel(), place.ravel())[0, 1]) for place in places]
+    # The azimuth is 25 degrees: the photograph at 45 is nearest.
+    assert int(np.argmax(likeness)) == 1
+    assert likeness[1] > 0.95
