@@ -34,7 +34,8 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, output: Out
     """Tell what a capture is, before anything is solved.
 
     Size, depth, noise, gain of the two polarizer pairs, saturation and polarization; whether the values look
-    gamma-encoded and whether two files look swapped. What needs attention is marked ATTENTION.
+    gamma-encoded, two files look swapped, or something moves between the photographs. What needs attention is marked
+    ATTENTION.
     """
     from polaropt.reporting import inspect_capture, inspection_sentences
 
@@ -69,25 +70,33 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
     Nothing is separated. What is given with an option stays as it is.
     """
     from polaropt.capture import noise_level
-    from polaropt.estimation import find_scene
-    from polaropt.reporting import cell_order_attention, estimate_sentences, json_values, marked, scene_report
+    from polaropt.estimation import find_scene, still_photographs
+    from polaropt.reporting import (
+        cell_order_attention,
+        estimate_sentences,
+        json_values,
+        marked,
+        motion_attention,
+        scene_report,
+    )
 
     scene = pane.scene()
     ladder.check()
     capture.check(pane)
     photographs = capture.read()
+    still = still_photographs(photographs)
     with progress_bar(not output.json) as progress:
         if progress is not None:
             progress("Estimating the scene", 0.0)
         found = find_scene(
-            photographs,
+            still.capture,
             scene,
-            noise_level(photographs),
+            noise_level(still.capture),
             ladder.model,
             thickness_px=pane.thickness_px,
             thickness_kind=pane.thickness_kind,
         )
-    hint, doubts = photographs.focal_px, cell_order_attention(photographs)
+    hint, doubts = photographs.focal_px, [*cell_order_attention(photographs), *motion_attention(still.moving_share)]
     if output.json:
         polarized = found.estimate is None or found.estimate.polarized
         basis = {"errors": json_values(found.errors), "rungs": json_values(found.tried), "polarized": polarized}

@@ -150,8 +150,8 @@ def separate_command(
     Writes into the folder: transmission.tiff and reflection.tiff (linear, 32-bit floating point), transmission.png and
     reflection.png (to look at: sRGB, each with the exposure that report.json tells), how well they are known
     (transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png), report.json and
-    report.html (all of it as a page, for a browser). Files of other names stay. A run that fails or is interrupted
-    leaves the folder as it was.
+    report.html (all of it as a page, for a browser); moving.png, where something moves between the photographs. Files
+    of other names stay. A run that fails or is interrupted leaves the folder as it was.
     """
     from polaropt.capture import result_folder
 

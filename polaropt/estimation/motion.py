@@ -237,7 +237,7 @@ def _trusted(capture: Capture, growth: NoiseModel) -> Mask:
         far = _FROM_WHITE * math.sqrt(float(growth.variance(np.ones(1, np.float32))[0]))
         trusted = binary_erosion(trusted & (photographs.max(axis=(0, 1)) < 1 - far), border_value=1)
     lowest = photographs.min()
-    if np.count_nonzero(photographs == lowest) > _PILE * photographs.size:
+    if sum(np.count_nonzero(photograph == lowest) for photograph in photographs) > _PILE * photographs.size:
         trusted &= photographs.min(axis=(0, 1)) > lowest
     return trusted
 

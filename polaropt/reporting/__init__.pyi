@@ -8,6 +8,7 @@ __all__ = [
     "inspection_sentences",
     "json_values",
     "marked",
+    "motion_attention",
     "report_attention",
     "report_sentences",
     "scene_report",
@@ -30,6 +31,7 @@ from .words import cell_order_attention as cell_order_attention
 from .words import estimate_sentences as estimate_sentences
 from .words import inspection_sentences as inspection_sentences
 from .words import marked as marked
+from .words import motion_attention as motion_attention
 from .words import report_attention as report_attention
 from .words import report_sentences as report_sentences
 from .words import start_sentence as start_sentence

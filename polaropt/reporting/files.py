@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, linearize, tiff_rows, write_png, write_png_view, write_tiff
 from polaropt.judging import SeparationWarning
-from polaropt.reporting.inspection import inspect_capture
+from polaropt.reporting.inspection import inspect_still
 from polaropt.reporting.page import write_html_report
 from polaropt.reporting.pictures import (
     FADED,
@@ -22,6 +22,7 @@ from polaropt.reporting.pictures import (
     UncertaintyPanels,
     UncertaintySummary,
     misfit_map,
+    moving_picture,
     side_by_side,
     viewing_exposure,
 )
@@ -35,7 +36,8 @@ if TYPE_CHECKING:
 def write_separation(folder: Path, result: Separation, capture: Capture) -> dict[str, Any]:
     """Write the layers (TIFF linear, PNG to look at), their uncertainty, ``report.json`` and ``report.html``.
 
-    Where the model does not explain the photographs, ``misfit.tiff`` and ``misfit.png`` show where.
+    Where the model does not explain the photographs, ``misfit.tiff`` and ``misfit.png`` show where; where something
+    moves between them, ``moving.png`` does.
 
     Parameters
     ----------
@@ -57,9 +59,11 @@ def write_separation(folder: Path, result: Separation, capture: Capture) -> dict
             write(layer)
         write_png_view(folder / f"{name}.png", layer, exposures[name])
     told, errors = write_uncertainty(folder, result)
-    inspection = inspect_capture(capture)
+    inspection = inspect_still(capture, result.moving)
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
     misfit = misfit_map(result, capture) if unexplained else None
+    if result.moving is not None:
+        write_png(folder / "moving.png", moving_picture(capture, result.moving))
     report = {
         "request": {"scene": result.asked, **json_values(result.settings)},
         **separation_report(result, capture, result.asked),

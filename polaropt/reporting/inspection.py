@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polaropt.capture import (
     Capture,
@@ -22,6 +23,7 @@ from polaropt.capture import (
     swapped_photographs,
     visible_shift,
 )
+from polaropt.estimation import motion_shows, still_photographs, without_moving
 from polaropt.numerics import quantization_step, whole_blocks
 from polaropt.optics import stokes_from_intensities
 from polaropt.reporting.pictures import grey_means
@@ -93,6 +95,9 @@ class Inspection:
         Rows and columns of a mosaic that make no whole pattern, and were left out.
     exposures : tuple of float
         Of camera raw files, in seconds at ISO 100.
+    moving_share : float or None
+        Share of the frame in which something moves between the photographs; None where that would not show: of three
+        angles, and of a mosaic, whose samples are taken at once.
     """
 
     width: int
@@ -125,6 +130,7 @@ class Inspection:
     closing_orders: tuple[tuple[float, ...], ...] = ()
     left_out_px: tuple[int, int] = (0, 0)
     exposures: tuple[float, ...] = ()
+    moving_share: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """The same as plain values, for JSON."""
@@ -133,18 +139,31 @@ class Inspection:
 
 
 def inspect_capture(capture: Capture) -> Inspection:
-    """Measure what a capture is: size, noise, gain, saturation, polarization, and signs of mistakes.
+    """Measure what a capture is: size, noise, gain, saturation, polarization, motion, and signs of mistakes.
 
     Parameters
     ----------
     capture : Capture
         `capture.origin` adds what only the files tell.
+    """
+    return inspect_still(capture, still_photographs(capture).moving if motion_shows(capture) else None)
+
+
+def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspection:
+    """The same, where it is known what moves.
+
+    Parameters
+    ----------
+    capture : Capture
+    moving : ndarray of bool, shape (h, w), or None
+        Pixels in which something moves between the photographs.
 
     Returns
     -------
     Inspection
     """
-    photographs, origin, capture = capture, capture.origin, capture.registered
+    whole, photographs = capture, capture if moving is None else without_moving(capture, moving)
+    origin, capture = capture.origin, photographs.registered
     removed = 1.0 if origin is None else origin.pair_gain
     swapped = swapped_photographs(capture)
     moved = visible_shift(capture)
@@ -167,7 +186,7 @@ def inspect_capture(capture: Capture) -> Inspection:
         noise=noise_level(photographs),
         pair_gain=_gain_as_photographed(capture, removed),
         pair_gain_removed=removed,
-        saturated_share=float(np.mean(~capture.valid.all(axis=0))),
+        saturated_share=float(np.mean(~whole.registered.valid.all(axis=0))),
         **_polarization(capture),
         gamma_exponent=gamma.exponent if gamma is not None and gamma.certain else None,
         gamma_error=gamma.standard_error if gamma is not None and gamma.certain else None,
@@ -180,7 +199,14 @@ def inspect_capture(capture: Capture) -> Inspection:
         closing_orders=() if cell_order is None else tuple(exchanged_order(cell_order, pair) for pair in swapped),
         left_out_px=(0, 0) if origin is None else origin.left_out_px,
         exposures=() if origin is None else origin.exposures,
+        moving_share=_moving_share(whole, moving),
     )
+
+
+def _moving_share(capture: Capture, moving: NDArray[np.bool_] | None) -> float | None:
+    if not motion_shows(capture):
+        return None
+    return 0.0 if moving is None else float(moving.mean())
 
 
 def _darkest(capture: Capture) -> float | None:

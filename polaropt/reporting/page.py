@@ -26,11 +26,12 @@ from polaropt.reporting.pictures import (
     UncertaintyPanels,
     aolp_colors,
     dolp_colors,
+    moving_picture,
     polarization_panels,
     reduced_intensity,
     viewing_exposure,
 )
-from polaropt.reporting.words import report_attention, shown_fields, source_of
+from polaropt.reporting.words import motion_sentences, report_attention, shown_fields, source_of
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -91,7 +92,7 @@ def page_pictures(
     errors: UncertaintyPanels,
     misfit: Image | None = None,
 ) -> list[PagePicture]:
-    """Photograph and layers, their errors, polarization and misfit, in the order of the page.
+    """Photograph and layers, what moves, their errors, polarization and misfit, in the order of the page.
 
     Parameters
     ----------
@@ -104,7 +105,15 @@ def page_pictures(
         Standard deviations of the noise.
     """
     last = [] if misfit is None else [_misfit(misfit)]
-    return [*_layers(result, capture, exposures), *_errors(errors), *_polarization(capture), *last]
+    moving = [] if result.moving is None else [_moving(capture, result.moving)]
+    return [*_layers(result, capture, exposures), *moving, *_errors(errors), *_polarization(capture), *last]
+
+
+def _moving(capture: Capture, moving: NDArray[np.bool_]) -> PagePicture:
+    pixels = moving_picture(capture, moving, _reduction(capture.shape))
+    share = f"{100 * moving.mean():.2g} % of the picture"
+    caption = f"In red, {share}: left out of the estimation, and shown as one photograph saw it."
+    return _picture("moving", "What moves", caption, "What moves between the photographs, in red.", pixels)
 
 
 def _layers(result: Separation, capture: Capture, exposures: Mapping[str, float]) -> list[PagePicture]:
@@ -331,6 +340,7 @@ def write_html_report(
         report=report,
         pane=_RUNGS.get(report["scene"]["rung"], report["scene"]["rung"]),
         warnings=report_attention(report),
+        unseen=motion_sentences(report),
         pictures=pictures,
         comparable=[picture for picture in pictures if picture.comparable],
         parameters=parameters(report),

@@ -39,7 +39,7 @@ _SAME_EXPOSURE = 1.001
 _MUCH_SATURATED = 0.05
 
 Subject = Literal[
-    "size", "values", "black", "noise", "saturation", "polarization", "gain", "encoding", "order", "position"
+    "size", "values", "black", "noise", "saturation", "polarization", "gain", "encoding", "order", "position", "motion"
 ]
 
 
@@ -77,6 +77,7 @@ def capture_findings(inspection: Inspection) -> tuple[Finding, ...]:
         _encoding(inspection),
         _order(inspection),
         _position(inspection),
+        _motion(inspection),
     )
     return tuple(finding for finding in findings if finding.sentence)
 
@@ -94,6 +95,8 @@ def attention(inspection: Inspection, warnings: Collection[SeparationWarning]) -
         repeated.add("encoding")
     if SeparationWarning.MISALIGNED in warnings:
         repeated.add("position")
+    if SeparationWarning.MOVING in warnings:
+        repeated.add("motion")
     findings = capture_findings(inspection)
     return [finding.attention for finding in findings if finding.attention and finding.subject not in repeated]
 
@@ -250,6 +253,23 @@ def _position(it: Inspection) -> Finding:
     )
 
 
+MOTION_UNSEEN = "With three angles it cannot be seen whether something moves between the photographs: four would tell."
+
+
+def _motion(it: Inspection) -> Finding:
+    if it.moving_share:
+        return Finding("motion", attention=" ".join(motion_attention(it.moving_share)))
+    return Finding("motion", MOTION_UNSEEN if len(it.angles_deg) == 3 else "")
+
+
+def motion_attention(share: float) -> list[str]:
+    """How much of the picture moves between the photographs; nothing where nothing does."""
+    if not share:
+        return []
+    moved = f"something moves between the photographs, in {100 * share:.2g} % of the picture"
+    return [f"{moved}: it is left out, and separated as one of them saw it."]
+
+
 def alignment_sentence(capture: Capture) -> str:
     """What aligning moved, turned and scaled."""
     origin = capture.origin
@@ -389,6 +409,7 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
         pane_sentence(report),
         f"Solver: {solver['n_evaluations']} evaluations, {seconds:.1f} s altogether. {solver['sentence']}",
         *marked(report_attention(report)),
+        *motion_sentences(report),
         f"Written to {folder}:",
         "  transmission.tiff, reflection.tiff  linear values",
         f"  transmission.png, reflection.png    to look at: sRGB of {exposures} times the linear values",
@@ -399,9 +420,18 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
         lines.append(
             "  misfit.tiff, misfit.png             where the pane does not explain the photographs, in units of noise"
         )
+    share = report["inspection"]["moving_share"]
+    if share:
+        moved = f"in red what moves between the photographs, {100 * share:.2g} % of the picture"
+        lines.append(f"  moving.png                          {moved}")
     lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
     lines.append("  report.html                         the result as a page, with pictures and warnings")
     return lines
+
+
+def motion_sentences(report: dict[str, Any]) -> list[str]:
+    """That motion would not show, where three angles say nothing twice; of ``report.json``."""
+    return [MOTION_UNSEEN] if len(report["input"]["angles_deg"]) == 3 else []
 
 
 def report_attention(report: dict[str, Any]) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -17,31 +16,16 @@ from polaropt.judging import SeparationWarning
 from polaropt.simulation import psnr_db
 from tests.blends import Blend, blend
 from tests.captured import photographed
+from tests.moving import SIDE, TOP, column, thing, walked_by
 from tests.shifted import shifted_blend
 
-SIZE, SIDE, TOP, LEFT = 128, 32, 40, 56
+SIZE = 128
 ANGLES = (0.0, 45.0, 90.0, 135.0)
 
 
 @lru_cache(maxsize=8)
 def still(noise: float = 0.005, **how) -> Blend:
     return blend(size=SIZE, noise=noise, **how)
-
-
-@dataclass(frozen=True)
-class Moving:
-    capture: Capture
-    where: np.ndarray
-
-
-def walked_by(scene: Blend, step: int = 6, brightness: float = 1.0) -> Moving:
-    """Before the glass, a thing that is elsewhere in each photograph: what another part of the picture looks like."""
-    images, where = scene.capture.intensities.copy(), np.zeros((SIZE, SIZE), bool)
-    for k, image in enumerate(images):
-        columns = slice(LEFT + step * (k - 2), LEFT + step * (k - 2) + SIDE)
-        image[..., TOP : TOP + SIDE, columns] = brightness * scene.layers[1][..., 80 : 80 + SIDE, 10 : 10 + SIDE] / 2
-        where[TOP : TOP + SIDE, columns] = True
-    return Moving(Capture.of_planes(images, ANGLES), where)
 
 
 def moving_in(capture: Capture) -> np.ndarray | None:
@@ -134,9 +118,8 @@ def test_the_transmission_shows_what_moves_once():
     """As the photograph along the plane of incidence saw it, in which the glass reflects least."""
     scene = still()
     result = separate(walked_by(scene).capture, scene.scene)
-    thing = scene.layers[1][..., 80 : 80 + SIDE, 10 : 10 + SIDE]
-    places = [result.layers[0][..., TOP : TOP + SIDE, LEFT + 6 * (k - 2) :][..., :SIDE] for k in range(4)]
-    likeness = [float(np.corrcoef(thing.ravel(), place.ravel())[0, 1]) for place in places]
+    places = [result.layers[0][..., TOP : TOP + SIDE, column(k) : column(k) + SIDE] for k in range(4)]
+    likeness = [float(np.corrcoef(thing(scene).ravel(), place.ravel())[0, 1]) for place in places]
     # The azimuth is 25 degrees: the photograph at 45 is nearest.
     assert int(np.argmax(likeness)) == 1
     assert likeness[1] > 0.95
