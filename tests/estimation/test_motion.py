@@ -14,6 +14,7 @@ from polaropt.estimation import motion_shows, moving_pixels, still_photographs
 from polaropt.estimation.safeguard import linear
 from polaropt.judging import SeparationWarning
 from polaropt.simulation import psnr_db
+from polaropt.solving import inpainted
 from tests.blends import Blend, blend
 from tests.captured import photographed
 from tests.moving import SIDE, TOP, column, thing, walked_by
@@ -123,3 +124,13 @@ def test_the_transmission_shows_what_moves_once():
     # The azimuth is 25 degrees: the photograph at 45 is nearest.
     assert int(np.argmax(likeness)) == 1
     assert likeness[1] > 0.95
+
+
+def test_before_a_wide_lens_what_moves_is_as_one_photograph_saw_it():
+    scene = still(focal_px=150.0)
+    moving = walked_by(scene)
+    held = inpainted(moving.capture, moving.where, scene.scene, 0.005)
+    off = np.abs(held.intensities - moving.capture.intensities)[..., moving.where].mean(axis=(1, 2))
+    assert off.argmin() == 1
+    assert off[1] < 0.005
+    np.testing.assert_array_equal(held.intensities[..., ~moving.where], moving.capture.intensities[..., ~moving.where])
