@@ -31,6 +31,8 @@ _SHIFTED = ((1, 1.0), (3, -1.0))
 # A shift of 5 px is 3 px down and 4 px to the right.
 _DIRECTION = (0.6, 0.8)
 _STEEPEST_DEG = 89.0
+_LEAST_CROSSED = 1e-3
+"""Change of a photograph (white = 1) from which on something crosses a pixel. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +43,14 @@ class Sample:
     ----------
     capture : Capture
     layers : ndarray, shape (2, channel, h, w)
-        Both true layers as such a camera would see them; by a camera that encodes they are encoded as well, which is
-        what can be asked of who does not know.
+        Both true layers as such a camera would see them, the transmission through the tint; by a camera that encodes
+        they are encoded as well, which is what can be asked of who does not know.
     scene : SceneParameters
         The true pane.
     hint : SceneParameters
         What the software is given of it.
     unclipped : ndarray of bool, shape (h, w)
-        Pixels that no photograph clips.
+        Pixels that no photograph clips, and that nothing crosses.
     """
 
     capture: Capture
@@ -150,15 +152,21 @@ def photograph(
     layers = _lit(pair, taking, random)
     photographs = _through(layers, scene, taking)
     exposure = _exposure(photographs, layers[0], pair, taking)
-    photographs = _moved(photographs * exposure, taking.shift_px)
+    crossed = np.zeros(photographs.shape[-2:], bool)
+    if taking.moving_side:
+        still, photographs = photographs, _crossed(layers, scene, taking, pair, random)
+        crossed = (np.abs(photographs - still) > _LEAST_CROSSED).any(axis=(0, 1))
+    gains = np.reshape(taking.gains, (-1, 1, 1, 1)).astype(np.float32)
+    photographs = _moved(photographs * (exposure * gains), taking.shift_px)
     light = pair.cropped(photographs + taking.noise * noise.standard_normal(photographs.shape))
-    layers = pair.cropped(layers) * exposure
+    seen_through = np.array([scene.tint, 1], dtype=np.float32)[:, None, None, None]
+    layers = pair.cropped(layers) * (exposure * seen_through)
     if taking.gamma != 1:
         light = np.sign(light) * np.abs(light) ** (1 / taking.gamma)
         layers = 2 * (layers / 2) ** np.float32(1 / taking.gamma)
     seen = digitized(light, taking.bits)
     capture = Capture.of_planes(seen, ANGLES_DEG)
-    unclipped = np.asarray(capture.valid.all(axis=(0, 1)))
+    unclipped = np.asarray(capture.valid.all(axis=(0, 1))) & ~pair.cropped(crossed)
     if taking.headroom:
         capture = Capture.of_planes(np.where(capture.valid, seen, light), ANGLES_DEG, np.ones_like(capture.valid))
     return Sample(capture, layers, scene, hint, unclipped)
@@ -195,6 +203,27 @@ def _through(layers: Images, scene: SceneParameters, taking: Taking) -> Images:
     if taking.bend_deg:
         return bent_photographs(layers, scene, taking.bend_deg, angles)
     return exact_photographs(layers, scene, angles)
+
+
+def _crossed(layers: Images, scene: SceneParameters, taking: Taking, pair: Pair, random: np.random.Generator) -> Images:
+    """The same while a square thing goes on behind the pane, from photograph to photograph.
+
+    It looks like the transmission half a frame away, and leaves the frame neither at the start nor at the end.
+    """
+    side = max(1, round(taking.moving_side * pair.height))
+    way = taking.moving_step * pair.height * (len(ANGLES_DEG) - 1)
+    direction = random.uniform(0, 2 * np.pi)
+    start = pair.margin + random.uniform(0, 1, 2) * max(0.0, pair.height - side - way)
+    step = taking.moving_step * pair.height * np.abs([np.sin(direction), np.cos(direction)])
+    thing = np.roll(layers[0], pair.height // 2, axis=(-2, -1))
+    photographs = []
+    for k in range(len(ANGLES_DEG)):
+        top, left = (int(place) for place in np.round(start + k * step))
+        place, origin = np.s_[:, top : top + side, left : left + side], np.round(start).astype(int)
+        seen = layers.copy()
+        seen[0][place] = thing[:, origin[0] : origin[0] + side, origin[1] : origin[1] + side]
+        photographs.append(_through(seen, scene, taking)[k])
+    return np.stack(photographs)
 
 
 def bent_photographs(layers: Images, scene: SceneParameters, bend_deg: float, angles_deg: tuple[float, ...]) -> Images:

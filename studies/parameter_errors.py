@@ -16,8 +16,8 @@ import numpy as np
 from pandas import DataFrame, concat
 
 from polaropt.capture import noise_level
-from polaropt.estimation import LadderResult, find_scene
-from polaropt.optics import SceneParameters
+from polaropt.estimation import find_scene
+from polaropt.optics import SceneErrors, SceneParameters
 from studies.camera import photograph
 from studies.kit.charts import BLUE, new_figure
 from studies.kit.frames import markdown, median, summary
@@ -69,38 +69,42 @@ def run(job: Job) -> list[Row]:
     rung = "polarized" if job.kind in POLARIZED_KINDS else job.kind
     found = find_scene(capture, BLIND, noise_level(capture), rung)
     of_job = (job.kind, job.pair, job.turn, scene.values()[0])
-    return [Row(*of_job, *number) for number in compared(scene, found)]
+    return [Row(*of_job, *number) for number in compared(scene, found.scene, found.errors)]
 
 
-def compared(scene: SceneParameters, found: LadderResult) -> Iterator[tuple[str, float, float, float]]:
+def compared(
+    scene: SceneParameters, estimate: SceneParameters, errors: SceneErrors
+) -> Iterator[tuple[str, float, float, float]]:
     """Name, truth, estimate and its error of each number; both azimuths that name the same pane are right."""
-    errors, estimate = found.errors, found.scene
     incidence, azimuth, shift = scene.values()
     found_incidence, found_azimuth, found_shift = estimate.values()
-    period = 360.0 if scene.focal_px is not None else 180.0
+    period = 360.0 if scene.focal_px is not None and estimate.varies else 180.0
     turned = (found_azimuth - azimuth + period / 2) % period - period / 2
     sense = 1 if abs((found_azimuth - azimuth + 180) % 360 - 180) < 90 else -1
     numbers = [
         ("incidence_deg", incidence, found_incidence, errors.incidence_deg),
         ("azimuth_deg", azimuth, azimuth + turned, errors.azimuth_deg),
         ("ghost_shift", sense * shift, found_shift, errors.ghost_shift),
+        ("gap_shift", sense * (scene.gap_shift or 0.0), estimate.gap_shift or 0.0, errors.gap_shift),
         ("focal_px", scene.focal_px or math.nan, estimate.focal_px or math.nan, errors.focal_px),
     ]
     if errors.bend_deg_per_px is not None:
         bends = zip(scene.bend_deg_per_px, estimate.bend_deg_per_px, errors.bend_deg_per_px, strict=True)
         numbers += [("bend_deg_per_px", true, value, error) for true, value, error in bends]
-    numbers += _of_light(scene, found)
+    numbers += _of_light(scene, estimate, errors)
     yield from ((name, true, value, error) for name, true, value, error in numbers if error is not None)
 
 
-def _of_light(scene: SceneParameters, found: LadderResult) -> Iterator[tuple[str, float, float, float]]:
+def _of_light(
+    scene: SceneParameters, estimate: SceneParameters, errors: SceneErrors
+) -> Iterator[tuple[str, float, float, float]]:
     """The same of degree and angle of each layer's light; no angle is true of unpolarized light."""
     for name in POLARIZED_KINDS.values():
-        (degree, angle), estimate, errors = (getattr(part, name) for part in (scene, found.scene, found.errors))
-        if errors is not None:
-            yield f"{name}, degree", degree, estimate[0], errors[0]
+        (degree, angle), found, stated = (getattr(part, name) for part in (scene, estimate, errors))
+        if stated is not None:
+            yield f"{name}, degree", degree, found[0], stated[0]
             if degree:
-                yield f"{name}, angle", angle, angle + (estimate[1] - angle + 90) % 180 - 90, errors[1]
+                yield f"{name}, angle", angle, angle + (found[1] - angle + 90) % 180 - 90, stated[1]
 
 
 def judged(frame: DataFrame) -> DataFrame:

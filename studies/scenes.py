@@ -114,6 +114,11 @@ class Taking:
         Range of brightness of the light "hdr".
     bend_deg : float
         How much the normal of a pane bent about the vertical turns from side to side, seen from afar.
+    gains : tuple of float
+        What each photograph's light is multiplied by, as exposures differ.
+    moving_side, moving_step : float
+        Side of a square thing behind the pane, and how far it goes from photograph to photograph, in sides of the
+        frame; 0: nothing moves.
     """
 
     noise: float = NOISE
@@ -129,6 +134,9 @@ class Taking:
     light: Light = "photograph"
     stops: float = 0.0
     bend_deg: float = 0.0
+    gains: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
+    moving_side: float = 0.0
+    moving_step: float = 0.0
 
 
 @dataclass(frozen=True)

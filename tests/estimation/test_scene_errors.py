@@ -110,7 +110,8 @@ def test_the_sentence_tells_values_with_their_errors() -> None:
 def test_two_names_of_the_same_pane_are_both_right() -> None:
     scene = SceneParameters(50.0, 10.0, 6.0)
     found = blend(50, 160, azimuth_deg=190.0, ghost_shift=-6.0)
-    numbers = {name: (true, value) for name, true, value, _ in compared(scene, _found(found))}
+    result = _found(found)
+    numbers = {name: (true, value) for name, true, value, _ in compared(scene, result.scene, result.errors)}
     assert numbers["azimuth_deg"][1] == pytest.approx(10, abs=0.5)
     assert numbers["ghost_shift"][1] == pytest.approx(numbers["ghost_shift"][0], abs=1)
 

@@ -1,0 +1,138 @@
+"""Random scenes are told by their numbers, and judged as the study says."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from polaropt.optics import SceneParameters
+from studies.camera import photograph
+from studies.kit.frames import frame_of
+from studies.photographs import shipped_pairs
+from studies.random_windows import study
+from studies.random_windows.judging import TARGETS, judged, numbers_found, width
+from studies.random_windows.separations import Row
+from studies.random_windows.windows import FAMILIES, FIT, JUDGE, numbers_of, window_of
+from studies.scenes import Taking
+
+SIZE = 96
+MANY = [window_of(number, SIZE) for number in (*numbers_of(FIT, 10), *numbers_of(JUDGE, 10))]
+
+
+def test_a_number_tells_the_scene_whatever_was_drawn_before():
+    assert window_of(37, SIZE) == window_of(37, SIZE)
+    assert [window.number for window in MANY] == sorted({window.number for window in MANY}, key=lambda n: (n % 2, n))
+    first, second = (window_of(3, 48).sample(None, 48) for _ in range(2))
+    np.testing.assert_array_equal(first.capture.intensities, second.capture.intensities)
+
+
+def test_either_half_has_as_many_of_each_family():
+    for half in (FIT, JUDGE):
+        families = [window.family for window in MANY if window.half == half]
+        assert {family: families.count(family) for family in FAMILIES} == dict.fromkeys(FAMILIES, 10)
+
+
+def test_the_scenes_are_over_everything():
+    scenes, takings = [window.scene for window in MANY], [window.taking for window in MANY]
+    incidences = [scene.values()[0] for scene in scenes]
+    assert 10 <= min(incidences) < 15
+    assert 80 < max(incidences) <= 85
+    assert all(abs(scene.values()[2]) <= 20 and 1.33 <= scene.refractive_index <= 1.9 for scene in scenes)
+    assert all(0.002 <= taking.noise <= 0.03 and 6 <= taking.bits <= 16 for taking in takings)
+    assert {scene.n_panes for scene in scenes} == {1, 2, 3}
+    assert {window.rung for window in MANY} == {"pixelwise", "ghosts", "perspective", "curved", "polarized"}
+
+
+@pytest.mark.parametrize(
+    ("shift", "gap", "rung"), [(0.4, 0.0, "pixelwise"), (-0.6, 0.0, "ghosts"), (0.0, 4.0, "ghosts")]
+)
+def test_double_images_closer_than_half_a_pixel_are_none(shift, gap, rung):
+    pane = SceneParameters(60.0, 0.0, shift, n_panes=2 if gap else 1, gap_shift=gap)
+    assert dataclasses.replace(MANY[0], scene=pane).rung == rung
+
+
+PAIR = shipped_pairs(size=48, margin=24)[0]
+PANE = SceneParameters(60.0, 20.0, 0.0)
+
+
+def test_what_something_crosses_is_not_judged_and_the_rest_is_as_it_was():
+    still = photograph(PAIR, PANE, Taking(noise=0.0, bits=16))
+    crossed = photograph(PAIR, PANE, Taking(noise=0.0, bits=16, moving_side=0.25, moving_step=0.1))
+    assert 0.04 < 1 - crossed.unclipped.mean() < 0.3
+    away = np.abs(crossed.capture.intensities - still.capture.intensities).max(axis=(0, 1))
+    assert away[crossed.unclipped].max() < 2e-3 < 0.05 < away.max()
+    np.testing.assert_array_equal(crossed.layers, still.layers)
+
+
+def test_gains_are_of_photographs_and_the_true_transmission_is_seen_through_the_tint():
+    plain = photograph(PAIR, PANE, Taking(noise=0.0, bits=16))
+    brighter = photograph(PAIR, PANE, Taking(noise=0.0, bits=16, gains=(1.0, 0.9, 1.0, 1.0)))
+    ratio = brighter.capture.intensities.mean(axis=(1, 2, 3)) / plain.capture.intensities.mean(axis=(1, 2, 3))
+    assert ratio == pytest.approx([1, 0.9, 1, 1], abs=1e-3)
+    tinted = photograph(PAIR, PANE.replace(absorption=0.5), Taking(noise=0.0, bits=16))
+    np.testing.assert_allclose(tinted.layers[0], plain.layers[0] * np.exp(-0.5), rtol=1e-5)
+
+
+BLANK = {"str": "", "int": 1, "float": 0.0, "float | None": None, "tuple[str, ...]": (), "tuple[float, ...]": ()}
+
+
+def judged_row(transmission, known=40.0, nothing=25.0, *, warnings=(), made="ghosts", rung="ghosts", **more):
+    values = {field.name: BLANK[str(field.type)] for field in dataclasses.fields(Row)}
+    values |= {"transmission": transmission, "known_transmission": known, "intensity": nothing, "detail": 0.9}
+    values |= {"incidence_deg": 60.0, "known_detail": 0.9, "warnings": warnings, "made": made, "rung": rung}
+    return judged(frame_of(Row, [Row(**(values | {"family": "plain"} | more))]))
+
+
+def only(*arguments, **more):
+    (row,) = judged_row(*arguments, **more).itertuples()
+    return row
+
+
+def test_a_failure_is_announced_by_what_is_wrong():
+    assert not only(37.1).failed
+    assert only(36.9).silent
+    for nothing in ("POLARIZED_SOURCE", "SATURATED", "REFLECTION_NOT_IDENTIFIABLE"):
+        assert only(36.9, warnings=(nothing,)).silent
+    assert not only(36.9, warnings=("SATURATED", "MODEL_DOES_NOT_EXPLAIN")).silent
+    assert only(24.0, nothing=25.0).worse_silent
+    assert not only(24.0, nothing=25.0, warnings=("AXIS_DOUBTFUL",)).worse_silent
+
+
+def test_a_warning_is_false_where_nothing_fails_and_it_is_not_true():
+    assert only(39.0, warnings=("MODEL_DOES_NOT_EXPLAIN",)).false_alarm
+    assert not only(39.0, warnings=("MODEL_DOES_NOT_EXPLAIN",), moving=0.2).false_alarm
+    assert not only(36.0, warnings=("AXIS_DOUBTFUL",)).false_alarm
+    assert not only(39.0, warnings=("POLARIZED_SOURCE",), sky=0.3).false_alarm
+
+
+def test_a_rung_is_adequate_that_was_made_or_a_lower_one_that_does():
+    assert only(30.0).adequate
+    assert only(39.2, rung="pixelwise").adequate
+    assert not only(38.8, rung="pixelwise").adequate
+    assert not only(39.9, rung="curved").adequate
+    assert not only(38.0, panes=2).adequate
+
+
+def test_numbers_are_held_against_their_stated_errors():
+    frame = judged_row(39.0, parameters=("incidence_deg", "azimuth_deg"), away=(1.0, 3.0), stated=(1.0, 1.0))
+    assert numbers_found(frame).sigmas.tolist() == [1.0, 3.0]
+    assert width(numbers_found(frame)) == pytest.approx(0.337)
+    measured = {target.words: target.counted(frame) for target in TARGETS}
+    assert measured["truths within two stated errors"] == (1, 2)
+    assert measured["T within 3 dB of the scene known"] == (1, 1)
+
+
+def test_the_study_is_one_command_and_tells_all_of_one_scene(tmp_path, capsys):
+    study.main(["--quick", "--families", "strong", "-o", str(tmp_path)])
+    told = capsys.readouterr().out
+    assert (tmp_path / "random_windows.md").read_text().strip() == told.strip()
+    assert "| strong noise | 1 |" in told
+    for name in ("random_windows", "random_windows_errors"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 5000
+    study.main(["--quick", "--only", "4", "-o", str(tmp_path)])
+    told = capsys.readouterr().out
+    assert told.startswith("scene 4 (strong noise, to fit)")
+    assert (tmp_path / "scene_4.txt").read_text() == told
+    assert (tmp_path / "scene_4.png").is_file()
