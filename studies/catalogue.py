@@ -28,6 +28,7 @@ STUDIES = (
     Study("paper_protocol", "How good is a separation on the paper's six incidences, blind and with the scene known?"),
     Study("model_ladder", "Which scene model is taken on each family of scenes, and what does the choice cost?"),
     Study("stability", "How far may scenes leave the plain case, where do methods fail, and is it announced?"),
+    Study("random_windows", "How good is a separation of any window, and is it announced where it is not?"),
     Study("learned_init", "Where does a solve from the learned start win over other starts, and where does it not?"),
     Study("ablation", "What is each part of the separation worth?"),
     Study(

@@ -23,9 +23,12 @@ _FRONTAL_DEG, _GRAZING_DEG = 12.0, 84.0
 _MUCH_CLIPPED = 0.01
 _MUCH_NOISE = 0.42
 """There the transmission gains less than 7 dB on the plain intensity."""
-# Mean squares of what the pane does not explain, in units of the noise: of residuals in pixels, and of light polarized
-# at 45 degrees in blocks. Set by hand.
-_BAD_FIT, _MUCH_LEFT = 3.0, 4.0
+_BAD_FIT = 2.2
+"""Mean square of the photographs' residuals in units of the noise: with the right pane it is 1.9 at most, on the random
+windows to fit on (`studies.random_windows`), and what lies above are wrong panes, gains, angles or movement."""
+# Mean square in units of the noise of light polarized at 45 degrees that the pane does not explain, in blocks. Set by
+# hand.
+_MUCH_LEFT = 4.0
 # Pixels per side that the contrast is taken from, at most about twice as many.
 _SAMPLE = 128
 
