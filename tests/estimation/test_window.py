@@ -11,7 +11,7 @@ from polaropt import InputError, SceneParameters, separate
 from polaropt.capture import Capture, plate_frame, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
-from polaropt.estimation.flat.window import equivalent_incidences
+from polaropt.estimation.flat.window import WindowSearch, equivalent_incidences
 from polaropt.estimation.flat.window_likelihood import Window, WindowLikelihood
 from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.optics import in_place_reflectance
@@ -31,6 +31,12 @@ def taken(scene: SceneParameters, pair: int = 0, size: int = 192) -> Capture:
 
 def likelihood(capture: Capture) -> WindowLikelihood:
     return WindowLikelihood(cross_spectra(plate_frame(stokes_images(capture, NOISE), 25.0)), 1.5)
+
+
+def test_a_start_beyond_what_is_searched_stays_there() -> None:
+    capture = Capture.of_planes(np.random.default_rng(0).uniform(0.2, 0.8, (4, 1, 64, 64)), (0.0, 45.0, 90.0, 135.0))
+    beyond = Window(60.0, -6.0, 27.0, n_panes=2)
+    assert WindowSearch(likelihood(capture), 20.0, 1.5, {}).refined(beyond, 1).window.gap_along == 27.0
 
 
 def test_the_true_window_is_likeliest() -> None:

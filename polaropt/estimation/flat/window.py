@@ -196,7 +196,8 @@ class WindowSearch:
     def _along(self, window: Window, name: str, step: float) -> LikelyWindow:
         """The likeliest of a few windows along one number, between them by a parabola."""
         here = getattr(window, name)
-        values = [v for v in (here + step * np.arange(-2, 3.0)).tolist() if _allowed(name, v)]
+        # A start may lie beyond what is searched: a pane's shift and a gap's add up to one that is not.
+        values = [v for v in (here + step * np.arange(-2, 3.0)).tolist() if _allowed(name, v)] or [here]
         near = [replace(window, **{name: value}) for value in values]
         misfit = self._likelihood.misfit(near, _ROUNDS)
         misfit += _WEAK_PRIOR * np.square([trial.absorption for trial in near])
