@@ -40,7 +40,7 @@ def facts(row: Any) -> frozenset[str]:
         "NOISE_TOO_HIGH": row.noise > MUCH_NOISE or gain < LITTLE_GAIN_DB or row.known_detail < LITTLE_DETAIL,
         "NO_POLARIZATION": gain < ADEQUATE_DB,
         "MODEL_DOES_NOT_EXPLAIN": none_of_ours,
-        "MISALIGNED": row.moving > 0,
+        "MOVING": row.moving > 0,
     }
     return frozenset(name for name, holds in true.items() if holds)
 
