@@ -24,6 +24,7 @@ from polaropt.estimation import (
     scene_source,
     still_photographs,
     with_incidence_checked,
+    with_index,
 )
 from polaropt.inversion import Canvas
 from polaropt.judging import (
@@ -36,7 +37,7 @@ from polaropt.judging import (
     noise_share,
     uncertainty_without_polarization,
 )
-from polaropt.optics import PSE, SceneErrors, SceneParameters, VaryingPSE
+from polaropt.optics import GLASS_INDEX, PSE, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.progress import Progress, Stages
 from polaropt.solving import (
     ComponentStrip,
@@ -160,7 +161,7 @@ def separate(
     scene: SceneParameters | None = None,
     solver: str = "lbfgs",
     init: str = "closed-form",
-    refractive_index: float = 1.5,
+    refractive_index: float | None = GLASS_INDEX,
     single_surface: bool = False,
     weights: Weights = Weights(),  # noqa: B008 (frozen)
     stopping: StoppingRule = StoppingRule(),  # noqa: B008 (frozen)
@@ -186,8 +187,8 @@ def separate(
         Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it;
         the solve then keeps of it what the photographs leave open), "per-pixel" or "cold" (the plain intensity); see
         `initializers`.
-    refractive_index : float
-        Index of the pane, where no scene is given.
+    refractive_index : float or None
+        Index of the pane, where no scene is given. None: it is found, as far as the photographs tell it.
     single_surface : bool
         No back face (water), where no scene is given.
     weights : Weights
@@ -265,15 +266,13 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
         stages.begin("Estimating the scene", 0.02)
         of_registered = registered_noise(capture, noise)
         source, of_source = scene_source(registered, of_registered, mistakes)
-        checked = with_incidence_checked(source, asked.scaled(1 / scale), of_source)
+        thickness_px = None if settings.thickness_px is None else settings.thickness_px / scale
+        kind = settings.thickness_kind
+        fit = with_index(source, asked.scaled(1 / scale), of_source, thickness_px=thickness_px, thickness_kind=kind)
+        checked = with_incidence_checked(source, fit.scene, of_source)
         found = find_scene(
-            source,
-            checked.scene,
-            of_source,
-            settings.model,
-            thickness_px=None if settings.thickness_px is None else settings.thickness_px / scale,
-            thickness_kind=settings.thickness_kind,
-        )
+            source, checked.scene, of_source, settings.model, thickness_px=thickness_px, thickness_kind=kind
+        ).with_index(fit)
         if settings.model == "auto":
             found = left_alone(found, checked)
         sense_only = settings.thickness_px is not None

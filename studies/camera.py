@@ -240,7 +240,7 @@ def bent_photographs(layers: Images, scene: SceneParameters, bend_deg: float, an
     for column in range(columns):
         # Beyond the frame the pane may turn its edge to the camera.
         incidence_deg = min(math.degrees(math.acos(float(np.clip(abs(z[column]), 0, 1)))), _STEEPEST_DEG)
-        weights = _intensity_weights(incidence_deg, scene.refractive_index)
+        weights = _intensity_weights(incidence_deg, scene.index)
         turned = 2 * (np.radians(angles_deg) - math.atan2(n_y, x[column]))
         par, perp = np.tensordot(weights, layers[..., column], axes=1) / 2
         photographs[..., column] = np.multiply.outer((1 + np.cos(turned)) / 2, par)

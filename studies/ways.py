@@ -287,13 +287,13 @@ def _on_line(component: Images, layer: Images) -> Images:
 
 def _by(criterion: Callable[[Images, Images], float], sample: Sample) -> Layers:
     _, azimuth, _ = sample.scene.values()
-    transmission, reflection = separate_by(criterion, sample.capture, azimuth, sample.scene.refractive_index)
+    transmission, reflection = separate_by(criterion, sample.capture, azimuth, sample.scene.index)
     return transmission, reflection
 
 
 def _in_scales(sample: Sample) -> Layers:
     _, azimuth, _ = sample.scene.values()
-    transmission, reflection = separate_in_scales(sample.capture, azimuth, sample.scene.refractive_index)
+    transmission, reflection = separate_in_scales(sample.capture, azimuth, sample.scene.index)
     return transmission, reflection
 
 

@@ -44,7 +44,7 @@ def shift_stokes(stokes: Array, dx: float, dy: float) -> Array:
 def slow_forward(layers: Array, scene: SceneParameters, angles_deg: tuple[float, ...], n_ghosts: int) -> Array:
     """Eqs. (3)-(5) on Stokes images (2, 3, ..., h, w), one ray after the other."""
     incidence_deg, azimuth_deg, ghost_shift = scene.values()
-    outside, n = math.radians(incidence_deg), scene.refractive_index
+    outside, n = math.radians(incidence_deg), scene.index
     inside = math.asin(math.sin(outside) / n)
     r1, t1 = interface_matrices(outside, 1.0, n)
     r2, t2 = interface_matrices(inside, n, 1.0)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 ThicknessKind = Literal["paper", "plate"]
 _PANE = "The pane"
+FREE = "free"
+"""Of --index: it is to be found."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +76,14 @@ class PaneOptions:
         ),
     ] = "paper"
     index: Annotated[
-        float,
-        typer.Option(metavar="N", help="Refractive index: 1.5 for glass, 1.33 for water.", rich_help_panel=_PANE),
-    ] = 1.5
+        str,
+        typer.Option(
+            metavar="N",
+            help="Refractive index: 1.5 for glass, 1.33 for water. free: the glass is unknown; then the "
+            "index of one flat pane is found, as far as the photographs tell it (1.5 where they hardly do).",
+            rich_help_panel=_PANE,
+        ),
+    ] = "1.5"
     single_surface: Annotated[
         bool,
         typer.Option("--single-surface", metavar="", help="No back face: a water surface.", rich_help_panel=_PANE),
@@ -134,7 +141,7 @@ class PaneOptions:
             self.incidence,
             self.azimuth,
             self.shift,
-            self.index,
+            self.refractive_index,
             single_surface=self.single_surface,
             transmission_ghost_shift=self.transmission_shift,
             focal_px=self.focal_px,
@@ -143,6 +150,23 @@ class PaneOptions:
             gap_azimuth_deg=self.gap_azimuth,
             absorption=self._absorption(),
         )
+
+    @property
+    def refractive_index(self) -> float | None:
+        """The number of --index, or None for one that is to be found."""
+        if self.index == FREE:
+            return None
+        try:
+            return float(self.index)
+        except ValueError:
+            raise InputError(f"--index is {self.index!r}; give a number of 1 or more, or {FREE}") from None
+
+    @property
+    def known_index(self) -> float:
+        """The number of --index, where nothing is to be found."""
+        if self.refractive_index is None:
+            raise InputError(f"--index {self.index} is to find it; give a number of 1 or more")
+        return self.refractive_index
 
     def _absorption(self) -> float | None:
         if self.tint is None:

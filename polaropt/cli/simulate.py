@@ -194,13 +194,14 @@ def _check_mosaic(layers: LayerOptions, image: NDArray[Any]) -> None:
 def _one_scene(pane: PaneOptions) -> SceneParameters:
     from polaropt.optics import SceneParameters, ghost_step
 
+    index = pane.known_index
     # The pane that is simulated where nothing is said.
     incidence, azimuth, shift = SceneParameters().values()
     incidence = incidence if pane.incidence is None else pane.incidence
     azimuth = azimuth if pane.azimuth is None else pane.azimuth
     shift = shift if pane.shift is None else pane.shift
     if pane.thickness_px is not None:
-        shift = ghost_step(incidence, pane.index, pane.thickness_px, pane.thickness_kind)
+        shift = ghost_step(incidence, index, pane.thickness_px, pane.thickness_kind)
     shift = 0.0 if pane.single_surface or (pane.focal_px is not None and pane.shift is None) else shift
     return pane.scene().replace(incidence_deg=incidence, azimuth_deg=azimuth, ghost_shift=shift).plainest
 
@@ -231,7 +232,7 @@ def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) ->
         pane.shift,
         pane.thickness_px,
         pane.thickness_kind,
-        pane.index,
+        pane.known_index,
         pane.single_surface,
     )
     photographs, camera = Photographs(many.photos, layers.gamma), layers.camera()

@@ -17,6 +17,7 @@ __all__ = [
     "scene_source",
     "still_photographs",
     "with_incidence_checked",
+    "with_index",
     "without_moving",
 ]
 
@@ -36,6 +37,7 @@ from .motion import motion_shows as motion_shows
 from .motion import moving_pixels as moving_pixels
 from .motion import still_photographs as still_photographs
 from .motion import without_moving as without_moving
+from .refractive_index import with_index as with_index
 from .safeguard import left_alone as left_alone
 from .safeguard import scene_source as scene_source
 from .safeguard import with_incidence_checked as with_incidence_checked

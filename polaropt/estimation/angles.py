@@ -273,7 +273,7 @@ def _fits_reversed(capture: Capture, noise: float, scene: SceneParameters, unexp
     """Whether a pane before a wide lens explains the capture with its angles counted the other way, and only so."""
     stokes = stokes_images(capture, noise)
     incidence, azimuth, _ = scene.values()
-    plain = SceneParameters(incidence, -azimuth, 0.0, scene.refractive_index, single_surface=scene.single_surface)
+    plain = SceneParameters(incidence, -azimuth, 0.0, scene.index, single_surface=scene.single_surface)
     fit = fit_perspective(stokes.reversed(), plain=plain)
     gained = unexplained - fit.misfit
     clearly = gained > SCATTERS * math.sqrt(2 / fit.n) and gained > _EXPLAINED * (unexplained - 1)

@@ -17,6 +17,7 @@ from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.estimation.flat.sampled_ghosts import shift_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
+from polaropt.estimation.refractive_index import IndexFit, with_index
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
@@ -54,21 +55,34 @@ class RungReport:
 
 @dataclass(frozen=True)
 class LadderResult:
-    """A complete scene, how it was estimated (None where it was given) and the rungs that were looked at."""
+    """A complete scene, how it was estimated (None where it was given) and the rungs that were looked at.
+
+    Where all but the index was given, `index_error` is its standard error; else it is one of the estimate's.
+    """
 
     scene: SceneParameters
     estimate: SceneEstimate | None
     tried: tuple[RungReport, ...]
+    index_error: float | None = None
 
     @property
     def errors(self) -> SceneErrors:
         """Standard errors of what was estimated."""
-        return SceneErrors() if self.estimate is None else self.estimate.errors
+        return SceneErrors(refractive_index=self.index_error) if self.estimate is None else self.estimate.errors
 
     def scaled(self, factor: float) -> LadderResult:
         """The same of photographs with so many times the pixels a side."""
         estimate = None if self.estimate is None else self.estimate.scaled(factor)
-        return LadderResult(self.scene.scaled(factor), estimate, self.tried)
+        return dataclasses.replace(self, scene=self.scene.scaled(factor), estimate=estimate)
+
+    def with_index(self, fit: IndexFit) -> LadderResult:
+        """The same with the standard error of an index that was found before."""
+        if fit.error is None:
+            return self
+        if self.estimate is None:
+            return dataclasses.replace(self, index_error=fit.error)
+        errors = dataclasses.replace(self.errors, refractive_index=fit.error)
+        return dataclasses.replace(self, estimate=dataclasses.replace(self.estimate, errors=errors))
 
     @property
     def unexplained(self) -> float:
@@ -106,6 +120,21 @@ def find_scene(
     thickness_px, thickness_kind
         As for `estimate_scene`.
     """
+    fit = with_index(capture, asked, noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    found = _completed(capture, fit.scene, noise, model, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    return found.with_index(fit)
+
+
+def _completed(
+    capture: Capture,
+    asked: SceneParameters,
+    noise: float,
+    model: str,
+    *,
+    thickness_px: float | None,
+    thickness_kind: Literal["paper", "plate"],
+) -> LadderResult:
+    """The same where the index is known."""
     if asked.complete and thickness_px is None:
         return LadderResult(asked, None, ())
     if asked.stacked and thickness_px is not None:
@@ -113,7 +142,7 @@ def find_scene(
     if capture.cells is not None:
         small, of_cells = 1 / capture.scale, registered_noise(capture)
         thickness = None if thickness_px is None else thickness_px * small
-        found = find_scene(
+        found = _completed(
             capture.registered,
             asked.scaled(small),
             of_cells,

@@ -118,7 +118,7 @@ def left_alone(found: LadderResult, asked: CheckedScene) -> LadderResult:
 def correction(scene: SceneParameters) -> float:
     """What is taken off the intensity for each unit of polarized light, all bounces in place."""
     incidence = max(INCIDENCE_LIMITS_DEG[0], scene.incidence_deg or 0.0)
-    return in_place_correction(incidence, scene.refractive_index, *scene.sheets)
+    return in_place_correction(incidence, scene.index, *scene.sheets)
 
 
 def linear(capture: Capture, gamma: float) -> Capture:

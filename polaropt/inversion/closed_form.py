@@ -105,7 +105,7 @@ def per_pixel_layers(capture: Capture, scene: SceneParameters) -> Images:
         incidence_deg,
         azimuth_deg,
         0.0,
-        scene.refractive_index,
+        scene.index,
         single_surface=scene.single_surface,
         n_panes=scene.n_panes,
         absorption=scene.absorption,

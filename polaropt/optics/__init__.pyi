@@ -4,6 +4,7 @@ __all__ = [
     "FIELDS",
     "FLAT",
     "GHOST_SHIFT_SEARCH_PX",
+    "GLASS_INDEX",
     "INCIDENCE_LIMITS_DEG",
     "INCIDENCE_SEARCH_DEG",
     "MOST_PANES",
@@ -91,6 +92,7 @@ from .scene import DARKEST_TINT as DARKEST_TINT
 from .scene import FARTHEST_SHIFT_PX as FARTHEST_SHIFT_PX
 from .scene import FIELDS as FIELDS
 from .scene import GHOST_SHIFT_SEARCH_PX as GHOST_SHIFT_SEARCH_PX
+from .scene import GLASS_INDEX as GLASS_INDEX
 from .scene import INCIDENCE_LIMITS_DEG as INCIDENCE_LIMITS_DEG
 from .scene import INCIDENCE_SEARCH_DEG as INCIDENCE_SEARCH_DEG
 from .scene import MOST_PANES as MOST_PANES

@@ -194,13 +194,13 @@ def _power_series(weights: Entries, z: Any) -> Any:
 
 def plate_at(incidence_deg: float, scene: SceneParameters) -> Plate:
     """The plate that a scene's pane is at an incidence, entries (3,)."""
-    rho, tau = (np.array(entries) for entries in interface(incidence_deg, scene.refractive_index))
+    rho, tau = (np.array(entries) for entries in interface(incidence_deg, scene.index))
     return plate_of(rho, tau, scene)
 
 
 def plate_images(cosine: Planes, scene: SceneParameters) -> Plate:
     """The same for an array of cosines of the incidence, entries (3, ...)."""
-    return plate_of(*interface_images(cosine, scene.refractive_index), scene)
+    return plate_of(*interface_images(cosine, scene.index), scene)
 
 
 def plate_of(rho: Entries, tau: Entries, scene: SceneParameters) -> Plate:
@@ -411,7 +411,7 @@ def images_that_show(scene: SceneParameters, share: float) -> int:
 def ghosts_that_matter(scene: SceneParameters, share: float = _NEGLIGIBLE) -> int:
     """Number of ghosts until the next is fainter than `share` of the first."""
     incidence_deg, _, _ = scene.values()
-    return ghosts_until(max(interface(incidence_deg, scene.refractive_index).reflection[:2]), share)
+    return ghosts_until(max(interface(incidence_deg, scene.index).reflection[:2]), share)
 
 
 def ghosts_until(strongest: float, share: float = _NEGLIGIBLE) -> int:

@@ -12,6 +12,8 @@ from polaropt.optics.fresnel import refraction_angle
 
 SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
 
+GLASS_INDEX = 1.5
+"""Refractive index of window glass for visible light; soda-lime glass has 1.52."""
 HIGHEST_INDEX = 10.0
 """Nothing that light passes has a higher one: germanium has 4, lead telluride 6. Set by hand."""
 FARTHEST_SHIFT_PX = 1e5
@@ -55,8 +57,8 @@ class SceneParameters:
         Adding 180 flips the sign of `ghost_shift`. None: to be estimated.
     ghost_shift : float or None
         Distance from one ghost to the next in pixels along the azimuth, signed. None: to be estimated.
-    refractive_index : float
-        Index of the pane, from 1 to `HIGHEST_INDEX`.
+    refractive_index : float or None
+        Index of the pane, from 1 to `HIGHEST_INDEX`. None: to be found, as far as the photographs tell it.
     n_bounces : int or None
         The direct path and ghosts 1..n_bounces. None: all of them.
     single_surface : bool
@@ -102,7 +104,7 @@ class SceneParameters:
     incidence_deg: float | None = 60.0
     azimuth_deg: float | None = 0.0
     ghost_shift: float | None = 6.3
-    refractive_index: float = 1.5
+    refractive_index: float | None = GLASS_INDEX
     n_bounces: int | None = None
     single_surface: bool = False
     transmission_polarization: tuple[float, float] = (0.0, 0.0)
@@ -119,7 +121,8 @@ class SceneParameters:
 
     def __post_init__(self) -> None:
         _check_incidence(self.incidence_deg)
-        _check_index(self.refractive_index)
+        if self.refractive_index is not None:
+            _check_index(self.refractive_index)
         for name in ("azimuth_deg", "gap_azimuth_deg", *_SHIFTS):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
@@ -163,7 +166,14 @@ class SceneParameters:
     def complete(self) -> bool:
         """Whether nothing is left to estimate."""
         window_known = None not in (self.n_panes, self.absorption) and (self.n_panes == 1 or self.gap_shift is not None)
-        return window_known and all(getattr(self, name) is not None for name in SEARCHED)
+        return window_known and all(getattr(self, name) is not None for name in (*SEARCHED, "refractive_index"))
+
+    @property
+    def index(self) -> float:
+        """The refractive index of a scene of which it is known."""
+        if self.refractive_index is None:
+            raise InputError("the scene lacks refractive_index; estimate (`find_scene`) or set it first")
+        return self.refractive_index
 
     @property
     def plainest(self) -> SceneParameters:
@@ -312,7 +322,7 @@ class SceneErrors:
     Attributes
     ----------
     incidence_deg, azimuth_deg, ghost_shift, transmission_ghost_shift, focal_px : float or None
-    gap_shift, gap_azimuth_deg, absorption : float or None
+    gap_shift, gap_azimuth_deg, absorption, refractive_index : float or None
     n_panes : None
         A whole number, found or not, has no standard error.
     bend_deg_per_px : (float, float, float) or None
@@ -332,6 +342,7 @@ class SceneErrors:
     gap_shift: float | None = None
     gap_azimuth_deg: float | None = None
     absorption: float | None = None
+    refractive_index: float | None = None
 
     def scaled(self, factor: float) -> SceneErrors:
         """Those of the same scene in photographs with so many times the pixels a side."""

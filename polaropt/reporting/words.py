@@ -371,7 +371,8 @@ def estimate_sentences(
     """
     report = scene_report(found.scene, given, focal_hint_px)
     sources = {field.name: source_of(field.name, report["estimated"]) for field in FIELDS}
-    sources["refractive_index"] = "given or assumed"
+    if given.refractive_index is not None:
+        sources["refractive_index"] = "given or assumed"
     if from_thickness:
         sources["ghost_shift"] = "from the thickness"
     fields = shown_fields(report["scene"])

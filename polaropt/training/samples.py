@@ -275,7 +275,7 @@ def _plain_sample(capture: Capture, noise: float, scene: SceneParameters, truth:
     to_views = analyzer_matrix(ANGLES_DEG) @ np.linalg.pinv(analyzer_matrix(capture.angles_deg))
     views = np.stack([change_basis(to_views, part) for part in parts], axis=1)
     return Sample(
-        plain_observation(capture, noise, scene.refractive_index),
+        plain_observation(capture, noise, scene.index),
         in_color(torch.from_numpy(truth))[None],
         in_color(torch.from_numpy(np.ascontiguousarray(views)))[None],
         _engine(scene, ANGLES_DEG).forward,

@@ -75,6 +75,8 @@ BAD = {
     "incidence nan": ([*FOUR, "--incidence", "nan"], "[0, 90)"),
     "incidence text": ([*FOUR, "--incidence", "steep"], "--incidence"),
     "index": ([*FOUR, "--index", "0.9"], "1 or more"),
+    "no index": ([*FOUR, "--index", "glass"], "or free"),
+    "free index of water": ([*FOUR, "--index", "free", "--single-surface"], "one clear, flat pane"),
     "azimuth": ([*FOUR, "--azimuth", "inf"], "finite"),
     "shift and thickness": ([*FOUR, "--shift", "3", "--thickness-px", "5"], "one of them"),
     "thickness and focal length": (

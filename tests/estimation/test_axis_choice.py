@@ -72,7 +72,7 @@ def test_the_correction_takes_each_layer_from_the_intensity(incidence: float, si
     scene = SceneParameters(incidence, 25.0, 0.0, single_surface=single_surface)
     example = blend(incidence, 64, noise=0, ghost_shift=0.0, single_surface=single_surface)
     across = plate_frame(stokes_images(example.capture, 1e-4), 25.0).images
-    correction = in_place_correction(incidence, scene.refractive_index, single_surface)
+    correction = in_place_correction(incidence, scene.index, single_surface)
     np.testing.assert_allclose(across.sum(axis=0) + correction * (across[0] - across[1]), example.layers[0], atol=2e-3)
 
 

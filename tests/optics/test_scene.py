@@ -100,7 +100,6 @@ def test_what_can_be_estimated_has_a_standard_error() -> None:
     estimable = {field.name for field in FIELDS if field.estimable}
     assert estimable == {field.name for field in dataclasses.fields(SceneErrors)}
     assert set(SEARCHED) <= estimable
-    assert "refractive_index" not in estimable
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)

@@ -58,7 +58,7 @@ def test_what_a_warning_of_the_separation_says_is_not_said_again() -> None:
     assert len(attention(bad, ())) == 3
 
 
-OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None, absorption=None)
+OPEN = SceneParameters(None, None, None, None, n_panes=None, gap_shift=None, absorption=None)
 # What a field of each kind can hold, and what is said of it.
 FULL = SceneParameters(
     incidence_deg=61.2,
@@ -86,7 +86,8 @@ def test_every_quantity_of_the_scene_is_said_everywhere() -> None:
         assert ("bent by" if field.name == "bend_deg_per_px" else field.label) in sentence
         assert any(line.startswith(field.label) for line in lines)
     assert "incidence 61.20 +- 0.40 deg (estimated)" in sentence
-    assert "refractive index 1.333 (given)" in sentence
+    assert "refractive index 1.333 (estimated)" in sentence
+    assert "refractive index 1.333 (given)" in pane_sentence({**report, "estimated": []})
 
 
 @pytest.mark.parametrize(

@@ -183,7 +183,7 @@ def choose_axis(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParamete
     if abs(score) > _SETTLED:
         return AxisChoice(0 if score > 0 else 1, 0.0)
     chance = 1 / (1 + math.exp(-min(max(log_odds(panes, scene, noise), -_SURE), _SURE)))
-    first, second = (in_place_correction(_incidence(pane), scene.refractive_index, *scene.sheets) for pane in panes)
+    first, second = (in_place_correction(_incidence(pane), scene.index, *scene.sheets) for pane in panes)
     stakes = ((1 - chance) * (1 + first / second) ** 2, chance * (1 + second / first) ** 2)
     best = 0 if stakes[0] <= stakes[1] else 1
     return AxisChoice(best, stakes[best])

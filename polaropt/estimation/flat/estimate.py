@@ -114,8 +114,8 @@ def estimate_scene(
     InputError
         A pane that mirrors nothing, as its index is that of air, or a thickness outside its range.
     """
-    if scene.refractive_index < _LEAST_INDEX:
-        raise InputError(f"a pane of index {scene.refractive_index:g} mirrors nothing; give {_LEAST_INDEX:g} or more")
+    if scene.index < _LEAST_INDEX:
+        raise InputError(f"a pane of index {scene.index:g} mirrors nothing; give {_LEAST_INDEX:g} or more")
     if thickness_px is not None and not 0 <= thickness_px <= FARTHEST_SHIFT_PX:
         raise InputError(f"the thickness is {thickness_px} px; it must lie between 0 and {FARTHEST_SHIFT_PX:g}")
     scene = scene.plainest
@@ -210,7 +210,7 @@ def _refined(
     found = found.replace(incidence_deg=incidence)
     if thickness is None or asked.ghost_shift is not None:
         return found, error
-    step = thickness.step(incidence, found.refractive_index)
+    step = thickness.step(incidence, found.index)
     return found.replace(ghost_shift=math.copysign(step, shift)), error
 
 
@@ -240,5 +240,5 @@ def _tied(errors: SceneErrors, found: SceneParameters, thickness: Thickness) -> 
         return errors
     incidence = found.values()[0]
     near = (max(0.0, incidence - errors.incidence_deg), min(INCIDENCE_LIMITS_DEG[1], incidence + errors.incidence_deg))
-    steps = [thickness.step(angle, found.refractive_index) for angle in near]
+    steps = [thickness.step(angle, found.index) for angle in near]
     return replace(errors, ghost_shift=abs(steps[1] - steps[0]) / 2)

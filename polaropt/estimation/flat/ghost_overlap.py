@@ -198,7 +198,7 @@ def _transfer(
     incidence_deg: float, scene: SceneParameters, z_t: Spectrum, z_r: Spectrum, z_gap: Spectrum | None
 ) -> Spectrum:
     """What the pane passes and mirrors, (entry, layer, h, w): a polarizer takes half of each."""
-    rho = np.array(interface(incidence_deg, scene.refractive_index).reflection[:2], np.float32)[:, None, None]
+    rho = np.array(interface(incidence_deg, scene.index).reflection[:2], np.float32)[:, None, None]
     plate = plate_of(rho, 1 - rho, scene)
     gap = 1.0 if z_gap is None else z_gap
     transmitted, reflected = plate.at(z_r, gap)

@@ -378,7 +378,7 @@ class ShiftLikelihood:
         """Outer products of the transfer functions of reflection and transmission: incidences times shifts."""
         phase = shifts.astype(np.float32)[:, None] * self._along
         cosine, sine = np.cos(phase), np.sin(phase)
-        faces = [interface(float(incidence), self._scene.refractive_index).reflection[:2] for incidence in incidences]
+        faces = [interface(float(incidence), self._scene.index).reflection[:2] for incidence in incidences]
         rho = np.array(faces, np.float32).T[:, :, None, None]
         layers = Plate(rho, 1 - rho, self._scene.single_surface, self._scene.n_bounces).series
         ghosts = [ghost_sum(ratio, cosine, sine) for ratio in layers[0].ratio]

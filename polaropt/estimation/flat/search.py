@@ -231,7 +231,7 @@ class SceneSearch:
         shifts = self._likely_shifts(incidence_deg, _CANDIDATE_STEP_PX, _N_CANDIDATES)
         near = self._near(incidence_deg)
         misfits = self._likelihood.misfit(near, shifts)
-        weight = _overlap_weight(incidence_deg, self._scene.refractive_index)
+        weight = _overlap_weight(incidence_deg, self._scene.index)
         trials = []
         for shift, row in zip(shifts, misfits.T, strict=True):
             overlap = EdgeOverlap(self._seen.coarse, self._scene, shift)
@@ -270,7 +270,7 @@ class SceneSearch:
     def _with_tied_shift(self, trial: Trial) -> Trial:
         """The trial with exactly the shift that the thickness gives at its incidence, in the same sense."""
         assert self._thickness is not None
-        step = self._thickness.step(trial.incidence_deg, self._scene.refractive_index)
+        step = self._thickness.step(trial.incidence_deg, self._scene.index)
         return Trial(trial.incidence_deg, math.copysign(step, trial.ghost_shift), trial.score)
 
     def _reflection_is_sharp(self, incidence_deg: float) -> bool:
@@ -295,7 +295,7 @@ class SceneSearch:
         if not self._open_shift:
             return np.array([0.0 if self._scene.ghost_shift is None else self._scene.ghost_shift])
         if self._thickness is not None:
-            step = self._thickness.step(incidence_deg, self._scene.refractive_index)
+            step = self._thickness.step(incidence_deg, self._scene.index)
             return np.array([step, -step])
         most = math.floor(self._most_shift / spacing)
         return np.arange(-most, most + 1.0) * spacing

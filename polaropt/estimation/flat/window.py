@@ -241,10 +241,10 @@ class _Axis:
     def __init__(self, frame: PlateFrame, asked: SceneParameters) -> None:
         self.frame, self._asked = frame, asked
         spectra = cross_spectra(frame)
-        self.parts = [WindowLikelihood(part, asked.refractive_index) for part in spectra.left_out()]
-        self.likelihood = WindowLikelihood(spectra, asked.refractive_index)
+        self.parts = [WindowLikelihood(part, asked.index) for part in spectra.left_out()]
+        self.likelihood = WindowLikelihood(spectra, asked.index)
         most = largest_search_shift(min(frame.images.shape[-2:]))
-        self.search = WindowSearch(self.likelihood, most, asked.refractive_index, _told(asked, frame.azimuth_deg))
+        self.search = WindowSearch(self.likelihood, most, asked.index, _told(asked, frame.azimuth_deg))
 
     def scene(self, window: Window) -> SceneParameters:
         """The scene that a window is."""
@@ -416,7 +416,24 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     return replace(estimate, scene=scene, errors=errors, axis_stake=0.0)
 
 
+def judged_pane(frame: PlateFrame, scene: SceneParameters, *, incidence_open: bool = True) -> LikelyWindow:
+    """How well a single pane that was found explains a capture, with its double images or in place.
+
+    Parameters
+    ----------
+    frame : PlateFrame
+        At the azimuth of the scene.
+    scene : SceneParameters
+        Complete.
+    incidence_open : bool
+        Whether the incidence may move to where the layers' edges overlap least.
+    """
+    incidence, _, shift = scene.values()
+    axis = _Axis(frame, scene.replace(incidence_deg=None) if incidence_open else scene)
+    return axis.best([LikelyWindow(Window(incidence, px), math.inf, math.inf) for px in dict.fromkeys((shift, 0.0))])
+
+
 def window_remark(scene: SceneParameters) -> str:
     """What is to be said of a pane without double images: several would look like it."""
-    incidence = equivalent_incidences(scene.values()[0], 2, scene.refractive_index)[-1]
+    incidence = equivalent_incidences(scene.values()[0], 2, scene.index)[-1]
     return f"Without double images two panes at {incidence:.0f} degrees would look much alike."

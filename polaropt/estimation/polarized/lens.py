@@ -129,7 +129,7 @@ class _OffPlane:
     """What blocks have off the plane of what both layers show."""
 
     def __init__(self, blocks: PolarizedBlocks, plain: SceneParameters) -> None:
-        self._blocks, self._pane = blocks, (plain.refractive_index, *plain.sheets)
+        self._blocks, self._pane = blocks, (plain.index, *plain.sheets)
         self.half_px, self.grouped = blocks.half_px, blocks.grouped
 
     def __call__(self, point: Values) -> Values:

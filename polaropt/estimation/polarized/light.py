@@ -124,7 +124,7 @@ def _unpolarized(vector: Values, layer: int, asked: SceneParameters) -> list[tup
         return [(asked.incidence_deg, azimuth)]
     gains = np.array([in_place(pane_light(float(x), asked))[layer, :2] for x in _GRID_DEG])
     off = np.abs(gains[:, 0] - gains[:, 1]) / gains.sum(axis=1) - math.hypot(vector[1], vector[2])
-    brewster = brewster_angle_deg(asked.refractive_index) if layer == 1 else HIGHEST_DEG
+    brewster = brewster_angle_deg(asked.index) if layer == 1 else HIGHEST_DEG
     below = brewster >= _GRID_DEG
     sides = [part for part in (below, ~below) if part.any()]
     incidences = [x for side in sides if (x := _root(_GRID_DEG[side], off[side])) is not None]

@@ -237,7 +237,7 @@ class Search:
         In place the reflection shows the same there: only ghosts tell the two apart.
         """
         candidate, asked = found.candidate, self._asked
-        off = float(candidate.point[INCIDENCE]) - brewster_angle_deg(asked.refractive_index)
+        off = float(candidate.point[INCIDENCE]) - brewster_angle_deg(asked.index)
         if (
             asked.incidence_deg is not None
             or candidate.reflection
@@ -245,7 +245,7 @@ class Search:
             or abs(off) > _TWINS_DEG
         ):
             return found
-        across = brewster_angle_deg(asked.refractive_index) - math.copysign(max(abs(off), _LEAST_OFF_DEG), off)
+        across = brewster_angle_deg(asked.index) - math.copysign(max(abs(off), _LEAST_OFF_DEG), off)
         point = point_showing(Place(across, *candidate.point[1:3]), shown_by(candidate.point, asked), asked)
         point[OF_REFLECTION] = 0
         twin = self.finely(self._improved(dataclasses.replace(candidate, point=bounded(point))).candidate)

@@ -79,7 +79,7 @@ class VaryingOverlap:
     def _log_overlap(self, scale: _Scale, pane: Pane) -> Values:
         cosine, cos, sin = pane.angles(scale.x, scale.y)
         scene = self._scene
-        weights = in_place_weights(np.maximum(cosine, _LEAST_COSINE), scene.refractive_index, *scene.sheets)
+        weights = in_place_weights(np.maximum(cosine, _LEAST_COSINE), scene.index, *scene.sheets)
         energies = [
             _beyond_noise(scale, factor, (cos, sin), self._covariance)
             for factor in _factors(weights[1][0], weights[1][1])

@@ -1,0 +1,201 @@
+"""The refractive index of a pane whose glass is unknown, or coated so that it mirrors as another glass would.
+
+Light that arrives unpolarized tells two numbers of a flat pane in place, what it mirrors along and across the plane of
+incidence; incidence and index are these two. Along a valley of both the polarization stays about the same. There the
+layers' edges and the spectra of ghosts tell one pane from another: clearly beyond Brewster's angle, weakly below it.
+So window glass is kept unless another index explains the capture clearly better.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, plate_frame, registered_noise, stokes_images
+from polaropt.errors import InputError
+from polaropt.estimation.flat.estimate import LEAST_NOISE, estimate_scene
+from polaropt.estimation.flat.window import LikelyWindow, judged_pane
+from polaropt.numerics import jackknife_error, minimum_error, vertex
+from polaropt.optics import GLASS_INDEX, SceneParameters
+
+INDEX_SEARCH = (1.3, 2.0)
+"""Indices that are searched: from water to the heaviest flint glass, and what coatings make of 1.5. Set by hand."""
+# All below by trial.
+_TRIALS = (1.33, GLASS_INDEX, 1.7, 1.9)
+"""Indices at which the pane is looked for blindly: with one far off, another pane is found."""
+_STEPS = (0.08, 0.04)
+"""Beside the likeliest index: where it is looked for more closely."""
+_FARTHEST = 1.25
+"""Steps up to which a parabola is followed."""
+_USUAL_WIDTH, _USUAL = 0.2, 1e-3
+"""How far indices usually lie from that of window glass, and the score that one so far off costs."""
+_LEAST_GAIN, _SURE = 0.003, 1.5
+"""Score that an index must gain over window glass, and how many standard errors of it."""
+_RIVALS = 2.0
+"""Standard errors that reach to the farthest index that cannot be told from the one found."""
+
+
+@dataclass(frozen=True)
+class IndexFit:
+    """A scene whose index is known, and the standard error of the index; None where it was given."""
+
+    scene: SceneParameters
+    error: float | None = None
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """The pane found with an index, and how well it explains the capture."""
+
+    scene: SceneParameters
+    likely: LikelyWindow
+
+    @property
+    def index(self) -> float:
+        return self.scene.index
+
+    @property
+    def score(self) -> float:
+        """Less is better; an unusual index costs a little."""
+        return self.likely.score + _USUAL * ((self.index - GLASS_INDEX) / _USUAL_WIDTH) ** 2
+
+
+def with_index(
+    capture: Capture,
+    asked: SceneParameters,
+    noise: float,
+    *,
+    thickness_px: float | None = None,
+    thickness_kind: Literal["paper", "plate"] = "paper",
+) -> IndexFit:
+    """A scene with the index that is found where it is None: that of a single flat pane that is seen from far.
+
+    Parameters
+    ----------
+    capture : Capture
+    asked : SceneParameters
+        Fields that are None are to be found; only the index is found here, the others stay as they are. An index
+        that is not window glass's is that of one clear pane, and no other windows are looked for.
+    noise : float
+        Standard deviation of one photograph's noise; of a mosaic, of a sample's.
+    thickness_px, thickness_kind
+        As for `estimate_scene`.
+
+    Raises
+    ------
+    InputError
+        A window of several panes, a bent pane, tinted glass or a single surface: there an index must be given.
+    """
+    if asked.refractive_index is not None:
+        return IndexFit(asked)
+    if asked.stacked or asked.absorption or asked.bent or asked.single_surface:
+        raise InputError("the index is found of one clear, flat pane; give it for tinted, bent or several, and water")
+    if capture.cells is not None:
+        thickness = None if thickness_px is None else thickness_px / capture.scale
+        small = asked.scaled(1 / capture.scale)
+        of_cells = registered_noise(capture, noise)
+        fit = with_index(capture.registered, small, of_cells, thickness_px=thickness, thickness_kind=thickness_kind)
+        return dataclasses.replace(fit, scene=fit.scene.scaled(capture.scale))
+    search = _IndexSearch(capture, asked, noise, thickness_px, thickness_kind)
+    trials = [search.blind(index) for index in _TRIALS]
+    if None in trials:
+        # Nothing is polarized: no index says anything.
+        return IndexFit(asked.replace(refractive_index=GLASS_INDEX))
+    return search.chosen([trial for trial in trials if trial is not None])
+
+
+class _IndexSearch:
+    """Trials of one capture."""
+
+    def __init__(
+        self,
+        capture: Capture,
+        asked: SceneParameters,
+        noise: float,
+        thickness_px: float | None,
+        thickness_kind: Literal["paper", "plate"],
+    ) -> None:
+        self._capture, self._noise = capture, noise
+        self._asked = asked.replace(focal_px=None, n_panes=1, gap_shift=0.0, absorption=0.0)
+        if asked.ghost_shift is None and capture.start_unknown:
+            self._asked = self._asked.replace(ghost_shift=0.0)
+        self._whole = asked
+        self._thickness_px, self._thickness_kind = thickness_px, thickness_kind
+        self._stokes = stokes_images(capture, max(noise, LEAST_NOISE))
+
+    def blind(self, index: float) -> _Trial | None:
+        """The pane found with an index; None where the capture shows no polarization."""
+        return self._found(self._asked.replace(refractive_index=index))
+
+    def near(self, trial: _Trial, index: float) -> _Trial:
+        """The pane found with an index near that of a trial, at its azimuth and with its ghosts."""
+        found = self._found(
+            trial.scene.replace(refractive_index=index, incidence_deg=self._asked.incidence_deg), tied=False
+        )
+        return trial if found is None else found
+
+    def _found(self, asked: SceneParameters, *, tied: bool = True) -> _Trial | None:
+        thickness = self._thickness_px if tied else None
+        estimate = estimate_scene(
+            self._capture, asked, noise=self._noise, thickness_px=thickness, thickness_kind=self._thickness_kind
+        )
+        if not estimate.polarized:
+            return None
+        scene = estimate.scene
+        frame = plate_frame(self._stokes, scene.values()[1])
+        return _Trial(scene, judged_pane(frame, scene, incidence_open=self._asked.incidence_deg is None))
+
+    def chosen(self, trials: list[_Trial]) -> IndexFit:
+        """Window glass, or the likeliest index of all where that is clearly worse."""
+        best, error = min(trials, key=lambda trial: trial.score), math.inf
+        for step in _STEPS:
+            beside = [self.near(best, index) for index in _beside(best.index, step)]
+            before, here, after = (trial.score for trial in beside)
+            move = vertex(before, here, after, _FARTHEST)
+            error = _error([trial.likely for trial in beside], step)
+            trials = [*trials, *beside, self.near(best, float(np.clip(beside[1].index + step * move, *INDEX_SEARCH)))]
+            best = min(trials, key=lambda trial: trial.score)
+        (glass, *_) = (trial for trial in trials if trial.index == GLASS_INDEX)
+        taken = best if _clearly_better(best.likely, glass.likely) else glass
+        rivals = [trial.index for trial in trials if not _clearly_better(best.likely, trial.likely)]
+        reach = max((abs(index - taken.index) for index in rivals), default=0.0)
+        found = self._whole.replace(refractive_index=taken.index)
+        if taken is not glass:
+            found = found.replace(n_panes=1, gap_shift=0.0, absorption=0.0)
+        return IndexFit(found, max(error, reach / _RIVALS))
+
+
+def _beside(index: float, step: float) -> list[float]:
+    """Three indices a step apart around one, inside the range."""
+    low, high = INDEX_SEARCH
+    middle = min(max(index, low + step), high - step)
+    return [middle - step, middle, middle + step]
+
+
+def _clearly_better(one: LikelyWindow, other: LikelyWindow) -> bool:
+    """Whether a pane scores better than another in all of the frame."""
+    error = math.hypot(*(jackknife_error(a - b) for a, b in zip(one.parts, other.parts, strict=True)))
+    return bool(other.score - one.score > max(_LEAST_GAIN, _SURE * error))
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    return float(values.mean()) if values.size else 0.0
+
+
+def _error(panes: Sequence[LikelyWindow], step: float) -> float:
+    """Standard error of the index of least score, from three panes a step apart, by leaving parts of the frame out.
+
+    A frame of a single part tells none.
+    """
+    errors = [0.0]
+    for part in range(len(panes[0].parts)):
+        # Of likelihood and overlap one is that of the rest, the other that of all.
+        rest = [pane.parts[part] + (pane.score - _mean(pane.parts[part])) for pane in panes]
+        errors.append(minimum_error(rest, step) if rest[0].size > 1 else 0.0)
+    return math.hypot(*errors)

@@ -1,0 +1,76 @@
+"""An index that is not known: found where the capture tells it, window glass's where not."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from polaropt import SceneParameters
+from polaropt.capture import noise_level
+from polaropt.errors import InputError
+from polaropt.estimation import find_scene, with_index
+from polaropt.optics import GLASS_INDEX, SceneErrors
+from tests.blends import blend
+
+OPEN = SceneParameters(None, None, None, refractive_index=None)
+
+
+# Azimuth and ghosts are told to be fast.
+TOLD = SceneParameters(None, 25.0, 5.3, refractive_index=None)
+
+
+def test_beyond_brewsters_angle_an_index_is_found() -> None:
+    example = blend(75.0, 128, refractive_index=1.8)
+    fit = with_index(example.capture, TOLD, noise_level(example.capture))
+    assert fit.error is not None
+    assert fit.error < 0.1
+    assert abs(fit.scene.index - 1.8) < 0.06
+    assert fit.scene == TOLD.replace(refractive_index=fit.scene.index)
+
+
+def test_window_glass_is_kept_where_nothing_speaks_against_it() -> None:
+    example = blend(60.0, 80)
+    asked = TOLD.replace(n_panes=None, gap_shift=None, absorption=None)
+    fit = with_index(example.capture, asked, noise_level(example.capture))
+    assert fit.scene == asked.replace(refractive_index=GLASS_INDEX)
+    assert fit.error is not None
+    assert fit.error > 0.1
+
+
+def test_where_all_else_is_given_the_index_and_its_error_are_found() -> None:
+    example = blend(70.0, 80, color=False)
+    found = find_scene(example.capture, example.scene.replace(refractive_index=None), 0.005)
+    assert found.scene == example.scene
+    assert found.errors == SceneErrors(refractive_index=found.errors.refractive_index)
+    assert found.errors.refractive_index is not None
+    assert math.isfinite(found.errors.refractive_index)
+
+
+def test_an_index_that_is_given_stays_and_has_no_error() -> None:
+    example = blend(60.0, 64)
+    asked = OPEN.replace(refractive_index=1.52)
+    fit = with_index(example.capture, asked, 0.005)
+    assert (fit.scene, fit.error) == (asked, None)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"n_panes": 2, "gap_shift": None},
+        {"absorption": 0.5},
+        {"bend_deg_per_px": (0.1, 0.0, 0.0)},
+        {"single_surface": True},
+    ],
+    ids=str,
+)
+def test_of_other_windows_than_one_clear_flat_pane_an_index_must_be_given(changes: dict[str, object]) -> None:
+    with pytest.raises(InputError, match="one clear, flat pane"):
+        with_index(blend(60.0, 64).capture, OPEN.replace(**changes), 0.005)
+
+
+def test_a_scene_without_an_index_is_not_complete_and_has_no_number() -> None:
+    scene = SceneParameters(refractive_index=None)
+    assert not scene.complete
+    with pytest.raises(InputError, match="lacks refractive_index"):
+        _ = scene.index
