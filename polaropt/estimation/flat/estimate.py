@@ -97,7 +97,7 @@ def estimate_scene(
     ----------
     capture : Capture
     scene : SceneParameters
-        Fields that are None are estimated, all others stay as they are.
+        Fields that are None are estimated, all others stay as they are. The index is a number (see `with_index`).
     noise : float, optional
         Standard deviation of the noise of one photograph. Default: measured.
     thickness_px : float, optional
