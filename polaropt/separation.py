@@ -277,7 +277,7 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
             found = left_alone(found, checked)
         sense_only = settings.thickness_px is not None
         found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
-        case = _Case(capture, still, asked, settings, checked.doubtful, found)
+        case = _Case(capture, still, asked, settings, checked.doubtful, fit.coated, found)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:
             return _unseparated(case, estimate, stages)
@@ -296,6 +296,7 @@ class _Case:
     asked: SceneParameters
     settings: Settings
     doubtful_incidence: bool
+    coated: bool
     found: LadderResult
 
 
@@ -314,6 +315,7 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
         mistakes=still.mistakes,
         moving=still.moving,
         doubtful_incidence=case.doubtful_incidence,
+        coated=case.coated,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()
@@ -360,6 +362,7 @@ def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separa
         mistakes=still.mistakes,
         moving=still.moving,
         doubtful_incidence=case.doubtful_incidence,
+        coated=case.coated,
     )
     stages.end()
     return Separation(

@@ -41,12 +41,28 @@ _RIVALS = 2.0
 """Standard errors that reach to the farthest index that cannot be told from the one found."""
 
 
+_COLOURED = 3.0
+"""Standard errors by which incidences of two colours must differ to tell of a coating. Measured on 16 scenes of
+photographs: up to 1.2 of clear glass, from 5.8 on of a coated pane at 60 degrees."""
+
+
 @dataclass(frozen=True)
 class IndexFit:
-    """A scene whose index is known, and the standard error of the index; None where it was given."""
+    """A scene whose index is known.
+
+    Attributes
+    ----------
+    scene : SceneParameters
+    error : float or None
+        Standard error of the index; None where it was given.
+    coated : bool
+        Whether the colours tell of different panes, as coated glass mirrors each in its own way. It is looked for where
+        the index is.
+    """
 
     scene: SceneParameters
     error: float | None = None
+    coated: bool = False
 
 
 @dataclass(frozen=True)
@@ -168,7 +184,23 @@ class _IndexSearch:
         found = self._whole.replace(refractive_index=taken.index)
         if taken is not glass:
             found = found.replace(n_panes=1, gap_shift=0.0, absorption=0.0)
-        return IndexFit(found, max(error, reach / _RIVALS))
+        return IndexFit(found, max(error, reach / _RIVALS), self._coloured(glass.scene))
+
+    def _coloured(self, scene: SceneParameters) -> bool:
+        """Whether the incidences at which the edges of each colour overlap least differ beyond their errors."""
+        if not self._capture.color or self._asked.incidence_deg is not None:
+            return False
+        images, valid = self._capture.intensities, self._capture.valid
+        values, errors = [], []
+        for k in range(images.shape[1]):
+            capture = self._capture.replace(intensities=images[:, k], valid=valid[:, k])
+            estimate = estimate_scene(capture, scene.replace(incidence_deg=None))
+            if not estimate.polarized or estimate.errors.incidence_deg is None:
+                return False
+            values.append(estimate.scene.values()[0])
+            errors.append(estimate.errors.incidence_deg)
+        least, most = int(np.argmin(values)), int(np.argmax(values))
+        return values[most] - values[least] > _COLOURED * math.hypot(errors[least], errors[most])
 
 
 def _beside(index: float, step: float) -> list[float]:

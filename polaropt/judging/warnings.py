@@ -94,6 +94,10 @@ class SeparationWarning(Enum):
         "third too much or too little. Check it, or leave it to be found. Where it would do "
         "harm the intensity is returned as transmission, unless a model is asked for by its name."
     )
+    COATED = (
+        "The colours tell of different panes, as coated glass mirrors each in its own way: the layers' colours are "
+        "off, and what is left of the other layer in each differs."
+    )
     AXIS_DOUBTFUL = (
         "A pane whose plane of incidence lies across, its layers exchanged, explains the photographs about as well: "
         "take them with less noise, or tell the azimuth (how the plane of incidence lies in the picture)."
@@ -155,6 +159,7 @@ def diagnose(
     mistakes: Mistakes | None = None,
     moving: Mask | None = None,
     doubtful_incidence: bool = False,
+    coated: bool = False,
     finite: bool = True,
 ) -> Diagnostics:
     """Collect the warnings that a capture and its solution deserve.
@@ -176,6 +181,8 @@ def diagnose(
         Pixels in which something moves between the photographs: not valid in the capture.
     doubtful_incidence : bool
         Whether the photographs speak against the incidence that was given.
+    coated : bool
+        Whether the colours tell of different panes, where the index was to be found.
     finite : bool
         Whether the solver met nothing but finite values.
     """
@@ -203,6 +210,7 @@ def diagnose(
         **_of_angles(mistake),
         SeparationWarning.POLARIZED_SOURCE: _found_polarized(scene, estimate),
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
+        SeparationWarning.COATED: coated,
         SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),
         SeparationWarning.MODEL_DOES_NOT_EXPLAIN: polarized and (misfit_ratio > _BAD_FIT or unexplained > _MUCH_LEFT),
         SeparationWarning.MOVING: moving is not None,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from polaropt import SceneParameters
-from polaropt.capture import noise_level
+from polaropt.capture import Capture, noise_level
 from polaropt.errors import InputError
 from polaropt.estimation import find_scene, with_index
 from polaropt.optics import GLASS_INDEX, SceneErrors
@@ -74,3 +75,16 @@ def test_a_scene_without_an_index_is_not_complete_and_has_no_number() -> None:
     assert not scene.complete
     with pytest.raises(InputError, match="lacks refractive_index"):
         _ = scene.index
+
+
+@pytest.mark.parametrize("coated", [False, True], ids=["clear", "coated"])
+def test_a_coating_is_told_by_colours_that_see_different_panes(coated: bool) -> None:
+    layers = blend(60.0, 112).layers
+    # What a low-emissivity coating mirrors along the plane of incidence: red, green and blue, at 60 degrees.
+    along = np.array([0.063, 0.094, 0.156] if coated else [0.003] * 3)[:, None, None]
+    across = 0.235 if coated else 0.31
+    par, perp = ((1 - mirrored) * layers[0] + mirrored * layers[1] for mirrored in (along, across))
+    photographs = np.stack([par, (par + perp) / 2, perp, (par + perp) / 2]) / 2
+    photographs += 0.005 * np.random.default_rng(0).standard_normal(photographs.shape)
+    asked = SceneParameters(None, 0.0, 0.0, refractive_index=None)
+    assert with_index(Capture.of_planes(photographs.clip(0, 1)), asked, 0.005).coated == coated
