@@ -177,7 +177,9 @@ class _IndexSearch:
             error = _error([trial.likely for trial in beside], step)
             trials = [*trials, *beside, self.near(best, float(np.clip(beside[1].index + step * move, *INDEX_SEARCH)))]
             best = min(trials, key=lambda trial: trial.score)
-        (glass, *_) = (trial for trial in trials if trial.index == GLASS_INDEX)
+        # Ghosts that were found better, too, are no sign of another index.
+        trials.append(self.near(best, GLASS_INDEX))
+        glass = min((trial for trial in trials if trial.index == GLASS_INDEX), key=lambda trial: trial.score)
         taken = best if _clearly_better(best.likely, glass.likely) else glass
         rivals = [trial.index for trial in trials if not _clearly_better(best.likely, trial.likely)]
         reach = max((abs(index - taken.index) for index in rivals), default=0.0)
