@@ -174,7 +174,8 @@ def _completed(
         return _unseparated(estimate, seconds, "There is no polarization beyond the noise." if unpolarized else _ASKED)
     blocks = PolarizedBlocks(stokes)
     misfit = blocks.constant_misfit(estimate.scene.values()[1])
-    open_window = thickness_px is None and (asked.n_panes is None or asked.absorption is None)
+    # The low pass of a mosaic's cells, and what aliases there, passes for a second pane.
+    open_window = thickness_px is None and not stokes.aliased and None in (asked.n_panes, asked.absorption)
     if shifted or (open_window and model in ("auto", "ghosts") and misfit <= noise_misfit(blocks.n)):
         estimate = with_window(estimate, stokes, asked)
         misfit = blocks.constant_misfit(estimate.scene.values()[1])
