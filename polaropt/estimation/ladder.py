@@ -14,7 +14,7 @@ from typing import Literal
 
 from polaropt.capture import Capture, registered_noise, stokes_images
 from polaropt.errors import InputError
-from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
+from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.sampled_ghosts import shift_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -22,7 +22,7 @@ from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_m
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
 from polaropt.estimation.wide.ghosts import LEAST_SHIFT_PX
-from polaropt.optics import SceneErrors, SceneParameters
+from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneErrors, SceneParameters
 
 _LOWER = ("none", "pixelwise", "ghosts")
 
@@ -135,6 +135,9 @@ def _completed(
     thickness_kind: Literal["paper", "plate"],
 ) -> LadderResult:
     """The same where the index is known."""
+    if asked.index < LEAST_INDEX:
+        # Any number of panes that mirror nothing is one.
+        asked = asked.plainest
     if asked.complete and thickness_px is None:
         return LadderResult(asked, None, ())
     if asked.stacked and thickness_px is not None:
@@ -176,6 +179,8 @@ def _completed(
     misfit = blocks.constant_misfit(estimate.scene.values()[1])
     # The low pass of a mosaic's cells, and what aliases there, passes for a second pane.
     open_window = thickness_px is None and not stokes.aliased and None in (asked.n_panes, asked.absorption)
+    # Beyond the angles that are searched any number of panes is a mirror.
+    open_window &= estimate.scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]
     if shifted or (open_window and model in ("auto", "ghosts") and misfit <= noise_misfit(blocks.n)):
         estimate = with_window(estimate, stokes, asked)
         misfit = blocks.constant_misfit(estimate.scene.values()[1])

@@ -68,7 +68,7 @@ def with_incidence_checked(source: Capture, asked: SceneParameters, noise: float
     kept: with a wrong incidence the one across often seems to explain the photographs better.
     """
     # What is known of a single pane says nothing of several.
-    if asked.incidence_deg is None or asked.complete or asked.stacked:
+    if asked.incidence_deg is None or asked.plainest.complete or asked.stacked:
         return CheckedScene(asked)
     open_scene = asked.replace(incidence_deg=None, focal_px=None)
     found = estimate_scene(source, open_scene, noise=noise)

@@ -90,7 +90,7 @@ def test_separation_gains_where_the_noise_grows(monkeypatch):
     informed = separate(example.capture, scene)
     assert informed.diagnostics.noise_model.shot == pytest.approx(2e-3, rel=0.2)
     level = informed.diagnostics.noise
-    monkeypatch.setattr("polaropt.separation.measured_noise", lambda capture: (level, NoiseModel(level)))
+    monkeypatch.setattr("polaropt.estimation.motion.measured_noise", lambda capture: (level, NoiseModel(level)))
     blunt = separate(example.capture, scene)
     of_both = [[psnr_db(result.layers[i], example.layers[i], 8) for i in (0, 1)] for result in (informed, blunt)]
     gains = np.subtract(*of_both)

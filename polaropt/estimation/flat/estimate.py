@@ -25,7 +25,7 @@ _POLARIZED_SNR = 10.0
 """Standard errors of what noise alone would leave that polarized light must have to be believed. Set by hand."""
 LEAST_NOISE = 1e-4
 """Standard deviation of a photograph's noise (white = 1) below which the model itself is not exact. Set by hand."""
-_LEAST_INDEX = 1.0001
+LEAST_INDEX = 1.0001
 """Below it a pane mirrors less than 3e-9 of the light at normal incidence, which no photograph shows. Set by hand."""
 _CLOSE = 0.06
 """Axes whose scores differ by less are compared again after the search. By trial."""
@@ -114,8 +114,8 @@ def estimate_scene(
     InputError
         A pane that mirrors nothing, as its index is that of air, or a thickness outside its range.
     """
-    if scene.index < _LEAST_INDEX:
-        raise InputError(f"a pane of index {scene.index:g} mirrors nothing; give {_LEAST_INDEX:g} or more")
+    if scene.index < LEAST_INDEX:
+        raise InputError(f"a pane of index {scene.index:g} mirrors nothing; give {LEAST_INDEX:g} or more")
     if thickness_px is not None and not 0 <= thickness_px <= FARTHEST_SHIFT_PX:
         raise InputError(f"the thickness is {thickness_px} px; it must lie between 0 and {FARTHEST_SHIFT_PX:g}")
     scene = scene.plainest

@@ -129,7 +129,8 @@ class WindowSearch:
         misfits = self._likelihood.misfit(windows, _SCAN_ROUNDS).reshape(len(incidences_deg), -1)
         best = int(np.argmin(misfits.min(axis=1)))
         misfit, trials = misfits[best], windows[best * self._grid.size :]
-        minima = np.flatnonzero(local_minima(misfit))
+        # Where a pane shows next to nothing, no shift is likelier than those beside it.
+        minima = np.flatnonzero(local_minima(misfit)) if local_minima(misfit).any() else np.array([np.argmin(misfit)])
         return [
             LikelyWindow(trials[int(i)], float(misfit[i]), float(misfit[i])) for i in minima[np.argsort(misfit[minima])]
         ]
