@@ -15,13 +15,13 @@ from typing import Literal
 from polaropt.capture import Capture, registered_noise, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
+from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX
 from polaropt.estimation.flat.sampled_ghosts import shift_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.estimation.wide.ghosts import LEAST_SHIFT_PX
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneErrors, SceneParameters
 
 _LOWER = ("none", "pixelwise", "ghosts")

@@ -29,10 +29,12 @@ Matrix = NDArray[np.float64]
 
 _TILE_PX = 64
 """Side of a tile: more than twice the largest shift that is searched."""
-_LOWEST_CYCLES = 2.5
+LOWEST_CYCLES = 2.5
 """Least frequency that is used, in cycles per tile: the window leaks those below. By trial."""
 HIGHEST_FREQUENCY = 2.8
 """Highest that is used, in rad per pixel (pi is the finest grid): interpolation in cameras spoils it. By trial."""
+LEAST_SHIFT_PX = 0.5
+"""Ghosts that are closer fall onto each other and cannot be told from none: half a pixel."""
 _MOST_INVALID = 0.2
 """Share of a tile's pixels that may be unknown, if other tiles have less. Set by hand."""
 _MOST_TILES = 128
@@ -181,7 +183,7 @@ def _usable(sums: Bands, side: int, frame: PlateFrame) -> CrossSpectra:
     multiplicity = np.broadcast_to(column_multiplicity(side).astype(np.float32), along.shape)
     radius: Matrix = np.hypot(columns, rows)
     # The window leaks the lowest frequencies; interpolation, in an eye or a computer, spoils the highest.
-    use = (radius > _LOWEST_CYCLES * 2 * np.pi / side) & (radius < HIGHEST_FREQUENCY)
+    use = (radius > LOWEST_CYCLES * 2 * np.pi / side) & (radius < HIGHEST_FREQUENCY)
     # The window makes neighbouring frequencies much alike: every second one, as on a chessboard, says the same.
     use &= np.add.outer(np.arange(side), np.arange(side // 2 + 1)) % 2 == 0
     bands = Bands(sums.par[:, use], sums.perp[:, use], sums.cross[:, use], sums.counts)
@@ -231,11 +233,11 @@ _RADIAL_KNOTS = 3
 """Radii over which the layers' spectra bend; with few a blurred scene passes for one with close ghosts. By trial."""
 DEGREES_OF_FREEDOM = np.float32(4)
 """Of Student's likelihood: heavy tails, a variance of their own. By trial."""
-FIRST_LEVEL = np.float32(1e-3)
+FIRST_LEVEL = 1e-3
 """Power of a layer times squared frequency where the fit begins."""
 _FIRST_ROUNDS = 12
 """Rounds of the first fit of levels. By trial."""
-LEAST_FACTOR = np.float32(1e-3)
+LEAST_FACTOR = 1e-3
 """By which a level shrinks in a round at most."""
 _LEAST_DETERMINANT = np.float32(1e-6)
 """Of a covariance, as a share of the product of its diagonal: float32 tells no less."""
@@ -347,7 +349,7 @@ class ShiftLikelihood:
         sparse = np.arange(0, steps.size, _EVERY)
         nearest = np.minimum((np.arange(steps.size) + _EVERY // 2) // _EVERY, sparse.size - 1)
         rows = np.arange(incidences.size * steps.size).reshape(incidences.size, -1)
-        levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), FIRST_LEVEL)
+        levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), FIRST_LEVEL, np.float32)
         levels = self._fitted(products.of(rows[:, sparse].ravel()), levels, _FIRST_ROUNDS)
         carried = np.arange(levels.shape[1]).reshape(incidences.size, -1)[:, nearest].ravel()
         levels = self._fitted(products, levels[:, carried], rounds)

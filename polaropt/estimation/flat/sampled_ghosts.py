@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, RawSamples
-from polaropt.estimation.flat.ghosts import DEGREES_OF_FREEDOM, spectral_shapes, tile_corners
+from polaropt.estimation.flat.ghosts import (
+    DEGREES_OF_FREEDOM,
+    FIRST_LEVEL,
+    LEAST_FACTOR,
+    LEAST_SHIFT_PX,
+    LOWEST_CYCLES,
+    spectral_shapes,
+    tile_corners,
+)
 from polaropt.inversion import ghost_transfer_at
 from polaropt.numerics import (
     AliasGroups,
@@ -37,19 +45,13 @@ larger tiles would take seconds. By trial."""
 _FARTHEST_IN_TILE = 0.25
 """Farthest ghosts in units of a tile's side: beyond, its window tells them from the direct light, but pixels of a
 pattern each resolve them. By trial."""
-_LOWEST_CYCLES = 2.5
-"""Least frequency that is used, in cycles per tile, as in `polaropt.estimation.flat.ghosts`."""
 _TRUSTED_NOISE = 1.4
 """Noise that the samples are taken to have, in units of their own. By trial: tiles are no exact part of a scene."""
 _SHAPES = (6, 2)
 """Radii and directions into which the layers' spectra are split: the roll-off of a lens needs more than a few. By
 trial."""
-_FIRST_LEVEL = 1e-3
-"""Power of a layer times squared frequency where the fit begins."""
 _FIRST_ROUNDS, _ROUNDS = 12, 4
 """Rounds of the fit of the spectra without ghosts, and from there with them. By trial."""
-_LEAST_FACTOR = 1e-3
-"""By which a level shrinks in a round at most."""
 _BANDS = 6
 """Bands of tiles that are left out in turn for the standard error. Set by hand."""
 _NEAREST, _FARTHEST, _ROOM_PX = 0.4, 2.5, 1.5
@@ -58,8 +60,6 @@ _NO_GHOSTS_PX = 6.0
 """Farthest ghosts that are tried where the cells show none. Set by hand."""
 _STEP_PX, _TOLERANCE_PX = 1.0, 0.1
 """Between the shifts that are tried, and of the least of them."""
-LEAST_SAMPLED_SHIFT_PX = 0.5
-"""Shifts below cannot be told from none."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ def sampled_shift(
     side = (-farthest, 0.0) if best < 0 else (0.0, farthest)
     if best:
         best = local_minimum(likelihood.misfit, best, side, _STEP_PX / 2, _TOLERANCE_PX)
-    if abs(best) < LEAST_SAMPLED_SHIFT_PX:
-        return SampledShift(0.0, LEAST_SAMPLED_SHIFT_PX)
+    if abs(best) < LEAST_SHIFT_PX:
+        return SampledShift(0.0, LEAST_SHIFT_PX)
     around = [likelihood.left_out(best + step) for step in (-_STEP_PX / 2, 0.0, _STEP_PX / 2)]
     return SampledShift(float(best), minimum_error(around, _STEP_PX / 2))
 
@@ -140,23 +140,27 @@ class SampledShiftLikelihood:
         tile_px: int,
     ) -> None:
         sampling = samples.sampling
-        self._sampling, self._angles_deg, self._scene, self._noise = sampling, angles_deg, scene, noise
+        self._angles_deg, self._scene, self._noise = angles_deg, scene, noise
         self._side = tile_px // sampling.period * sampling.period
         self._groups = AliasGroups(self._side, self._side, sampling.period)
         self._members, self._multiplicity = _usable(self._groups)
         self._data = self._mean_products(samples)
         """(band, group, alias, alias): mean products of the samples' spectra."""
+        self._mean = self._data.mean(axis=0)
         rows, columns = np.divmod(self._members.index, self._side // 2 + 1)
         down, across = frequencies(self._side, self._side)
         shapes = spectral_shapes(across[0, columns.ravel()], down[rows.ravel(), 0], *_SHAPES)
         self._shapes = shapes.reshape(len(shapes), *rows.shape)
-        self._colors = opponent_basis(sampling.n_channels)
-        first = np.full((len(self._colors), 2, len(shapes)), _FIRST_LEVEL)
+        colors = opponent_basis(sampling.n_channels)
+        mixing = PSE(scene.replace(ghost_shift=0.0), angles_deg).mixing[:, :2]
+        weights = [[[mixing[k, e] * color[c] for k, c, *_ in sampling.places] for e in range(2)] for color in colors]
+        self._combs = self._groups.combs(np.array(weights))
+        first = np.full((len(colors), 2, len(shapes)), FIRST_LEVEL)
         self._levels = self._fitted(self._responses(0.0), first, _FIRST_ROUNDS)
 
     def misfit(self, shift_px: float) -> float:
         """Minus log likelihood per frequency of a shift (signed), up to a constant."""
-        return float(self._misfits(shift_px, self._data.mean(axis=0)[None])[0])
+        return float(self._misfits(shift_px, self._mean[None])[0])
 
     def left_out(self, shift_px: float) -> NDArray[np.float64]:
         """The same without each band of tiles in turn, (band,)."""
@@ -196,17 +200,11 @@ class SampledShiftLikelihood:
     def _responses(self, shift_px: float) -> Matrices:
         """What each frequency of each layer leaves in the samples: (group, alias, color, layer, frequency)."""
         pse = PSE(self._scene.replace(ghost_shift=shift_px), self._angles_deg)
-        mixing = pse.mixing[:, :2]
-        weights = [
-            [[mixing[k, e] * color[c] for k, c, *_ in self._sampling.places] for e in range(2)]
-            for color in self._colors
-        ]
-        combs = self._groups.combs(np.array(weights))
         index = self._members.index
         shape = (self._side, self._side)
         transfer = ghost_transfer_at(pse.taps, pse.displacements, shape, index.ravel())[:2]
         transfer = self._members.conjugated(transfer.reshape(2, 2, *index.shape))
-        responses = np.einsum("cemt,eltg->gmclt", combs, transfer, optimize=True)
+        responses = np.einsum("cemt,eltg->gmclt", self._combs, transfer, optimize=True)
         return np.asarray(responses, dtype=np.complex64)
 
     def _covariance(self, responses: Matrices, levels: Levels) -> Matrices:
@@ -220,7 +218,7 @@ class SampledShiftLikelihood:
     def _fitted(self, responses: Matrices, levels: Levels, rounds: int) -> Levels:
         """Levels of the layers' spectra, by multiplicative steps towards the maximum of the likelihood."""
         n_groups, n = responses.shape[:2]
-        flat, data, nu = responses.reshape(n_groups, n, -1), self._data.mean(axis=0), DEGREES_OF_FREEDOM
+        flat, data, nu = responses.reshape(n_groups, n, -1), self._mean, DEGREES_OF_FREEDOM
 
         def sums(values: NDArray[Any]) -> Levels:
             weighted = (values * self._multiplicity[:, None].astype(np.float32)).reshape(n_groups, *responses.shape[2:])
@@ -233,7 +231,7 @@ class SampledShiftLikelihood:
             toward = inverse @ flat
             explained = np.einsum("gmu,gmu->gu", flat.conj(), toward).real
             found = np.einsum("gmu,gmu->gu", toward.conj(), data @ toward).real * surprise[:, None]
-            levels = levels * np.maximum(sums(found) / sums(explained), _LEAST_FACTOR)
+            levels = levels * np.maximum(sums(found) / sums(explained), LEAST_FACTOR)
         return levels
 
 
@@ -241,7 +239,7 @@ def _usable(groups: AliasGroups) -> tuple[Members, NDArray[np.float64]]:
     """Members of the groups that are looked at, and for how many groups each stands: itself and its conjugate."""
     side = groups.n_rows
     rows, columns = (grid.ravel() for grid in np.mgrid[:side, : groups.n_columns])
-    use = np.hypot(np.minimum(rows, side - rows), columns) > _LOWEST_CYCLES
+    use = np.hypot(np.minimum(rows, side - rows), columns) > LOWEST_CYCLES
     multiplicity = np.where((columns == 0) | (2 * columns == side), 1.0, 2.0)
     return groups.members(rows[use], columns[use]), multiplicity[use]
 

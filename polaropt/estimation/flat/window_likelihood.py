@@ -95,7 +95,7 @@ class WindowLikelihood:
         shifts = np.array([(w.pane_shift, w.gap_along, w.gap_across) for w in windows])
         common = self._coherence(orders[kinds], shifts)
         lags, trials, out = Lags(orders, weights), shifts.astype(np.float32), np.empty(len(windows))
-        settings = (np.float32(DEGREES_OF_FREEDOM), LEAST_FACTOR, rounds, FIRST_LEVEL)
+        settings = (DEGREES_OF_FREEDOM, np.float32(LEAST_FACTOR), rounds, np.float32(FIRST_LEVEL))
 
         def some(start: int, stop: int) -> None:
             window_misfits(trials, kinds, lags, common, self._seen, *settings, out, start, stop)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages, plate_frame
-from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
+from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.numerics import grid_minimum
 from polaropt.optics import SceneParameters, largest_search_shift, pixel_grid, scene_angles
 
@@ -31,9 +31,8 @@ _ROUNDS, _CLOSELY = 2, 16
 _DETAIL = (6, 6)
 # Gain in minus log likelihood per frequency that a shift must have. By trial.
 _LEAST_GAIN = 3e-3
-# Ghosts closer than the first, in pixels, fall onto each other: half a pixel. Those closer than the other look like a
-# blur; by trial.
-LEAST_SHIFT_PX, _CLOSE_PX = 0.5, 3.0
+# Ghosts that are closer, in pixels, look like a blur; by trial.
+_CLOSE_PX = 3.0
 
 
 @dataclass(frozen=True)
