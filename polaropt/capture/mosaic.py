@@ -270,8 +270,7 @@ def wiener_photographs(
     framed = samples[rows][:, columns] * np.outer(*window).astype(np.float32)
     data = np.asarray(rfft2(framed, norm="ortho"), dtype=np.complex64)
     groups = AliasGroups(framed.shape[0], framed.shape[1], period)
-    of_places = [np.outer(basis[:, c], analyzer[k]) for k, c, *_ in sampling.places]
-    combs = groups.combs(np.stack(of_places, axis=-1))
+    combs = groups.combs(sampling.weights(analyzer, basis))
     law = _law(*framed.shape)
     powers = _fitted_powers(groups, combs, law, data, noise, _initial_powers(expected, analyzer, basis))
 

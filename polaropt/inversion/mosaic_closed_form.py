@@ -92,11 +92,7 @@ class _Mixture:
         self.precision /= sampling.n_channels * len(self._mixing)
         self.groups = AliasGroups(*canvas.shape, sampling.period)
         seen = sampling.moved(-canvas.top, -canvas.left)
-        weights = [
-            [[self._mixing[k, e] * of_color[c] for k, c, *_ in seen.places] for e in range(self._mixing.shape[1])]
-            for of_color in basis
-        ]
-        self.combs = self.groups.combs(np.array(weights))
+        self.combs = self.groups.combs(seen.weights(self._mixing, basis))
 
     def spectrum(self, capture: Capture, level: NDArray[Any]) -> Spectrum:
         """Half spectrum of the samples off the level (entry, channel), mirrored and fading in the margins."""

@@ -50,6 +50,18 @@ class Sampling:
             for column in range(self.period)
         )
 
+    def weights(self, mixing: NDArray[np.float64], basis: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What each pixel of the pattern tells of images in a basis of colours, (color, entry, period * period).
+
+        Parameters
+        ----------
+        mixing : ndarray, shape (k, entry)
+            Photographs from images.
+        basis : ndarray, shape (color, channel)
+        """
+        photographs, channels = np.ravel(self.photographs), np.ravel(self.channels)
+        return np.asarray(mixing[photographs].T * basis[:, None, channels])
+
     def moved(self, rows: int, columns: int) -> Sampling:
         """The pattern of a frame that begins so many rows down and columns to the right (negative: up and left)."""
         turned = (-rows % self.period, -columns % self.period)

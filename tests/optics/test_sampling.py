@@ -34,6 +34,16 @@ def test_every_sample_belongs_to_one_photograph():
 
 
 @pytest.mark.parametrize("color", [False, True])
+def test_a_pixel_of_the_pattern_weighs_images_as_its_photograph_and_its_colour_do(color):
+    sampling, _ = sampling_of(color)
+    mixing, basis = RANDOM.standard_normal((4, 2)), RANDOM.standard_normal((sampling.n_channels, sampling.n_channels))
+    images = RANDOM.standard_normal((len(basis), 2, sampling.period, sampling.period))
+    photographs = np.einsum("ke,bc,beyx->kcyx", mixing, basis, images)
+    weights = sampling.weights(mixing, basis).reshape(images.shape)
+    np.testing.assert_allclose((weights * images).sum(axis=(0, 1)), sampling.sample(photographs))
+
+
+@pytest.mark.parametrize("color", [False, True])
 @pytest.mark.parametrize("shift", [0.0, 3.0, 2.4])
 @pytest.mark.parametrize("focal_px", [None, 30.0])
 def test_a_pane_behind_a_mosaic_has_a_transpose(color, shift, focal_px):

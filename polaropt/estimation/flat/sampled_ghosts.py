@@ -153,8 +153,7 @@ class SampledShiftLikelihood:
         self._shapes = shapes.reshape(len(shapes), *rows.shape)
         colors = opponent_basis(sampling.n_channels)
         mixing = PSE(scene.replace(ghost_shift=0.0), angles_deg).mixing[:, :2]
-        weights = [[[mixing[k, e] * color[c] for k, c, *_ in sampling.places] for e in range(2)] for color in colors]
-        self._combs = self._groups.combs(np.array(weights))
+        self._combs = self._groups.combs(sampling.weights(mixing, colors))
         first = np.full((len(colors), 2, len(shapes)), FIRST_LEVEL)
         self._levels = self._fitted(self._responses(0.0), first, _FIRST_ROUNDS)
 
