@@ -21,7 +21,7 @@ from polaropt.capture import Capture, plate_frame, registered_noise, stokes_imag
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import LEAST_NOISE, estimate_scene
 from polaropt.estimation.flat.window import LikelyWindow, judged_pane
-from polaropt.numerics import jackknife_error, minimum_error, vertex
+from polaropt.numerics import minimum_error, vertex
 from polaropt.optics import GLASS_INDEX, SceneParameters
 
 INDEX_SEARCH = (1.3, 2.0)
@@ -80,6 +80,10 @@ class _Trial:
     def score(self) -> float:
         """Less is better; an unusual index costs a little."""
         return self.likely.score + _USUAL * ((self.index - GLASS_INDEX) / _USUAL_WIDTH) ** 2
+
+    def clearly_better(self, other: _Trial) -> bool:
+        """Whether it explains the capture better in all of the frame, whatever indices are usual."""
+        return self.likely.clearly_better(other.likely, _LEAST_GAIN, _SURE)
 
 
 def with_index(
@@ -180,8 +184,8 @@ class _IndexSearch:
         # Ghosts that were found better, too, are no sign of another index.
         trials.append(self.near(best, GLASS_INDEX))
         glass = min((trial for trial in trials if trial.index == GLASS_INDEX), key=lambda trial: trial.score)
-        taken = best if _clearly_better(best.likely, glass.likely) else glass
-        rivals = [trial.index for trial in trials if not _clearly_better(best.likely, trial.likely)]
+        taken = best if best.clearly_better(glass) else glass
+        rivals = [trial.index for trial in trials if not best.clearly_better(trial)]
         reach = max((abs(index - taken.index) for index in rivals), default=0.0)
         found = self._whole.replace(refractive_index=taken.index)
         if taken is not glass:
@@ -210,12 +214,6 @@ def _beside(index: float, step: float) -> list[float]:
     low, high = INDEX_SEARCH
     middle = min(max(index, low + step), high - step)
     return [middle - step, middle, middle + step]
-
-
-def _clearly_better(one: LikelyWindow, other: LikelyWindow) -> bool:
-    """Whether a pane scores better than another in all of the frame."""
-    error = math.hypot(*(jackknife_error(a - b) for a, b in zip(one.parts, other.parts, strict=True)))
-    return bool(other.score - one.score > max(_LEAST_GAIN, _SURE * error))
 
 
 def _mean(values: NDArray[np.float64]) -> float:

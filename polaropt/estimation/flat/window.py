@@ -99,6 +99,11 @@ class LikelyWindow:
     misfit: float
     parts: tuple[Values, ...] = ()
 
+    def clearly_better(self, other: LikelyWindow, least: float, sure: float) -> bool:
+        """Whether it scores better than another in all of the frame: by so much, and so many standard errors of it."""
+        error = math.hypot(*(jackknife_error(a - b) for a, b in zip(self.parts, other.parts, strict=True)))
+        return bool(other.score - self.score > max(least, sure * error))
+
 
 class WindowSearch:
     """Search for the likeliest window at one azimuth.
@@ -334,12 +339,6 @@ class _Axis:
         return minimum_error(list(values.T), step) if self.parts else math.inf
 
 
-def _clearly_better(one: LikelyWindow, other: LikelyWindow, least: float = _LEAST_GAIN) -> bool:
-    """Whether a window scores better than another in all of the frame."""
-    error = math.hypot(*(jackknife_error(a - b) for a, b in zip(one.parts, other.parts, strict=True)))
-    return bool(other.score - one.score > max(least, _SURE * error))
-
-
 def _shows_tint(tinted: LikelyWindow, plain: LikelyWindow) -> bool:
     """Whether a ghost lies so far off, and is so much dimmer than of clear glass, that it tells of tint.
 
@@ -349,7 +348,7 @@ def _shows_tint(tinted: LikelyWindow, plain: LikelyWindow) -> bool:
     window = tinted.window
     if abs(window.pane_shift) < _LEAST_GHOST_PX or window.absorption < _LEAST_ABSORPTION:
         return False
-    if _clearly_better(tinted, plain):
+    if tinted.clearly_better(plain, _LEAST_GAIN, _SURE):
         return True
     gain, error = plain.misfit - tinted.misfit, jackknife_error(plain.parts[0] - tinted.parts[0])
     alone = window.absorption >= _TOLD_ABSORPTION and abs(plain.window.pane_shift) < _LEAST_GHOST_PX
@@ -403,11 +402,11 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
             found = min(telling, key=lambda judged: judged.score, default=plain)
         if open_panes:
             axis, two = best(2, plain)
-            if _clearly_better(two, plain) and two.score < found.score:
+            if two.clearly_better(plain, _LEAST_GAIN, _SURE) and two.score < found.score:
                 taken, found = axis, two
                 near = (incidence,) if axis is first else _TRIAL_DEG
                 more = axis.best(axis.search.with_another(two.window) + axis.search.candidates(MOST_FOUND, near))
-                found = more if _clearly_better(more, two, _LEAST_GAIN_OF_THREE) else found
+                found = more if more.clearly_better(two, _LEAST_GAIN_OF_THREE, _SURE) else found
         if found is plain:
             return estimate
     else:
