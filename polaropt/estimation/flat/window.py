@@ -135,7 +135,8 @@ class WindowSearch:
         best = int(np.argmin(misfits.min(axis=1)))
         misfit, trials = misfits[best], windows[best * self._grid.size :]
         # Where a pane shows next to nothing, no shift is likelier than those beside it.
-        minima = np.flatnonzero(local_minima(misfit)) if local_minima(misfit).any() else np.array([np.argmin(misfit)])
+        minima = np.flatnonzero(local_minima(misfit))
+        minima = minima if minima.size else np.array([np.argmin(misfit)])
         return [
             LikelyWindow(trials[int(i)], float(misfit[i]), float(misfit[i])) for i in minima[np.argsort(misfit[minima])]
         ]
