@@ -51,6 +51,7 @@ __all__ = [
     "shown_stokes",
     "stokes_from_intensities",
     "stokes_vector",
+    "vertical_reach",
     "viewing_angles",
     "window_orders",
 ]
@@ -63,6 +64,7 @@ from .engine import Displacements as Displacements
 from .engine import VaryingPSE as VaryingPSE
 from .engine import engine_for as engine_for
 from .engine import shown_stokes as shown_stokes
+from .engine import vertical_reach as vertical_reach
 from .fresnel import brewster_angle_deg as brewster_angle_deg
 from .fresnel import interface as interface
 from .geometry import FLAT as FLAT

@@ -9,6 +9,7 @@ azimuth at the middle of the frame, at one distance: how it changes over the fra
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any
@@ -431,3 +432,9 @@ def bounces_that_show(
     if not scene.varies:
         return ghosts_that_matter(scene, share)
     return ghosts_that_show(scene, (shape[0], shape[1]), center, share) if scene.has_ghosts else 1
+
+
+def vertical_reach(engine: PSE | VaryingPSE, height: int, width: int) -> int:
+    """Rows above and below that any row of images of this size takes light from: by ghosts, and interpolation."""
+    shifts = engine.displacements(height, width) if isinstance(engine, VaryingPSE) else engine.displacements
+    return 1 + math.ceil(max(abs(down) for _, down in shifts))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from polaropt.capture import ANGLES_DEG, MOST_NEGATIVE, SONY_CELL, Capture, FloatImages, planes_first, sampling_of
 from polaropt.errors import InputError
 from polaropt.numerics import in_color, strips
-from polaropt.optics import PSE, SceneParameters, VaryingPSE
+from polaropt.optics import PSE, SceneParameters, VaryingPSE, vertical_reach
 
 _DARKEST = 0.9 * MOST_NEGATIVE
 """Noise below black (white = 1) is kept down to here, as by a camera whose black level is that much above its lowest
@@ -95,8 +95,7 @@ def _exact_in_strips(
     """The same of images (h, w[, channel]), some rows at a time with those around that ghosts bring in."""
     height, width, *channels = both[0].shape
     engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
-    shifts = engine.displacements(height, width) if isinstance(engine, VaryingPSE) else engine.displacements
-    reach = 1 + math.ceil(max(abs(down) for _, down in shifts))
+    reach = vertical_reach(engine, height, width)
     photographs = np.empty((len(angles_deg), *channels, height, width), dtype=np.float32)
     for rows in strips(height, len(angles_deg) * math.prod(channels) * width, multiple=min(reach, height)):
         first, stop = max(0, rows.start - reach), min(height, rows.stop + reach)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -19,7 +18,7 @@ from polaropt.inversion import (
     mosaic_layers,
     natural_image_layers,
 )
-from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
+from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertical_reach
 from polaropt.solving.objective import (
     Misfit,
     Term,
@@ -232,8 +231,7 @@ def component_strips(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images) -> I
     """
     height, width = canvas.shape
     varying = pse.moved(canvas.left, canvas.top, height, width) if isinstance(pse, VaryingPSE) else None
-    shifts = pse.displacements if isinstance(pse, PSE) else pse.displacements(height, width)
-    reach = 1 + math.ceil(max(abs(down) for _, down in shifts))
+    reach = vertical_reach(pse, height, width)
     step = max(_STRIP_ROWS, reach)
     for top in range(0, height, step):
         first, stop = max(canvas.top, top), min(canvas.top + canvas.height, top + step)
