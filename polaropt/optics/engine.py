@@ -31,6 +31,9 @@ Displacements = tuple[tuple[float, float], ...]
 
 # Samples that numpy works on at a time: few enough to stay in a core's cache through all ghosts. By trial.
 _BLOCK = 1 << 15
+# Weight that cannot be told from nothing, in units of a type's precision: well below half a unit in the last place of
+# the direct image, which is at most 1.
+_NOTHING = 1 / 8
 
 
 class PSE:
@@ -73,6 +76,21 @@ class PSE:
         self.taps: NDArray[np.float64] = (self.weights * entries[:, None, :])[..., :n_entries]
         """(2, ghosts + 1, entries): weight of each ghost of each layer in each entry; ghosts of one layer alone have
         none in the other."""
+
+    def distinct_images(self, height: int, width: int) -> tuple[Displacements, Weights]:
+        """Places and weights (2, image, entry) of the images that frames of this size tell apart in single precision.
+
+        Those farther off than the frame is long show its edge alone, wherever they are; near grazing incidence there
+        are thousands, which carry next to no light.
+        """
+        together: dict[tuple[float, float], Weights] = {}
+        for (across, down), taps in zip(self.displacements, self.taps.swapaxes(0, 1), strict=True):
+            place = (max(1.0 - width, min(across, width - 1.0)), max(1.0 - height, min(down, height - 1.0)))
+            together[place] = together[place] + taps if place in together else taps
+        places, weights = tuple(together), np.stack(list(together.values()), axis=1)
+        shown = np.abs(weights).max(axis=(0, 2)) > _NOTHING * float(np.finfo(np.float32).eps)
+        shown[0] = True
+        return tuple(place for place, told in zip(places, shown, strict=True) if told), weights[:, shown]
 
     def forward(self, layers: Any) -> Any:
         """Photographs of two layers whose light has the scene's constant polarization.
@@ -205,8 +223,7 @@ def _add_entry_transposed(frame: PaddedFrame, samples: Any, taps: Weights, plane
 
 def _ghosts_that_show(frame: PaddedFrame, taps: Weights, like: Any, xp: Any) -> list[tuple[Shift, tuple[float, float]]]:
     """Shifts with the factors of both layers, less what the arrays' precision cannot tell from nothing."""
-    # Well below half a unit in the last place of the direct image, which is at most 1.
-    least = float(xp.finfo(like.dtype).eps) / 8
+    least = _NOTHING * float(xp.finfo(like.dtype).eps)
     together: dict[Shift, Weights] = {}
     for shift, factors in zip(frame.shifts, taps.T, strict=True):
         together[shift] = together.get(shift, 0.0) + factors

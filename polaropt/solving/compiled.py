@@ -177,7 +177,7 @@ class FusedMisfit:
 
     def __init__(self, capture: Capture, pse: PSE, canvas: Canvas, noise: float | NoiseClasses) -> None:
         self._photographs = WhitenedPhotographs(capture, pse.mixing[:, : pse.taps.shape[2]], noise)
-        self._ghosts = ghosts_of(pse)
+        self._ghosts = ghosts_at(*pse.distinct_images(*canvas.shape))
         self._corner = (canvas.top, canvas.left)
 
     def value_and_grad(self, layers: Images, gradient: Images, weight: float = 1.0) -> float:
@@ -197,13 +197,8 @@ class FusedMisfit:
         return value
 
 
-def ghosts_of(pse: PSE) -> Ghosts:
-    """The ghosts of a pane as whole and fractional shifts."""
-    return ghosts_at(pse.displacements, pse.taps)
-
-
 def ghosts_at(displacements: Displacements, taps: NDArray[np.float64]) -> Ghosts:
-    """The same of images at these places, with weights (2, ghost, entry)."""
+    """Images at these places as whole and fractional shifts, with weights (2, ghost, entry)."""
     distance = np.array(displacements)
     whole = np.floor(distance + _SNAP)
     fraction = np.where(np.abs(distance - whole) < _SNAP, 0, distance - whole)

@@ -259,3 +259,11 @@ def test_layers_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
             function(np.zeros(shape))
     with pytest.raises(ValueError, match=r"expected \(3,"):
         pse.adjoint(np.zeros((4, 8, 9)))
+
+
+@pytest.mark.parametrize(("incidence_deg", "most"), [(60.0, 100), (89.5, 20), (89.9999999, 1)])
+def test_images_that_a_frame_does_not_tell_apart_are_one(incidence_deg, most):
+    engine = PSE(SceneParameters(incidence_deg, 30.0, 3.0), (0.0, 45.0, 90.0, 135.0))
+    places, weights = engine.distinct_images(24, 30)
+    assert len(places) == weights.shape[1] <= min(most, len(engine.displacements))
+    np.testing.assert_allclose(weights.sum(axis=1), engine.taps.sum(axis=1), atol=1e-7)

@@ -57,6 +57,12 @@ def test_compiled_and_readable_objective_agree(color, ghost_shift):
     assert_equal(problem_of(blend(60, 33, color=color, ghost_shift=ghost_shift)))
 
 
+@pytest.mark.parametrize("incidence_deg", [89.0, 89.9999999])
+def test_they_agree_where_most_ghosts_lie_beyond_the_frame(incidence_deg):
+    example = blend(89, 16, ghost_shift=30.0)
+    assert_equal(problem_of(example, example.scene.replace(incidence_deg=incidence_deg)))
+
+
 @pytest.mark.parametrize("share", [0.02, 0.6])
 def test_they_agree_where_pixels_are_masked(share):
     example = blend(60, 32)
