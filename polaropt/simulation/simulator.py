@@ -107,7 +107,11 @@ def _exact_in_strips(
 
 
 def digitized(photographs: NDArray[np.float64], bits: int | None) -> NDArray[np.float64]:
-    """What a sensor of `bits` makes of it, with some noise left below black."""
+    """What a sensor of `bits` makes of it, with some noise left below black: down to -0.9 % of white.
+
+    What is cut off there brightens black by 0.01 % of white where the noise is 0.5 %, by 0.1 % where it is 1 % and by
+    0.4 % where it is 2 %, as a camera's black level does that is no farther above its lowest level.
+    """
     if bits is None:
         return np.clip(photographs, _DARKEST, 1)
     white = 2**bits - 1
