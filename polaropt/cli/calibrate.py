@@ -12,6 +12,7 @@ import typer
 import polaropt
 from polaropt.cli.command import say, say_json
 from polaropt.cli.options import (
+    AsJson,
     BlackLevel,
     CellOrder,
     HeadlessShape,
@@ -49,7 +50,7 @@ class FieldOptions:
     white_level: WhiteLevel = None
     shape: HeadlessShape = None
     pixel_format: PixelFormat = None
-    json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
+    json: AsJson = False
 
 
 def calibrate_command(options: FieldOptions) -> None:

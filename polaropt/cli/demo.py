@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polaropt.cli.command import Progress, progress_bar, say, say_json
+from polaropt.cli.options import AsJson
 
 if TYPE_CHECKING:
     from polaropt.cli.example import Example, Score
@@ -28,7 +29,7 @@ class DemoOptions:
         Path,
         typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files; made if it does not exist."),
     ] = Path("demo-output")
-    json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
+    json: AsJson = False
 
 
 def demo_command(options: DemoOptions) -> None:

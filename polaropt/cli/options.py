@@ -228,11 +228,14 @@ class LadderOptions:
             raise InputError(f"--model {self.model!r} does not exist; choose one of: {', '.join(model_names())}")
 
 
+AsJson = Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")]
+
+
 @dataclass(frozen=True)
 class OutputOptions:
     """Sentences for people, or JSON for machines."""
 
-    json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
+    json: AsJson = False
 
 
 def numbers(text: str, option: str) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ import typer
 
 import polaropt
 from polaropt.cli.command import progress_bar, say, say_json
-from polaropt.cli.options import PaneOptions, numbers
+from polaropt.cli.options import AsJson, PaneOptions, numbers
 from polaropt.errors import InputError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class LayerOptions:
         Format,
         typer.Option(metavar="FORMAT", help="png: a file per angle, 16 bits; tiff: a float stack; npz: exact."),
     ] = "png"
-    json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
+    json: AsJson = False
 
     def camera(self) -> Camera:
         """The camera that the options describe."""

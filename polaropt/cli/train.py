@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from polaropt.cli.command import Interrupted, progress_bar, say, say_json
+from polaropt.cli.options import AsJson
 from polaropt.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ class NetworkOptions:
             rich_help_panel=_NETWORK,
         ),
     ] = None
-    json: Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")] = False
+    json: AsJson = False
 
     def architecture(self) -> Architecture:
         """What the options describe."""
