@@ -140,8 +140,7 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     entries = in_basis(basis.astype(np.float32), plate_entries(capture, pse), np)
     level = entries.mean(axis=(-1, -2), keepdims=True)
     equations = normal_equations(plate_transfer(pse, *canvas.shape), precision, half_spectra(entries, level, canvas))
-    sums = pse.taps.sum(axis=1).T
-    mean = means_of(level[..., 0, 0], sums, precision * canvas.height * canvas.width, basis)
+    mean = flat_means(level[..., 0, 0], pse, precision * canvas.height * canvas.width, basis)
     return fitted_closed_form(equations, initial_power(entries[0] + entries[1]), mean, basis, canvas)
 
 
@@ -252,12 +251,39 @@ def initial_power(total: Images) -> NDArray[np.float64]:
     return np.asarray(np.maximum(power, _LEAST_SHARE * float(power.max()) + _LEAST_POWER))
 
 
-def means_of(level: NDArray[np.float32], sums: Matrix, precision: Matrix, basis: Basis) -> Images:
-    """Means of the layers (2, channel, 1, 1): all bounces in place, with a weak prior at the mean intensity."""
-    intensity = float(np.sqrt(np.square(level[0] + level[1]).sum()))
+def means_of(total: NDArray[np.float32], normal: Matrix, right: Matrix, basis: Basis) -> Images:
+    """Means of the layers (2, channel, 1, 1): all bounces in place, with a weak prior at the mean intensity.
+
+    Parameters
+    ----------
+    total : ndarray, shape (channel,)
+        Mean intensity in the colour basis.
+    normal : ndarray, shape (2, 2)
+        What all pixels tell of the means, an inverse covariance.
+    right : ndarray, shape (2, channel)
+        The same of each colour times the means.
+    basis : ndarray, shape (channel, channel)
+    """
+    intensity = float(np.linalg.norm(total))
     # Grey.
     expected = intensity * basis.mean(axis=1) * np.sqrt(len(basis))
     spread = np.eye(2) / (_MEAN_SPREAD * max(intensity, LEAST_INTENSITY)) ** 2
-    normal = sums.T @ precision @ sums + spread
-    right = sums.T @ precision @ level + spread @ np.stack([expected, expected])
-    return np.linalg.solve(normal, right).astype(np.float32)[:, :, None, None]
+    means = np.linalg.solve(normal + spread, right + spread @ np.stack([expected, expected]))
+    return means.astype(np.float32)[:, :, None, None]
+
+
+def flat_means(level: NDArray[np.float32], pse: PSE, precision: Matrix, basis: Basis) -> Images:
+    """Means of the layers (2, channel, 1, 1) behind a pane that is the same everywhere.
+
+    Parameters
+    ----------
+    level : ndarray, shape (2, channel)
+        Means of the photographs along and across the plane of incidence, in the colour basis.
+    pse : PSE
+    precision : ndarray, shape (2, 2)
+        Inverse covariance of these means.
+    basis : ndarray, shape (channel, channel)
+    """
+    sums = pse.taps.sum(axis=1).T
+    told = sums.T @ precision
+    return means_of(level[0] + level[1], told @ sums, told @ level, basis)

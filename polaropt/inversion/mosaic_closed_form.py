@@ -18,9 +18,9 @@ from polaropt.inversion.canvas import Canvas
 from polaropt.inversion.closed_form import (
     ClosedForm,
     NormalEquations,
+    flat_means,
     initial_power,
     knowledge_of,
-    means_of,
     normal_equations,
     plate_entries,
 )
@@ -69,8 +69,7 @@ def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> C
     prior = fitted.everywhere(bands)
     layers = mixture.layers(data, prior)
     precision = mixture.precision
-    sums = pse.taps.sum(axis=1).T
-    mean = means_of(level[..., 0, 0], sums, precision * canvas.height * canvas.width, basis)
+    mean = flat_means(level[..., 0, 0], pse, precision * canvas.height * canvas.width, basis)
     nothing = np.zeros((len(mixture.transfer), 1, 1, 1), np.complex64)
     of_frequency = normal_equations(mixture.transfer, precision, nothing)
     equations = NormalEquations(of_frequency.told, of_frequency.cross, np.empty(0, np.complex64))

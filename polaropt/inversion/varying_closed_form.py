@@ -25,6 +25,7 @@ from polaropt.inversion.closed_form import (
     half_spectra,
     initial_power,
     knowledge_of,
+    means_of,
     normal_equations,
     wiener_layers,
 )
@@ -35,6 +36,7 @@ from polaropt.optics import VaryingPSE
 from priors.natural_image import in_basis
 
 Images = NDArray[np.float32]
+Matrix = NDArray[np.float64]
 
 # Standard deviation of a layer's pixel before anything is measured, in units of the mean intensity. Set by hand.
 _PIXEL_SPREAD = 0.5
@@ -48,27 +50,53 @@ def varying_layers(capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: flo
     stokes = in_basis(basis.astype(np.float32), least_squares_entries(capture, pse.analyzer), np)
     precision = pse.analyzer.T @ pse.analyzer / noise**2
     mixtures = pse.mixtures(canvas.height, canvas.width)
-    told, layers, covariance = pixel_layers(mixtures, precision, stokes, weak_prior(stokes))
+    mean = _frame_means(mixtures, precision, stokes, basis)
+    rest = _without(mean, mixtures, stokes)
+    told, layers, covariance = pixel_layers(mixtures, precision, rest, weak_prior(stokes, mean))
     level = layers.mean(axis=(-1, -2), keepdims=True)
     information = np.linalg.inv(covariance)
     right = np.tensordot(information.astype(np.float32), half_spectra(layers, level, canvas), axes=1)
-    known = fitted_closed_form(_everywhere(information, right), initial_power(stokes[0] / 2), level, basis, canvas)
+    power = initial_power(stokes[0] / 2)
+    known = fitted_closed_form(_everywhere(information, right), power, mean + level, basis, canvas)
     # What is told on average, not what is left open on average, makes the coordinates round.
-    mean = _everywhere(told.mean(axis=(-1, -2), dtype=np.float64), right)
-    return replace(known, told=mean.told, cross=mean.cross)
+    typical = _everywhere(told.mean(axis=(-1, -2), dtype=np.float64), right)
+    return replace(known, told=typical.told, cross=typical.cross)
 
 
-def weak_prior(stokes: Images) -> float:
-    """Inverse variance of a pixel of a layer before anything is measured, from Stokes images in the colour basis."""
-    intensity = max(LEAST_INTENSITY, float(np.sqrt(np.square(stokes[0].mean(axis=(-1, -2))).sum())))
-    return 1 / (_PIXEL_SPREAD * intensity) ** 2
+def weak_prior(stokes: Images, mean: Images) -> Matrix:
+    """Inverse variances (2,) of a pixel of each layer around its mean before anything is measured.
+
+    Parameters
+    ----------
+    stokes : ndarray, shape (3, channel, h, w)
+        Stokes images in the colour basis.
+    mean : ndarray, shape (2, channel, 1, 1)
+        Of the layers. Glass shows little of what it mirrors: that may be far brighter than all that is seen.
+    """
+    intensity = max(LEAST_INTENSITY, float(np.linalg.norm(stokes[0].mean(axis=(-1, -2)))))
+    levels = np.linalg.norm(mean.reshape(2, -1), axis=1)
+    return np.asarray((_PIXEL_SPREAD * np.maximum(levels, intensity)) ** -2.0)
+
+
+def _frame_means(mixtures: Images, precision: Matrix, stokes: Images, basis: Basis) -> Images:
+    """Means of the layers (2, channel, 1, 1) that explain all pixels best."""
+    weights = np.tensordot(precision.astype(np.float32), mixtures, axes=1)
+    normal = np.einsum("ilhw,imhw->lm", mixtures, weights, dtype=np.float64)
+    right = np.einsum("ilhw,ichw->lc", weights, stokes, dtype=np.float64)
+    return means_of(stokes[0].mean(axis=(-1, -2)), normal, right, basis)
+
+
+def _without(mean: Images, mixtures: Images, stokes: Images) -> Images:
+    """Stokes images less what the layers' means show, which is another thing in every pixel."""
+    return np.asarray(stokes - np.einsum("ilhw,lc->ichw", mixtures, mean[..., 0, 0]))
 
 
 def varying_pixel_layers(capture: Capture, pse: VaryingPSE) -> Images:
     """Counterpart of `polaropt.inversion.closed_form.per_pixel_layers`: layers (2, [channel,] h, w)."""
     stokes = least_squares_entries(capture, pse.analyzer)
     precision = pse.analyzer.T @ pse.analyzer
-    _, layers, _ = pixel_layers(pse.mixtures(*capture.shape[-2:]), precision, stokes, _LEAST_INFORMATION)
+    stiffness = np.full(2, _LEAST_INFORMATION)
+    _, layers, _ = pixel_layers(pse.mixtures(*capture.shape[-2:]), precision, stokes, stiffness)
     return layers if capture.color else layers[:, 0]
 
 
@@ -80,8 +108,8 @@ def _everywhere(information: NDArray[Any], right: NDArray[Any]) -> NormalEquatio
 
 
 def pixel_layers(
-    mixtures: Images, precision: NDArray[np.float64], stokes: Images, stiffness: float
-) -> tuple[Images, Images, NDArray[np.float64]]:
+    mixtures: Images, precision: Matrix, stokes: Images, stiffness: Matrix
+) -> tuple[Images, Images, Matrix]:
     """Each pixel's layers from its own photographs.
 
     Parameters
@@ -91,8 +119,8 @@ def pixel_layers(
     precision : ndarray, shape (3, 3)
         Inverse covariance of a pixel's Stokes vector.
     stokes : ndarray, shape (3, channel, h, w)
-    stiffness : float
-        Weak prior at zero, an inverse variance.
+    stiffness : ndarray, shape (2,)
+        Weak prior of each layer at zero, an inverse variance.
 
     Returns
     -------
@@ -104,15 +132,13 @@ def pixel_layers(
     """
     weights = np.tensordot(precision.astype(np.float32), mixtures, axes=1)
     told = np.einsum("ilhw,imhw->lmhw", mixtures, weights)
-    t, r, k = told[0, 0] + np.float32(stiffness), told[1, 1] + np.float32(stiffness), told[0, 1]
+    t, r, k = told[0, 0] + np.float32(stiffness[0]), told[1, 1] + np.float32(stiffness[1]), told[0, 1]
     determinant = np.maximum(t * r - k * k, RESOLUTION * t * r)
     right = np.einsum("ilhw,ichw->lchw", weights, stokes)
     layers = np.stack([r * right[0] - k * right[1], t * right[1] - k * right[0]]) / determinant
     entries = [float((part / determinant).mean(dtype=np.float64)) for part in (r, -k, -k, t)]
     return told, layers, np.array(entries).reshape(2, 2)
 
-
-Matrix = NDArray[np.float64]
 
 # Places per side whose surroundings the spectra are fitted to, and between whose filters the layers are blended. By
 # trial: the start that they give is 1.3 / 2.5 dB (T / R) from the solve.
@@ -134,10 +160,9 @@ def ghost_layers(capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float
     stokes = in_basis(basis.astype(np.float32), least_squares_entries(capture, pse.analyzer), np)
     precision = pse.analyzer.T @ pse.analyzer / noise**2
     mixtures = pse.mixtures(canvas.height, canvas.width)
-    _, in_place, _ = pixel_layers(mixtures, precision, stokes, weak_prior(stokes))
-    mean: Images = in_place.mean(axis=(-1, -2), keepdims=True)
-    # What the means show is another thing in every pixel; the filters see the rest.
-    rest = stokes - np.einsum("ilhw,lc->ichw", mixtures, mean[..., 0, 0])
+    mean = _frame_means(mixtures, precision, stokes, basis)
+    # The filters see the rest.
+    rest = _without(mean, mixtures, stokes)
     panes = _Panes(pse, precision, canvas)
     bands = FrequencyBands(*canvas.shape)
     fitted = _fitted(panes, rest, bands, initial_power(stokes[0] / 2))
