@@ -14,12 +14,14 @@ from polaropt.capture import Capture, planes_last, registered_noise
 from polaropt.errors import InputError
 from polaropt.estimation import (
     LadderResult,
+    LikelierIndex,
     RungReport,
     SceneEstimate,
     StillPhotographs,
     find_scene,
     in_full,
     left_alone,
+    likelier_index,
     model_names,
     scene_source,
     still_photographs,
@@ -275,9 +277,12 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
         ).with_index(fit)
         if settings.model == "auto":
             found = left_alone(found, checked)
+        # An index that is told fits badly where the incidence is, too.
+        told = asked.refractive_index is not None and asked.incidence_deg is None
+        index = likelier_index(source, found.scene, of_source) if told else None
         sense_only = settings.thickness_px is not None
         found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
-        case = _Case(capture, still, asked, settings, checked.doubtful, fit.coated, found)
+        case = _Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)
         estimate = found.estimate
         if estimate is not None and not found.scene.signal:
             return _unseparated(case, estimate, stages)
@@ -297,6 +302,7 @@ class _Case:
     settings: Settings
     doubtful_incidence: bool
     coated: bool
+    likelier_index: LikelierIndex | None
     found: LadderResult
 
 
@@ -316,6 +322,7 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
         moving=still.moving,
         doubtful_incidence=case.doubtful_incidence,
         coated=case.coated,
+        likelier_index=case.likelier_index,
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()

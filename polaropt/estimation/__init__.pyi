@@ -2,6 +2,7 @@ __all__ = [
     "NOTABLE_STAKE",
     "AngleMistake",
     "LadderResult",
+    "LikelierIndex",
     "RungReport",
     "SceneEstimate",
     "StillPhotographs",
@@ -11,6 +12,7 @@ __all__ = [
     "find_start_angle",
     "in_full",
     "left_alone",
+    "likelier_index",
     "model_names",
     "motion_shows",
     "moving_pixels",
@@ -37,6 +39,8 @@ from .motion import motion_shows as motion_shows
 from .motion import moving_pixels as moving_pixels
 from .motion import still_photographs as still_photographs
 from .motion import without_moving as without_moving
+from .refractive_index import LikelierIndex as LikelierIndex
+from .refractive_index import likelier_index as likelier_index
 from .refractive_index import with_index as with_index
 from .safeguard import left_alone as left_alone
 from .safeguard import scene_source as scene_source

@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, plate_frame, registered_noise, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import LEAST_NOISE, estimate_scene
-from polaropt.estimation.flat.window import LikelyWindow, judged_pane
-from polaropt.numerics import minimum_error, vertex
-from polaropt.optics import GLASS_INDEX, SceneParameters
+from polaropt.estimation.flat.ghost_overlap import LayerOverlap
+from polaropt.estimation.flat.ghosts import cross_spectra
+from polaropt.estimation.flat.window import LikelyWindow, judged_pane, judged_window
+from polaropt.numerics import local_minima, minimum_error, vertex
+from polaropt.optics import GLASS_INDEX, INCIDENCE_SEARCH_DEG, SceneParameters, in_place_reflectance
 
 INDEX_SEARCH = (1.3, 2.0)
 """Indices that are searched: from water to the heaviest flint glass, and what coatings make of 1.5. Set by hand."""
@@ -207,6 +209,116 @@ class _IndexSearch:
             errors.append(estimate.errors.incidence_deg)
         least, most = int(np.argmin(values)), int(np.argmax(values))
         return values[most] - values[least] > _COLOURED * math.hypot(errors[least], errors[most])
+
+
+# What follows by trial, on the random windows to fit on (`studies.random_windows`, even seeds).
+_WALK, _MOST_STEPS = 0.1, 5
+"""Step of the indices at which a single pane is looked at beside the one told, and how many of them on one side."""
+_ROUNDS, _AT_REST_DEG = 3, 0.5
+"""In which a pane of another index is found near the last one, and the change that ends them."""
+_LEAST_EVIDENCE, _EVIDENT = 0.004, 2.5
+"""Score that another index must gain before anything is said of it, and how many standard errors of it."""
+_AS_GOOD = 1.0
+"""Standard errors by which a window of several panes, or tinted, may be better than a single pane in its place."""
+_SCAN_DEG = 5.0
+"""Spacing of the incidences at which a single pane is looked for in the place of several."""
+_ALIKE_DEG = np.arange(*INCIDENCE_SEARCH_DEG, 0.5).tolist()
+"""Incidences among which those are that make panes alike."""
+
+
+@dataclass(frozen=True)
+class LikelierIndex:
+    """An index that explains a capture clearly better than the one that was told, and its standard error."""
+
+    index: float
+    error: float
+
+
+def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> LikelierIndex | None:
+    """What the photographs tell of an index beside the one that was told; None where they do not speak against it.
+
+    Single clear panes are compared near the scene, each at the incidence that suits it. A wrong index may pass for tint
+    or a second pane: one clear pane of another index must explain the capture about as well.
+
+    Parameters
+    ----------
+    capture : Capture
+        No mosaic: its cells.
+    scene : SceneParameters
+        Complete, with the index that was told and all else as it was found.
+    noise : float
+        Standard deviation of one photograph's noise.
+    """
+    if scene.varies or scene.polarized or scene.single_surface or not scene.signal:
+        return None
+    frame = plate_frame(stokes_images(capture, max(noise, LEAST_NOISE)), scene.values()[1])
+    spectra = cross_spectra(frame)
+    single = scene.replace(n_panes=1, gap_shift=0.0, gap_azimuth_deg=None, absorption=0.0)
+    panes: dict[int, LikelyWindow] = {}
+
+    def nearest(step: int, incidences_deg: Sequence[float]) -> LikelyWindow:
+        """The best single pane so many steps of index away, near some incidences."""
+        return min((pane(step, incidence) for incidence in incidences_deg), key=lambda found: found.score)
+
+    def pane(step: int, incidence_deg: float) -> LikelyWindow:
+        trial = single.replace(refractive_index=scene.index + step * _WALK, incidence_deg=incidence_deg)
+        for _ in range(_ROUNDS):
+            likely = judged_pane(frame, trial, spectra=spectra)
+            moved = abs(likely.window.incidence_deg - trial.values()[0])
+            trial = trial.replace(incidence_deg=likely.window.incidence_deg)
+            if moved < _AT_REST_DEG:
+                break
+        return likely
+
+    starts = [scene.values()[0]]
+    if scene.stacked:
+        overlap = LayerOverlap(frame, single.replace(ghost_shift=0.0), starts[0])
+        angles = np.arange(INCIDENCE_SEARCH_DEG[0], INCIDENCE_SEARCH_DEG[1], _SCAN_DEG)
+        starts = angles[local_minima(np.array([overlap.at(float(angle)) for angle in angles]))].tolist() or starts
+    panes[0] = nearest(0, starts)
+    low, high = ((limit - scene.index) / _WALK for limit in INDEX_SEARCH)
+    for side in (-1, 1):
+        for step in range(side, side * (_MOST_STEPS + 1), side):
+            if not low <= step <= high:
+                break
+            before = panes[step - side]
+            starts = _alike(before.window.incidence_deg, scene.index + (step - side) * _WALK, side * _WALK)
+            panes[step] = nearest(step, starts)
+            if panes[step].score > before.score:
+                break
+    best = min(panes, key=lambda step: panes[step].score)
+    told = judged_window(frame, scene, spectra) if scene.stacked or scene.absorption else panes[0]
+    if best == 0 or not _evident(panes[best], panes[0]) or told.clearly_better(panes[best], 0.0, _AS_GOOD):
+        return None
+    index = scene.index + best * _WALK
+    reach = max(abs(step - best) for step, found in panes.items() if not _evident(panes[best], found))
+    error = max(_WALK / 2, reach * _WALK / _RIVALS)
+    if {best - 1, best + 1} <= panes.keys():
+        beside = [panes[step] for step in (best - 1, best, best + 1)]
+        index += _WALK * vertex(*(found.score for found in beside), _FARTHEST)
+        error = max(error, _error(beside, _WALK))
+    return LikelierIndex(index, error)
+
+
+def _evident(one: LikelyWindow, other: LikelyWindow) -> bool:
+    return one.clearly_better(other, _LEAST_EVIDENCE, _EVIDENT)
+
+
+def _alike(incidence_deg: float, index: float, more: float) -> list[float]:
+    """Incidences at which a pane of another index keeps the transmission, and the reflection, as free of the other.
+
+    What is mirrored along and across the plane of incidence tells the first by its ratio, on the same side of
+    Brewster's angle, the second by the ratio of what is not mirrored; a single one where both are close.
+    """
+    par, perp = in_place_reflectance(incidence_deg, index, False)
+    rows = [(angle, *in_place_reflectance(angle, index + more, False)) for angle in _ALIKE_DEG]
+    angles, pars, perps = np.array(rows).T
+    steep = incidence_deg > math.degrees(math.atan(index))
+    same_side = (angles > math.degrees(math.atan(index + more))) == steep
+    of_transmission = np.where(same_side, np.abs(np.log(perps * par / (pars * perp))), np.inf)
+    of_reflection = np.abs(np.log((1 - perps) * (1 - par) / ((1 - pars) * (1 - perp))))
+    first, second = (float(angles[np.argmin(apart)]) for apart in (of_transmission, of_reflection))
+    return [second] if abs(first - second) < _AT_REST_DEG else [second, first]
 
 
 def _beside(index: float, step: float) -> list[float]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, registered_noise
-from polaropt.estimation import NOTABLE_STAKE, AngleMistake, SceneEstimate, angle_mistake
+from polaropt.estimation import NOTABLE_STAKE, AngleMistake, LikelierIndex, SceneEstimate, angle_mistake
 from polaropt.optics import SceneParameters, stokes_from_intensities
 
 Floats = NDArray[np.float32]
@@ -111,6 +111,10 @@ class SeparationWarning(Enum):
         "one of them saw, the reflection as it is around. moving.png shows where."
     )
     SOLVER_FAILED = "The solver met values that are not finite; the best point before is returned."
+    INDEX_DOUBTFUL = (
+        "The photographs speak against the refractive index that was given or assumed: "
+        "leave it to be found (--index free), or give that of the glass."
+    )
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,8 @@ class Diagnostics:
         How the noise grows with the light; None where that is not known.
     moving : float
         Share of the frame in which something moves between the photographs.
+    likelier_index : LikelierIndex or None
+        An index that the photographs tell beside the one that was given; None where they do not speak against it.
     """
 
     warnings: tuple[SeparationWarning, ...]
@@ -144,6 +150,7 @@ class Diagnostics:
     estimate: SceneEstimate | None
     noise_model: NoiseModel | None = None
     moving: float = 0.0
+    likelier_index: LikelierIndex | None = None
 
 
 def diagnose(
@@ -160,6 +167,7 @@ def diagnose(
     moving: Mask | None = None,
     doubtful_incidence: bool = False,
     coated: bool = False,
+    likelier_index: LikelierIndex | None = None,
     finite: bool = True,
 ) -> Diagnostics:
     """Collect the warnings that a capture and its solution deserve.
@@ -183,6 +191,8 @@ def diagnose(
         Whether the photographs speak against the incidence that was given.
     coated : bool
         Whether the colours tell of different panes, where the index was to be found.
+    likelier_index
+        As the attribute of `Diagnostics`.
     finite : bool
         Whether the solver met nothing but finite values.
     """
@@ -215,6 +225,7 @@ def diagnose(
         SeparationWarning.MODEL_DOES_NOT_EXPLAIN: polarized and (misfit_ratio > _BAD_FIT or unexplained > _MUCH_LEFT),
         SeparationWarning.MOVING: moving is not None,
         SeparationWarning.SOLVER_FAILED: not finite,
+        SeparationWarning.INDEX_DOUBTFUL: likelier_index is not None,
     }
     return Diagnostics(
         warnings=tuple(warning for warning, given in deserved.items() if given),
@@ -224,6 +235,7 @@ def diagnose(
         reflection_unknown=reflection_unknown,
         estimate=estimate,
         moving=moving_share,
+        likelier_index=likelier_index,
     )
 
 

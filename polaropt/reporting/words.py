@@ -437,7 +437,21 @@ def motion_sentences(report: dict[str, Any]) -> list[str]:
 
 def report_attention(report: dict[str, Any]) -> list[str]:
     """All that a person must look at, of the capture and of the separation, in ``report.json``."""
-    return [*report["attention"], *(warning["sentence"] for warning in report["diagnostics"]["warnings"])]
+    return [*report["attention"], *(_warned(warning, report) for warning in report["diagnostics"]["warnings"])]
+
+
+def _warned(warning: dict[str, str], report: dict[str, Any]) -> str:
+    """A warning's sentence, after the numbers that it rests on."""
+    numbers = {SeparationWarning.INDEX_DOUBTFUL.name: _likelier_index}.get(warning["name"])
+    return warning["sentence"] if numbers is None else f"{numbers(report)} {warning['sentence']}"
+
+
+def _likelier_index(report: dict[str, Any]) -> str:
+    likelier, told = report["diagnostics"]["likelier_index"], report["scene"]["refractive_index"]
+    return (
+        f"Glass of index {likelier['index']:.2f} {error_of(likelier['error'])}explains the photographs better than one "
+        f"pane of {told:g}."
+    )
 
 
 def _uncertainty_sentence(uncertainty: dict[str, Any]) -> str:

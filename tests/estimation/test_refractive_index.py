@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters
+from polaropt import SceneParameters, SeparationWarning, StoppingRule, separate
 from polaropt.capture import Capture, noise_level
 from polaropt.errors import InputError
-from polaropt.estimation import find_scene, with_index
+from polaropt.estimation import estimate_scene, find_scene, likelier_index, with_index
 from polaropt.optics import GLASS_INDEX, SceneErrors
 from tests.blends import blend
 
+QUICK = StoppingRule(max_evaluations=4)
 OPEN = SceneParameters(None, None, None, refractive_index=None)
 
 
@@ -88,3 +89,32 @@ def test_a_coating_is_told_by_colours_that_see_different_panes(coated: bool) -> 
     photographs += 0.005 * np.random.default_rng(0).standard_normal(photographs.shape)
     asked = SceneParameters(None, 0.0, 0.0, refractive_index=None)
     assert with_index(Capture.of_planes(photographs.clip(0, 1)), asked, 0.005).coated == coated
+
+
+@pytest.mark.parametrize("index", [1.5, 1.8])
+def test_the_photographs_speak_against_an_index_that_is_not_the_panes(index: float) -> None:
+    example = blend(75.0, 128, refractive_index=index)
+    found = estimate_scene(example.capture, TOLD.replace(refractive_index=GLASS_INDEX), noise=0.005)
+    likelier = likelier_index(example.capture, found.scene, 0.005)
+    assert (likelier is None) == (index == GLASS_INDEX)
+    if likelier is not None:
+        assert abs(likelier.index - index) < 2 * likelier.error
+
+
+def test_an_index_is_not_doubted_where_nothing_tells_it() -> None:
+    example = blend(35.0, 96, refractive_index=1.8)
+    found = estimate_scene(example.capture, TOLD.replace(refractive_index=GLASS_INDEX), noise=0.005)
+    assert likelier_index(example.capture, found.scene, 0.005) is None
+
+
+def test_two_panes_do_not_speak_against_their_index() -> None:
+    example = blend(60.0, 128, n_panes=2, gap_shift=9.0)
+    assert likelier_index(example.capture, example.scene, 0.005) is None
+
+
+@pytest.mark.parametrize("index", [1.5, 1.8])
+def test_a_wrong_index_is_warned_of(index: float) -> None:
+    capture = blend(75.0, 128, refractive_index=index).capture
+    diagnostics = separate(capture, TOLD.replace(refractive_index=GLASS_INDEX), stopping=QUICK).diagnostics
+    assert (SeparationWarning.INDEX_DOUBTFUL in diagnostics.warnings) == (index != GLASS_INDEX)
+    assert (diagnostics.likelier_index is None) == (index == GLASS_INDEX)

@@ -18,6 +18,7 @@ from polaropt.reporting.words import (
     estimate_sentences,
     inspection_sentences,
     pane_sentence,
+    report_attention,
 )
 from tests.captured import photographed
 
@@ -105,3 +106,18 @@ def test_what_a_scene_lacks_is_said_nowhere(scene: SceneParameters, absent: str)
     assert absent not in pane_sentence(report)
     assert not any(absent in row.name.lower() for row in parameters(report))
     assert not any(line.startswith(absent) for line in estimate_sentences(LadderResult(scene, None, ()), OPEN))
+
+
+def test_a_warning_of_the_index_names_both() -> None:
+    warning = SeparationWarning.INDEX_DOUBTFUL
+    report = {
+        "attention": [],
+        "scene": {"refractive_index": 1.5},
+        "diagnostics": {
+            "warnings": [{"name": warning.name, "sentence": warning.value}],
+            "likelier_index": {"index": 1.81, "error": 0.1},
+        },
+    }
+    (said,) = report_attention(report)
+    assert said.startswith("Glass of index 1.81 +- 0.10 explains the photographs better than one pane of 1.5.")
+    assert said.endswith(warning.value)

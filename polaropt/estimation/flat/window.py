@@ -20,7 +20,7 @@ from polaropt.capture import PlateFrame, StokesImages, plate_frame
 from polaropt.estimation.flat.errors import widened_incidence, widened_shift
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap, overlap_of, refined_incidence
-from polaropt.estimation.flat.ghosts import cross_spectra
+from polaropt.estimation.flat.ghosts import CrossSpectra, cross_spectra
 from polaropt.estimation.flat.window_likelihood import Window, WindowLikelihood
 from polaropt.numerics import jackknife_error, left_out, local_minima, minimum_error, vertex
 from polaropt.optics import (
@@ -245,9 +245,9 @@ def equivalent_incidences(incidence_deg: float, n_panes: int, refractive_index: 
 class _Axis:
     """The search at one azimuth, and how windows are compared there."""
 
-    def __init__(self, frame: PlateFrame, asked: SceneParameters) -> None:
+    def __init__(self, frame: PlateFrame, asked: SceneParameters, spectra: CrossSpectra | None = None) -> None:
         self.frame, self._asked = frame, asked
-        spectra = cross_spectra(frame)
+        spectra = cross_spectra(frame) if spectra is None else spectra
         self.parts = [WindowLikelihood(part, asked.index) for part in spectra.left_out()]
         self.likelihood = WindowLikelihood(spectra, asked.index)
         most = largest_search_shift(min(frame.images.shape[-2:]))
@@ -417,7 +417,9 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     return replace(estimate, scene=scene, errors=errors, axis_stake=0.0)
 
 
-def judged_pane(frame: PlateFrame, scene: SceneParameters, *, incidence_open: bool = True) -> LikelyWindow:
+def judged_pane(
+    frame: PlateFrame, scene: SceneParameters, *, incidence_open: bool = True, spectra: CrossSpectra | None = None
+) -> LikelyWindow:
     """How well a single pane that was found explains a capture, with its double images or in place.
 
     Parameters
@@ -428,10 +430,18 @@ def judged_pane(frame: PlateFrame, scene: SceneParameters, *, incidence_open: bo
         Complete.
     incidence_open : bool
         Whether the incidence may move to where the layers' edges overlap least.
+    spectra : CrossSpectra, optional
+        Of the frame, where they are at hand.
     """
     incidence, _, shift = scene.values()
-    axis = _Axis(frame, scene.replace(incidence_deg=None) if incidence_open else scene)
+    axis = _Axis(frame, scene.replace(incidence_deg=None) if incidence_open else scene, spectra)
     return axis.best([LikelyWindow(Window(incidence, px), math.inf, math.inf) for px in dict.fromkeys((shift, 0.0))])
+
+
+def judged_window(frame: PlateFrame, scene: SceneParameters, spectra: CrossSpectra | None = None) -> LikelyWindow:
+    """The same of a window that was found, of as many panes as it has, near its incidence."""
+    window = Window(**_told(scene, frame.azimuth_deg), n_panes=scene.n_panes or 1)
+    return _Axis(frame, scene.replace(incidence_deg=None), spectra).judged(window)
 
 
 def window_remark(scene: SceneParameters) -> str:
