@@ -37,6 +37,7 @@ from polaropt.judging import (
     diagnose,
     estimate_uncertainty,
     noise_share,
+    scene_loss,
     uncertainty_without_polarization,
 )
 from polaropt.optics import GLASS_INDEX, PSE, SceneErrors, SceneParameters, VaryingPSE
@@ -317,12 +318,13 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
         estimate=found.estimate,
         scene=found.scene,
         unexplained=found.unexplained,
-        noise_share=noise_share(capture, solution.layers[0], solution.transmission_variance),
+        noise_share=noise_share(capture, solution.layers[0], float(solution.variance[0])),
         mistakes=still.mistakes,
         moving=still.moving,
         doubtful_incidence=case.doubtful_incidence,
         coated=case.coated,
         likelier_index=case.likelier_index,
+        loss=scene_loss(capture, noise, found.scene, found.errors, solution.variance, still.growth),
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()

@@ -281,10 +281,10 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
         for step in range(side, side * (_MOST_STEPS + 1), side):
             if not low <= step <= high:
                 break
-            before = panes[step - side]
-            starts = _alike(before.window.incidence_deg, scene.index + (step - side) * _WALK, side * _WALK)
+            last = panes[step - side]
+            starts = _alike(last.window.incidence_deg, scene.index + (step - side) * _WALK, side * _WALK)
             panes[step] = nearest(step, starts)
-            if panes[step].score > before.score:
+            if panes[step].score > last.score:
                 break
     best = min(panes, key=lambda step: panes[step].score)
     told = judged_window(frame, scene, spectra) if scene.stacked or scene.absorption else panes[0]
@@ -295,7 +295,8 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
     error = max(_WALK / 2, reach * _WALK / _RIVALS)
     if {best - 1, best + 1} <= panes.keys():
         beside = [panes[step] for step in (best - 1, best, best + 1)]
-        index += _WALK * vertex(*(found.score for found in beside), _FARTHEST)
+        before, here, after = (found.score for found in beside)
+        index += _WALK * vertex(before, here, after, _FARTHEST)
         error = max(error, _error(beside, _WALK))
     return LikelierIndex(index, error)
 

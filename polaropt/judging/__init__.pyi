@@ -1,5 +1,6 @@
 __all__ = [
     "Diagnostics",
+    "SceneLoss",
     "SeparationWarning",
     "Uncertainty",
     "UncertaintyStrip",
@@ -7,9 +8,12 @@ __all__ = [
     "diagnose",
     "estimate_uncertainty",
     "noise_share",
+    "scene_loss",
     "uncertainty_without_polarization",
 ]
 
+from .loss import SceneLoss as SceneLoss
+from .loss import scene_loss as scene_loss
 from .uncertainty import Uncertainty as Uncertainty
 from .uncertainty import UncertaintyStrip as UncertaintyStrip
 from .uncertainty import assembled as assembled

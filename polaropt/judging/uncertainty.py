@@ -35,8 +35,12 @@ _COVERING = 2.0
 
 @dataclass(frozen=True)
 class Doubt:
-    """A scene on both sides of the one found, in one number, and how many standard errors it is moved each way."""
+    """A scene on both sides of the one found, in one number, and how many standard errors it is moved each way.
 
+    `number` is the name of the field.
+    """
+
+    number: str
     below: SceneParameters
     above: SceneParameters
     n_errors: float
@@ -106,11 +110,11 @@ def _moved(scene: SceneParameters, errors: SceneErrors) -> Iterator[Doubt]:
         if value is not None and min(error, reach.farthest) > 0:
             step = min(reach.n_errors * error, reach.farthest)
             below, above = (scene.replace(**{field.name: value + sign * step}) for sign in (-1, 1))
-            yield Doubt(below, above, step / error)
+            yield Doubt(field.name, below, above, step / error)
     for i, error in enumerate(errors.bend_deg_per_px or ()):
         if 0 < error < math.inf:
             below, above = (scene.replace(bend_deg_per_px=_bent(scene, i, sign * error)) for sign in (-1, 1))
-            yield Doubt(below, above, 1.0)
+            yield Doubt("bend_deg_per_px", below, above, 1.0)
 
 
 @dataclass(frozen=True)

@@ -442,7 +442,10 @@ def report_attention(report: dict[str, Any]) -> list[str]:
 
 def _warned(warning: dict[str, str], report: dict[str, Any]) -> str:
     """A warning's sentence, after the numbers that it rests on."""
-    numbers = {SeparationWarning.INDEX_DOUBTFUL.name: _likelier_index}.get(warning["name"])
+    numbers = {
+        SeparationWarning.INDEX_DOUBTFUL.name: _likelier_index,
+        SeparationWarning.SCENE_UNCERTAIN.name: _loss,
+    }.get(warning["name"])
     return warning["sentence"] if numbers is None else f"{numbers(report)} {warning['sentence']}"
 
 
@@ -451,6 +454,17 @@ def _likelier_index(report: dict[str, Any]) -> str:
     return (
         f"Glass of index {likelier['index']:.2f} {error_of(likelier['error'])}explains the photographs better than one "
         f"pane of {told:g}."
+    )
+
+
+def _loss(report: dict[str, Any]) -> str:
+    loss = report["diagnostics"]["loss"]
+    field = next(field for field in FIELDS if field.name == loss["number"])
+    error = error_of(loss["error"])
+    known = f"known to {error}{field.components[0].unit}".rstrip() if error else "hardly known"
+    return (
+        f"The {field.label} is {known}: against a pane that is known, its errors cost the transmission about "
+        f"{loss['transmission_db']:.0f} dB and the reflection {loss['reflection_db']:.0f} dB."
     )
 
 

@@ -161,8 +161,8 @@ class Solution:
         Mean squared residual in units of the noise, less what the unknowns take up.
     reflection_unknown : float
         Share of the reflection's detail that the photographs leave open, 0..1.
-    transmission_variance : float
-        That the noise leaves to a pixel of the transmission, where the scene is known.
+    variance : ndarray, shape (2,)
+        That the noise leaves to a pixel of each layer, where the scene is known.
     pse : PSE or VaryingPSE
     canvas : Canvas
     canvas_layers : ndarray of float32, shape (2, channel, H, W)
@@ -178,7 +178,7 @@ class Solution:
     solver: SolverResult
     misfit_ratio: float
     reflection_unknown: float
-    transmission_variance: float
+    variance: NDArray[np.float64]
     pse: PSE | VaryingPSE
     canvas: Canvas
     canvas_layers: Images
@@ -283,7 +283,7 @@ def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Par
         solver=replace(result, x=np.zeros(0, dtype=np.float32)),
         misfit_ratio=problem.misfit_ratio(terms["misfit"].value),
         reflection_unknown=unknown,
-        transmission_variance=float(problem.known.sampled.variance()[0]),
+        variance=problem.known.sampled.variance(),
         pse=problem.pse,
         canvas=problem.canvas,
         canvas_layers=layers,
@@ -335,7 +335,7 @@ def _merge(
         solver=_merge_results([solution.solver for solution in solutions]),
         misfit_ratio=float(mean @ [solution.misfit_ratio for solution in solutions]),
         reflection_unknown=float(mean @ [solution.reflection_unknown for solution in solutions]),
-        transmission_variance=float(mean @ [solution.transmission_variance for solution in solutions]),
+        variance=mean @ [solution.variance for solution in solutions],
         pse=pse,
         canvas=frame,
         canvas_layers=layers,

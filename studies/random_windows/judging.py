@@ -41,6 +41,7 @@ def facts(row: Any) -> frozenset[str]:
         "NO_POLARIZATION": gain < ADEQUATE_DB,
         "MODEL_DOES_NOT_EXPLAIN": none_of_ours,
         "MOVING": row.moving > 0,
+        "SCENE_UNCERTAIN": row.behind > ADEQUATE_DB,
         "INDEX_DOUBTFUL": row.index != row.index_told,
     }
     return frozenset(name for name, holds in true.items() if holds)

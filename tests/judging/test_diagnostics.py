@@ -13,6 +13,7 @@ from polaropt.capture.checks import visible_shift
 from polaropt.capture.noise import noise_level
 from polaropt.capture.write import encode_srgb
 from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.judging.loss import SceneLoss
 from polaropt.judging.warnings import diagnose, noise_share
 from polaropt.reporting.files import write_separation
 from polaropt.reporting.pictures import misfit_map
@@ -204,6 +205,13 @@ def test_light_that_arrives_polarized():
     assert told(example.capture, polarized, estimate=found) == {SeparationWarning.POLARIZED_SOURCE}
     # Who gives the polarization knows of it.
     assert told(example.capture, polarized) == set()
+
+
+@pytest.mark.parametrize("loss_db", [2.0, 8.0])
+def test_errors_of_the_pane_that_cost_the_transmission_much(loss_db):
+    example = blend(60, 64)
+    found = told(example.capture, example.scene, loss=SceneLoss(loss_db, 0.1, "incidence_deg", 0.5))
+    assert found == ({SeparationWarning.SCENE_UNCERTAIN} if loss_db > 5 else set())
 
 
 def test_a_failed_solver():

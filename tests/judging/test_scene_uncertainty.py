@@ -8,6 +8,7 @@ import pytest
 import polaropt.solving.solution
 from polaropt import separate
 from polaropt.capture.noise import measured_noise
+from polaropt.judging.loss import scene_loss
 from polaropt.judging.uncertainty import doubts, scene_variance
 from polaropt.optics.scene import SceneErrors
 from polaropt.solving.solution import tiles
@@ -85,3 +86,36 @@ def test_tiles_add_what_the_whole_adds(monkeypatch):
     monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 160))
     parts = separate(example.capture)
     assert np.median(parts.uncertainty / whole.uncertainty) == pytest.approx(1, abs=0.15)
+
+
+@pytest.mark.parametrize(("incidence_deg", "error"), [(80.0, 1.5), (60.0, 1.0), (30.0, 3.0)])
+def test_the_loss_that_is_expected_is_that_of_a_scene_off_by_its_error(incidence_deg, error):
+    example = blend(incidence_deg, 96, noise=0.002)
+
+    def mean_square(scene):
+        miss = separate(example.capture, scene).layers - example.layers
+        return np.square(miss).reshape(2, -1).mean(axis=1)
+
+    known = mean_square(example.scene)
+    moved = [example.scene.replace(incidence_deg=incidence_deg + sign * error) for sign in (-1, 1)]
+    true = 10 * np.log10(np.mean([mean_square(scene) for scene in moved], axis=0) / known)
+    noise, growth = measured_noise(example.capture)
+    loss = scene_loss(example.capture, noise, example.scene, SceneErrors(incidence_deg=error), known, growth)
+    assert loss is not None
+    assert (loss.number, loss.error) == ("incidence_deg", error)
+    assert loss.transmission_db == pytest.approx(true[0], rel=0.35, abs=1)
+    assert loss.reflection_db == pytest.approx(true[1], rel=0.35, abs=1)
+
+
+def test_the_number_that_costs_most_is_named_and_rivals_of_a_shift_cost_nothing():
+    example = blend(70, 64, ghost_shift=0.0, focal_px=125.0)
+    noise, growth = measured_noise(example.capture)
+
+    def loss(**errors):
+        of_noise = np.full(2, noise**2)
+        return scene_loss(example.capture, noise, example.scene, SceneErrors(**errors), of_noise, growth)
+
+    assert loss(incidence_deg=1.0, focal_px=0.1).number == "incidence_deg"
+    assert loss(incidence_deg=0.01, focal_px=30.0).number == "focal_px"
+    assert loss() is None
+    assert loss(ghost_shift=3.0) is None

@@ -121,3 +121,15 @@ def test_a_warning_of_the_index_names_both() -> None:
     (said,) = report_attention(report)
     assert said.startswith("Glass of index 1.81 +- 0.10 explains the photographs better than one pane of 1.5.")
     assert said.endswith(warning.value)
+
+
+def test_what_an_uncertain_number_costs_is_said() -> None:
+    warning = SeparationWarning.SCENE_UNCERTAIN
+    loss = {"transmission_db": 6.2, "reflection_db": 0.4, "number": "incidence_deg", "error": 0.7}
+    warnings = [{"name": warning.name, "sentence": warning.value}]
+    report = {"attention": [], "diagnostics": {"warnings": warnings, "loss": loss}}
+    (said,) = report_attention(report)
+    assert said.startswith("The incidence is known to +- 0.70 deg: against a pane that is known, its errors cost")
+    assert "about 6 dB" in said
+    loss["error"] = None
+    assert report_attention(report)[0].startswith("The incidence is hardly known: ")
