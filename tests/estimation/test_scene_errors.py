@@ -10,6 +10,7 @@ import pytest
 from polaropt import SceneParameters, separate
 from polaropt.capture.capture import Capture
 from polaropt.capture.polarization import plate_frame, stokes_images
+from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.ghost_overlap import refined_incidence
 from polaropt.estimation.flat.overlap import block_images
@@ -53,6 +54,18 @@ def test_more_noise_is_as_large_as_the_capture_has() -> None:
     for noisier in blocks.noisier():
         assert noisier.means.var(axis=(1, 2, 3)) == pytest.approx(2 * blocks.means.var(axis=(1, 2, 3)), rel=0.15)
         np.testing.assert_array_equal(noisier.covariance, 2 * blocks.covariance)
+
+
+def test_of_two_incidences_the_surer_one_has_more_to_say() -> None:
+    assert weighted_incidence((50.0, 1.0), (51.0, 1.0)) == pytest.approx((50.5, math.sqrt(0.5)))
+    mean, error = weighted_incidence((50.0, 3.0), (51.0, 1.0))
+    assert (mean, error) == pytest.approx((50.9, math.sqrt(0.9)))
+    assert weighted_incidence((50.0, math.inf), (51.0, 1.0)) == pytest.approx((51.0, 1.0))
+
+
+def test_of_two_incidences_that_contradict_neither_is_sure() -> None:
+    _, error = weighted_incidence((50.0, 1.0), (58.0, 1.0))
+    assert error == pytest.approx(4)
 
 
 def test_what_is_given_has_no_error() -> None:

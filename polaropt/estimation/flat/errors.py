@@ -73,6 +73,26 @@ def widened_incidence(error_deg: float) -> float:
     return math.hypot(_WIDER * error_deg, _LEAST_DEG)
 
 
+def weighted_incidence(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
+    """Mean of two incidences in degrees, weighted by their standard errors, and its own, wider where they contradict.
+
+    Parameters
+    ----------
+    first, second : (float, float)
+        An incidence and its standard error, independent of each other.
+
+    Notes
+    -----
+    Errors that two values contradict are too small, both by the ratio of Birge (The calculation of errors by the method
+    of least squares, 1932).
+    """
+    values, errors = zip(first, second, strict=True)
+    information = [1 / max(error, _LEAST_DEG) ** 2 for error in errors]
+    mean = sum(value * weight for value, weight in zip(values, information, strict=True)) / sum(information)
+    contradiction = abs(values[0] - values[1]) / math.hypot(*errors)
+    return mean, max(1.0, contradiction) / math.sqrt(sum(information))
+
+
 def widened_shift(error_px: float) -> float:
     """The same of a ghost shift in pixels: ghosts are told by spectra, whose model is nearly a tenth of a pixel off."""
     return math.hypot(_SHIFT_WIDER * error_px, _LEAST_PX)

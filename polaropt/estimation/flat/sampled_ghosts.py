@@ -1,20 +1,27 @@
-"""Ghost shift of a flat pane by the likelihood of a mosaic's samples as a function of the shift.
+"""Ghost shift and incidence of a flat pane by the likelihood of a mosaic's samples as a function of them.
 
 A scene is estimated from one pixel per pattern, low-passed against aliases: ghosts a few pixels apart are hardly
 resolved there, and the low pass is taken for ghosts close together. The samples themselves tell where the ghosts are,
 once the rest of the pane is known: like `polaropt.estimation.flat.ghosts`, by Welch's mean periodograms and Student's
 likelihood, but of whole groups of frequencies that the mosaic mixes.
+
+They tell the incidence, too, by how bright the ghosts are and by what both polarizations have in common. Edges that
+both layers share mislead the overlap of their edges, and what aliases does; a likelihood of whole spectra cares for
+neither, but for what the spectra's shape is taken to be. So both have a say, each as far as it is sure.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, RawSamples
+from polaropt.estimation.flat.errors import widened_incidence
 from polaropt.estimation.flat.ghosts import (
     DEGREES_OF_FREEDOM,
     FIRST_LEVEL,
@@ -33,8 +40,9 @@ from polaropt.numerics import (
     local_minimum,
     minimum_error,
     opponent_basis,
+    vertex,
 )
-from polaropt.optics import PSE, SceneParameters
+from polaropt.optics import INCIDENCE_LIMITS_DEG, INCIDENCE_SEARCH_DEG, PSE, SceneParameters
 
 Matrices = NDArray[np.complex64]
 Levels = NDArray[np.float64]
@@ -60,25 +68,47 @@ _NO_GHOSTS_PX = 6.0
 """Farthest ghosts that are tried where the cells show none. Set by hand."""
 _STEP_PX, _TOLERANCE_PX = 1.0, 0.1
 """Between the shifts that are tried, and of the least of them."""
+_STEP_DEG, _ROUGHLY_DEG, _TOLERANCE_DEG = 2.0, 1.0, 0.3
+"""Between the first incidences that are tried, of the least of them where shifts are compared, and at the end."""
+_APART_DEG = 3.0
+"""Between incidences at which shifts are compared: what the one explains the other may, too. By trial."""
+_NEAR_DEG = 12.0
+"""Farthest from the cells' incidence that is tried. Set by hand."""
+_MODEL_DEG = 0.6
+"""Standard error of the incidence that a jackknife does not see, as all tiles share it: spectra are not quite of the
+shape that they are taken to have. By trial on mosaics of photographs that no figure is taken of."""
 
 
 @dataclass(frozen=True)
-class SampledShift:
-    """Ghost shift in pixels of the sensor, signed, and its standard error."""
+class SampledPane:
+    """Ghost shift in pixels, signed, and incidence in degrees; with standard errors, None where it is not told.
+
+    Attributes
+    ----------
+    shift_px : float
+    shift_error_px : float or None
+    incidence_deg : float
+    incidence_error_deg : float or None
+    """
 
     shift_px: float
-    error_px: float
+    shift_error_px: float | None
+    incidence_deg: float
+    incidence_error_deg: float | None
 
 
-def sampled_shift(
+def sampled_pane(
     samples: RawSamples,
     angles_deg: tuple[float, ...],
     scene: SceneParameters,
     noise: float,
     *,
+    incidence_error_deg: float = math.inf,
+    open_shift: bool = True,
+    open_incidence: bool = True,
     sense_only: bool = False,
-) -> SampledShift | None:
-    """Where a mosaic's samples have the ghosts of a flat pane; None if farther off than they need to be asked.
+) -> SampledPane | None:
+    """Where a mosaic's samples have the ghosts of a flat pane, and its incidence; None if ghosts are too far off.
 
     Parameters
     ----------
@@ -86,37 +116,132 @@ def sampled_shift(
     angles_deg : tuple of float
         Of the photographs that they sample.
     scene : SceneParameters
-        Complete, in pixels of the sensor; its ghost shift says where about to look, to both sides.
+        Complete, in pixels of the sensor; its ghost shift says where about to look, to both sides, and so does its
+        incidence.
     noise : float
         Standard deviation of a sample's noise.
+    incidence_error_deg : float
+        Standard error of the scene's incidence: it has a say where shifts are compared.
+    open_shift, open_incidence : bool
+        Which of both is to be told.
     sense_only : bool
-        Whether the distance is known.
+        Whether the ghosts' distance is known, and nothing but their side is to be told.
     """
-    about = abs(scene.values()[2])
-    sides = _TILE_PX[samples.sampling.period]
+    start, _, shift = scene.values()
+    about, sides = abs(shift), _TILE_PX[samples.sampling.period]
     if about > _FARTHEST_IN_TILE * sides[-1]:
         return None
     farthest = min(_FARTHEST * about + _ROOM_PX, _FARTHEST_IN_TILE * sides[-1]) if about else _NO_GHOSTS_PX
     tile = next(side for side in sides if farthest <= _FARTHEST_IN_TILE * side)
     tile = min(tile, *samples.values.shape)
-    likelihood = SampledShiftLikelihood(samples, angles_deg, scene, _TRUSTED_NOISE * noise, tile)
+    likelihood = SampledLikelihood(samples, angles_deg, scene, _TRUSTED_NOISE * noise, tile)
     if sense_only:
-        return SampledShift(min(about, -about, key=likelihood.misfit), 0.0)
-    nearest = max(_STEP_PX, _NEAREST * about - _STEP_PX / 2)
-    distances = np.arange(nearest, max(farthest, nearest + 2 * _STEP_PX), _STEP_PX)
-    shifts = [0.0, *distances, *(-distances)]
-    best = min(shifts, key=likelihood.misfit)
-    side = (-farthest, 0.0) if best < 0 else (0.0, farthest)
-    if best:
-        best = local_minimum(likelihood.misfit, best, side, _STEP_PX / 2, _TOLERANCE_PX)
-    if abs(best) < LEAST_SHIFT_PX:
-        return SampledShift(0.0, LEAST_SHIFT_PX)
-    around = [likelihood.left_out(best + step) for step in (-_STEP_PX / 2, 0.0, _STEP_PX / 2)]
-    return SampledShift(float(best), minimum_error(around, _STEP_PX / 2))
+        return SampledPane(min(about, -about, key=likelihood.misfit), None, start, None)
+    best = 0.0 if open_shift else shift
+    search = _Search(likelihood, (best, start), incidence_error_deg if open_incidence else None)
+    incidence = search.first_deg
+    if open_shift:
+        nearest = max(_STEP_PX, _NEAREST * about - _STEP_PX / 2)
+        distances = np.arange(nearest, max(farthest, nearest + 2 * _STEP_PX), _STEP_PX)
+        panes = (search.with_incidence(0.0, incidence), search.with_ghosts(distances, farthest))
+        best, incidence = min(panes, key=lambda pane: search.score(*pane))
+        best = best if abs(best) >= LEAST_SHIFT_PX else 0.0
+    if open_incidence:
+        incidence = search.likeliest_incidence(best, incidence)
+    return SampledPane(
+        best,
+        _shift_error(likelihood, best, incidence) if open_shift else None,
+        incidence,
+        _incidence_error(likelihood, best, incidence) if open_incidence else None,
+    )
 
 
-class SampledShiftLikelihood:
-    """Likelihood of ghost shifts given a mosaic's samples, the rest of a flat pane known.
+class _Search:
+    """Search for the likeliest ghost shift and incidence near what the cells tell.
+
+    Parameters
+    ----------
+    likelihood : SampledLikelihood
+    pane : (float, float)
+        Shift in pixels where the search begins, and incidence of the cells in degrees.
+    error_deg : float or None
+        Standard error of that incidence; None where it is given.
+
+    Attributes
+    ----------
+    first_deg : float
+        Likeliest incidence at that shift. Even without ghosts it is nearly right, and there they show.
+    """
+
+    def __init__(self, likelihood: SampledLikelihood, pane: tuple[float, float], error_deg: float | None) -> None:
+        shift_px, incidence_deg = pane
+        self._misfit = cache(likelihood.misfit)
+        self._given = error_deg is None
+        self._of_cells, self._prior, self.first_deg = incidence_deg, 0.0, incidence_deg
+        low, high = INCIDENCE_SEARCH_DEG
+        self._bounds = (max(low, incidence_deg - _NEAR_DEG), min(high, incidence_deg + _NEAR_DEG))
+        if error_deg is not None:
+            # The prior is nothing yet.
+            _, self.first_deg = self.with_incidence(shift_px, incidence_deg)
+            self._prior = 0.5 * likelihood.unit(shift_px, self.first_deg) / error_deg**2
+
+    def score(self, shift_px: float, incidence_deg: float) -> float:
+        """Misfit with what the cells have against the incidence: another one and other ghosts may explain the same."""
+        return self._misfit(shift_px, incidence_deg) + self._prior * (incidence_deg - self._of_cells) ** 2
+
+    def with_incidence(self, shift_px: float, about_deg: float) -> tuple[float, float]:
+        """A shift, and the incidence that suits it."""
+        if self._given:
+            return shift_px, about_deg
+        score = partial(self.score, shift_px)
+        return shift_px, local_minimum(score, about_deg, self._bounds, _STEP_DEG, _ROUGHLY_DEG)
+
+    def with_ghosts(self, distances: NDArray[np.float64], farthest: float) -> tuple[float, float]:
+        """The best shift to either side, and the incidence that suits it."""
+        trials = [self._nearby(float(shift)) for shift in (*distances, *(-distances))]
+        _, shift, incidence = min(trials)
+        shift, incidence = self.with_incidence(shift, incidence)
+        side = (-farthest, 0.0) if shift < 0 else (0.0, farthest)
+
+        def misfit(trial: float) -> float:
+            return self._misfit(trial, incidence)
+
+        return float(local_minimum(misfit, shift, side, _STEP_PX / 2, _TOLERANCE_PX)), incidence
+
+    def likeliest_incidence(self, shift_px: float, about_deg: float) -> float:
+        """What the samples alone tell of it."""
+        return local_minimum(partial(self._misfit, shift_px), about_deg, self._bounds, _ROUGHLY_DEG, _TOLERANCE_DEG)
+
+    def _nearby(self, shift_px: float) -> tuple[float, float, float]:
+        """Score of a shift at the incidence that suits it, by a parabola; the shift and that incidence."""
+        here, (low, high) = self.first_deg, self._bounds
+        step = 0.0 if self._given else min(_APART_DEG, here - low, high - here)
+        if not step:
+            return self.score(shift_px, here), shift_px, here
+        before, middle, after = (self.score(shift_px, here + k * step) for k in (-1, 0, 1))
+        x = vertex(before, middle, after)
+        least = middle + x * (after - before) / 2 + x**2 * (before - 2 * middle + after) / 2
+        return least, shift_px, here + x * step
+
+
+def _shift_error(likelihood: SampledLikelihood, shift_px: float, incidence_deg: float) -> float:
+    """Standard error in pixels of the likeliest shift at an incidence."""
+    if not shift_px:
+        return LEAST_SHIFT_PX
+    step = _STEP_PX / 2
+    return minimum_error([likelihood.left_out(shift_px + k * step, incidence_deg) for k in (-1, 0, 1)], step)
+
+
+def _incidence_error(likelihood: SampledLikelihood, shift_px: float, incidence_deg: float) -> float | None:
+    """Standard error in degrees of the likeliest incidence at a shift; None where it is no likelier than others."""
+    error, curvature = likelihood.incidence_error(shift_px, incidence_deg)
+    if not (curvature > 0 and math.isfinite(error)):
+        return None
+    return math.hypot(widened_incidence(error), _MODEL_DEG)
+
+
+class SampledLikelihood:
+    """Likelihood of ghost shift and incidence given a mosaic's samples, the rest of a flat pane known.
 
     Parameters
     ----------
@@ -124,7 +249,7 @@ class SampledShiftLikelihood:
     angles_deg : tuple of float
         Of the photographs that they sample.
     scene : SceneParameters
-        Complete but for its ghost shift, in pixels of the sensor.
+        Complete, in pixels of the sensor; its ghost shift is not used.
     noise : float
         Standard deviation that a sample's noise is taken to have.
     tile_px : int
@@ -157,18 +282,29 @@ class SampledShiftLikelihood:
         first = np.full((len(colors), 2, len(shapes)), FIRST_LEVEL)
         self._levels = self._fitted(self._responses(0.0), first, _FIRST_ROUNDS)
 
-    def misfit(self, shift_px: float) -> float:
-        """Minus log likelihood per frequency of a shift (signed), up to a constant."""
-        return float(self._misfits(shift_px, self._mean[None])[0])
+    def misfit(self, shift_px: float, incidence_deg: float | None = None) -> float:
+        """Minus log likelihood per frequency of a shift (signed), at the scene's incidence or another."""
+        return float(self._misfits(self._responses(shift_px, incidence_deg), self._mean[None])[0])
 
-    def left_out(self, shift_px: float) -> NDArray[np.float64]:
+    def left_out(self, shift_px: float, incidence_deg: float | None = None) -> NDArray[np.float64]:
         """The same without each band of tiles in turn, (band,)."""
         n = len(self._data)
         rest = (self._data.sum(axis=0) - self._data) / max(1, n - 1)
-        return self._misfits(shift_px, rest if n > 1 else self._data)
+        return self._misfits(self._responses(shift_px, incidence_deg), rest if n > 1 else self._data)
 
-    def _misfits(self, shift_px: float, data: Matrices) -> NDArray[np.float64]:
-        responses = self._responses(shift_px)
+    def incidence_error(self, shift_px: float, incidence_deg: float) -> tuple[float, float]:
+        """Standard error in degrees of the likeliest incidence, near to the one given, and the misfit's curvature."""
+        step = min(_STEP_DEG, incidence_deg / 2, (INCIDENCE_LIMITS_DEG[1] - incidence_deg) / 2)
+        around = [self.left_out(shift_px, incidence_deg + k * step) for k in (-1, 0, 1)]
+        before, here, after = (float(part.mean()) for part in around)
+        return minimum_error(around, step), (before - 2 * here + after) / step**2
+
+    def unit(self, shift_px: float, incidence_deg: float) -> float:
+        """Misfit that stands for one nat, as the curvature and the error of the incidence have it; 0: not told."""
+        error, curvature = self.incidence_error(shift_px, incidence_deg)
+        return max(curvature, 0.0) * error**2 if math.isfinite(error) else 0.0
+
+    def _misfits(self, responses: Matrices, data: Matrices) -> NDArray[np.float64]:
         covariance = self._covariance(responses, self._fitted(responses, self._levels, _ROUNDS))
         inverse = np.linalg.inv(covariance)
         _, determinant = np.linalg.slogdet(covariance)
@@ -196,9 +332,10 @@ class SampledShiftLikelihood:
             counts[band] += 1
         return np.asarray(sums / counts[:, None, None, None].astype(np.float32), dtype=np.complex64)
 
-    def _responses(self, shift_px: float) -> Matrices:
+    def _responses(self, shift_px: float, incidence_deg: float | None = None) -> Matrices:
         """What each frequency of each layer leaves in the samples: (group, alias, color, layer, frequency)."""
-        pse = PSE(self._scene.replace(ghost_shift=shift_px), self._angles_deg)
+        incidence_deg = self._scene.incidence_deg if incidence_deg is None else incidence_deg
+        pse = PSE(self._scene.replace(ghost_shift=shift_px, incidence_deg=incidence_deg), self._angles_deg)
         index = self._members.index
         shape = (self._side, self._side)
         transfer = ghost_transfer_at(pse.taps, pse.displacements, shape, index.ravel())[:2]
@@ -239,6 +376,8 @@ def _usable(groups: AliasGroups) -> tuple[Members, NDArray[np.float64]]:
     side = groups.n_rows
     rows, columns = (grid.ravel() for grid in np.mgrid[:side, : groups.n_columns])
     use = np.hypot(np.minimum(rows, side - rows), columns) > LOWEST_CYCLES
+    # The window makes neighbouring frequencies much alike: every second one, as on a chessboard, says the same.
+    use &= (rows + columns) % 2 == 0
     multiplicity = np.where((columns == 0) | (2 * columns == side), 1.0, 2.0)
     return groups.members(rows[use], columns[use]), multiplicity[use]
 
@@ -253,10 +392,17 @@ def _off_level(values: NDArray[Any], valid: NDArray[Any], window: NDArray[Any], 
     return np.where(valid.reshape(shape), of_pattern - level, 0).reshape(values.shape)
 
 
-def shift_of_samples(
-    capture: Capture, scene: SceneParameters, noise: float, *, sense_only: bool = False
-) -> SampledShift | None:
-    """The ghost shift in pixels of the capture that its samples tell; None where they are not asked.
+def pane_of_samples(
+    capture: Capture,
+    scene: SceneParameters,
+    noise: float,
+    *,
+    incidence_error_deg: float = math.inf,
+    open_shift: bool = True,
+    open_incidence: bool = True,
+    sense_only: bool = False,
+) -> SampledPane | None:
+    """What a mosaic's samples tell of a scene, in pixels of the capture; None where they are not asked.
 
     Parameters
     ----------
@@ -264,15 +410,25 @@ def shift_of_samples(
         Of a mosaic.
     scene : SceneParameters
         Complete, in pixels of the capture.
-    noise : float
-        Standard deviation of a sample's noise.
-    sense_only : bool
-        Whether the distance is known.
+    noise, incidence_error_deg, open_shift, open_incidence, sense_only
+        As of `sampled_pane`.
     """
     cells = capture.cells
     flat = scene.rung in ("pixelwise", "ghosts") and not scene.single_surface and scene.n_bounces != 0
     if cells is None or not flat or scene.stacked or scene.transmission_ghost_shift is not None:
         return None
     of_sensor = cells.samples.sampling.period / cells.scale
-    found = sampled_shift(cells.samples, capture.angles_deg, scene.scaled(of_sensor), noise, sense_only=sense_only)
-    return None if found is None else SampledShift(found.shift_px / of_sensor, found.error_px / of_sensor)
+    found = sampled_pane(
+        cells.samples,
+        capture.angles_deg,
+        scene.scaled(of_sensor),
+        noise,
+        incidence_error_deg=incidence_error_deg,
+        open_shift=open_shift,
+        open_incidence=open_incidence,
+        sense_only=sense_only,
+    )
+    if found is None:
+        return None
+    error = None if found.shift_error_px is None else found.shift_error_px / of_sensor
+    return replace(found, shift_px=found.shift_px / of_sensor, shift_error_px=error)
