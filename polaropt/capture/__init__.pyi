@@ -20,6 +20,7 @@ __all__ = [
     "StokesImages",
     "align",
     "blocks_of",
+    "closure_share",
     "encode_srgb",
     "exchanged_order",
     "field_means",
@@ -91,6 +92,7 @@ from .noise import noise_level as noise_level
 from .noise import noise_of_blocks as noise_of_blocks
 from .noise import registered_noise as registered_noise
 from .pair_gain import PLAUSIBLE_GAIN as PLAUSIBLE_GAIN
+from .pair_gain import closure_share as closure_share
 from .pair_gain import orthogonal_pairs as orthogonal_pairs
 from .pair_gain import pair_gain_of as pair_gain_of
 from .pair_gain import redundancy_residual as redundancy_residual

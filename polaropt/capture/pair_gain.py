@@ -6,6 +6,7 @@ image.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,6 +27,8 @@ _DARK = 0.05
 """Blocks below this share of the brightest (99 % of them are below it) do not count: black levels; set by hand."""
 _FEWEST_BLOCKS = 12
 """Blocks that a gain needs; set by hand."""
+_SURE = 3.0
+"""Standard errors beyond which photographs that do not add up are no chance: 99.7 % of a normal distribution."""
 
 
 def orthogonal_pairs(angles_deg: Sequence[float], tolerance_deg: float = 0.5) -> Pairs | None:
@@ -60,6 +63,30 @@ def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:
     """
     left, _, _ = np.linalg.svd(analyzer_matrix(angles_deg))
     return np.tensordot(left[:, 3:].T.astype(intensities.dtype), intensities, axes=1)
+
+
+def closure_share(intensities: Floats, angles_deg: Sequence[float], valid: NDArray[np.bool_]) -> float:
+    """Share of the light by which photographs do not add up as those of any light would; 0 where that may be noise.
+
+    Gains that differ by sigma leave about sigma / 2. Three photographs always add up.
+
+    Parameters
+    ----------
+    intensities : ndarray, shape (k, [channel,] h, w)
+        Linear photographs.
+    angles_deg : sequence of k floats
+        Their polarizer angles in degrees.
+    valid : ndarray of bool, same shape
+        Pixels that can be trusted.
+    """
+    means = trusted_blocks(intensities, valid).astype(np.float64)
+    if len(means) < 4 or means.shape[1] < _FEWEST_BLOCKS:
+        return 0.0
+    light, left = np.sqrt(np.sum(means**2, axis=0)), redundancy_residual(means, angles_deg)
+    share = left @ light / (light @ light)
+    error = math.sqrt(float(np.mean((left - share[:, None] * light) ** 2)) / float(light @ light))
+    found = float(np.linalg.norm(share))
+    return found if found > _SURE * error else 0.0
 
 
 def pair_gain_of(

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from polaropt.capture import Capture, StokesImages
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.wide.blocks import SCATTERS, PolarizedBlocks
@@ -59,6 +61,12 @@ class Evidence:
     def scatter(self) -> float:
         """Standard deviation of a misfit that is nothing but noise."""
         return math.sqrt(2 / self.blocks.n)
+
+    @property
+    def polarized_share(self) -> float:
+        """What the plain pane leaves polarized beyond the noise, as a share of the light; root mean squares."""
+        light = float(np.mean(np.square(self.blocks.stokes[0])))
+        return math.sqrt(max(self.misfit - 1, 0.0) / light) if light > 0 else 0.0
 
     @property
     def explained(self) -> bool:
