@@ -351,6 +351,7 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
             solution.pieces,
             still.growth,
             of_scene=found.errors,
+            rivals=() if found.estimate is None else found.estimate.rivals,
         ),
     )
 

@@ -298,8 +298,9 @@ def _climbed(evidence: Evidence, seconds: float, remark: str) -> LadderResult:
     taken = _Step(best.rung, attempt, best.seconds + time.perf_counter() - began)
     steps[steps.index(best)] = taken
     tried = tuple(step.tried(evidence, step is taken, _reason(evidence, steps, step, taken)) for step in steps)
-    scene = taken.attempt.scene
-    return LadderResult(scene, dataclasses.replace(evidence.estimate, scene=scene, errors=taken.attempt.errors), tried)
+    found = taken.attempt
+    estimate = dataclasses.replace(evidence.estimate, scene=found.scene, errors=found.errors, rivals=found.rivals)
+    return LadderResult(found.scene, estimate, tried)
 
 
 def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:

@@ -11,7 +11,7 @@ import numpy as np
 from polaropt.capture import Capture, StokesImages
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.wide.blocks import SCATTERS, PolarizedBlocks
-from polaropt.optics import SceneErrors, SceneParameters
+from polaropt.optics import Rival, SceneErrors, SceneParameters
 
 # Mean square, in units of the noise, up to which polarized light counts as explained, beside its own scatter. Set
 # by hand.
@@ -106,6 +106,8 @@ class RungFit:
         compared by this one where there is one.
     told_by_edges : bool
         Whether edges and spectra tell these numbers, even where the plain pane leaves no polarized light.
+    rivals : tuple of Rival
+        Other scenes that explain the capture about as well.
     """
 
     scene: SceneParameters
@@ -116,6 +118,7 @@ class RungFit:
     errors: SceneErrors = SceneErrors()  # noqa: RUF009 (frozen)
     agreed_misfit: float | None = None
     told_by_edges: bool = False
+    rivals: tuple[Rival, ...] = ()
 
     @property
     def compared(self) -> float:

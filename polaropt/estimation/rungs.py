@@ -206,7 +206,8 @@ def _polarized(evidence: Evidence) -> RungFit:
     enough = 0.0 if fit.misfit <= noise_misfit(evidence.blocks.n) < evidence.misfit else enough
     known = evidence.wanted == "polarized" or fit.gain > enough
     remark = "" if known else "Polarized light makes it hardly any likelier."
-    return RungFit(fit.scene, fit.misfit, 5, known, remark, fit.errors, told_by_edges=fit.gain > _LEAST_GAIN_OF_EDGES)
+    told = fit.gain > _LEAST_GAIN_OF_EDGES
+    return RungFit(fit.scene, fit.misfit, 5, known, remark, fit.errors, told_by_edges=told, rivals=fit.rivals)
 
 
 def _may_be_polarized_and_vary(evidence: Evidence) -> bool:

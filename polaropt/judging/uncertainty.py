@@ -18,7 +18,7 @@ from polaropt.capture import Capture, NoiseModel, noise_classes
 from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
 from polaropt.numerics import strips
-from polaropt.optics import FIELDS, PSE, Field, SceneErrors, SceneParameters, VaryingPSE
+from polaropt.optics import FIELDS, PSE, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.solving import Piece, Problem, Tile, Weights
 from priors.base import CHROMA_WEIGHT
 from solvers.kernels import in_blocks
@@ -46,8 +46,8 @@ class Doubt:
     n_errors: float
 
 
-def doubts(scene: SceneParameters, errors: SceneErrors) -> tuple[Doubt, ...]:
-    """Moved scenes for every number of a complete scene that was estimated.
+def doubts(scene: SceneParameters, errors: SceneErrors, rivals: Sequence[Rival] = ()) -> tuple[Doubt, ...]:
+    """Moved scenes for every number of a complete scene that was estimated, and its rivals.
 
     Parameters
     ----------
@@ -55,9 +55,14 @@ def doubts(scene: SceneParameters, errors: SceneErrors) -> tuple[Doubt, ...]:
     errors : SceneErrors
         What is None in it adds nothing; nor does the azimuth of a flat pane that is seen from far, as polarization
         falls with the cosine of its error.
+    rivals : sequence of Rival
+        Where there are any, they say how the numbers that they differ in move together.
     """
     # Ghosts hardly matter to how slow changes answer, and before a wide lens they cost many times as much.
     base = scene.replace(ghost_shift=0.0, transmission_ghost_shift=None, gap_shift=0.0) if scene.varies else scene
+    if rivals:
+        # Half of what the layers move by from below to above, per error, is what chance makes of the whole.
+        return tuple(Doubt(base, rival.scene, 0.5 / math.sqrt(rival.chance)) for rival in rivals)
     return tuple(_moved(base, errors))
 
 
@@ -101,7 +106,8 @@ def scene_variance(
 
 
 def _moved(scene: SceneParameters, errors: SceneErrors) -> Iterator[Doubt]:
-    """A doubt for each number that was estimated, but for the light's polarization, which is taken as exact."""
+    """A doubt for each number that was estimated."""
+    yield from _of_light(scene, errors)
     for field in FIELDS:
         if not field.estimable or len(field.components) > 1:
             continue
@@ -115,6 +121,27 @@ def _moved(scene: SceneParameters, errors: SceneErrors) -> Iterator[Doubt]:
         if 0 < error < math.inf:
             below, above = (scene.replace(bend_deg_per_px=_bent(scene, i, sign * error)) for sign in (-1, 1))
             yield Doubt("bend_deg_per_px", below, above, 1.0)
+
+
+def _of_light(scene: SceneParameters, errors: SceneErrors) -> Iterator[Doubt]:
+    """Doubts of the degrees and angles of polarization of the layers' light, as far as these can be.
+
+    Where all images lie in place they move with the pane, as its rivals tell.
+    """
+    if not scene.has_ghosts:
+        return
+    for name in ("transmission_polarization", "reflection_polarization"):
+        (degree, angle), stated = getattr(scene, name), getattr(errors, name)
+        if stated is None or not degree:
+            continue
+        most_degree, most_angle = (min(error, _LARGEST[unit]) for error, unit in zip(stated, ("", "deg"), strict=True))
+        below, above = max(0.0, degree - most_degree), min(1.0, degree + most_degree)
+        pairs = [((below, angle), (above, angle)), ((degree, angle - most_angle), (degree, angle + most_angle))]
+        # What is fully polarized cannot be more so.
+        widths = ((above - below) / 2 / most_degree if most_degree else 0.0, float(most_angle > 0))
+        for (low, high), width in zip(pairs, widths, strict=True):
+            if width > 0:
+                yield Doubt(scene.replace(**{name: low}), scene.replace(**{name: high}), width)
 
 
 @dataclass(frozen=True)
@@ -189,6 +216,7 @@ def estimate_uncertainty(
     growth: NoiseModel | None = None,
     *,
     of_scene: SceneErrors = SceneErrors(),  # noqa: B008 (frozen)
+    rivals: Sequence[Rival] = (),
 ) -> Iterator[UncertaintyStrip]:
     """Standard errors from the variance that each place's photographs and spectra leave, and from the scene's errors.
 
@@ -205,9 +233,11 @@ def estimate_uncertainty(
         How the noise grows with the light. Default: it is the same everywhere.
     of_scene : SceneErrors
         Of what was estimated of the scene. Default: it is known.
+    rivals : sequence of Rival
+        Other scenes that the true one may be.
     """
     colors, (height, width) = layers.shape[1], layers.shape[-2:]
-    doubtful = doubts(pieces[0].pse.scene, of_scene)
+    doubtful = doubts(pieces[0].pse.scene, of_scene, rivals)
     bands = [list(band) for _, band in groupby(pieces, key=lambda piece: piece.tile.rows.start)]
     ends = [*(band[0].tile.rows.start for band in bands[1:]), height]
     # What the band above has left in the rows that both cover.

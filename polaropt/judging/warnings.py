@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, Mistakes, NoiseModel, find_mistakes, registered_noise
 from polaropt.estimation import NOTABLE_STAKE, AngleMistake, LikelierIndex, SceneEstimate, angle_mistake
 from polaropt.judging.loss import SceneLoss
-from polaropt.optics import SceneParameters, stokes_from_intensities
+from polaropt.optics import SceneParameters, expected_error, stokes_from_intensities
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -34,6 +34,9 @@ _MUCH_LOSS_DB = 4.5
 """Expected loss of the transmission for the errors of the scene. From there on it is about as likely as not that 3 dB
 are lost: normal errors lose them with 46 %. On 69 random windows to fit on (`studies.random_windows`, even seeds) it
 is said of 7 of 27 that fail and of 2 of 42 others; from 3 dB on of 9 and 5, from 6 dB on of 3 and 1."""
+_MUCH_OFF = 0.02
+"""Expected error of the transmission, as a share of it, for panes that show the same: about what noise alone leaves (44
+dB) on the random windows to fit on (`studies.random_windows`)."""
 # Pixels per side that the contrast is taken from, at most about twice as many.
 _SAMPLE = 128
 
@@ -106,6 +109,11 @@ class SeparationWarning(Enum):
     AXIS_DOUBTFUL = (
         "A pane whose plane of incidence lies across, its layers exchanged, explains the photographs about as well: "
         "take them with less noise, or tell the azimuth (how the plane of incidence lies in the picture)."
+    )
+    POLARIZATION_DOUBTFUL = (
+        "Several panes before polarized light show the same, as no double images are seen: how bright the layers are, "
+        "and which is which, is told by what is likely alone. Tell the incidence, or photograph the glass from another "
+        "side."
     )
     MODEL_DOES_NOT_EXPLAIN = (
         "The pane with these parameters does not explain the photographs down to their noise: "
@@ -235,6 +243,7 @@ def diagnose(
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
         SeparationWarning.COATED: coated,
         SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),
+        SeparationWarning.POLARIZATION_DOUBTFUL: estimate is not None and expected_error(estimate.rivals) > _MUCH_OFF,
         SeparationWarning.MODEL_DOES_NOT_EXPLAIN: polarized and (misfit_ratio > _BAD_FIT or unexplained > _MUCH_LEFT),
         SeparationWarning.MOVING: moving is not None,
         SeparationWarning.SOLVER_FAILED: not finite,

@@ -20,6 +20,7 @@ __all__ = [
     "GhostSum",
     "Pane",
     "Plate",
+    "Rival",
     "SampledPSE",
     "Sampling",
     "SceneErrors",
@@ -32,6 +33,7 @@ __all__ = [
     "change_basis",
     "dolp_aolp",
     "engine_for",
+    "expected_error",
     "frame_matrix",
     "ghost_step",
     "ghost_sum",
@@ -53,6 +55,7 @@ __all__ = [
     "stokes_vector",
     "vertical_reach",
     "viewing_angles",
+    "widened",
     "window_orders",
 ]
 
@@ -88,6 +91,9 @@ from .plate import in_place_weights as in_place_weights
 from .plate import plate_at as plate_at
 from .plate import plate_of as plate_of
 from .plate import window_orders as window_orders
+from .rivals import Rival as Rival
+from .rivals import expected_error as expected_error
+from .rivals import widened as widened
 from .sampling import SampledPSE as SampledPSE
 from .sampling import Sampling as Sampling
 from .scene import DARKEST_TINT as DARKEST_TINT

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pandas import DataFrame
 
-from studies.random_windows.windows import POLARIZED_FAMILIES
+from studies.random_windows.windows import LEAST_SHIFT_PX, POLARIZED_FAMILIES
 
 NEAR_DB, ADEQUATE_DB, WORSE_DB = 3.0, 1.0, 0.1
 """Below the solve with the scene known: what a separation may lose, what a lower rung may lose to be adequate; and what
@@ -31,11 +31,14 @@ def facts(row: Any) -> frozenset[str]:
     """Warnings that are true of a scene, whether or not it fails."""
     gain = row.known_transmission - row.nothing
     none_of_ours = row.moving > 0 or row.gain_error > 0 or row.angle_error_deg or row.index != row.index_told
+    in_place = abs(row.shift_px) < LEAST_SHIFT_PX and row.panes == 1
     true = {
         "SATURATED": row.clipped > 0,
         "NEAR_NORMAL": row.incidence_deg < 12,
         "GRAZING": row.incidence_deg > 84,
         "POLARIZED_SOURCE": row.screen > 0 or row.sky > 0,
+        # Only double images tell panes before polarized light from one another.
+        "POLARIZATION_DOUBTFUL": in_place and (row.screen > 0 or row.sky > 0),
         "REFLECTION_NOT_IDENTIFIABLE": row.detail < LITTLE_DETAIL,
         "NOISE_TOO_HIGH": row.noise > MUCH_NOISE or gain < LITTLE_GAIN_DB or row.known_detail < LITTLE_DETAIL,
         "NO_POLARIZATION": gain < ADEQUATE_DB,

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from polaropt.capture.capture import Capture
 from polaropt.capture.noise import noise_level
+from polaropt.capture.pair_gain import closure_share
 from polaropt.capture.polarization import StokesImages, stokes_images
 from polaropt.estimation.ladder import find_scene
+from polaropt.estimation.polarized.alike import panes_alike
 from polaropt.estimation.polarized.kernels import pane_vectors
 from polaropt.estimation.polarized.light import (
     Candidate,
@@ -27,8 +29,10 @@ from polaropt.estimation.polarized.light import (
 from polaropt.estimation.polarized.likelihood import PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture, looks_polarized
 from polaropt.estimation.polarized.search import Search
+from polaropt.judging.warnings import SeparationWarning
 from polaropt.numerics.minima import Box
 from polaropt.optics.plate import plate_at
+from polaropt.optics.rivals import Rival, expected_error, widened
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.report import json_values
 from polaropt.reporting.words import pane_sentence
@@ -349,3 +353,67 @@ def test_the_kernel_sums_ghosts_as_the_plate_does(changes):
     series = plate_at(72.0, scene).at(np.exp(-1j * phase[:, None]))
     expected = np.stack([np.broadcast_to(layer, (phase.size, 3)) for layer in series], axis=1)
     np.testing.assert_allclose(vectors[..., 0] + 1j * vectors[..., 1], expected, atol=1e-6)
+
+
+def with_gains(capture: Capture, gains: tuple[float, ...]) -> Capture:
+    return capture.replace(intensities=capture.intensities * np.float32(gains)[:, None, None, None])
+
+
+def test_gains_that_differ_are_not_taken_for_polarized_light() -> None:
+    # They tilt the plane of the Stokes vectors as polarized light does, but pairs no longer add up.
+    capture = with_gains(blend(size=128, ghost_shift=0.0).capture, (1.013, 0.994, 0.986, 0.997))
+    found = find_scene(capture, BLIND, noise_level(capture))
+    assert found.unexplained > 1.5
+    assert not found.scene.polarized
+
+
+def test_photographs_tell_by_how_much_they_do_not_add_up() -> None:
+    capture = blend(size=128, ghost_shift=0.0, **SCREEN).capture
+    assert closure_share(capture.intensities, capture.angles_deg, capture.valid) == 0
+    off = with_gains(capture, (1.02, 1.0, 1.02, 1.0))
+    # Of four photographs that are half the light each it is a half.
+    share = closure_share(off.intensities, off.angles_deg, off.valid)
+    assert share == pytest.approx(0.01, rel=0.1)
+    three = [0, 1, 2]
+    assert closure_share(off.intensities[three], [off.angles_deg[i] for i in three], off.valid[three]) == 0
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_directions_of_strongly_polarized_layers_are_the_likeliest_that_light_can_have(number: int) -> None:
+    # Beyond full polarization others may be likelier; moved back from there they are far from the likeliest.
+    scene = SceneParameters(52.0, 15.0, 0.0, transmission_polarization=(0.95, 160.0))
+    capture = simulate(*lively_layers(number), scene, noise=3e-3)
+    mixture = Mixture(stokes_of(capture))
+    vectors = mixture.vectors()
+    assert (np.hypot(vectors[:, 1], vectors[:, 2]) <= 1 + 1e-6).all()
+    assert mixture.cost(vectors) < mixture.cost(shown_by(point_of(scene), scene)) + 1e-3
+
+
+def test_ghosts_are_not_close_where_none_explain_more_the_closer_they_are() -> None:
+    made = blend(size=96, ghost_shift=0.0, **SCREEN)
+    likelihood = PolarizedLikelihood(stokes_of(made.capture), BLIND)
+    search = Search(likelihood, Mixture(stokes_of(made.capture)), BLIND)
+    rough = search.rough([Candidate(point_of(made.scene), True, False)])
+    assert all(found.candidate.point[2] == 0 for found in rough)
+
+
+def test_panes_that_show_the_same_are_told() -> None:
+    made = blend(40.0, size=96, ghost_shift=0.0, **SCREEN)
+    stokes = stokes_of(made.capture)
+    likelihood, true = PolarizedLikelihood(stokes, BLIND), point_of(made.scene)
+    mixture = Mixture(stokes)
+    rivals = panes_alike(likelihood, lambda shown: 5 * mixture.cost(shown), true, BLIND)
+    assert 0.5 < sum(rival.chance for rival in rivals) <= 1 + 1e-9
+    shown = shown_by(true, BLIND)
+    assert min(apart(shown_by(point_of(rival.scene), BLIND), shown) for rival in rivals) < 0.1
+    wider = widened(SceneErrors(5.0, 4.0), made.scene, rivals)
+    assert wider.incidence_deg is not None
+    assert wider.incidence_deg > 5
+    assert expected_error([Rival(made.scene, 0.25, 1.0)]) == 0.5
+
+
+def test_it_is_said_that_panes_before_polarized_light_look_alike() -> None:
+    made = blend(40.0, size=128, ghost_shift=0.0, **SCREEN)
+    result = separate(made.capture)
+    assert result.scene.polarized
+    assert SeparationWarning.POLARIZATION_DOUBTFUL in result.diagnostics.warnings

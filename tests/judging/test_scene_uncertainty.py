@@ -10,7 +10,9 @@ from polaropt import separate
 from polaropt.capture.noise import measured_noise
 from polaropt.judging.loss import scene_loss
 from polaropt.judging.uncertainty import doubts, scene_variance
-from polaropt.optics.scene import SceneErrors
+from polaropt.optics.rivals import Rival
+from polaropt.optics.scene import SceneErrors, SceneParameters
+from polaropt.solving import Problem, Weights
 from polaropt.solving.solution import tiles
 from tests.blends import Blend, blend
 
@@ -119,3 +121,27 @@ def test_the_number_that_costs_most_is_named_and_rivals_of_a_shift_cost_nothing(
     assert loss(incidence_deg=0.01, focal_px=30.0).number == "focal_px"
     assert loss() is None
     assert loss(ghost_shift=3.0) is None
+
+
+def test_degree_and_angle_of_polarized_light_are_in_doubt_where_ghosts_tell_them():
+    scene = SceneParameters(60.0, 25.0, 5.0, transmission_polarization=(0.8, 140.0))
+    errors = SceneErrors(transmission_polarization=(0.3, 5.0), reflection_polarization=(0.1, 20.0))
+    degree, angle = doubts(scene, errors)
+    assert degree.below.transmission_polarization == pytest.approx((0.5, 140.0))
+    assert degree.above.transmission_polarization == pytest.approx((1.0, 140.0))
+    assert degree.n_errors == pytest.approx(2.5 / 3)
+    assert angle.above.transmission_polarization == pytest.approx((0.8, 145.0))
+    assert doubts(scene.replace(ghost_shift=0.0), errors) == ()
+
+
+def test_what_a_rival_makes_of_the_layers_counts_by_its_chance():
+    example = blend(60, 64, ghost_shift=0.0, transmission_polarization=(0.6, 140.0))
+    noise, _ = measured_noise(example.capture)
+    other = example.scene.replace(incidence_deg=50.0)
+    likely, sure = (
+        scene_variance(example.capture, noise, doubts(example.scene, SceneErrors(5.0), [Rival(other, chance, 0.1)]))
+        for chance in (0.25, 1.0)
+    )
+    np.testing.assert_allclose(4 * likely, sure, rtol=1e-4)
+    moved = [Problem(example.capture, scene, noise, Weights()).known.layers for scene in (example.scene, other)]
+    assert sure.mean() == pytest.approx(np.square(moved[1] - moved[0]).mean(), rel=0.3)

@@ -106,6 +106,8 @@ def test_a_warning_is_false_where_nothing_fails_and_it_is_not_true():
     assert not only(39.0, warnings=("MODEL_DOES_NOT_EXPLAIN",), moving=0.2).false_alarm
     assert not only(36.0, warnings=("AXIS_DOUBTFUL",)).false_alarm
     assert not only(39.0, warnings=("POLARIZED_SOURCE",), sky=0.3).false_alarm
+    assert not only(39.0, warnings=("POLARIZATION_DOUBTFUL",), sky=0.3, panes=1).false_alarm
+    assert only(39.0, warnings=("POLARIZATION_DOUBTFUL",), sky=0.3, panes=1, shift_px=5.0).false_alarm
 
 
 def test_a_rung_is_adequate_that_was_made_or_a_lower_one_that_does():

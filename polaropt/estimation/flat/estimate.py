@@ -19,7 +19,7 @@ from polaropt.estimation.flat.azimuth import HIGH_STAKE, AxisCandidate, choose_a
 from polaropt.estimation.flat.errors import widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
-from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_LIMITS_DEG, SceneErrors, SceneParameters
+from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_LIMITS_DEG, Rival, SceneErrors, SceneParameters
 
 _POLARIZED_SNR = 10.0
 """Standard errors of what noise alone would leave that polarized light must have to be believed. Set by hand."""
@@ -58,6 +58,8 @@ class SceneEstimate:
         Edge overlap of the layers over trial incidences.
     shift_grid, shift_misfit : ndarray
         Minus log likelihood over trial ghost shifts, less its minimum.
+    rivals : tuple of Rival
+        Other scenes that explain the capture about as well.
     """
 
     scene: SceneParameters
@@ -71,11 +73,14 @@ class SceneEstimate:
     overlap: Curve
     shift_grid: Curve
     shift_misfit: Curve
+    rivals: tuple[Rival, ...] = ()
 
     def scaled(self, factor: float) -> SceneEstimate:
         """The same of photographs with so many times the pixels a side."""
         grid = factor * self.shift_grid
-        return replace(self, scene=self.scene.scaled(factor), errors=self.errors.scaled(factor), shift_grid=grid)
+        rivals = tuple(rival.scaled(factor) for rival in self.rivals)
+        scene, errors = self.scene.scaled(factor), self.errors.scaled(factor)
+        return replace(self, scene=scene, errors=errors, shift_grid=grid, rivals=rivals)
 
     @property
     def better_left(self) -> bool:

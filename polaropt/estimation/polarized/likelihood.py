@@ -172,13 +172,17 @@ class PolarizedLikelihood:
 
         That is polarized light, the more the stronger it is, layers of very different brightness, a grazing view.
         """
-        pane = self.pane(point)
-        means = np.linalg.lstsq((in_place(pane.light) @ pane.mixing.T).T, self._mean, rcond=None)[0]
-        means = np.maximum(means, _DARKEST * self._intensity)
+        means = self.brightness(point)
         degrees = np.hypot(point[[3, 5]], point[[4, 6]])
         polarized = float(np.sum(_DEGREE_COST * np.square(degrees) + _PRESENCE_COST * (degrees > 0)))
         grazing = max(0.0, float(point[INCIDENCE]) - _GRAZING_DEG)
         return polarized + _BALANCE_COST * float(np.log(means[1] / means[0])) ** 2 + _GRAZING_COST * grazing
+
+    def brightness(self, point: Point) -> Values:
+        """Mean of each layer there, (2,)."""
+        pane = self.pane(point)
+        means = np.linalg.lstsq((in_place(pane.light) @ pane.mixing.T).T, self._mean, rcond=None)[0]
+        return np.asarray(np.maximum(means, _DARKEST * self._intensity))
 
     def leftover(self, point: Point) -> tuple[float, int]:
         """Mean square, in units of the noise, of coarse light that no two layers make there; and how many it is of."""

@@ -16,6 +16,7 @@ at another incidence. But the directions in which edges say that the layers lie 
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,8 @@ _DIRECTIONS = 36
 _LEAST_APART = 1e-4
 # From the best pair: first step in radians, and evaluations at most. Set by hand.
 _STEP, _EVALUATIONS = np.radians(2.0), 60
+# Pairs that are each likelier than their neighbours, at most. Set by hand.
+_PAIRS = 2
 
 
 class Mixture:
@@ -68,7 +71,12 @@ class Mixture:
 
     def vectors(self) -> Values:
         """The likeliest Stokes vectors (2, 3), s0 = 1."""
-        return np.stack([self._vector(angle) for angle in self._windows.directions()])
+        return self.likely_vectors()[0]
+
+    def likely_vectors(self) -> list[Values]:
+        """The likeliest Stokes vectors, and others that are likelier than all like them: ghosts disturb edges."""
+        pairs = self._windows.directions(self._possible())
+        return [np.stack([self._vector(angle) for angle in pair]) for pair in pairs]
 
     def cost(self, vectors: Values) -> float:
         """Minus twice the log likelihood per gradient of two Stokes vectors (2, 3): in their plane, and that it is."""
@@ -78,6 +86,19 @@ class Mixture:
         x, y = self._plane.T @ np.stack([first, second], axis=1)
         angles = np.arctan2(y, x)
         return float(self._windows.cost(float(angles[0]), float(angles[1]))[0]) + 0.5 * (off - self.misfit)
+
+    def _possible(self) -> tuple[float, float]:
+        """First and last (rad) of the directions in the plane that light can have.
+
+        There ``s0^2 - s1^2 - s2^2``, a quadratic form of the direction, is not negative.
+        """
+        axes = self._unwhiten @ self._plane
+        form = axes.T @ np.diag([HIGHEST_DEGREE**2, -1.0, -1.0]) @ axes
+        mean, along, across = (form[0, 0] + form[1, 1]) / 2, (form[0, 0] - form[1, 1]) / 2, form[0, 1]
+        swing = max(math.hypot(along, across), 1e-30)
+        middle, width = math.atan2(across, along) / 2, math.acos(min(1.0, max(-1.0, -mean / swing))) / 2
+        width = max(width, _STEP)
+        return middle - width, middle + width
 
     def _vector(self, angle: float) -> Values:
         """With intensity 1, and no more polarized than light can be."""
@@ -128,20 +149,42 @@ class Windows:
         value = self._count * np.log(det) + (FREEDOM + 2 * self._count) * np.log(FREEDOM + distance)
         return np.asarray(value.sum(axis=1) / self._count.sum())
 
-    def directions(self) -> tuple[float, float]:
-        """Angles (rad) of the likeliest pair of directions.
+    def directions(self, possible: tuple[float, float]) -> list[tuple[float, float]]:
+        """Angles (rad) of the likeliest pairs of directions, the best first, each likelier than its neighbours.
 
         They are looked for where the cloud of gradients is round: uncorrelated layers are at right angles there.
+
+        Parameters
+        ----------
+        possible : (float, float)
+            First and last (rad) of those that light can have.
         """
-        angle = self._unrounded(np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS)
-        costs = np.full((_DIRECTIONS, _DIRECTIONS), np.inf)
+        first, last = self._rounded(np.array(possible))
+        last = first + (last - first) % (2 * np.pi)
+        round_angles = np.linspace(first, last, _DIRECTIONS)
+        angle = self._unrounded(round_angles)
+        costs = np.full((_DIRECTIONS + 2, _DIRECTIONS + 2), np.inf)
         for i in range(1, _DIRECTIONS):
-            costs[i, :i] = self.cost(float(angle[i]), angle[:i])
-        start = np.array(np.unravel_index(np.argmin(costs), costs.shape)) * np.pi / _DIRECTIONS
-        far = np.full(2, 2 * np.pi)
-        box = Box(start, np.full(2, _STEP), -far, far)
-        first, second = self._unrounded(box.minimum(lambda x: float(self.cost(*self._unrounded(x))[0]), _EVALUATIONS))
-        return float(first), float(second)
+            costs[i + 1, 1 : i + 1] = self.cost(float(angle[i]), angle[:i])
+
+        def cost(x: Values) -> float:
+            return float(self.cost(*self._unrounded(x))[0])
+
+        inner = costs[1:-1, 1:-1]
+        around = [
+            costs[1 + i : _DIRECTIONS + 1 + i, 1 + j : _DIRECTIONS + 1 + j] for i, j in product((-1, 0, 1), repeat=2)
+        ]
+        valleys = np.argwhere((inner <= np.min(around, axis=0)) & np.isfinite(inner))
+        valleys = valleys[np.argsort(inner[tuple(valleys.T)])][:_PAIRS]
+        ends = np.full(2, first), np.full(2, last)
+        found = [Box(round_angles[valley], np.full(2, _STEP), *ends).minimum(cost, _EVALUATIONS) for valley in valleys]
+        found.sort(key=cost)
+        return [(float(one), float(other)) for one, other in map(self._unrounded, found)]
+
+    def _rounded(self, angle: Values) -> Values:
+        """Angles in coordinates in which the cloud is round."""
+        x, y = np.linalg.solve(self._spread, np.stack([np.cos(angle), np.sin(angle)]))
+        return np.asarray(np.arctan2(y, x))
 
     def _unrounded(self, angle: Values) -> Values:
         """Angles of directions from those in coordinates in which the cloud is round."""

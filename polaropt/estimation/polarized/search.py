@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
+from polaropt.estimation.polarized.alike import panes_alike
 from polaropt.estimation.polarized.light import (
     AZIMUTH,
     HIGHEST_DEG,
@@ -43,7 +44,7 @@ from polaropt.estimation.polarized.light import (
 from polaropt.estimation.polarized.likelihood import Levels, PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture
 from polaropt.numerics import Box, jackknife_error, left_out
-from polaropt.optics import GHOST_SHIFT_SEARCH_PX, SceneErrors, SceneParameters, brewster_angle_deg
+from polaropt.optics import GHOST_SHIFT_SEARCH_PX, Rival, SceneErrors, SceneParameters, brewster_angle_deg, widened
 
 Values = NDArray[np.float64]
 
@@ -132,16 +133,20 @@ _LEAST_SHIFT, _N_SHIFTS = 2.0, 3
 """Pixels below which ghosts are not told from a blur, and how many shifts are compared closely. Set by hand."""
 _SHIFTS = np.arange(-GHOST_SHIFT_SEARCH_PX, GHOST_SHIFT_SEARCH_PX + 1)
 """Ghost shifts that are looked at, in pixels: one pixel apart, all that are searched."""
-_TURNS_DEG = (-9.0, -4.5, 4.5, 9.0)
+_TURNS_DEG = (-18.0, -13.5, -9.0, -4.5, 4.5, 9.0, 13.5, 18.0)
 """Directions of ghosts that are looked at, from the azimuth of one polarized layer. Set by hand."""
-_LEAST_GHOST_GAIN, _BLUR_PX = 0.01, 4.0
-"""Score that ghosts must gain, and pixels at which it is double: closer ones mimic a blur. By trial."""
+_LEAST_GHOST_GAIN, _LEAST_GAIN_OF_BOTH, _BLUR_PX = 0.01, 0.02, 4.0
+"""Score that ghosts must gain, with a single polarized layer and with two, and pixels at which it is double: closer
+ones mimic a blur. By trial."""
 _TWINS_DEG, _LEAST_OFF_DEG = 14.0, 4.0
 """Distance from Brewster's angle up to which its other side is looked at, too, and how far from it at least. By
 trial."""
-_HOPELESS, _HOPELESS_START = 0.03, 0.01
-"""Score by which a candidate in place may be worse than the best one for its ghosts to be looked at, and with them. By
-trial."""
+_HOPELESS, _HOPELESS_START = 0.03, 0.2
+"""Score by which a candidate in place may be worse than the best one for its ghosts to be looked at, and with them:
+where true ghosts bend what is seen in place they begin by 0.02 to 0.18 worse, and end better. By trial, on the random
+windows to fit on."""
+_STILL_MOVING, _MOST_ROUNDS = 0.004, 4
+"""Score that a rough search must have gained to go on, and how often it begins at most. Set by hand."""
 # Coordinates of the search: incidence and azimuth (degrees), ghost shift (px), and (s1, s2) that each layer shows.
 # First steps, and bounds: degrees of polarization short of 1, the rest wide enough for no minimum to meet. By hand.
 _STEPS = np.array([2.0, 1.0, 0.5, 0.02, 0.02, 0.03, 0.03])
@@ -222,7 +227,7 @@ class Search:
         likely = [found.candidate for found in in_place if found.score < limit + _HOPELESS]
         starts = [start for candidate in likely for start in self._with_ghosts(candidate)]
         ghosts = [self._improved(start) for start in starts if self._fitted(start.point) < limit + _HOPELESS_START]
-        return in_place + [found for found in ghosts if limit - found.score > _least_gain(found.candidate.point)]
+        return in_place + [found for found in ghosts if limit - found.score > _least_gain(found.candidate)]
 
     def finely(self, candidate: Candidate) -> ScoredCandidate:
         """The candidate where spectra are likeliest; spectra and edges make its score."""
@@ -279,30 +284,34 @@ class Search:
         # Spectra fitted with ghosts far away suit all of them alike.
         levels = likelihood.levels(likelihood.pane(_moved(candidate.point, GHOST_SHIFT_SEARCH_PX)))
 
-        def likeliest(turns: Sequence[float]) -> Point | None:
+        def likeliest(turns: Sequence[float]) -> list[Point]:
             rows = [
                 [point_showing(Place(incidence, azimuth + turn, shift), shown, asked) for shift in _SHIFTS]
                 for turn in turns
             ]
-            likely = self._valleys(rows, levels)
-            return min(likely, key=self._fitted) if likely else None
+            return [min(likely, key=self._fitted) for likely in self._valleys(rows, levels) if likely]
 
         along = likeliest((0.0,))
-        turned = likeliest(_TURNS_DEG) if asked.azimuth_deg is None else None
+        turned = likeliest(_TURNS_DEG) if asked.azimuth_deg is None else []
         # A glance often mistakes the side on which the ghosts lie.
-        shifts = [] if along is None else [along[SHIFT], -along[SHIFT]]
+        shifts = [sign * float(point[SHIFT]) for point in along for sign in (1, -1)]
         found = [dataclasses.replace(candidate, point=_moved(candidate.point, shift)) for shift in shifts]
-        return found if turned is None else [*found, Candidate(turned, True, True)]
+        return [*found, *(Candidate(point, True, True) for point in turned)]
 
-    def _valleys(self, rows: Sequence[Sequence[Point]], levels: Levels) -> list[Point]:
-        """Where a glance at points, a row along the shifts each, sees the lowest valleys."""
+    def _valleys(self, rows: Sequence[Sequence[Point]], levels: Levels) -> list[list[Point]]:
+        """Where a glance at points, a row along the shifts each, sees the lowest valleys, far ones and close ones.
+
+        Close ones mimic a blur, which suits nearly any capture, and would crowd out all others.
+        """
         likelihood = self._likelihood
         scores = np.array([[likelihood.glance(likelihood.pane(point), levels) for point in row] for row in rows])
-        scores[:, np.abs(_SHIFTS) < _LEAST_SHIFT] = np.inf
         inside = scores[:, 1:-1]
         valleys = np.argwhere((inside <= scores[:, :-2]) & (inside < scores[:, 2:])) + np.array([0, 1])
-        valleys = valleys[np.argsort(scores[tuple(valleys.T)])][:_N_SHIFTS]
-        return [bounded(rows[i][j]) for i, j in valleys]
+        # That the least of the shifts is likelier than farther ones tells of no ghosts, not of close ones.
+        valleys = valleys[np.abs(_SHIFTS[valleys[:, 1]]) >= _LEAST_SHIFT]
+        valleys = valleys[np.argsort(scores[tuple(valleys.T)])]
+        far = np.abs(_SHIFTS[valleys[:, 1]]) >= _BLUR_PX
+        return [[bounded(rows[i][j]) for i, j in part[:_N_SHIFTS]] for part in (valleys[far], valleys[~far])]
 
     def _in_place(self, candidate: Candidate) -> ScoredCandidate:
         """The candidate where what it shows in place is likeliest."""
@@ -316,8 +325,14 @@ class Search:
 
     def _improved(self, candidate: Candidate) -> ScoredCandidate:
         """The candidate moved to where its spectra are likeliest, roughly."""
-        found = self._best(candidate, self._score(candidate.point, False), _ROUGH)
-        return ScoredCandidate(found, self._fitted(found.point))
+        before = ScoredCandidate(candidate, self._fitted(candidate.point))
+        for _ in range(_MOST_ROUNDS):
+            moved = self._best(before.candidate, self._score(before.candidate.point, False), _ROUGH)
+            found = ScoredCandidate(moved, self._fitted(moved.point))
+            if before.score - found.score < _STILL_MOVING:
+                return min(before, found, key=lambda one: one.score)
+            before = found
+        return before
 
     def _refined(self, candidate: Candidate, edges: bool = False) -> ScoredCandidate:
         """The candidate moved to where its spectra, or spectra and edges, are likeliest, by Newton steps."""
@@ -365,10 +380,11 @@ class Search:
         return bounded(point)
 
 
-def _least_gain(point: Point) -> float:
-    """What the ghosts of a point must gain."""
-    shift = abs(float(point[SHIFT]))
-    return _LEAST_GHOST_GAIN * (1 + (_BLUR_PX / shift) ** 4) if shift >= _LEAST_SHIFT else math.inf
+def _least_gain(candidate: Candidate) -> float:
+    """What the ghosts of a candidate must gain; more numbers explain more by chance."""
+    shift = abs(float(candidate.point[SHIFT]))
+    least = _LEAST_GHOST_GAIN if _single(candidate) else _LEAST_GAIN_OF_BOTH
+    return least * (1 + (_BLUR_PX / shift) ** 4) if shift >= _LEAST_SHIFT else math.inf
 
 
 def _free(candidate: Candidate, asked: SceneParameters) -> NDArray[np.intp]:
@@ -398,12 +414,16 @@ _SAME_PLACE = np.array([3.0, 3.0, 0.5])
 _SURELY_LIKELIER = 2.5
 """Standard errors by which the less usual polarized light must explain more: behind the pane, and in both layers. By
 trial; the test is Vuong's."""
+_SURE_OF_GHOSTS = 1.3
+"""The same of ghosts. By trial: on the random windows to fit on, ghosts that are none gain 0.4 to 1.0 standard errors,
+and true ones 1.4 to 10 (one: 0.6). What is in doubt is left out: accidents cost far more than true ghosts add."""
 
 
 def finalists(rough: Sequence[ScoredCandidate]) -> list[Candidate]:
     """Candidates that may be the best, without those that came to the same place as a better one of their kind.
 
-    The best one with a single polarized layer is always among them, and the best one with each where both come close.
+    The best one in place is always among them, the best one with a single polarized layer, and the best one with each
+    where both come close.
     """
     ranked = sorted(rough, key=lambda found: found.score)
     chosen: list[Candidate] = []
@@ -413,6 +433,7 @@ def finalists(rough: Sequence[ScoredCandidate]) -> list[Candidate]:
         new = all(np.any(np.abs(candidate.point - other.point)[:3] > _SAME_PLACE) for other in alike)
         close = found.score <= ranked[0].score + _CLOSE
         first = _single(candidate) and (not any(_single(other) for other in chosen) or (close and not alike))
+        first = first or (not candidate.point[SHIFT] and all(other.point[SHIFT] for other in chosen))
         if first or (new and len(chosen) < _MOST and close):
             chosen.append(candidate)
     return chosen
@@ -427,6 +448,14 @@ def choose(search: Search, likelihood: PolarizedLikelihood, candidates: Sequence
     polarized as to look like one, and where a sky is taken for a screen another incidence makes up for its light.
     """
     fine = [search.finely(candidate) for candidate in candidates]
+    in_place = [found for found in fine if not found.candidate.point[SHIFT]]
+    if in_place:
+        nearest = min(in_place, key=_score)
+        fine = in_place + [
+            found
+            for found in fine
+            if found.candidate.point[SHIFT] and _surely_better(likelihood, found, nearest, _SURE_OF_GHOSTS)
+        ]
     single = _single_layer(search, likelihood, [found for found in fine if _single(found.candidate)])
     rivals = [found for found in fine if not _single(found.candidate)]
     both = min((*rivals, search.with_both_polarized(single)), key=_score)
@@ -443,10 +472,12 @@ def _single_layer(search: Search, likelihood: PolarizedLikelihood, fine: Sequenc
     return best if _surely_better(likelihood, best, sky) else sky
 
 
-def _surely_better(likelihood: PolarizedLikelihood, found: ScoredCandidate, simpler: ScoredCandidate) -> bool:
+def _surely_better(
+    likelihood: PolarizedLikelihood, found: ScoredCandidate, simpler: ScoredCandidate, sure: float = _SURELY_LIKELIER
+) -> bool:
     """Whether a gain in score exceeds what it scatters over parts of the spectra."""
     gains = likelihood.sectors(simpler.candidate.point) - likelihood.sectors(found.candidate.point)
-    return simpler.score - found.score > _SURELY_LIKELIER * jackknife_error(left_out(gains))
+    return simpler.score - found.score > sure * jackknife_error(left_out(gains))
 
 
 def _single(candidate: Candidate) -> bool:
@@ -478,6 +509,8 @@ class PolarizedFit:
     gain : float
         How much more likely the polarized light makes the capture, per frequency and colour, doubt deducted: the plain
         pane's score less this one's.
+    rivals : tuple of Rival
+        Panes that show the same; the errors reach them.
     """
 
     scene: SceneParameters
@@ -485,6 +518,7 @@ class PolarizedFit:
     n: int
     errors: SceneErrors
     gain: float
+    rivals: tuple[Rival, ...] = ()
 
 
 def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: SceneParameters) -> PolarizedFit | None:
@@ -506,9 +540,14 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
     likelihood = PolarizedLikelihood(stokes, asked)
     mixture = Mixture(stokes)
     search = Search(likelihood, mixture, asked)
-    rough = search.rough(candidates(mixture.vectors(), asked))
+    rough = search.rough([pane for vectors in mixture.likely_vectors() for pane in candidates(vectors, asked)])
     if not rough:
         return None
     best = choose(search, likelihood, finalists(rough))
     point, gain = best.candidate.point, search.unpolarized(plain) - best.score
-    return PolarizedFit(scene_at(point, asked), *likelihood.leftover(point), search.errors(best.candidate), gain)
+    scene, errors = scene_at(point, asked), search.errors(best.candidate)
+    rivals: tuple[Rival, ...] = ()
+    if not point[SHIFT] and asked.incidence_deg is None and asked.azimuth_deg is None:
+        rivals = panes_alike(likelihood, lambda shown: _OF_WINDOWS * mixture.cost(shown), point, asked)
+        errors = widened(errors, scene, rivals)
+    return PolarizedFit(scene, *likelihood.leftover(point), errors, gain, rivals)
