@@ -18,8 +18,11 @@ Pair = NDArray[np.float64]
 _SIDE = 256
 """Pixels per side of the frame's middle that is looked at, which bounds the time. Set by hand."""
 
-_OF_RIVALS = dict.fromkeys(("ghost_shift", "transmission_ghost_shift", "gap_shift"))
-"""Their errors reach to rivals that are less likely, and are no normal ones: what follows from them is not expected."""
+_OF_RIVALS = dict.fromkeys(
+    ("ghost_shift", "transmission_ghost_shift", "gap_shift", "transmission_polarization", "reflection_polarization")
+)
+"""Their errors reach to rivals that are less likely, and are no normal ones: what follows from them is not expected.
+Of polarized light POLARIZATION_DOUBTFUL tells."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ def scene_loss(
     scene : SceneParameters
         Complete.
     errors : SceneErrors
-        Those of shifts do not count.
+        Those of shifts and of polarized light do not count.
     of_noise : ndarray, shape (2,)
         Variance that the noise leaves to a pixel of each layer.
     growth : NoiseModel, optional

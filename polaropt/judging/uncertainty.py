@@ -37,7 +37,7 @@ _COVERING = 2.0
 class Doubt:
     """A scene on both sides of the one found, in one number, and how many standard errors it is moved each way.
 
-    `number` is the name of the field.
+    `number` is the name of the field; rivals, which differ in several, are told by their incidence.
     """
 
     number: str
@@ -62,7 +62,7 @@ def doubts(scene: SceneParameters, errors: SceneErrors, rivals: Sequence[Rival] 
     base = scene.replace(ghost_shift=0.0, transmission_ghost_shift=None, gap_shift=0.0) if scene.varies else scene
     if rivals:
         # Half of what the layers move by from below to above, per error, is what chance makes of the whole.
-        return tuple(Doubt(base, rival.scene, 0.5 / math.sqrt(rival.chance)) for rival in rivals)
+        return tuple(Doubt("incidence_deg", base, rival.scene, 0.5 / math.sqrt(rival.chance)) for rival in rivals)
     return tuple(_moved(base, errors))
 
 
@@ -141,7 +141,7 @@ def _of_light(scene: SceneParameters, errors: SceneErrors) -> Iterator[Doubt]:
         widths = ((above - below) / 2 / most_degree if most_degree else 0.0, float(most_angle > 0))
         for (low, high), width in zip(pairs, widths, strict=True):
             if width > 0:
-                yield Doubt(scene.replace(**{name: low}), scene.replace(**{name: high}), width)
+                yield Doubt(name, scene.replace(**{name: low}), scene.replace(**{name: high}), width)
 
 
 @dataclass(frozen=True)
