@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polaropt import InputError, SceneParameters, separate
-from polaropt.capture import Capture, plate_frame, stokes_images
+from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.window import WindowSearch, equivalent_incidences
@@ -17,6 +17,7 @@ from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.optics import in_place_reflectance
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
+from studies.random_windows.windows import window_of
 
 NOISE = 0.005
 OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None, absorption=None)
@@ -27,6 +28,12 @@ def taken(scene: SceneParameters, pair: int = 0, size: int = 192) -> Capture:
     photographs = pairs_of(None, size)[pair]
     frames = (photographs.transmission, photographs.reflection)
     return photograph_pair(*frames, scene, Camera(noise=NOISE), margin=photographs.margin)
+
+
+def found_at_random(number: int) -> SceneParameters:
+    """What is found of a random scene to fit on."""
+    sample = window_of(number, 192).sample(None, 192)
+    return find_scene(sample.capture, sample.hint, noise_level(sample.capture)).scene
 
 
 def likelihood(capture: Capture) -> WindowLikelihood:
@@ -84,6 +91,24 @@ def test_two_panes_are_found_blind_and_one_is_left_alone() -> None:
     assert 0 < (found.errors.gap_shift or 0) < 1
     single = find_scene(taken(SceneParameters(60.0, 25.0, 4.0)), OPEN, NOISE).scene
     assert (single.n_panes, single.gap_shift) == (1, 0)
+
+
+@pytest.mark.parametrize(("number", "n_panes"), [(36, 1), (184, 3), (216, 2)])
+def test_panes_are_counted(number: int, n_panes: int) -> None:
+    """One in strong noise whose edges suit two, three that no two resemble, two that a likelier wrong window hides."""
+    assert found_at_random(number).n_panes == n_panes
+
+
+def test_a_pane_that_lies_across_is_no_window_of_several() -> None:
+    scene = found_at_random(164)
+    azimuth = window_of(164, 192).scene.azimuth_deg or 0.0
+    assert scene.n_panes == 1
+    assert abs((scene.values()[1] - azimuth + 90) % 180 - 90) < 1
+
+
+def test_clear_glass_is_not_tinted() -> None:
+    """One whose tinted look-alike has its ghost at the end of what is searched, one that only edges speak for."""
+    assert [found_at_random(number).absorption for number in (224, 308)] == [0, 0]
 
 
 def test_the_incidence_of_a_known_number_of_panes_is_found_where_their_images_lie_on_each_other() -> None:

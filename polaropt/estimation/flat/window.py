@@ -47,8 +47,9 @@ _ANOTHER_DEG = (5.0, 9.0)
 """How much less steep a window with a pane more stands that looks like one without."""
 _EQUIVALENT_STEP_DEG = 1.0
 _LEAST_EQUIVALENT, _EQUIVALENT_SPACING_DEG = 2, 7.0
-_MOST_CANDIDATES, _MOST_FROM_SIDES = 3, 1
-"""Windows of a scan that are looked at closely."""
+_MOST_LIKELY, _MOST_TO_ALL_SIDES, _MOST_CANDIDATES = 8, 4, 4
+"""Likely windows of a scan along the azimuth, and to all sides, and how many of both are looked at closely: those with
+the best scores, as patterns make many a wrong window likelier than the true one."""
 _SCAN_ROUNDS, _ROUNDS = 4, 8
 _FIRST_STEPS = (2.0, 0.5, 0.5, 0.5, 0.1)
 """Of incidence (degrees), the three shifts (pixels) and absorption."""
@@ -61,8 +62,8 @@ _LEAST_GAIN, _LEAST_GAIN_OF_THREE = 0.003, 0.02
 """Score that a second pane must gain, and a third, which two at another angle mimic where their images lie close."""
 _SURE = 2.0
 """The same in standard errors of what is gained."""
-_LEAST_GAIN_OF_TINT, _MOST_LOSS_OF_TINT = 0.001, 0.01
-"""Log likelihood that tint must gain, and score that it may lose."""
+_LEAST_GAIN_OF_TINT = 0.001
+"""Log likelihood that tint must gain, however the edges lie."""
 _LEAST_ABSORPTION, _TOLD_ABSORPTION, _LEAST_GHOST_PX = 0.15, 0.3, 1.25
 """Absorption that may be told at all, and by the likelihood alone: interpolation dims ghosts as less tint does; and the
 shift of a ghost that tells it: close ones look like a blurred scene."""
@@ -70,8 +71,9 @@ _UNUSUAL, _RESOLVED_PX = 0.025, 0.5
 """What panes that are far from parallel must gain beside, and the shift of a pane from which on its sense is told."""
 _NEAR_DEG, _FARTHEST = 0.7, 2.0
 """Incidences beside a window's at which its overlap is looked at, and steps up to which a parabola is followed."""
-_LEAST_INCIDENCE_DEG = 30.0
-"""Of the single pane that looks alike: below it the transmission hardly needs to know, and little is told."""
+_MOST_NOISE = 0.2
+"""Noise of a pixel of what is mirrored (white = 1) up to which its edges are seen, and tell windows apart: photographs
+have about that contrast. On the random windows to fit on, false windows had 0.23 and more, true ones 0.09 and less."""
 MOST_FOUND = 3
 """Panes of a window that is found: two, and one more; what is told may have more."""
 _DOUBTFUL_MARGIN, _NEARLY_AS_LIKELY = 0.2, 0.03
@@ -103,6 +105,10 @@ class LikelyWindow:
         """Whether it scores better than another in all of the frame: by so much, and so many standard errors of it."""
         error = math.hypot(*(jackknife_error(a - b) for a, b in zip(self.parts, other.parts, strict=True)))
         return bool(other.score - self.score > max(least, sure * error))
+
+    def clearly_likelier(self, other: LikelyWindow, sure: float) -> bool:
+        """Whether the spectra alone, without the edges, are clearly likelier than under another."""
+        return bool(other.misfit - self.misfit > sure * jackknife_error(other.parts[0] - self.parts[0]))
 
 
 class WindowSearch:
@@ -141,13 +147,16 @@ class WindowSearch:
             LikelyWindow(trials[int(i)], float(misfit[i]), float(misfit[i])) for i in minima[np.argsort(misfit[minima])]
         ]
 
-    def candidates(self, n_panes: int, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
-        """Likely windows of so many panes, begun from single panes at some incidences; one pane is tinted."""
-        if n_panes == 1:
-            starts = [single.window for single in self.single(incidences_deg, _TRIAL_ABSORPTION)[:_MOST_STARTS]]
-        else:
-            starts = self.scanned(n_panes, self.single(incidences_deg))
-        return [self.refined(start, _ROUGH_SWEEPS) for start in starts]
+    def tinted(self, incidence_deg: float) -> list[LikelyWindow]:
+        """Likely tinted panes, begun from an incidence."""
+        starts = self.single((incidence_deg,), _TRIAL_ABSORPTION)[:_MOST_STARTS]
+        found = [self.refined(start.window, _ROUGH_SWEEPS) for start in starts]
+        # At the end of what is searched there is no minimum.
+        return [near for near in found if abs(near.window.pane_shift) <= self._grid[-1] - _STEP_PX]
+
+    def panes(self, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
+        """Likely single clear panes, begun from some incidences."""
+        return [self.refined(start.window, _ROUGH_SWEEPS) for start in self.single(incidences_deg)[:_MOST_STARTS]]
 
     def with_another(self, window: Window) -> list[LikelyWindow]:
         """Likely windows of a pane more than one that was found, whose panes stand alike."""
@@ -172,7 +181,7 @@ class WindowSearch:
             replace(Window(middle, start.window.pane_shift, along, across, n_panes), **self.told)
             for start, along, across in product(singles[:_MOST_TO_SIDES], sides, sides)
         ]
-        return [*self._likely(list(trials), _MOST_CANDIDATES), *self._likely(to_sides, _MOST_FROM_SIDES)]
+        return [*self._likely(list(trials), _MOST_LIKELY), *self._likely(to_sides, _MOST_TO_ALL_SIDES)]
 
     def _likely(self, windows: list[Window], most: int) -> list[Window]:
         """The likeliest windows, those beside likelier ones left out."""
@@ -269,6 +278,12 @@ class _Axis:
             absorption=window.absorption,
         )
 
+    def shows(self, window: Window) -> bool:
+        """Whether the noise leaves the edges of what a window mirrors to be seen."""
+        par, perp = in_place_reflectance(window.incidence_deg, self._asked.index, False, window.n_panes)
+        weights = 2 * np.array([perp - 1, 1 - par]) / (perp - par)
+        return bool(weights @ self.frame.covariance @ weights < _MOST_NOISE**2)
+
     def judged(self, window: Window) -> LikelyWindow:
         """A window with its score, at the incidence near it at which the layers' edges overlap least."""
         overlap = LayerOverlap(self.frame, self.scene(window), window.incidence_deg)
@@ -280,6 +295,8 @@ class _Axis:
         sums = overlap.parts(window.incidence_deg)
         misfit = float(self.likelihood.misfit([window], _ROUNDS)[0])
         score = misfit + _OVERLAP_WEIGHT * math.log(overlap_of(sums.sum(axis=-1)))
+        # Near a mirror the likelihood may overflow.
+        score, misfit = (value if math.isfinite(value) else math.inf for value in (score, misfit))
         likelihoods = np.array([part.misfit([window])[0] for part in self.parts])
         return LikelyWindow(
             window,
@@ -295,6 +312,21 @@ class _Axis:
         along = math.copysign(window.gap_along, window.gap_along * window.pane_shift)
         pane = abs(window.pane_shift)
         return pane > _RESOLVED_PX and (along < 0 or math.hypot(along, window.gap_across) < pane - _RESOLVED_PX)
+
+    def candidates(self, n_panes: int, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
+        """Likely windows of so many panes, begun from single panes at some incidences."""
+        starts = self.search.scanned(n_panes, self.search.single(incidences_deg))
+        misfits = self.likelihood.misfit(starts, _ROUNDS).tolist()
+        scores = {start: misfit + self._edges(start) for start, misfit in zip(starts, misfits, strict=True)}
+        return [
+            self.search.refined(start, _ROUGH_SWEEPS)
+            for start in sorted(scores, key=scores.__getitem__)[:_MOST_CANDIDATES]
+        ]
+
+    def _edges(self, window: Window) -> float:
+        """What the overlap of the layers' edges adds to a window's score."""
+        overlap = LayerOverlap(self.frame, self.scene(window), window.incidence_deg)
+        return _OVERLAP_WEIGHT * math.log(overlap.at(window.incidence_deg))
 
     def best(self, candidates: Sequence[LikelyWindow]) -> LikelyWindow:
         """The best of some windows."""
@@ -340,21 +372,63 @@ class _Axis:
         return minimum_error(list(values.T), step) if self.parts else math.inf
 
 
+def _shows_another(window: LikelyWindow, other: LikelyWindow, least: float) -> bool:
+    """Whether a window of a pane more explains the capture clearly better, and its images are seen in the spectra.
+
+    Where more numbers are free, edges overlap less by chance.
+    """
+    return window.clearly_better(other, least, _SURE) and window.clearly_likelier(other, _SURE)
+
+
+def _with_panes(
+    axes: Sequence[tuple[_Axis, Sequence[float]]], plain: LikelyWindow, found: LikelyWindow
+) -> tuple[_Axis, LikelyWindow]:
+    """A pane that was found, or the window that is clearly better; with its axis.
+
+    Parameters
+    ----------
+    axes : sequence of (axis, incidences)
+        The one found and, where it is in doubt, the one across, and where single panes are looked for.
+    plain : LikelyWindow
+        The single clear pane.
+    found : LikelyWindow
+        It, or a tinted one.
+    """
+    taken, near = axes[0]
+    pairs = [(axes[0], taken.best(taken.candidates(2, near)))]
+    for axis, incidences in axes[1:]:
+        if axis.scan(2, incidences) > plain.misfit + _NEARLY_AS_LIKELY:
+            continue
+        # What looks like several panes there may be a single one.
+        single = axis.best(axis.search.panes(incidences))
+        if single.clearly_better(plain, _LEAST_GAIN, _SURE) and single.score < found.score:
+            taken, plain, found = axis, single, single
+        pairs.append(((axis, incidences), axis.best(axis.candidates(2, incidences))))
+    (axis, incidences), two = min(pairs, key=lambda pair: pair[1].score)
+    if plain.score - two.score < _LEAST_GAIN:
+        return taken, found
+    more = axis.best(axis.search.with_another(two.window) + axis.candidates(MOST_FOUND, incidences))
+    windows = [more, two] if _shows_another(more, two, _LEAST_GAIN_OF_THREE) else [two]
+    for window in windows:
+        if axis.shows(window.window) and _shows_another(window, plain, _LEAST_GAIN) and window.score < found.score:
+            return axis, window
+    return taken, found
+
+
 def _shows_tint(tinted: LikelyWindow, plain: LikelyWindow) -> bool:
     """Whether a ghost lies so far off, and is so much dimmer than of clear glass, that it tells of tint.
 
-    A dim ghost hardly moves edges: where clear glass shows none the likelihood decides, unless the overlap speaks
-    against it.
+    A dim ghost hardly moves edges: where clear glass shows none the likelihood decides, unless the score speaks against
+    it.
     """
-    window = tinted.window
-    if abs(window.pane_shift) < _LEAST_GHOST_PX or window.absorption < _LEAST_ABSORPTION:
+    window, gain = tinted.window, plain.misfit - tinted.misfit
+    seen = abs(window.pane_shift) >= _LEAST_GHOST_PX and window.absorption >= _LEAST_ABSORPTION
+    if not seen or gain <= _LEAST_GAIN_OF_TINT:
         return False
     if tinted.clearly_better(plain, _LEAST_GAIN, _SURE):
         return True
-    gain, error = plain.misfit - tinted.misfit, jackknife_error(plain.parts[0] - tinted.parts[0])
     alone = window.absorption >= _TOLD_ABSORPTION and abs(plain.window.pane_shift) < _LEAST_GHOST_PX
-    told = alone and gain > max(_LEAST_GAIN_OF_TINT, _SURE * error)
-    return bool(told and plain.score - tinted.score > -_MOST_LOSS_OF_TINT)
+    return alone and tinted.score < plain.score and tinted.clearly_likelier(plain, _SURE)
 
 
 def _told(asked: SceneParameters, azimuth_deg: float) -> dict[str, Any]:
@@ -380,38 +454,31 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     """
     incidence, azimuth, shift = estimate.scene.values()
     open_panes, doubtful = asked.n_panes is None, asked.azimuth_deg is None and estimate.axis_margin < _DOUBTFUL_MARGIN
-    if open_panes and incidence < _LEAST_INCIDENCE_DEG and not doubtful:
-        return estimate
     frame = plate_frame(stokes, azimuth)
     first, across = _Axis(frame, asked), _Axis(frame.across(), asked) if doubtful else None
-
-    def best(n_panes: int, plain: LikelyWindow | None = None) -> tuple[_Axis, LikelyWindow]:
-        here = first, first.best(first.search.candidates(n_panes, (incidence,)))
-        most = math.inf if plain is None else plain.misfit + _NEARLY_AS_LIKELY
-        if across is None or across.scan(n_panes, _TRIAL_DEG) > most:
-            return here
-        there = across, across.best(across.search.candidates(n_panes, _TRIAL_DEG))
-        return min(here, there, key=lambda pair: pair[1].score)
+    shown = first.shows(Window(incidence, shift))
+    if open_panes and not shown and across is None:
+        return estimate
 
     if open_panes or asked.n_panes == 1:
         plains = {Window(incidence, px, absorption=asked.absorption or 0.0) for px in (shift, 0.0)}
         plain = found = min((first.judged(window) for window in plains), key=lambda judged: judged.score)
         taken = first
-        if asked.absorption is None:
-            tinted = [first.judged(near.window) for near in first.search.candidates(1, (incidence,))]
-            telling = [near for near in tinted if _shows_tint(near, plain)]
-            found = min(telling, key=lambda judged: judged.score, default=plain)
+        if asked.absorption is None and (shown or not open_panes):
+            tinted = [first.judged(near.window) for near in first.search.tinted(incidence)]
+            # Beside a ghost that clear glass explains better a tinted one is none.
+            likeliest = min(tinted, key=lambda judged: judged.score, default=plain)
+            found = likeliest if _shows_tint(likeliest, plain) else plain
         if open_panes:
-            axis, two = best(2, plain)
-            if two.clearly_better(plain, _LEAST_GAIN, _SURE) and two.score < found.score:
-                taken, found = axis, two
-                near = (incidence,) if axis is first else _TRIAL_DEG
-                more = axis.best(axis.search.with_another(two.window) + axis.search.candidates(MOST_FOUND, near))
-                found = more if more.clearly_better(two, _LEAST_GAIN_OF_THREE, _SURE) else found
+            axes = [(first, (incidence,)), *((axis, _TRIAL_DEG) for axis in (across,) if axis is not None)]
+            taken, found = _with_panes(axes, plain, found)
         if found is plain:
             return estimate
     else:
-        taken, found = best(asked.n_panes or 1)
+        n_panes = asked.n_panes or 1
+        pairs = [(first, first.best(first.candidates(n_panes, (incidence,))))]
+        pairs += [] if across is None else [(across, across.best(across.candidates(n_panes, _TRIAL_DEG)))]
+        taken, found = min(pairs, key=lambda pair: pair[1].score)
     scene, errors = taken.refined(found.window)
     errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
     return replace(estimate, scene=scene, errors=errors, axis_stake=0.0)
