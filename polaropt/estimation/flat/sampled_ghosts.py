@@ -58,8 +58,8 @@ _TRUSTED_NOISE = 1.4
 _SHAPES = (6, 2)
 """Radii and directions into which the layers' spectra are split: the roll-off of a lens needs more than a few. By
 trial."""
-_FIRST_ROUNDS, _ROUNDS = 12, 4
-"""Rounds of the fit of the spectra without ghosts, and from there with them. By trial."""
+_FIRST_ROUNDS, _ROUNDS, _TRIAL_ROUNDS = 12, 4, 3
+"""Rounds of the fit of the spectra without ghosts, from there with them, and where many shifts are tried. By trial."""
 _BANDS = 6
 """Bands of tiles that are left out in turn for the standard error. Set by hand."""
 _NEAREST, _FARTHEST, _ROOM_PX = 0.4, 2.5, 1.5
@@ -185,9 +185,9 @@ class _Search:
             _, self.first_deg = self.with_incidence(shift_px, incidence_deg)
             self._prior = 0.5 * likelihood.unit(shift_px, self.first_deg) / error_deg**2
 
-    def score(self, shift_px: float, incidence_deg: float) -> float:
+    def score(self, shift_px: float, incidence_deg: float, rounds: int = _ROUNDS) -> float:
         """Misfit with what the cells have against the incidence: another one and other ghosts may explain the same."""
-        return self._misfit(shift_px, incidence_deg) + self._prior * (incidence_deg - self._of_cells) ** 2
+        return self._misfit(shift_px, incidence_deg, rounds) + self._prior * (incidence_deg - self._of_cells) ** 2
 
     def with_incidence(self, shift_px: float, about_deg: float) -> tuple[float, float]:
         """A shift, and the incidence that suits it."""
@@ -204,13 +204,17 @@ class _Search:
         side = (-farthest, 0.0) if shift < 0 else (0.0, farthest)
 
         def misfit(trial: float) -> float:
-            return self._misfit(trial, incidence)
+            return self._misfit(trial, incidence, _ROUNDS)
 
         return float(local_minimum(misfit, shift, side, _STEP_PX / 2, _TOLERANCE_PX)), incidence
 
     def likeliest_incidence(self, shift_px: float, about_deg: float) -> float:
         """What the samples alone tell of it."""
-        return local_minimum(partial(self._misfit, shift_px), about_deg, self._bounds, _ROUGHLY_DEG, _TOLERANCE_DEG)
+
+        def misfit(trial: float) -> float:
+            return self._misfit(shift_px, trial, _ROUNDS)
+
+        return local_minimum(misfit, about_deg, self._bounds, _ROUGHLY_DEG, _TOLERANCE_DEG)
 
     def _nearby(self, shift_px: float) -> tuple[float, float, float]:
         """Score of a shift at the incidence that suits it, by a parabola; the shift and that incidence."""
@@ -218,7 +222,7 @@ class _Search:
         step = 0.0 if self._given else min(_APART_DEG, here - low, high - here)
         if not step:
             return self.score(shift_px, here), shift_px, here
-        before, middle, after = (self.score(shift_px, here + k * step) for k in (-1, 0, 1))
+        before, middle, after = (self.score(shift_px, here + k * step, _TRIAL_ROUNDS) for k in (-1, 0, 1))
         x = vertex(before, middle, after)
         least = middle + x * (after - before) / 2 + x**2 * (before - 2 * middle + after) / 2
         return least, shift_px, here + x * step
@@ -282,9 +286,9 @@ class SampledLikelihood:
         first = np.full((len(colors), 2, len(shapes)), FIRST_LEVEL)
         self._levels = self._fitted(self._responses(0.0), first, _FIRST_ROUNDS)
 
-    def misfit(self, shift_px: float, incidence_deg: float | None = None) -> float:
+    def misfit(self, shift_px: float, incidence_deg: float | None = None, rounds: int = _ROUNDS) -> float:
         """Minus log likelihood per frequency of a shift (signed), at the scene's incidence or another."""
-        return float(self._misfits(self._responses(shift_px, incidence_deg), self._mean[None])[0])
+        return float(self._misfits(self._responses(shift_px, incidence_deg), self._mean[None], rounds)[0])
 
     def left_out(self, shift_px: float, incidence_deg: float | None = None) -> NDArray[np.float64]:
         """The same without each band of tiles in turn, (band,)."""
@@ -304,8 +308,8 @@ class SampledLikelihood:
         error, curvature = self.incidence_error(shift_px, incidence_deg)
         return max(curvature, 0.0) * error**2 if math.isfinite(error) else 0.0
 
-    def _misfits(self, responses: Matrices, data: Matrices) -> NDArray[np.float64]:
-        covariance = self._covariance(responses, self._fitted(responses, self._levels, _ROUNDS))
+    def _misfits(self, responses: Matrices, data: Matrices, rounds: int = _ROUNDS) -> NDArray[np.float64]:
+        covariance = self._covariance(responses, self._fitted(responses, self._levels, rounds))
         inverse = np.linalg.inv(covariance)
         _, determinant = np.linalg.slogdet(covariance)
         n, nu = covariance.shape[-1], DEGREES_OF_FREEDOM
