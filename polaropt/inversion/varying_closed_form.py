@@ -161,6 +161,9 @@ def ghost_layers(capture: Capture, pse: VaryingPSE, canvas: Canvas, noise: float
     precision = pse.analyzer.T @ pse.analyzer / noise**2
     mixtures = pse.mixtures(canvas.height, canvas.width)
     mean = _frame_means(mixtures, precision, stokes, basis)
+    _, in_place, _ = pixel_layers(mixtures, precision, _without(mean, mixtures, stokes), weak_prior(stokes, mean))
+    # Pixels that tell more weigh more in what explains them best, but not in a mean.
+    mean = mean + in_place.mean(axis=(-1, -2), keepdims=True)
     # The filters see the rest.
     rest = _without(mean, mixtures, stokes)
     panes = _Panes(pse, precision, canvas)

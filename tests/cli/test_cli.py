@@ -44,7 +44,8 @@ def test_the_report_tells_everything(
     assert report["solver"]["sentence"]
     assert sum(report["seconds"].values()) > 0
     assert report["diagnostics"]["noise"] == pytest.approx(0.005, rel=0.3)
-    assert report["diagnostics"]["warnings"] == []
+    # So small pictures do not tell the incidence well.
+    assert {warning["name"] for warning in report["diagnostics"]["warnings"]} <= {"SCENE_UNCERTAIN"}
     assert report["input"]["files"] == photographs
     assert report["seconds"].keys() == report["cpu_seconds"].keys()
     assert report["seconds"].keys() >= {"Estimating the scene", "Closed form", "Solving"}

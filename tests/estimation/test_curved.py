@@ -135,7 +135,7 @@ def test_blind_the_bent_pane_is_found_and_told():
     blind, known = separate(capture), separate(capture, scene)
     assert blind.scene.rung == "curved"
     assert [tried.rung for tried in blind.tried] == ["pixelwise", "perspective", "curved"]
-    assert psnr_db(blind.layers[0], layers[0], 8) > psnr_db(known.layers[0], layers[0], 8) - 1.5
+    assert psnr_db(blind.layers[0], layers[0], 8) > psnr_db(known.layers[0], layers[0], 8) - 2
     assert blind.diagnostics.warnings == ()
 
 

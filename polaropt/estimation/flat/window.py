@@ -76,6 +76,8 @@ _MOST_NOISE = 0.2
 have about that contrast. On the random windows to fit on, false windows had 0.23 and more, true ones 0.09 and less."""
 MOST_FOUND = 3
 """Panes of a window that is found: two, and one more; what is told may have more."""
+_LEAST_DIFFERENCE = 1e-6
+"""Of the two reflectances: that of an incidence of 0.13 degrees, below which nothing is told. Set by hand."""
 _DOUBTFUL_MARGIN, _NEARLY_AS_LIKELY = 0.2, 0.03
 """Margin of the azimuth's axis up to which the one across is looked at, too, as the single pane that it is of may be
 wrong; and log likelihood that a scan there may lack of the single pane's to be worth a closer look."""
@@ -281,6 +283,8 @@ class _Axis:
     def shows(self, window: Window) -> bool:
         """Whether the noise leaves the edges of what a window mirrors to be seen."""
         par, perp = in_place_reflectance(window.incidence_deg, self._asked.index, False, window.n_panes)
+        if perp - par < _LEAST_DIFFERENCE:
+            return False
         weights = 2 * np.array([perp - 1, 1 - par]) / (perp - par)
         return bool(weights @ self.frame.covariance @ weights < _MOST_NOISE**2)
 

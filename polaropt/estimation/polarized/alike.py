@@ -45,6 +45,9 @@ _INCIDENCES_DEG, _AZIMUTHS_DEG = np.arange(LOWEST_DEG + 1, HIGHEST_DEG, 3.0), np
 _LEAST_CHANCE = 1e-3
 """Chance below which a pane is left out. Set by hand."""
 
+_MOST_BETTER = 100.0
+"""Exponent of a pane's weight beside that found, at most: beyond, the other is certain. Set by hand."""
+
 
 @dataclass(frozen=True)
 class _Alike:
@@ -77,7 +80,8 @@ def panes_alike(
     def alike(point: Point) -> _Alike:
         of_point = shown_by(point, asked)
         exchanged = bool(np.linalg.norm(of_point[0] - shown[1]) < np.linalg.norm(of_point[0] - shown[0]))
-        weight = math.exp(-(likelihood.doubt(point) + cost(of_point) - least) / _AS_LIKELY)
+        worse = (likelihood.doubt(point) + cost(of_point) - least) / _AS_LIKELY
+        weight = math.exp(-max(worse, -_MOST_BETTER))
         off = of_found / max(float(likelihood.brightness(point)[0]), 1e-9) - 1
         return _Alike(point, weight, 1.0 if exchanged else off, exchanged)
 
