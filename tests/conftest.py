@@ -20,7 +20,7 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Four files of a small colour capture: 65 degrees, azimuth 30, ghosts 4 px apart."""
     from skimage import data
 
-    from polaropt.capture.write import write_png
+    from polaropt.capture.files.write import write_png
     from polaropt.cli.app import main
 
     folder = tmp_path_factory.mktemp("photographs")

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from polaropt import SceneParameters, read_capture, separate
 from polaropt.capture import swapped_photographs
-from polaropt.capture.write import write_png
+from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
 from polaropt.inversion import canvas_for, mosaic_layers
 from polaropt.optics import PSE

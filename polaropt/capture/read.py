@@ -23,8 +23,8 @@ from polaropt.capture.capture import (
     grey_levels,
 )
 from polaropt.capture.checks import blocks_of, swapped_blocks
-from polaropt.capture.decode import AnyPath, linearize, parse_gamma, read_file, read_headless
-from polaropt.capture.focal_length import check_view, focal_from_view
+from polaropt.capture.files.decode import AnyPath, linearize, parse_gamma, read_file, read_headless
+from polaropt.capture.files.focal_length import check_view, focal_from_view
 from polaropt.capture.mosaic import (
     SONY_CELL,
     check_cell_order,

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polaropt import PSE, Capture, InputError, SceneParameters, align, read_capture, separate
-from polaropt.capture.write import write_png
+from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
 from polaropt.estimation.ladder import find_scene
 from polaropt.reporting.inspection import inspect_capture

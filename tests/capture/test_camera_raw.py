@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 from polaropt import InputError, read_capture
-from polaropt.capture.write import write_png
+from polaropt.capture.files.write import write_png
 from tests.captured import scene_intensities
 
 BLACK, WHITE = 64, 4095

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from polaropt import Capture, InputError, SceneParameters, read_capture
-from polaropt.capture.focal_length import exif_of_picture, focal_from_exif, focal_from_view
+from polaropt.capture.files.focal_length import exif_of_picture, focal_from_exif, focal_from_view
 from polaropt.cli.app import main
 from polaropt.estimation.ladder import find_scene
 from polaropt.reporting.report import scene_report

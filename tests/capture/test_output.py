@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from polaropt.capture.write import result_file, result_folder
+from polaropt.capture.files.write import result_file, result_folder
 from polaropt.errors import InputError
 
 

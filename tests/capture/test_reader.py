@@ -9,8 +9,8 @@ import tifffile
 from scipy.ndimage import gaussian_filter
 
 from polaropt import InputError, read_capture
+from polaropt.capture.files.write import encode_srgb, write_png, write_tiff
 from polaropt.capture.noise import measured_noise, noise_level
-from polaropt.capture.write import encode_srgb, write_png, write_tiff
 from tests.captured import ANGLES, color_mosaic, mono_mosaic, photographed, scene_intensities
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real_polar"

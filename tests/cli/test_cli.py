@@ -10,8 +10,8 @@ import pytest
 import tifffile
 from skimage import data
 
-from polaropt.capture.decode import read_file
-from polaropt.capture.write import write_png
+from polaropt.capture.files.decode import read_file
+from polaropt.capture.files.write import write_png
 from tests.command_line import QUICK, RESULTS, spoken
 
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from polaropt import read_capture
+from polaropt.capture.files.write import write_png
 from polaropt.capture.mosaic import sampling_of
-from polaropt.capture.write import write_png
 from polaropt.cli.app import main
 from polaropt.optics import Analyzer, analyzer_matrix
 from tests.captured import scene_intensities

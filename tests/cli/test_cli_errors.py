@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from polaropt.capture.write import write_capture, write_png
+from polaropt.capture.files.write import write_capture, write_png
 from polaropt.cli.app import main
 from tests.captured import photographed
 

@@ -11,8 +11,8 @@ import pytest
 import tifffile
 from skimage import data
 
+from polaropt.capture.files.write import write_png
 from polaropt.capture.read import read_capture
-from polaropt.capture.write import write_png
 from tests.command_line import RESULTS, spoken
 
 

@@ -13,7 +13,7 @@ import pytest
 import torch
 from skimage import data
 
-from polaropt.capture.write import write_png
+from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
 from priors.learned import WEIGHTS
 from priors.networks.checkpoint import load_network

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from polaropt import InputError, SceneParameters, Weights
-from polaropt.capture.write import write_capture
+from polaropt.capture.files.write import write_capture
 from polaropt.cli.app import main
 from polaropt.estimation import estimate_scene
 from polaropt.optics import FARTHEST_SHIFT_PX

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, find_start_angle, separate
-from polaropt.capture.write import write_capture
+from polaropt.capture.files.write import write_capture
 from polaropt.cli.app import main
 from polaropt.estimation.angles import AngleMistake, angle_mistake, ghost_direction
 from polaropt.estimation.flat.estimate import estimate_scene

@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter
 
 from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, separate
 from polaropt.capture.checks import visible_shift
+from polaropt.capture.files.write import encode_srgb
 from polaropt.capture.noise import noise_level
-from polaropt.capture.write import encode_srgb
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.judging.loss import SceneLoss
 from polaropt.judging.warnings import diagnose, noise_share

@@ -12,7 +12,7 @@ from scipy.ndimage import map_coordinates
 import polaropt.solving.solution
 from polaropt import separate
 from polaropt.capture.capture import Capture, planes_first
-from polaropt.capture.decode import read_file
+from polaropt.capture.files.decode import read_file
 from polaropt.inversion.variance import SCALES, Knowledge, variance_table
 from polaropt.judging.kernels import interpolated
 from polaropt.optics.geometry import pixel_grid, plane_normal, viewing_angles

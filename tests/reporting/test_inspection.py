@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from polaropt import Capture, read_capture
 from polaropt.capture import EncodingHint
 from polaropt.capture.checks import fit_gamma, swapped_photographs
-from polaropt.capture.write import encode_srgb, write_png
+from polaropt.capture.files.write import encode_srgb, write_png
 from polaropt.reporting.inspection import inspect_capture
 from polaropt.reporting.pictures import aolp_colors, inspection_picture
 from polaropt.reporting.words import inspection_sentences

@@ -10,7 +10,7 @@ import pytest
 import torch
 from skimage import data
 
-from polaropt.capture.write import write_png
+from polaropt.capture.files.write import write_png
 from polaropt.errors import InputError
 from polaropt.simulation.leaves import dead_leaves
 from polaropt.training.pictures import Pictures

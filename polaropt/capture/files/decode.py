@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import EncodingHint, FileContent
-from polaropt.capture.focal_length import exif_of_names, exif_of_picture, focal_from_exif
+from polaropt.capture.files.focal_length import exif_of_names, exif_of_picture, focal_from_exif
 from polaropt.errors import InputError
 
 AnyPath = str | PathLike[str]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polaropt.capture.capture import Capture, FloatImages, planes_last
-from polaropt.capture.decode import AnyPath
+from polaropt.capture.files.decode import AnyPath
 from polaropt.capture.mosaic import WHITE_16
 from polaropt.errors import InputError
 from polaropt.numerics import strips
