@@ -149,9 +149,14 @@ _pool: ThreadPoolExecutor | None = None
 _pool_of: int | None = None
 
 
+def core_count() -> int:
+    """Cores that this process may use; all there are where the system does not tell (macOS, Windows)."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def thread_count() -> int:
     """Threads to use: as many as this process may use cores, or OMP_NUM_THREADS where that is less."""
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    available = core_count()
     # OpenMP allows a list, one number per level of nesting.
     asked = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
     return max(1, min(available, int(asked))) if asked.isdigit() else available

@@ -16,7 +16,7 @@ from studies.catalogue import STUDIES, Study
 from studies.kit.page import write_index
 
 ALL = "all"
-_INTERRUPTED = 130
+_INTERRUPTED, _WRONG = 130, 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -34,6 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(overview())
         return 0
     chosen = [study for study in STUDIES if options.name in (ALL, study.name)]
+    if lacking := _lacking(chosen):
+        print(f"polaropt: {lacking}", file=sys.stderr)
+        return _WRONG
     if options.help:
         return max(_run(study.name, ["--help"], None) for study in chosen)
     if options.out is None:
@@ -48,6 +51,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         # The study has said what there is to say.
         return _INTERRUPTED
+
+
+def _lacking(chosen: Sequence[Study]) -> str:
+    """What must be installed before these studies can run, in a line; empty where nothing must."""
+    missing: dict[str, list[str]] = {}
+    for study in chosen:
+        missing |= study.missing()
+    if not missing:
+        return ""
+    names = ", ".join(name for packages in missing.values() for name in packages)
+    who = f"the study {chosen[0].name} needs" if len(chosen) == 1 else "these studies need"
+    install = f"pip install 'polaropt[{','.join(missing)}]'"
+    return f"{who} packages that are not installed ({names}); install them with: {install}"
 
 
 def _run_each(plans: Mapping[str, Sequence[str]], out: Path) -> int:

@@ -392,8 +392,10 @@ def _layers(job: Job) -> dict[str, Sequence[Images]]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--records", type=Path, metavar="DIR", help="folder of folders that polaropt train has written")
-    parser.add_argument("--vgg19", metavar="FILE", help="VGG-19's weights, for networks with that encoder")
+    parser.add_argument(
+        "--records", type=Path, metavar="DIR", help="Folder of folders that polaropt train has written."
+    )
+    parser.add_argument("--vgg19", metavar="FILE", help="VGG-19's weights, for networks with that encoder.")
     options = parser.parse_args(arguments)
     quick = effort_of(options) == "quick"
     size = QUICK_SIZE if quick else SIZE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 
 @dataclass(frozen=True)
@@ -16,25 +17,45 @@ class Study:
         Whether seconds are what it is about: then nothing runs beside it.
     inputs : tuple of str
         Options, each with a folder or file, that tell it what to work on and that not all studies know.
+    extras : tuple of str
+        Extras of polaropt that it needs.
     """
 
     name: str
     question: str
     timed: bool = False
     inputs: tuple[str, ...] = ()
+    extras: tuple[str, ...] = ("studies",)
 
+    def missing(self) -> dict[str, list[str]]:
+        """Packages that are not installed, by the extra that brings them."""
+        lacking = {extra: [name for name in PACKAGES[extra] if find_spec(name) is None] for extra in self.extras}
+        return {extra: names for extra, names in lacking.items() if names}
+
+
+PACKAGES = {
+    "studies": ("bokeh", "cv2", "distributed", "markdown_it", "matplotlib", "pandas", "polanalyser", "sklearn"),
+    "torch": ("kornia", "safetensors", "torch"),
+}
+"""What the extras that a study may need bring, as it is imported."""
+_NETWORKS = ("studies", "torch")
 
 STUDIES = (
     Study("paper_protocol", "How good is a separation on the paper's six incidences, blind and with the scene known?"),
     Study("model_ladder", "Which scene model is taken on each family of scenes, and what does the choice cost?"),
     Study("stability", "How far may scenes leave the plain case, where do methods fail, and is it announced?"),
     Study("random_windows", "How good is a separation of any window, and is it announced where it is not?"),
-    Study("learned_init", "Where does a solve from the learned start win over other starts, and where does it not?"),
-    Study("ablation", "What is each part of the separation worth?"),
+    Study(
+        "learned_init",
+        "Where does a solve from the learned start win over other starts, and where does it not?",
+        extras=_NETWORKS,
+    ),
+    Study("ablation", "What is each part of the separation worth?", extras=_NETWORKS),
     Study(
         "ablation_losses",
         "What is each term of the learned networks' loss worth, and how good are networks alone?",
         inputs=("--records", "--vgg19"),
+        extras=_NETWORKS,
     ),
     Study(
         "peers",
@@ -54,5 +75,10 @@ STUDIES = (
         "What do other solvers, starts, models and tolerances cost and gain against the defaults?",
         timed=True,
     ),
-    Study("benchmark", "How fast is the solver against others, at the same objective value?", timed=True),
+    Study(
+        "benchmark",
+        "How fast is the solver against others, at the same objective value?",
+        timed=True,
+        extras=_NETWORKS,
+    ),
 )

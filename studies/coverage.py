@@ -181,8 +181,8 @@ def _panel(panel: Any, frame: DataFrame, layer: str) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--size", type=int, help="side of the frame in pixels")
-    parser.add_argument("--noises", help="standard deviations, comma separated")
+    parser.add_argument("--size", type=int, help="Side of the frame in pixels.")
+    parser.add_argument("--noises", help="Standard deviations, comma separated.")
     options = parser.parse_args(arguments)
     quick = effort_of(options) == "quick"
     size = options.size or (QUICK_SIZE if quick else SIZE)

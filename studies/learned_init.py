@@ -642,7 +642,7 @@ def _paths(frame: DataFrame) -> Any:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--size", type=int, help="side of the frame in pixels")
+    parser.add_argument("--size", type=int, help="Side of the frame in pixels.")
     options = parser.parse_args(arguments)
     effort = effort_of(options)
     size = options.size or SIZES[effort]

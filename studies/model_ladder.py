@@ -149,8 +149,8 @@ def _rungs(frame: DataFrame) -> Any:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--family", default="", help="only families whose name contains this")
-    parser.add_argument("--models", help=f"names, comma separated, of: {', '.join(MODELS)} (quick: auto)")
+    parser.add_argument("--family", default="", help="Only families whose name contains this.")
+    parser.add_argument("--models", help=f"Names, comma separated, of: {', '.join(MODELS)} (quick: auto).")
     options = parser.parse_args(arguments)
     quick = effort_of(options) == "quick"
     size = QUICK_SIZE if quick else SIZE

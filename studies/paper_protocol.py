@@ -150,9 +150,9 @@ def _panel(panel: Any, frame: DataFrame, layer: str) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--kind", choices=("paper", "plate", "both"), help="formula of the ghost step")
-    parser.add_argument("--incidences", help="degrees, comma separated")
-    parser.add_argument("--blind-only", action="store_true", help="leave out the solves with the scene known")
+    parser.add_argument("--kind", choices=("paper", "plate", "both"), help="Formula of the ghost step.")
+    parser.add_argument("--incidences", help="Degrees, comma separated.")
+    parser.add_argument("--blind-only", action="store_true", help="Leave out the solves with the scene known.")
     options = parser.parse_args(arguments)
     quick = effort_of(options) == "quick"
     kind = options.kind or ("paper" if quick else "both")

@@ -172,7 +172,7 @@ def _ratio(part: DataFrame) -> float:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--kinds", default=",".join(RANDOM_KINDS), help="names, comma separated")
+    parser.add_argument("--kinds", default=",".join(RANDOM_KINDS), help="Names, comma separated.")
     options = parser.parse_args(arguments)
     effort = effort_of(options)
     jobs = [

@@ -220,7 +220,7 @@ def tables(frame: DataFrame) -> str:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study; without data it says what it wants."""
     parser = study_parser(__doc__)
-    parser.add_argument("--data", metavar="DIR", help=f"folder with {REAL} and {MEASURED}")
+    parser.add_argument("--data", metavar="DIR", help=f"Folder with {REAL} and {MEASURED}.")
     options = parser.parse_args(arguments)
     jobs = []
     if options.data is not None:

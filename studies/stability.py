@@ -433,8 +433,8 @@ def _warnings(auto: DataFrame) -> Any:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--families", default="", help="only families whose names contain one of these, by commas")
-    parser.add_argument("--methods", help="names by commas; those that all are measured against come by themselves")
+    parser.add_argument("--families", default="", help="Only families whose names contain one of these, by commas.")
+    parser.add_argument("--methods", help="Names by commas; those that all are measured against come by themselves.")
     options = parser.parse_args(arguments)
     effort = effort_of(options)
     named = options.methods.split(",") if options.methods else (COMPONENTS,) if effort == "quick" else WAYS

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import typer
 
+import polaropt
 from polaropt.cli.command import INTERRUPTED, Interrupted
 from polaropt.errors import InputError
 
@@ -17,9 +19,13 @@ def study_command(context: typer.Context) -> None:
 
     Without a name the studies are listed. Options behind the name go to the study.
     """
-    if importlib.util.find_spec("studies") is None:
+    house = Path(polaropt.__file__).parent.parent
+    if not (house / "studies" / "__main__.py").is_file():
         raise InputError("the studies are not installed here; install polaropt with its extra: polaropt[studies]")
-    process = subprocess.Popen([sys.executable, "-m", "studies", *context.args])
+    # Neither the folder that the command is called in nor anything in it is looked at: it may hold another solvers.py.
+    paths = filter(None, (str(house), os.environ.get("PYTHONPATH")))
+    environment = os.environ | {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(paths)}
+    process = subprocess.Popen([sys.executable, "-m", "studies", *context.args], env=environment)
     try:
         code = process.wait()
     except KeyboardInterrupt:

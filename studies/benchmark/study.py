@@ -166,10 +166,10 @@ def _size(text: str) -> Size:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the benchmark."""
     parser = study_parser(__doc__)
-    parser.add_argument("--pair", type=int, default=0, help="number of the pair of photographs; one is taken")
-    parser.add_argument("--tables", help=f"comma separated, of: {', '.join(TABLES)}")
-    parser.add_argument("--sizes", help="of the time to the gap, such as 256,512,1224x1024 (width x height)")
-    parser.add_argument("--cap", type=float, help="seconds after which a solve is broken off")
+    parser.add_argument("--pair", type=int, default=0, help="Number of the pair of photographs; one is taken.")
+    parser.add_argument("--tables", help=f"Comma separated, of: {', '.join(TABLES)}.")
+    parser.add_argument("--sizes", help="Of the time to the gap, such as 256,512,1224x1024 (width x height).")
+    parser.add_argument("--cap", type=float, help="Seconds after which a solve is broken off.")
     options = parser.parse_args(arguments)
     plan = PLANS[effort_of(options)]
     wanted = [name.strip() for name in options.tables.split(",")] if options.tables else TABLES

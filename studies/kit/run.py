@@ -9,7 +9,6 @@ import argparse
 import hashlib
 import json
 import logging
-import os
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -21,9 +20,11 @@ from typing import TYPE_CHECKING, Any, Literal
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from solvers.kernels import core_count
 from studies.kit.charts import write_figures
 from studies.kit.frames import frame_of
 from studies.kit.records import earlier_rows, metadata, plain, write_csv, write_document
+from studies.kit.speech import StudyParser, say_tables
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -44,17 +45,23 @@ def study_parser(docstring: str | None) -> argparse.ArgumentParser:
     docstring : str or None
         Of the study's module; its first line is the description.
     """
-    parser = argparse.ArgumentParser(description=(docstring or "").splitlines()[0])
+    parser = StudyParser(description=(docstring or "").splitlines()[0])
     effort = parser.add_mutually_exclusive_group()
-    effort.add_argument("--quick", action="store_true", help="less than 40 s on 2 cores: few and small scenes")
-    effort.add_argument("--full", action="store_true", help="all scenes and sizes")
-    parser.add_argument("--photos", help="folder of photographs (default: those inside scikit-image)")
-    parser.add_argument("--pairs", type=int, help="pairs of photographs at most")
+    effort.add_argument("--quick", action="store_true", help="Less than 40 s on 2 cores: few and small scenes.")
+    effort.add_argument("--full", action="store_true", help="All scenes and sizes.")
+    parser.add_argument("--photos", metavar="FOLDER", help="Folder of photographs. Default: those inside scikit-image.")
+    parser.add_argument("--pairs", type=int, metavar="N", help="Pairs of photographs at most.")
     parser.add_argument(
-        "--workers", type=int, default=1, help="processes (0: one per core); times are only worth something with 1"
+        "--workers",
+        type=int,
+        default=1,
+        metavar="N",
+        help="Processes (0: one per core); times are only worth something with 1.",
     )
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work instead")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="folder for rows, tables and figures")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work instead.")
+    parser.add_argument(
+        "-o", "--out", type=Path, required=True, metavar="FOLDER", help="Folder for rows, tables and figures."
+    )
     return parser
 
 
@@ -84,7 +91,7 @@ class Workers:
 
 def workers_of(options: argparse.Namespace) -> Workers:
     """Who works, as asked for."""
-    return Workers(options.workers or len(os.sched_getaffinity(0)), options.scheduler)
+    return Workers(options.workers or core_count(), options.scheduler)
 
 
 def run_study(
@@ -141,7 +148,7 @@ def publish(
     dpi : int
         Of the PNG.
     """
-    print(tables)
+    say_tables(tables)
     (options.out / f"{name}.md").write_text(tables + "\n", encoding="utf-8")
     write_figures(options.out, figures, dpi)
 

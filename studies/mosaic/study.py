@@ -25,8 +25,8 @@ SENSORS = ("mono", "color")
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--sensors", default=",".join(SENSORS), help="mono, color or both, comma separated")
-    parser.add_argument("--data", metavar="DIR", help="folder with real_mosaics and real_polar")
+    parser.add_argument("--sensors", default=",".join(SENSORS), help="Mono, color or both, comma separated.")
+    parser.add_argument("--data", metavar="DIR", help="Folder with real_mosaics and real_polar.")
     options = parser.parse_args(arguments)
     quick = effort_of(options) == "quick"
     jobs = [

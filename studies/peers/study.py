@@ -260,7 +260,7 @@ def jobs_of(photos: str | None, layers: str | None, n_pairs: int, *, quick: bool
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study."""
     parser = study_parser(__doc__)
-    parser.add_argument("--layers", metavar="DIR", help="folder of measured layers NAME_T.png, NAME_R.png")
+    parser.add_argument("--layers", metavar="DIR", help="Folder of measured layers NAME_T.png, NAME_R.png.")
     options = parser.parse_args(arguments)
     quick = effort_of(options) == "quick"
     size = QUICK_SIZE if quick else SIZE

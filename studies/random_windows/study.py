@@ -38,10 +38,10 @@ QUICK_SIZE, SIZE = 96, 192
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study, or look at one scene."""
     parser = study_parser(__doc__)
-    parser.add_argument("--seeds", choices=HALVES, default=FIT, help="which half of the scenes")
-    parser.add_argument("--families", default="", help="only families whose names contain one of these, by commas")
-    parser.add_argument("--per-family", type=int, metavar="N", help="scenes of each family")
-    parser.add_argument("--only", type=int, metavar="N", help="all about the scene with this number")
+    parser.add_argument("--seeds", choices=HALVES, default=FIT, help="Which half of the scenes.")
+    parser.add_argument("--families", default="", help="Only families whose names contain one of these, by commas.")
+    parser.add_argument("--per-family", type=int, metavar="N", help="Scenes of each family.")
+    parser.add_argument("--only", type=int, metavar="N", help="All about the scene with this number.")
     options = parser.parse_args(arguments)
     size = QUICK_SIZE if options.quick else SIZE
     if options.only is not None:
