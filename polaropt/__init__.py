@@ -3,5 +3,9 @@
 import lazy_loader
 
 # Names are resolved when first used, so that importing the package stays cheap; `__init__.pyi` says where they live.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, _public_names, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __version__ = "0.1.0"
+
+
+def __dir__() -> list[str]:
+    return [*_public_names(), "__doc__", "__file__", "__version__"]

@@ -3,6 +3,13 @@
 from __future__ import annotations
 
 
+class ResultWarning(UserWarning):
+    """A result that is not to be trusted as it is; its text is what `SeparationWarning` says of it.
+
+    Issued by `polaropt.separate` where its diagnostics hold warnings. The command line prints these itself.
+    """
+
+
 class InputError(ValueError):
     """What came from a file or a person cannot be used; its text is one line: what is wrong, and what to do.
 

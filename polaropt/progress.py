@@ -1,9 +1,9 @@
-"""How long each stage of a separation takes, and how far it has come."""
+"""How long each stage of a command takes, and how far it has come."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 Progress = Callable[[str, float], None]
 
@@ -40,6 +40,27 @@ class Stages:
         """Tell how much further than its begin the stage is, in parts of the whole."""
         if self._progress is not None and self._name is not None:
             self._progress(self._name, self._at + further)
+
+    def part(self, start: float, stop: float) -> Progress | None:
+        """What a step that tells its own progress, 0..1, is to call: its stages from `start` to `stop` of the whole."""
+        if self._progress is None:
+            return None
+        tell = self._progress
+
+        def advanced(stage: str, fraction: float) -> None:
+            tell(stage, start + (stop - start) * fraction)
+
+        return advanced
+
+    def include(self, seconds: Mapping[str, float], cpu_seconds: Mapping[str, float]) -> None:
+        """End the running stage and take over those that a step in it has timed itself; its own time is the rest."""
+        name = self._name
+        self.end()
+        for total, parts in ((self.seconds, seconds), (self.cpu_seconds, cpu_seconds)):
+            if name is not None:
+                total[name] = max(0.0, total[name] - sum(parts.values()))
+            for stage, value in parts.items():
+                total[stage] = total.get(stage, 0.0) + value
 
     def compiling(self, kernel: str) -> None:
         """Tell that a kernel is being compiled, which happens once on a computer."""

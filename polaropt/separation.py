@@ -58,6 +58,10 @@ from solvers.kernels import compilations_reported_to
 from solvers.registry import get_solver
 
 Images = NDArray[np.float32]
+Tell = Callable[[float], None]
+
+# How far the estimation has come, in parts of the whole separation, for the progress alone: set by hand.
+_INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,7 @@ class Separation:
     parts : callable
         Makes `components`.
     judge : callable
-        Makes `uncertainty` and `reflection_known`.
+        Makes `uncertainty` and `reflection_known`; takes `tell` as `uncertainty_strips` does.
     """
 
     layers: Images = field(repr=False)
@@ -110,7 +114,7 @@ class Separation:
     cpu_seconds: dict[str, float]
     moving: NDArray[np.bool_] | None = field(repr=False)
     parts: Callable[[], Iterator[ComponentStrip]] = field(repr=False)
-    judge: Callable[[], Iterator[UncertaintyStrip]] = field(repr=False)
+    judge: Callable[..., Iterator[UncertaintyStrip]] = field(repr=False)
 
     @cached_property
     def components(self) -> Images:
@@ -141,12 +145,18 @@ class Separation:
     def _judged(self) -> Uncertainty:
         return assembled(self.judge(), self.layers)
 
-    def uncertainty_strips(self) -> Iterator[UncertaintyStrip]:
-        """`uncertainty` and `reflection_known` of some rows at a time, which are not kept."""
+    def uncertainty_strips(self, tell: Tell | None = None) -> Iterator[UncertaintyStrip]:
+        """`uncertainty` and `reflection_known` of some rows at a time, which are not kept.
+
+        Parameters
+        ----------
+        tell : callable, optional
+            Called with the fraction done, 0..1.
+        """
         if "_judged" in vars(self):
             yield UncertaintyStrip(slice(0, self.layers.shape[-2]), self._judged)
         else:
-            yield from self.judge()
+            yield from self.judge(tell=tell)
 
     @property
     def transmission(self) -> Images:
@@ -272,16 +282,20 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
         thickness_px = None if settings.thickness_px is None else settings.thickness_px / scale
         kind = settings.thickness_kind
         fit = with_index(source, asked.scaled(1 / scale), of_source, thickness_px=thickness_px, thickness_kind=kind)
+        stages.advance(_INDEX_KNOWN)
         checked = with_incidence_checked(source, fit.scene, of_source)
+        stages.advance(_INCIDENCE_CHECKED)
         found = find_scene(
             source, checked.scene, of_source, settings.model, thickness_px=thickness_px, thickness_kind=kind
         ).with_index(fit)
+        stages.advance(_SCENE_FOUND)
         if settings.model == "auto":
             found = left_alone(found, checked)
         # An index that is told fits badly where the incidence is, too.
         told = asked.refractive_index is not None and asked.incidence_deg is None
         index = likelier_index(source, found.scene, of_source) if told else None
         sense_only = settings.thickness_px is not None
+        stages.advance(_INDEX_CHECKED)
         found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
         case = _Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)
         estimate = found.estimate

@@ -24,7 +24,7 @@ FORBIDDEN = {
     "studies": {"tests"},
 }
 # What each wing of polaropt/ may import; `cli` may import all, `__main__` only that.
-_CAPTURES = {"errors", "numerics", "optics"}
+_CAPTURES = {"errors", "numerics", "optics", "progress"}
 _INVERSION = _CAPTURES | {"capture"}
 _SOLVING = _INVERSION | {"inversion", "progress"}
 _JUDGING = _SOLVING | {"estimation", "solving"}
@@ -43,6 +43,7 @@ BELOW = {
     "separation": _SEPARATION,
     "reporting": _SEPARATION | {"separation"},
     "training": _SOLVING | {"simulation", "solving"},
+    "api": _SEPARATION | {"separation", "reporting"},
 }
 INSIDE_ESTIMATION = ("flat", "wide", "polarized")
 HEAVY = ("torch", "casadi", "nlopt", "kornia", "matplotlib", "scipy", "skimage", "cv2", "sklearn", "pandas")

@@ -22,13 +22,16 @@ from polaropt.capture.registration import (
     moved_back,
 )
 from polaropt.errors import InputError
+from polaropt.progress import Progress
 
 Mask = NDArray[np.bool_]
 Moved = Callable[[FloatImages, FloatImages, int], tuple[FloatImages, FloatImages]]
 """Puts a plane of photograph k and the shares of its valid pixels back."""
+# Fractions of the progress; set by hand.
+_SHIFTS_MEASURED, _TURNS_MEASURED = 0.15, 0.4
 
 
-def align(capture: Capture, *, overwrite: bool = False) -> Capture:
+def align(capture: Capture, *, overwrite: bool = False, progress: Progress | None = None) -> Capture:
     """Move photographs that are shifted, turned or scaled against each other onto the first one.
 
     Parameters
@@ -37,6 +40,8 @@ def align(capture: Capture, *, overwrite: bool = False) -> Capture:
     overwrite : bool
         Whether the result may take the capture's own memory, which is then of no use any more: large photographs need
         it only once.
+    progress : callable, optional
+        Called with what is being done and the fraction done, 0..1.
 
     Returns
     -------
@@ -53,17 +58,25 @@ def align(capture: Capture, *, overwrite: bool = False) -> Capture:
     """
     if capture.cells is not None:
         raise InputError("a mosaic's photographs are taken at once, through one filter each pixel; leave --align out")
+
+    def tell(fraction: float) -> None:
+        if progress is not None:
+            progress("Aligning", fraction)
+
     shifts = measure_shifts(capture)
+    tell(_SHIFTS_MEASURED)
     turns = measure_turns(capture, shifts)
+    tell(_TURNS_MEASURED)
     if turns.certain:
         motions = turns.motions
-        aligned = _aligned(capture, motions, _turned_back(motions), overwrite)
+        aligned = _aligned(capture, motions, _turned_back(motions), overwrite, tell)
         rotations, scales = tuple(map(float, motions.rotations_deg)), tuple(map(float, motions.scales))
         return _with_motions(aligned, motions.offsets, turns.error, rotations, scales)
     if not shifts.certain:
         return capture
     motions = Motions.of_shifts(shifts.pixels)
-    return _with_motions(_aligned(capture, motions, _shifted_back(motions), overwrite), shifts.pixels, shifts.error)
+    aligned = _aligned(capture, motions, _shifted_back(motions), overwrite, tell)
+    return _with_motions(aligned, shifts.pixels, shifts.error)
 
 
 def _with_motions(
@@ -81,7 +94,9 @@ def _with_motions(
     )
 
 
-def _aligned(capture: Capture, motions: Motions, moved_back: Moved, overwrite: bool) -> Capture:
+def _aligned(
+    capture: Capture, motions: Motions, moved_back: Moved, overwrite: bool, tell: Callable[[float], None]
+) -> Capture:
     """The frame that all photographs show, those that moved put back."""
     frame = _common_frame(motions, capture.shape[-2:])
     shape = (*capture.intensities.shape[:-2], *(lines.stop - lines.start for lines in frame))
@@ -97,6 +112,7 @@ def _aligned(capture: Capture, motions: Motions, moved_back: Moved, overwrite: b
                 # What touches invalid pixels is not valid.
                 image, kept = np.clip(image, *bounds, out=image), share > WHOLE
             images[k, *plane], valid[k, *plane] = image[frame], kept[frame]
+        tell(_TURNS_MEASURED + (1 - _TURNS_MEASURED) * (k + 1) / len(capture.intensities))
     return Capture.of_planes(images, capture.angles_deg, valid, capture.origin)
 
 

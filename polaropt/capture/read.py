@@ -40,6 +40,7 @@ from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_g
 from polaropt.errors import InputError
 from polaropt.numerics import block_mean, quantization_step, strips
 from polaropt.optics import Analyzer, analyzer_matrix
+from polaropt.progress import Progress
 
 Mask = NDArray[np.bool_]
 Images = NDArray[np.float32]
@@ -264,6 +265,7 @@ def read_capture(
     shape: Sequence[int] | None = None,
     pixel_format: str | None = None,
     analyzer: AnyPath | Analyzer | None = None,
+    progress: Progress | None = None,
 ) -> Capture:
     """Read photographs taken through a polarizer.
 
@@ -313,6 +315,8 @@ def read_capture(
     analyzer : path or Analyzer, optional
         Gain, contrast and angle of a mosaic's analyzers, as ``polaropt calibrate`` writes them. The samples become
         what ideal analyzers would have measured: what is missing is small, and follows from the Stokes images.
+    progress : callable, optional
+        Called with what is being done and the fraction done, 0..1.
 
     Returns
     -------
@@ -338,7 +342,8 @@ def read_capture(
         field_of_view_deg=field_of_view_deg,
         analyzer=analyzer,
     )
-    content, exposures = _content(files, shape, pixel_format)
+    content, exposures = _content(files, shape, pixel_format, progress)
+    _tell(progress, _OPENED)
     name = files[0] if len(files) == 1 else f"{files[0]} and the others"
     try:
         levels = find_levels(content.pixels, options.black_level, options.white_level, content.bits)
@@ -351,17 +356,27 @@ def read_capture(
     assert capture.origin is not None
     layout = "files" if len(files) > 1 else capture.origin.layout
     focal = _focal_px(content, capture, options)
+    _tell(progress, 1.0)
     return capture.with_origin(files=files, layout=layout, focal_px=focal, exposures=exposures)
 
 
+_OPENED = 0.6
+"""Fraction of the progress at which all files are decoded; the rest is values, gains and mosaics. Set by hand."""
+
+
+def _tell(progress: Progress | None, fraction: float) -> None:
+    if progress is not None:
+        progress("Reading", fraction)
+
+
 def _content(
-    files: tuple[str, ...], shape: Sequence[int] | None, pixel_format: str | None
+    files: tuple[str, ...], shape: Sequence[int] | None, pixel_format: str | None, progress: Progress | None = None
 ) -> tuple[FileContent, tuple[float, ...]]:
     """What the files hold, and the exposures of camera raw files."""
     if shape is None:
         if pixel_format is not None:
             raise InputError("a pixel format is for one raw file without a header; give its shape too, or leave it out")
-        return (read_file(files[0]), ()) if len(files) == 1 else _one_per_angle(files)
+        return (read_file(files[0]), ()) if len(files) == 1 else _one_per_angle(files, progress)
     if len(files) != 1:
         raise InputError("a shape is for one raw file without a header; leave it out")
     try:
@@ -401,10 +416,11 @@ def _listed_files(paths: AnyPath | Sequence[AnyPath]) -> tuple[str, ...]:
     return tuple(files)
 
 
-def _one_per_angle(files: Sequence[str]) -> tuple[FileContent, tuple[float, ...]]:
+def _one_per_angle(files: Sequence[str], progress: Progress | None) -> tuple[FileContent, tuple[float, ...]]:
     """The photographs of files, and the exposures of camera raw files."""
     contents: list[FileContent] = []
     for i, name in enumerate(files):
+        _tell(progress, _OPENED * i / len(files))
         content = read_file(name)
         if i == 0:
             first, stacked = content, np.empty((len(files), *content.pixels.shape), content.pixels.dtype)

@@ -21,7 +21,6 @@ from polaropt.errors import InputError
 WRONG_INPUT = 2
 
 app = typer.Typer(
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Start with: polaropt demo",
@@ -63,8 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 on success; 2 for wrong options or input, told in one line on standard error; 130 for Ctrl-C. Anything
-        unexpected is raised.
+        0 on success; 1 for a result that is warned of, where ``--strict`` asks for it; 2 for wrong options or input,
+        told in one line on standard error; 130 for Ctrl-C. Anything unexpected is raised.
     """
     try:
         outcome = app(args=arguments, prog_name="polaropt", standalone_mode=False)

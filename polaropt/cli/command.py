@@ -12,11 +12,18 @@ from typing import Any, get_type_hints
 
 import typer
 
-Progress = Callable[[str, float], None]
+from polaropt.progress import Progress, Stages
+
 Action = Callable[..., None]
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
+
+
+DOUBTFUL = 1
+"""Exit code of a result that is warned of, where that is asked for."""
+STARTING = "Starting"
+"""The stage before the first file is read, and wherever else libraries are loaded."""
 
 
 class Interrupted(Exception):
@@ -72,9 +79,24 @@ def say(*sentences: str) -> None:
         typer.echo(sentence)
 
 
+def say_warnings(*sentences: str) -> None:
+    """What a result is warned of, on standard error, where standard output is for others or for nobody."""
+    for sentence in sentences:
+        typer.echo(f"polaropt: warning: {sentence}", err=True)
+
+
 def say_json(document: dict[str, Any]) -> None:
     """One JSON object on standard output."""
     typer.echo(json.dumps(document, indent=2, allow_nan=False))
+
+
+@contextmanager
+def watched(wanted: bool = True) -> Iterator[Stages]:
+    """The stages of a command from its begin on, shown as a bar where somebody watches."""
+    with progress_bar(wanted) as progress:
+        stages = Stages(progress)
+        stages.begin(STARTING, 0.0)
+        yield stages
 
 
 @contextmanager
@@ -84,9 +106,15 @@ def progress_bar(wanted: bool = True) -> Iterator[Progress | None]:
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("Reading", total=1.0)
+        task = bar.add_task(STARTING, total=1.0)
         yield lambda stage, fraction: bar.update(task, description=stage, completed=fraction)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polaropt.cli.command import Progress, progress_bar, say, say_json
+from polaropt.cli.command import say, say_json, watched
 from polaropt.cli.options import AsJson
+from polaropt.progress import Stages
 
 if TYPE_CHECKING:
+    from polaropt.capture import Capture
     from polaropt.cli.example import Example, Score
     from polaropt.optics import Field
 
@@ -40,33 +43,54 @@ def demo_command(options: DemoOptions) -> None:
     raw mosaic of a colour polarization camera.
     """
     from polaropt.capture import result_folder
+    from polaropt.reporting import RESULT_FILES
 
-    with result_folder(options.output) as work, progress_bar(not options.json) as progress:
-        example, report, scores = _run(work, progress)
-    with result_folder(options.output / OF_MOSAIC) as work, progress_bar(not options.json) as progress:
-        of_mosaic = _run_mosaic(work, progress)
+    with watched(not options.json) as stages:
+        with result_folder(options.output, RESULT_FILES) as work:
+            part = _begun(stages, 0.0, _FIRST_DONE)
+            example, report, scores = _run(work, options.output, part)
+            stages.include(part.seconds, part.cpu_seconds)
+        folder = options.output / OF_MOSAIC
+        with result_folder(folder, RESULT_FILES) as work:
+            part = _begun(stages, _FIRST_DONE, 1.0)
+            of_mosaic = _run_mosaic(work, folder, part)
+            stages.include(part.seconds, part.cpu_seconds)
+        stages.end()
     if options.json:
         mosaic = {"scores": _as_dicts(of_mosaic)}
         say_json({"output": str(options.output), "scores": _as_dicts(scores), "mosaic": mosaic, **report})
     else:
-        say(*_sentences(example, report, (scores, of_mosaic), options.output))
+        say(*_sentences(example, report, (scores, of_mosaic), stages.seconds, options.output))
 
 
-def _run(work: Path, progress: Progress | None) -> tuple[Example, dict[str, Any], tuple[Score, Score]]:
+# Fraction of the demo at which the four photographs are done, and of each part at which its example is made and
+# separated; set by hand.
+_FIRST_DONE, _MADE, _SEPARATED = 0.4, 0.1, 0.75
+
+
+def _begun(whole: Stages, start: float, stop: float) -> Stages:
+    """The stages of one example."""
+    whole.begin("Comparing", start)
+    return Stages(whole.part(start, stop))
+
+
+def _run(work: Path, folder: Path, stages: Stages) -> tuple[Example, dict[str, Any], tuple[Score, Score]]:
     from polaropt.capture import read_capture, write_capture, write_png, write_tiff
     from polaropt.cli.example import comparison, make_example, scores
     from polaropt.optics import SceneParameters
     from polaropt.reporting import write_separation
     from polaropt.separation import separate
 
+    stages.begin("Simulating", 0.0)
     example = make_example()
     # From the files on, as with one's own photographs.
-    capture = read_capture(write_capture(example.capture, work / "capture.png"))
+    capture = _in_folder(read_capture(write_capture(example.capture, work / "capture.png")), folder)
     write_tiff(work / "true_transmission.tiff", example.transmission)
     write_tiff(work / "true_reflection.tiff", example.reflection)
     unknown = SceneParameters(None, None, None)
-    result = separate(capture, unknown, progress=progress)
-    report = write_separation(work, result, capture)
+    result = separate(capture, unknown, progress=stages.part(_MADE, _SEPARATED))
+    stages.include(result.seconds, result.cpu_seconds)
+    report = write_separation(work, result, capture, stages=stages, reached=_SEPARATED)
     layers = (result.transmission, result.reflection)
     write_png(work / COMPARISON, comparison(example, *layers))
     rated = scores(example, *layers)
@@ -74,7 +98,13 @@ def _run(work: Path, progress: Progress | None) -> tuple[Example, dict[str, Any]
     return example, report, rated
 
 
-def _run_mosaic(work: Path, progress: Progress | None) -> tuple[Score, Score]:
+def _in_folder(capture: Capture, folder: Path) -> Capture:
+    """The capture with its files where they will be, instead of where they are until all is done."""
+    assert capture.origin is not None
+    return capture.with_origin(files=tuple(str(folder / Path(name).name) for name in capture.origin.files))
+
+
+def _run_mosaic(work: Path, folder: Path, stages: Stages) -> tuple[Score, Score]:
     import numpy as np
 
     from polaropt.capture import WHITE_16, read_capture, write_png, write_tiff
@@ -82,11 +112,13 @@ def _run_mosaic(work: Path, progress: Progress | None) -> tuple[Score, Score]:
     from polaropt.reporting import write_separation
     from polaropt.separation import separate
 
+    stages.begin("Simulating", 0.0)
     raw, transmission, reflection = make_mosaic()
     write_png(work / MOSAIC, np.round(np.clip(raw, 0, 1) * WHITE_16).astype(np.uint16))
-    capture = read_capture(work / MOSAIC)
-    result = separate(capture, progress=progress)
-    write_separation(work, result, capture)
+    capture = _in_folder(read_capture(work / MOSAIC), folder)
+    result = separate(capture, progress=stages.part(_MADE, _SEPARATED))
+    stages.include(result.seconds, result.cpu_seconds)
+    write_separation(work, result, capture, stages=stages, reached=_SEPARATED)
     write_tiff(work / "true_transmission.tiff", transmission)
     write_tiff(work / "true_reflection.tiff", reflection)
     example, layers = Example(capture, transmission, reflection, SCENE), (result.transmission, result.reflection)
@@ -99,10 +131,14 @@ def _as_dicts(scores: tuple[Score, Score]) -> list[dict[str, Any]]:
 
 
 def _sentences(
-    example: Example, report: dict[str, Any], scores: tuple[tuple[Score, Score], tuple[Score, Score]], folder: Path
+    example: Example,
+    report: dict[str, Any],
+    scores: tuple[tuple[Score, Score], tuple[Score, Score]],
+    seconds: Mapping[str, float],
+    folder: Path,
 ) -> list[str]:
     from polaropt.optics import FIELDS, SEARCHED
-    from polaropt.reporting import marked, report_attention
+    from polaropt.reporting import marked, report_attention, time_sentence
 
     def row(field: Field) -> str:
         (component,) = field.components
@@ -116,7 +152,7 @@ def _sentences(
         *map(_score_line, scores[0]),
         "PSNR, from one raw mosaic at the sensor's resolution",
         *map(_score_line, scores[1]),
-        f"{report['solver']['n_evaluations']} evaluations, {sum(report['seconds'].values()):.1f} s",
+        time_sentence(seconds),
         *marked(report_attention(report)),
         "",
         "Look at:",

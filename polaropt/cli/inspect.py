@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from polaropt.cli.command import progress_bar, say, say_json
+from polaropt.cli.command import say, say_json, watched
 from polaropt.cli.options import CaptureOptions, LadderOptions, OutputOptions, PaneOptions
 
 if TYPE_CHECKING:
@@ -39,10 +39,13 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, output: Out
     """
     from polaropt.reporting import inspect_capture, inspection_sentences
 
-    photographs = capture.read()
-    inspection = inspect_capture(photographs)
-    if picture.output is not None:
-        _write_picture(photographs, picture.output)
+    with watched(not output.json) as stages:
+        photographs = capture.read(stages, 0.7)
+        stages.begin("Inspecting", 0.7)
+        inspection = inspect_capture(photographs)
+        if picture.output is not None:
+            stages.begin("Drawing", 0.9)
+            _write_picture(photographs, picture.output)
     sentences = [*capture.preparation(photographs), *inspection_sentences(inspection)]
     if output.json:
         written = [] if picture.output is None else [str(picture.output)]
@@ -80,14 +83,15 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         scene_report,
     )
 
-    scene = pane.scene()
+    pane.scene()  # its checks, before anything is read
     ladder.check()
     capture.check(pane)
-    photographs = capture.read()
-    still = still_photographs(photographs)
-    with progress_bar(not output.json) as progress:
-        if progress is not None:
-            progress("Estimating the scene", 0.0)
+    with watched(not output.json) as stages:
+        photographs = capture.read(stages, 0.3)
+        scene = pane.scene(photographs)
+        stages.begin("Measuring the noise", 0.3)
+        still = still_photographs(photographs)
+        stages.begin("Estimating the scene", 0.4)
         found = find_scene(
             still.capture,
             scene,

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from polaropt.cli.command import STARTING
 from polaropt.errors import InputError
 
 if TYPE_CHECKING:
     from polaropt.capture import Capture
     from polaropt.optics import SceneParameters
+    from polaropt.progress import Stages
 
 
 ThicknessKind = Literal["paper", "plate"]
@@ -122,6 +124,16 @@ class PaneOptions:
             rich_help_panel=_PANE,
         ),
     ] = None
+    earlier: Annotated[
+        Path | None,
+        typer.Option(
+            "--scene",
+            metavar="REPORT.json",
+            help="Take the whole scene from the report of an earlier separation of the same view, instead of finding "
+            "it.",
+            rich_help_panel=_PANE,
+        ),
+    ] = None
     focal_px: Annotated[
         float | None,
         typer.Option(
@@ -132,11 +144,21 @@ class PaneOptions:
         ),
     ] = None
 
-    def scene(self) -> SceneParameters:
-        """The scene, with None for what is to be estimated."""
+    def scene(self, capture: Capture | None = None) -> SceneParameters:
+        """The scene, with None for what is to be estimated.
+
+        Parameters
+        ----------
+        capture : Capture, optional
+            To whose size an earlier scene is scaled.
+        """
         from polaropt.optics import SceneParameters
 
         self.check()
+        if self.earlier is not None:
+            from polaropt.reporting import scene_of_report
+
+            return scene_of_report(self.earlier, None if capture is None else capture.shape[-2:])
         return SceneParameters(
             self.incidence,
             self.azimuth,
@@ -175,6 +197,11 @@ class PaneOptions:
 
     def check(self) -> None:
         """InputError where two options contradict each other."""
+        if self.earlier is not None:
+            given = [field.name for field in fields(self) if getattr(self, field.name) != field.default]
+            others = [f"--{name.replace('_', '-')}" for name in given if name != "earlier"]
+            if others:
+                raise InputError(f"--scene gives the whole pane; leave it or {others[0]} out")
         from polaropt.optics import DARKEST_TINT, FARTHEST_SHIFT_PX, MOST_PANES
 
         if self.shift is not None and self.thickness_px is not None:
@@ -408,10 +435,20 @@ class CaptureOptions:
         ),
     ] = False
 
-    def read(self) -> Capture:
-        """Read the files, align them and look for the start of the angles where that is asked for."""
+    def read(self, stages: Stages, until: float = 1.0) -> Capture:
+        """Read the files, align them and look for the start of the angles where that is asked for.
+
+        Parameters
+        ----------
+        stages : Stages
+        until : float
+            How far the command has come when this is done.
+        """
         from polaropt.capture import read_capture
 
+        # Shares of the progress, by what they take on large photographs: set by hand.
+        read_until = until * (0.2 if self.align else 1.0)
+        stages.begin("Reading", 0.0)
         steps = self.angles.removeprefix(_RELATIVE).removeprefix(",")
         capture = read_capture(
             self.captures,
@@ -428,15 +465,19 @@ class CaptureOptions:
             shape=sides_of(self.shape),
             pixel_format=self.pixel_format,
             analyzer=self.analyzer,
+            progress=stages.part(0.0, read_until),
         )
         if self.align:
             from polaropt.capture import align
 
-            capture = align(capture, overwrite=True)
+            stages.begin("Aligning", read_until)
+            capture = align(capture, overwrite=True, progress=stages.part(read_until, until))
         if self.angles.startswith(_RELATIVE):
             from polaropt.estimation import find_start_angle
 
+            stages.begin("Finding the angles' start", until)
             capture = find_start_angle(capture)
+        stages.begin(STARTING, until)
         return capture
 
     def check(self, pane: PaneOptions) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from polaropt.cli.command import progress_bar, say, say_json
+from polaropt.cli.command import DOUBTFUL, say, say_json, say_warnings, watched
 from polaropt.cli.options import CaptureOptions, LadderOptions, PaneOptions
 from polaropt.errors import InputError
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 
 _SOLVING = "Solving"
+# Fractions of the progress at which the photographs are read, or aligned, and separated; set by hand.
+_READ, _ALIGNED, _SEPARATED = 0.06, 0.3, 0.75
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,26 @@ class FolderOptions:
     json: Annotated[
         bool, typer.Option("--json", metavar="", help="Print the report as one JSON object, for machines.")
     ] = False
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print nothing but errors.")] = False
+    uncertainty: Annotated[
+        bool,
+        typer.Option(
+            "--uncertainty/--no-uncertainty",
+            help="Find the standard errors of the layers and write their maps, in up to a quarter of the time.",
+        ),
+    ] = True
+    write: Annotated[
+        Literal["layers", "all"],
+        typer.Option(
+            metavar="WHAT",
+            help="layers: the two layers and report.json alone; all: error maps, page and pictures as well.",
+        ),
+    ] = "all"
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", metavar="", help="Print nothing but errors and warnings of the result.")
+    ] = False
+    strict: Annotated[
+        bool, typer.Option("--strict", metavar="", help="End with exit code 1 where the result is warned of.")
+    ] = False
 
 
 def separate_command(
@@ -154,20 +175,23 @@ def separate_command(
     of other names stay. A run that fails or is interrupted leaves the folder as it was.
     """
     from polaropt.capture import result_folder
+    from polaropt.reporting import RESULT_FILES
 
-    scene, weights, stopping = pane.scene(), parse_weights(solving.weights), solving.stopping()
+    pane.scene()  # its checks, before anything is read
+    weights, stopping = parse_weights(solving.weights), solving.stopping()
     ladder.check()
     capture.check(pane)
     solving.check_names()
-    with result_folder(folder.output) as work, progress_bar(not (folder.json or folder.quiet)) as progress:
+    with watched(not (folder.json or folder.quiet)) as stages, result_folder(folder.output, RESULT_FILES) as work:
         # Imported after reading, so that an error in the files is told at once.
-        photographs = capture.read()
-        from polaropt.reporting import report_sentences, write_separation
+        read_until = _ALIGNED if capture.align else _READ
+        photographs = capture.read(stages, read_until)
+        from polaropt.reporting import report_attention, report_sentences, write_separation
         from polaropt.separation import separate
 
         result = separate(
             photographs,
-            scene,
+            pane.scene(photographs),
             solver=solving.solver,
             init=solving.init,
             weights=weights,
@@ -175,15 +199,29 @@ def separate_command(
             model=ladder.model,
             thickness_px=pane.thickness_px,
             thickness_kind=pane.thickness_kind,
-            progress=progress,
+            progress=stages.part(read_until, _SEPARATED),
             robust=solving.robust,
             device=solving.device,
         )
-        report = write_separation(work, result, photographs)
+        stages.include(result.seconds, result.cpu_seconds)
+        report = write_separation(
+            work,
+            result,
+            photographs,
+            stages=stages,
+            reached=_SEPARATED,
+            uncertainty=folder.uncertainty,
+            layers_only=folder.write == "layers",
+        )
     if folder.json:
         say_json({"output": str(folder.output), **report})
     elif not folder.quiet:
         say(*capture.preparation(photographs), *report_sentences(report, folder.output))
+    doubts = report_attention(report)
+    if folder.quiet and not folder.json:
+        say_warnings(*doubts)
+    if folder.strict and doubts:
+        raise typer.Exit(DOUBTFUL)
 
 
 def parse_weights(text: str) -> Weights:

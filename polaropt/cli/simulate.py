@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 import polaropt
-from polaropt.cli.command import progress_bar, say, say_json
+from polaropt.cli.command import progress_bar, say, say_json, watched
 from polaropt.cli.options import AsJson, PaneOptions, numbers
 from polaropt.errors import InputError
 
@@ -153,19 +153,23 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
         given = len(layers.layers or ())
         raise InputError(f"{given} photographs to blend; give two, TRANSMISSION REFLECTION, or --pairs N")
     camera, scene = layers.camera(), _one_scene(pane)
-    with result_folder(layers.output) as work:
+    with watched(not layers.json) as stages, result_folder(layers.output, _written_before(layers.output)) as work:
+        stages.begin("Reading", 0.0)
         images = common_middle([read_photograph(path, layers.gamma) for path in layers.layers])
         color = None if layers.sensor is None else layers.sensor == "color"
         if color is not None:
             _check_mosaic(layers, images[0])
+        stages.begin("Writing the truth", 0.2)
         truth = ["true_transmission.tiff", "true_reflection.tiff"]
         for name, image, share in zip(truth, images, (scene.tint, 1.0), strict=True):
             seen = camera.through_lens(image if color is None else sensor_image(image, color))
             write_tiff(work / name, seen if share == 1 else seen * np.float32(share))
+        stages.begin("Simulating", 0.4)
         if color is None:
             capture = photograph_pair(images[0], images[1], scene, camera, margin=0)
             # Large ones need the memory.
             del image, images, seen
+            stages.begin("Writing the photographs", 0.8)
             files = [path.name for path in write_capture(capture, work / f"capture.{layers.format}")]
         else:
             raw = photograph_mosaic(images[0], images[1], scene, camera, color)
@@ -175,6 +179,15 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
         document |= {"photographs": [str(path) for path in layers.layers], "files": files, "truth": truth}
         (work / "scene.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     return {**document, "summary": ", ".join([*files, *truth, "scene.json"])}
+
+
+def _written_before(folder: Path) -> list[str]:
+    """The photographs of an earlier simulation into the same folder, as its own document names them."""
+    try:
+        files = json.loads((folder / "scene.json").read_text(encoding="utf-8"))["files"]
+        return [name for name in files if name == Path(name).name]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
 
 
 def _check_mosaic(layers: LayerOptions, image: NDArray[Any]) -> None:
@@ -194,6 +207,8 @@ def _check_mosaic(layers: LayerOptions, image: NDArray[Any]) -> None:
 def _one_scene(pane: PaneOptions) -> SceneParameters:
     from polaropt.optics import SceneParameters, ghost_step
 
+    if pane.earlier is not None:
+        return pane.scene()
     index = pane.known_index
     # The pane that is simulated where nothing is said.
     incidence, azimuth, shift = SceneParameters().values()
@@ -222,6 +237,7 @@ def _simulate_many(layers: LayerOptions, pane: PaneOptions, many: SetOptions) ->
         ("--transmission-shift", pane.transmission_shift),
         ("--panes", pane.panes),
         ("--tint", pane.tint),
+        ("--scene", pane.earlier),
     ):
         if value is not None:
             raise InputError(f"{name} is for one pair; leave it or --pairs out")

@@ -328,9 +328,10 @@ def _reason(evidence: Evidence, steps: list[_Step], step: _Step, taken: _Step) -
         if step is not taken:
             what = "edges" if evidence.explained else "polarized light"
             return f"It leaves {what} unexplained."
-        return "It leaves nothing but noise." if evidence.explained else "No higher rung explains what it leaves."
+        explained = "It leaves no polarized light beyond the noise."
+        return explained if evidence.explained else "No higher rung explains what it leaves."
     if not step.attempt.known:
-        return ""
+        return "The photographs do not tell it."
     if evidence.explained and step.attempt.told_by_edges:
         return "The layers' edges and spectra tell it."
     share = _share(evidence, step)

@@ -7,7 +7,7 @@ incidence is moved by two errors, as two are to cover the truth: towards frontal
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -217,6 +217,7 @@ def estimate_uncertainty(
     *,
     of_scene: SceneErrors = SceneErrors(),  # noqa: B008 (frozen)
     rivals: Sequence[Rival] = (),
+    tell: Callable[[float], None] | None = None,
 ) -> Iterator[UncertaintyStrip]:
     """Standard errors from the variance that each place's photographs and spectra leave, and from the scene's errors.
 
@@ -235,6 +236,8 @@ def estimate_uncertainty(
         Of what was estimated of the scene. Default: it is known.
     rivals : sequence of Rival
         Other scenes that the true one may be.
+    tell : callable, optional
+        Called with the fraction done, 0..1.
     """
     colors, (height, width) = layers.shape[1], layers.shape[-2:]
     doubtful = doubts(pieces[0].pse.scene, of_scene, rivals)
@@ -247,6 +250,8 @@ def estimate_uncertainty(
         top, bottom = band[0].tile.rows.start, band[0].tile.rows.stop
         total, added = ([_continued(plane, bottom - top) for plane in planes] for planes in (total, added))
         for piece in band:
+            if tell is not None:
+                tell(pieces.index(piece) / len(pieces))
             _add_noise(total, capture.part(*piece.tile.where), layers, noise, piece, growth)
             if doubtful:
                 _add_scene(added, capture, noise, piece.tile, doubtful, growth)
@@ -303,7 +308,9 @@ def _add_scene(
         plane[:, tile.columns] += tile.weights * error
 
 
-def uncertainty_without_polarization(capture: Capture, noise: float) -> Iterator[UncertaintyStrip]:
+def uncertainty_without_polarization(
+    capture: Capture, noise: float, tell: Callable[[float], None] | None = None
+) -> Iterator[UncertaintyStrip]:
     """Of a capture that shows no polarization: its intensity holds both layers, so that each may be all of it."""
     for rows, part in capture.intensity_strips():
         error = np.abs(part) + np.float32(noise)

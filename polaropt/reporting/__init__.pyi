@@ -1,4 +1,6 @@
 __all__ = [
+    "RESULT_FILES",
+    "Inspection",
     "Picture",
     "alignment_sentence",
     "cell_order_attention",
@@ -9,17 +11,28 @@ __all__ = [
     "json_values",
     "marked",
     "motion_attention",
+    "plot_layers",
     "report_attention",
     "report_sentences",
+    "result_html",
+    "result_lines",
+    "scene_of_report",
     "scene_report",
     "side_by_side",
     "start_sentence",
+    "time_sentence",
     "viewing_exposure",
     "write_separation",
 ]
 
 from .files import write_separation as write_separation
+from .inspection import Inspection as Inspection
 from .inspection import inspect_capture as inspect_capture
+from .names import RESULT_FILES as RESULT_FILES
+from .notebook import plot_layers as plot_layers
+from .notebook import result_html as result_html
+from .notebook import result_lines as result_lines
+from .notebook import scene_of_report as scene_of_report
 from .pictures import Picture as Picture
 from .pictures import inspection_picture as inspection_picture
 from .pictures import side_by_side as side_by_side
@@ -35,3 +48,4 @@ from .words import motion_attention as motion_attention
 from .words import report_attention as report_attention
 from .words import report_sentences as report_sentences
 from .words import start_sentence as start_sentence
+from .words import time_sentence as time_sentence

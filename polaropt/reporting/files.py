@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, linearize, tiff_rows, write_png, write_png_view, write_tiff
 from polaropt.judging import SeparationWarning
+from polaropt.progress import Stages
 from polaropt.reporting.inspection import inspect_still
-from polaropt.reporting.page import write_html_report
+from polaropt.reporting.names import RESULT_FILES
+from polaropt.reporting.page import page_pictures, write_html_report
 from polaropt.reporting.pictures import (
     FADED,
     LAYERS,
@@ -26,14 +29,29 @@ from polaropt.reporting.pictures import (
     side_by_side,
     viewing_exposure,
 )
-from polaropt.reporting.report import json_values, separation_report
+from polaropt.reporting.report import json_values, rounded, separation_report
 from polaropt.reporting.words import attention
 
 if TYPE_CHECKING:
     from polaropt.separation import Separation
 
 
-def write_separation(folder: Path, result: Separation, capture: Capture) -> dict[str, Any]:
+# Share of what follows a separation at which the error maps are made, for the progress alone: set by hand.
+_JUDGED = 0.6
+# Share of the writing that each layer takes, likewise.
+_LAYER_WRITTEN = 0.3
+
+
+def write_separation(
+    folder: Path,
+    result: Separation,
+    capture: Capture,
+    *,
+    stages: Stages | None = None,
+    reached: float = 0.0,
+    uncertainty: bool = True,
+    layers_only: bool = False,
+) -> dict[str, Any]:
     """Write the layers (TIFF linear, PNG to look at), their uncertainty, ``report.json`` and ``report.html``.
 
     Where the model does not explain the photographs, ``misfit.tiff`` and ``misfit.png`` show where; where something
@@ -45,12 +63,30 @@ def write_separation(folder: Path, result: Separation, capture: Capture) -> dict
     result : Separation
     capture : Capture
         What was separated.
+    stages : Stages, optional
+        Of all that was done until now, the separation's own included. Default: only those are told.
+    reached : float
+        How far the whole has come, for the progress.
+    uncertainty : bool
+        Whether the layers' standard errors are found, which takes its time.
+    layers_only : bool
+        Whether the layers and ``report.json`` are all that is written.
 
     Returns
     -------
     dict
         The report.
     """
+    if stages is None:
+        stages = Stages()
+        stages.include(result.seconds, result.cpu_seconds)
+    told, errors = None, None
+    judged = reached + _JUDGED * (1 - reached) if uncertainty and not layers_only else reached
+    if judged > reached:
+        begun, span = stages, judged - reached
+        begun.begin("Error maps", reached)
+        told, errors = write_uncertainty(folder, result, lambda fraction: begun.advance(span * fraction))
+    stages.begin("Writing", judged)
     exposures = {}
     for name in LAYERS:
         layer = result.layers[LAYERS.index(name)]
@@ -58,25 +94,33 @@ def write_separation(folder: Path, result: Separation, capture: Capture) -> dict
         with tiff_rows(folder / f"{name}.tiff", layer.shape) as write:
             write(layer)
         write_png_view(folder / f"{name}.png", layer, exposures[name])
-    told, errors = write_uncertainty(folder, result)
+        stages.advance((1 - judged) * _LAYER_WRITTEN * len(exposures))
     inspection = inspect_still(capture, result.moving)
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
-    misfit = misfit_map(result, capture) if unexplained else None
-    if result.moving is not None:
+    misfit = misfit_map(result, capture) if unexplained and not layers_only else None
+    if result.moving is not None and not layers_only:
         write_png(folder / "moving.png", moving_picture(capture, result.moving))
+    misfit_told = None if misfit is None else _write_misfit(folder, misfit)
+    pictures = [] if layers_only else page_pictures(result, capture, exposures, errors, misfit)
+    stages.end()
+    names = {path.name for path in folder.iterdir()} | {"report.json"} | (set() if layers_only else {"report.html"})
     report = {
         "request": {"scene": result.asked, **json_values(result.settings)},
         **separation_report(result, capture, result.asked),
+        "seconds": rounded(stages.seconds),
+        "cpu_seconds": rounded(stages.cpu_seconds),
         "inspection": inspection.as_dict(),
         "attention": attention(inspection, result.diagnostics.warnings),
         "uncertainty": told,
-        "misfit_map": None if misfit is None else _write_misfit(folder, misfit),
+        "misfit_map": misfit_told,
         "view": {"exposure": exposures, "encoding": "sRGB of exposure times the linear values"},
+        "written": [name for name in RESULT_FILES if name in names],
     }
     document: dict[str, Any] = json_values(report)
     text = json.dumps(document, indent=2, allow_nan=False)
     (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    write_html_report(folder / "report.html", result, capture, document, errors, misfit)
+    if not layers_only:
+        write_html_report(folder / "report.html", result, document, pictures)
     return document
 
 
@@ -87,7 +131,9 @@ def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:
     return {"unit": "standard deviations of the noise", "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}
 
 
-def write_uncertainty(folder: Path, result: Separation) -> tuple[dict[str, Any], UncertaintyPanels]:
+def write_uncertainty(
+    folder: Path, result: Separation, tell: Callable[[float], None] | None = None
+) -> tuple[dict[str, Any], UncertaintyPanels]:
     """Write standard errors and how much of the reflection is known: linear, and one picture of all three to look at.
 
     Parameters
@@ -95,6 +141,8 @@ def write_uncertainty(folder: Path, result: Separation) -> tuple[dict[str, Any],
     folder : Path
         Gets ``transmission_error.tiff``, ``reflection_error.tiff``, ``reflection_known.tiff`` and ``uncertainty.png``.
     result : Separation
+    tell : callable, optional
+        Called with the fraction done, 0..1.
 
     Returns
     -------
@@ -108,10 +156,10 @@ def write_uncertainty(folder: Path, result: Separation) -> tuple[dict[str, Any],
     summary = UncertaintySummary(shape)
     with ExitStack() as files:
         *of_layers, of_known = (
-            files.enter_context(tiff_rows(folder / name, size))
+            files.enter_context(tiff_rows(folder / name, size, coarse=True))
             for name, size in [*((name, shape[1:]) for name in names), ("reflection_known.tiff", shape[-2:])]
         )
-        for strip in result.uncertainty_strips():
+        for strip in result.uncertainty_strips(tell):
             for write, error in zip(of_layers, strip.uncertainty.standard_error, strict=True):
                 write(error)
             of_known(strip.uncertainty.reflection_known)

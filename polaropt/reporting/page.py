@@ -31,7 +31,7 @@ from polaropt.reporting.pictures import (
     reduced_intensity,
     viewing_exposure,
 )
-from polaropt.reporting.words import motion_sentences, report_attention, shown_fields, source_of
+from polaropt.reporting.words import motion_sentences, report_attention, shown_fields, source_of, time_sentence
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -89,7 +89,7 @@ def page_pictures(
     result: Separation,
     capture: Capture,
     exposures: Mapping[str, float],
-    errors: UncertaintyPanels,
+    errors: UncertaintyPanels | None,
     misfit: Image | None = None,
 ) -> list[PagePicture]:
     """Photograph and layers, what moves, their errors, polarization and misfit, in the order of the page.
@@ -100,13 +100,20 @@ def page_pictures(
     capture : Capture
     exposures : mapping of str to float
         What "transmission" and "reflection" are multiplied by.
-    errors : UncertaintyPanels
+    errors : UncertaintyPanels or None
+        None where they were not asked for.
     misfit : ndarray, shape (h, w), optional
         Standard deviations of the noise.
     """
     last = [] if misfit is None else [_misfit(misfit)]
     moving = [] if result.moving is None else [_moving(capture, result.moving)]
-    return [*_layers(result, capture, exposures), *moving, *_errors(errors), *_polarization(capture), *last]
+    return [
+        *_layers(result, capture, exposures),
+        *moving,
+        *([] if errors is None else _errors(errors)),
+        *_polarization(capture),
+        *last,
+    ]
 
 
 def _moving(capture: Capture, moving: NDArray[np.bool_]) -> PagePicture:
@@ -313,10 +320,8 @@ class Parameter:
 def write_html_report(
     path: Path,
     result: Separation,
-    capture: Capture,
     report: dict[str, Any],
-    errors: UncertaintyPanels,
-    misfit: NDArray[np.float32] | None = None,
+    pictures: Sequence[PagePicture],
 ) -> None:
     """Write a page that needs nothing beside it: pictures, pane, course of the solve, warnings.
 
@@ -324,15 +329,10 @@ def write_html_report(
     ----------
     path : Path
     result : Separation
-    capture : Capture
-        What was separated.
     report : dict
         As in ``report.json``.
-    errors : UncertaintyPanels
-    misfit : ndarray, shape (h, w), optional
-        Map of the misfit in standard deviations of the noise, where the model does not explain the photographs.
+    pictures : sequence of PagePicture
     """
-    pictures = page_pictures(result, capture, report["view"]["exposure"], errors, misfit)
     names = [Path(name).name for name in report["input"].get("files", ())]
     page = _template().render(
         title=_title(names),
@@ -345,7 +345,7 @@ def write_html_report(
         comparable=[picture for picture in pictures if picture.comparable],
         parameters=parameters(report),
         chart=convergence_chart([point.value for point in result.solver.trace]),
-        seconds=sum(report["seconds"].values()),
+        time=time_sentence(report["seconds"]),
     )
     path.write_text(page, encoding="utf-8")
 

@@ -51,8 +51,8 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
         "rungs": json_values(result.tried),
         "objective": {name: _term(term) for name, term in result.terms.items()},
         "solver": solver_report(result.solver),
-        "seconds": _rounded(result.seconds),
-        "cpu_seconds": _rounded(result.cpu_seconds),
+        "seconds": rounded(result.seconds),
+        "cpu_seconds": rounded(result.cpu_seconds),
         "diagnostics": diagnostics_report(result.diagnostics),
         "versions": versions(),
     }
@@ -62,7 +62,8 @@ def _term(term: Term) -> dict[str, Any]:
     return {"raw": json_values(term.value), "weight": json_values(term.weight)}
 
 
-def _rounded(seconds: Mapping[str, float]) -> dict[str, float]:
+def rounded(seconds: Mapping[str, float]) -> dict[str, float]:
+    """Seconds of stages as the report tells them."""
     return {stage: round(value, _SECONDS_DIGITS) for stage, value in seconds.items()}
 
 

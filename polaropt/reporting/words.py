@@ -37,6 +37,8 @@ _WEAK_DOLP = 0.02
 _SAME_EXPOSURE = 1.001
 # Share of pixels from which a shorter exposure is advised. Set by hand.
 _MUCH_SATURATED = 0.05
+# Standard error below which a second digit of it is more than anybody knows. Set by hand.
+_HUNDREDTH = 0.01
 
 Subject = Literal[
     "size", "values", "black", "noise", "saturation", "polarization", "gain", "encoding", "order", "position", "motion"
@@ -332,8 +334,8 @@ def pane_sentence(report: dict[str, Any]) -> str:
 
 def _phrase(field: Field, report: dict[str, Any]) -> str:
     """A field's words, numbers, errors and source."""
-    amount = _amount(field, report["scene"][field.name], report["errors"].get(field.name))
-    source = source_of(field.name, report["estimated"])
+    amount = amount_of(field, report["scene"][field.name], report["errors"].get(field.name))
+    source = _source_and_doubt(source_of(field.name, report["estimated"]), field, report["errors"].get(field.name))
     if field.name == "bend_deg_per_px":
         return f"bent by {amount} ({source})"
     if len(field.components) > 1:
@@ -341,14 +343,24 @@ def _phrase(field: Field, report: dict[str, Any]) -> str:
     return f"{field.label} {amount} ({source})"
 
 
-def _amount(field: Field, value: Any, error: Any) -> str:
+def _source_and_doubt(source: str, field: Field, error: Any) -> str:
+    """Where a value comes from, and that it has no standard error where an estimated one has none."""
+    errors = error if isinstance(error, list | tuple) else [error]
+    countable = field.name == "n_panes"
+    unknown = source == "estimated" and not countable and not any(map(error_of, errors))
+    return f"{source}, error not known" if unknown else source
+
+
+def amount_of(field: Field, value: Any, error: Any) -> str:
     """Numbers of a field with their standard errors, where there are any, and units."""
     if field.name == "bend_deg_per_px":
-        return f"{100 * largest_turn(value):.1f} deg in 100 px"
+        # The largest turn is known no worse than its three numbers together.
+        known = error_of(100 * math.hypot(*error)) if error and None not in error else ""
+        return f"{100 * largest_turn(value):.1f} {known}deg in 100 px"
     errors = error if isinstance(error, list | tuple) else [error] * len(field.components)
     values = value if isinstance(value, list | tuple) else [value]
     parts = (
-        f"{number:.{component.digits}f} {error_of(of_number)}{component.unit}".strip()
+        f"{number:.{max(component.digits, _digits_of(of_number))}f} {error_of(of_number)}{component.unit}".strip()
         for component, number, of_number in zip(field.components, values, errors, strict=True)
     )
     return " at ".join(parts)
@@ -379,15 +391,19 @@ def estimate_sentences(
     heads = max(len(field.label) for field in fields)
     lines = []
     for field in fields:
-        amount = _amount(field, getattr(found.scene, field.name), getattr(found.errors, field.name, None))
-        lines.append(f"{field.label:{heads}}  {amount} ({sources[field.name]})")
+        error = getattr(found.errors, field.name, None)
+        amount = amount_of(field, getattr(found.scene, field.name), error)
+        lines.append(f"{field.label:{heads}}  {amount} ({_source_and_doubt(sources[field.name], field, error)})")
     if found.scene.varies:
         lines.append("incidence and azimuth change over the picture; those above are at its middle")
     elif given.single_surface:
         lines.append("a single surface, without ghosts")
-    lines += [
-        f"{'rung':{heads}}  {tried.rung}: {'taken' if tried.taken else 'left'}. {tried.reason}" for tried in found.tried
-    ]
+    rungs = (
+        f"{'rung':{heads}}  {tried.rung}: {'taken' if tried.taken else 'left'}. {tried.reason}".rstrip()
+        for tried in found.tried
+    )
+    # A rung that is looked at in two ways is told once, unless there is more to tell.
+    lines += dict.fromkeys(rungs)
     if found.estimate is not None and not found.estimate.polarized:
         lines += marked(["the light is not polarized beyond the noise; these numbers mean nothing."])
     return lines
@@ -404,30 +420,49 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
         Where the files are.
     """
     solver = report["solver"]
-    seconds = sum(report["seconds"].values())
     exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in LAYERS)
     lines = [
         pane_sentence(report),
-        f"Solver: {solver['n_evaluations']} evaluations, {seconds:.1f} s altogether. {solver['sentence']}",
+        f"Solver: {solver['n_evaluations']} evaluations. {solver['sentence']}",
+        time_sentence(report["seconds"]),
         *marked(report_attention(report)),
         *motion_sentences(report),
         f"Written to {folder}:",
         "  transmission.tiff, reflection.tiff  linear values",
         f"  transmission.png, reflection.png    to look at: sRGB of {exposures} times the linear values",
-        "  transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png",
-        f"                                      {_uncertainty_sentence(report['uncertainty'])}",
     ]
+    if report["uncertainty"] is not None:
+        lines.append("  transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png")
+        lines.append(f"                                      {_uncertainty_sentence(report['uncertainty'])}")
     if report["misfit_map"] is not None:
         lines.append(
             "  misfit.tiff, misfit.png             where the pane does not explain the photographs, in units of noise"
         )
     share = report["inspection"]["moving_share"]
-    if share:
+    if share and "moving.png" in report["written"]:
         moved = f"in red what moves between the photographs, {100 * share:.2g} % of the picture"
         lines.append(f"  moving.png                          {moved}")
     lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
-    lines.append("  report.html                         the result as a page, with pictures and warnings")
+    if "report.html" in report["written"]:
+        lines.append("  report.html                         the result as a page, with pictures and warnings")
     return lines
+
+
+# Share of the whole from which a stage is told by itself; set by hand.
+_NOTABLE_STAGE = 0.02
+
+
+def time_sentence(seconds: Mapping[str, float]) -> str:
+    """Seconds of all that was done, and of the stages that take most of it.
+
+    Parameters
+    ----------
+    seconds : mapping of str to float
+        Of each stage.
+    """
+    total = sum(seconds.values())
+    notable = [(name, value) for name, value in seconds.items() if value >= _NOTABLE_STAGE * total]
+    return f"{total:.1f} s altogether: {', '.join(f'{name.lower()} {value:.1f}' for name, value in notable)}."
 
 
 def motion_sentences(report: dict[str, Any]) -> list[str]:
@@ -477,8 +512,19 @@ def _uncertainty_sentence(uncertainty: dict[str, Any]) -> str:
 
 
 def error_of(error: float | None) -> str:
-    """A standard error to be said after its value, two digits of it; nothing where there is none."""
-    if error is None or not math.isfinite(error):
+    """A standard error to be said after its value; nothing where there is none.
+
+    Two digits of it but no more than hundredths, and below these one digit.
+    """
+    if error is None or not math.isfinite(error) or error <= 0:
         return ""
-    digits = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 2
-    return f"+- {error:.{min(digits, 2)}f} "
+    return f"+- {error:.{_digits_of(error)}f} "
+
+
+def _digits_of(error: float | None) -> int:
+    """Digits after the point with which a standard error is said; 0 where there is none."""
+    if error is None or not math.isfinite(error) or error <= 0:
+        return 0
+    first = -math.floor(math.log10(error))
+    # Rounding may make a digit more of it: 0.0096 is 0.010.
+    return max(0, min(first + 1, 2)) if error >= _HUNDREDTH else first

@@ -12,6 +12,7 @@ from skimage import data
 
 from polaropt.capture.files.decode import read_file
 from polaropt.capture.files.write import write_png
+from polaropt.cli.app import main
 from tests.command_line import QUICK, RESULTS, spoken
 
 
@@ -95,15 +96,36 @@ def test_a_single_surface_has_no_ghosts(
 
 
 def test_quiet_says_nothing(photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert spoken(capsys, "separate", *photographs, "-o", str(tmp_path), "--quiet", *QUICK) == ""
+    pane = ["--incidence", "65", "--azimuth", "30", "--shift", "4"]
+    assert spoken(capsys, "separate", *photographs, *pane, "-o", str(tmp_path), "--quiet", *QUICK) == ""
+
+
+def test_what_is_warned_of_is_told_in_any_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flat = _unpolarized(tmp_path)
+    assert main(["separate", flat, "-o", str(tmp_path / "out"), "--quiet", *QUICK]) == 0
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("polaropt: warning: ")
+    assert main(["separate", flat, "-o", str(tmp_path / "out"), "--quiet", "--strict", *QUICK]) == 1
+
+
+def test_strict_does_not_mind_a_result_without_warnings(photographs: list[str], tmp_path: Path) -> None:
+    pane = ["--incidence", "65", "--azimuth", "30", "--shift", "4"]
+    assert main(["separate", *photographs, *pane, "-o", str(tmp_path), "--strict", *QUICK]) == 0
+
+
+def _unpolarized(folder: Path) -> str:
+    """A stack of photographs that show no polarization."""
+    image = data.coffee()[150:214, 200:264].astype(np.float64) / 255 / 2
+    noise = 0.005 * np.random.default_rng(0).standard_normal((4, *image.shape))
+    pages = np.clip(image + noise, 0, 1)
+    tifffile.imwrite(folder / "flat.tiff", pages.astype(np.float32), photometric="rgb")
+    return str(folder / "flat.tiff")
 
 
 def test_an_unpolarized_scene_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     image = data.coffee()[150:214, 200:264].astype(np.float64) / 255 / 2
-    noise = 0.005 * np.random.default_rng(0).standard_normal((4, *image.shape))
-    pages = np.clip(image + noise, 0, 1)
-    tifffile.imwrite(tmp_path / "flat.tiff", pages.astype(np.float32), photometric="rgb")
-    said = spoken(capsys, "separate", str(tmp_path / "flat.tiff"), "-o", str(tmp_path / "out"), *QUICK)
+    said = spoken(capsys, "separate", _unpolarized(tmp_path), "-o", str(tmp_path / "out"), *QUICK)
     assert "ATTENTION" in said
     transmission = tifffile.imread(tmp_path / "out" / "transmission.tiff")
     assert np.sqrt(np.mean((transmission - 2 * image) ** 2)) < 0.01

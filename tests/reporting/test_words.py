@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from polaropt.estimation.ladder import LadderResult
+from polaropt.estimation.ladder import LadderResult, RungReport
 from polaropt.judging.warnings import SeparationWarning
 from polaropt.optics.scene import FIELDS, SceneErrors, SceneParameters
 from polaropt.reporting.inspection import inspect_capture
@@ -15,6 +15,7 @@ from polaropt.reporting.report import json_values, scene_report
 from polaropt.reporting.words import (
     attention,
     capture_findings,
+    error_of,
     estimate_sentences,
     inspection_sentences,
     pane_sentence,
@@ -87,8 +88,32 @@ def test_every_quantity_of_the_scene_is_said_everywhere() -> None:
         assert ("bent by" if field.name == "bend_deg_per_px" else field.label) in sentence
         assert any(line.startswith(field.label) for line in lines)
     assert "incidence 61.20 +- 0.40 deg (estimated)" in sentence
-    assert "refractive index 1.333 (estimated)" in sentence
+    assert "refractive index 1.333 (estimated, error not known)" in sentence
+    assert "panes 2 (estimated)" in sentence
     assert "refractive index 1.333 (given)" in pane_sentence({**report, "estimated": []})
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(0.4, "+- 0.40 "), (12.3, "+- 12 "), (0.031, "+- 0.03 "), (0.0042, "+- 0.004 "), (0.0, ""), (None, "")],
+)
+def test_a_standard_error_is_never_said_to_be_none(error: float | None, said: str) -> None:
+    assert error_of(error) == said
+
+
+def test_a_number_has_as_many_digits_as_its_error() -> None:
+    scene = SceneParameters(61.2, 25.0, 0.0)
+    report = {**scene_report(scene, OPEN), "errors": json_values(SceneErrors(incidence_deg=0.4, azimuth_deg=0.0042))}
+    assert "azimuth 25.000 +- 0.004 deg (estimated)" in pane_sentence(report)
+
+
+def test_a_rung_that_is_looked_at_twice_is_told_once() -> None:
+    left = RungReport("polarized", None, None, 0.1, False, "The photographs do not tell it.")
+    taken = RungReport("ghosts", 1.0, 0.0, 0.1, True, "It leaves no polarized light beyond the noise.")
+    lines = estimate_sentences(LadderResult(FULL, None, (taken, left, left)), OPEN)
+    told = [line for line in lines if line.startswith("rung")]
+    assert len(told) == 2
+    assert all(line.endswith(".") and not line.endswith("left.") for line in told)
 
 
 @pytest.mark.parametrize(

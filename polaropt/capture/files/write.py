@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -30,13 +30,16 @@ _PREFIX = ".polaropt-"
 
 
 @contextmanager
-def result_folder(target: Path) -> Iterator[Path]:
+def result_folder(target: Path, owned: Collection[str] = ()) -> Iterator[Path]:
     """Folder to write results into; they appear in `target` together when the block ends without an error.
 
     Parameters
     ----------
     target : Path
         Made if it does not exist. In an existing folder files of the same names are replaced, all others stay.
+    owned : collection of str
+        Names that belong to the results as a whole: those that an earlier run has left and this one does not write
+        are removed.
 
     Yields
     ------
@@ -52,7 +55,7 @@ def result_folder(target: Path) -> Iterator[Path]:
     try:
         yield work
         with _failures_of(target):
-            _publish(work, target)
+            _publish(work, target, owned)
     finally:
         shutil.rmtree(work, ignore_errors=True)
 
@@ -87,9 +90,9 @@ def _failures_of(target: Path) -> Iterator[None]:
         raise InputError(f"{target}: cannot be written ({reason}); choose another output folder") from None
 
 
-def _publish(work: Path, target: Path) -> None:
+def _publish(work: Path, target: Path, owned: Collection[str]) -> None:
     if target.exists():
-        _replace_files(work, target)
+        _replace_files(work, target, owned)
         return
     target.absolute().parent.mkdir(parents=True, exist_ok=True)
     # Temporary folders are private; results are as open as any new folder.
@@ -99,9 +102,10 @@ def _publish(work: Path, target: Path) -> None:
     work.rename(target)
 
 
-def _replace_files(work: Path, target: Path) -> None:
+def _replace_files(work: Path, target: Path, owned: Collection[str]) -> None:
     """Exchange file by file, and undo everything if one of them fails."""
     names = [path.name for path in work.iterdir()]
+    stale = [name for name in owned if name not in names and (target / name).is_file()]
     previous = Path(tempfile.mkdtemp(prefix="previous-", dir=work))
     try:
         for name in names:
@@ -110,7 +114,12 @@ def _replace_files(work: Path, target: Path) -> None:
             if (target / name).exists():
                 (target / name).rename(previous / name)
             (work / name).rename(target / name)
+        for name in stale:
+            (target / name).rename(previous / name)
     except BaseException:
+        for name in stale:
+            if (previous / name).exists():
+                (previous / name).rename(target / name)
         for name in names:
             if not (work / name).exists():
                 (target / name).unlink(missing_ok=True)
@@ -122,46 +131,75 @@ def _replace_files(work: Path, target: Path) -> None:
 Pixels = NDArray[Any]
 
 
+# Deflate is what all readers know; a higher level takes longer and saves nothing on noisy floating point values.
+_LEVEL = 1
+# Rows that are compressed together, as often in TIFF; set by hand.
+_ROWS_PER_STRIP = 64
+# Bits of the mantissa of what is told to three digits (standard errors, shares): half a part in a thousand.
+_COARSE_BITS = 10
+_MANTISSA_BITS = 23
+
+
 def write_tiff(path: AnyPath, image: ArrayLike) -> None:
-    """Write a linear image (h, w) or (h, w, 3) as float32 TIFF, values as they are."""
+    """Write a linear image (h, w) or (h, w, 3) as float32 TIFF, values as they are, compressed without loss."""
+    pixels = np.ascontiguousarray(image, dtype=np.float32)
+    with _opened(path) as file:
+        _pack(file, pixels)
+
+
+def _pack(file: BinaryIO, pixels: NDArray[np.float32]) -> None:
+    """Pixels (h, w[, channel]) as a TIFF, deflated after a predictor for floating point."""
     import tifffile
 
-    pixels = np.ascontiguousarray(image, dtype=np.float32)
-    kind = "rgb" if pixels.ndim == 3 and pixels.shape[-1] == 3 else "minisblack"
-    with _opened(path) as file:
-        tifffile.imwrite(file, pixels, photometric=kind, metadata=None)
+    tifffile.imwrite(
+        file,
+        pixels,
+        photometric="rgb" if pixels.ndim == 3 and pixels.shape[-1] == 3 else "minisblack",
+        metadata=None,
+        compression="zlib",
+        compressionargs={"level": _LEVEL},
+        predictor=3,
+        rowsperstrip=_ROWS_PER_STRIP,
+    )
+
+
+def _coarse(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Values rounded to `_COARSE_BITS`, which compress to a third."""
+    dropped = _MANTISSA_BITS - _COARSE_BITS
+    bits = np.ascontiguousarray(values).view(np.uint32) + np.uint32(1 << (dropped - 1))
+    return (bits >> np.uint32(dropped) << np.uint32(dropped)).view(np.float32)
 
 
 @contextmanager
-def tiff_rows(path: AnyPath, shape: tuple[int, ...]) -> Iterator[Callable[[FloatImages], None]]:
-    """File of a linear image as `write_tiff` makes it, some rows at a time.
+def tiff_rows(
+    path: AnyPath, shape: tuple[int, ...], *, coarse: bool = False
+) -> Iterator[Callable[[FloatImages], None]]:
+    """File of a linear image as `write_tiff` makes it, some rows at a time, which wait in a temporary file beside it.
 
     Parameters
     ----------
     path : path
     shape : tuple of int
         Of the image's planes, ([channel,] h, w).
+    coarse : bool
+        Whether three digits are enough, as of standard errors.
 
     Yields
     ------
     callable
         Takes the next rows of all planes, ([channel,] rows, w).
     """
-    import tifffile
-
     *channels, height, width = shape
-    kind = "rgb" if channels == [3] else "minisblack"
-    with _opened(path) as file:
-        size = (height, width, *channels)
-        place = tifffile.imwrite(file, shape=size, dtype=np.float32, photometric=kind, metadata=None, returnoffset=True)
-        assert place is not None
-        file.seek(place[0])
+    with _opened(path) as file, tempfile.TemporaryFile(dir=Path(path).parent) as waiting:
 
         def write(planes: FloatImages) -> None:
             for rows in strips(planes.shape[-2], planes.size // planes.shape[-2]):
-                file.write(planes_last(np.asarray(planes[..., rows, :], dtype=np.float32)).tobytes())
+                values = planes_last(np.asarray(planes[..., rows, :], dtype=np.float32))
+                waiting.write((_coarse(values) if coarse else values).tobytes())
 
         yield write
+        waiting.flush()
+        _pack(file, np.memmap(waiting, np.float32, "r", shape=(height, width, *channels)))
 
 
 def write_png_view(path: AnyPath, planes: FloatImages, exposure: float = 1.0) -> None:

@@ -1,0 +1,269 @@
+"""What `polaropt` offers by name: separate, inspect and estimate, with results that show themselves.
+
+The steps themselves are in the wings below; the command line and the studies use these.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field, fields
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from polaropt import separation
+from polaropt.capture import Capture, noise_level, result_folder
+from polaropt.errors import InputError, ResultWarning
+from polaropt.estimation import LadderResult, find_scene, still_photographs
+from polaropt.optics import GLASS_INDEX, SceneParameters
+from polaropt.progress import Progress
+from polaropt.reporting import (
+    RESULT_FILES,
+    Inspection,
+    inspect_capture,
+    plot_layers,
+    result_html,
+    result_lines,
+    scene_of_report,
+    write_separation,
+)
+from polaropt.solving import Weights
+from solvers.base import StoppingRule
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SceneLike = SceneParameters | str | PathLike[str]
+
+
+@dataclass(frozen=True, repr=False)
+class Separation(separation.Separation):
+    """Two layers and how they were found; shows itself as a table, in notebooks with pictures.
+
+    `transmission` and `reflection` are float32 arrays (h, w) or (h, w, channel), linear; `scene` with `errors` is the
+    pane, `diagnostics.warnings` what speaks against the result, `uncertainty` the standard error in every pixel.
+    All other attributes are those of `polaropt.separation.Separation`.
+
+    Attributes
+    ----------
+    capture : Capture
+        What was separated.
+    """
+
+    capture: Capture = field(repr=False, kw_only=True)
+
+    def __repr__(self) -> str:
+        return "\n".join(result_lines(self))
+
+    def _repr_html_(self) -> str:
+        return result_html(self)
+
+    def plot(self) -> Figure:
+        """Photograph, transmission and reflection side by side, each with an exposure of its own.
+
+        Raises
+        ------
+        InputError
+            matplotlib is not installed.
+        """
+        return plot_layers(self, self.capture)
+
+    def save(self, folder: str | PathLike[str], *, uncertainty: bool = True, layers_only: bool = False) -> Path:
+        """Write the files that ``polaropt separate`` writes.
+
+        Parameters
+        ----------
+        folder : path
+            Made if it does not exist; files of an earlier result in it are replaced as a whole.
+        uncertainty : bool
+            Whether the layers' standard errors are found and written.
+        layers_only : bool
+            Whether the layers and ``report.json`` are all that is written.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        InputError
+            It cannot be written.
+        """
+        target = Path(folder)
+        with result_folder(target, RESULT_FILES) as work:
+            write_separation(work, self, self.capture, uncertainty=uncertainty, layers_only=layers_only)
+        return target
+
+
+def separate(
+    capture: Capture,
+    scene: SceneLike | None = None,
+    solver: str = "lbfgs",
+    init: str = "closed-form",
+    refractive_index: float | None = GLASS_INDEX,
+    single_surface: bool = False,
+    weights: Weights = Weights(),  # noqa: B008 (frozen)
+    stopping: StoppingRule = StoppingRule(),  # noqa: B008 (frozen)
+    *,
+    model: str = "auto",
+    thickness_px: float | None = None,
+    thickness_kind: Literal["paper", "plate"] = "paper",
+    robust: bool = False,
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Separation:
+    """Separate the transmitted from the reflected scene.
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters or path, optional
+        Fields that are None are estimated, the others stay fixed; or the ``report.json`` of an earlier separation,
+        whose scene is taken as it was found. Default: all is found blind, with the two parameters below.
+    solver : str
+        Name of a minimizer, see `solvers.registry.solver_names`.
+    init : str
+        Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it;
+        the solve then keeps of it what the photographs leave open), "per-pixel" or "cold" (the plain intensity); see
+        `initializers`.
+    refractive_index : float or None
+        Index of the pane, where no scene is given. None: it is found, as far as the photographs tell it.
+    single_surface : bool
+        No back face (water), where no scene is given.
+    weights : Weights
+        Factors on the terms of the objective.
+    stopping : StoppingRule
+    model : str
+        Rung of the ladder of scene models, where the scene is not given: "auto" takes the lowest one that explains
+        the capture, "none" returns the intensity; all names: `polaropt.estimation.ladder.model_names`.
+    thickness_px : float, optional
+        Thickness of the pane in pixels: ties the ghost shift to the incidence.
+    thickness_kind : {"paper", "plate"}
+        Formula of the ghost step, see `ghost_step`.
+    robust : bool
+        Residuals of the photographs beyond three sigma count linearly.
+    device : str, optional
+        Where the torch solver works, as torch names it: "cpu" or "cuda".
+    progress : callable, optional
+        Called with what is being done and the fraction done, 0..1.
+
+    Returns
+    -------
+    Separation
+
+    Raises
+    ------
+    ValueError
+        Unknown solver or start (the message lists the names), a solver that cannot take so large an image, or a
+        parameter outside its range or of another type (`InputError`).
+
+    Warns
+    -----
+    ResultWarning
+        The result is not to be trusted as it is: `Separation.diagnostics` tells why.
+    """
+    found = separation.separate(
+        _checked(capture),
+        _scene_of(scene, capture),
+        solver,
+        init,
+        refractive_index,
+        single_surface,
+        weights,
+        stopping,
+        model=model,
+        thickness_px=thickness_px,
+        thickness_kind=thickness_kind,
+        robust=robust,
+        device=device,
+        progress=progress,
+    )
+    if found.diagnostics.warnings:
+        told = "; ".join(warning.value.rstrip(".") for warning in found.diagnostics.warnings)
+        warnings.warn(f"{told}.", ResultWarning, stacklevel=2)
+    parts = {of.name: getattr(found, of.name) for of in fields(separation.Separation)}
+    return Separation(**parts, capture=capture)
+
+
+def inspect(capture: Capture) -> Inspection:
+    """Tell what a capture is, before anything is solved: size, noise, gain, polarization, signs of mistakes.
+
+    Parameters
+    ----------
+    capture : Capture
+
+    Returns
+    -------
+    Inspection
+
+    Raises
+    ------
+    InputError
+        It is no capture.
+    """
+    return inspect_capture(_checked(capture))
+
+
+def estimate(
+    capture: Capture,
+    scene: SceneLike | None = None,
+    *,
+    model: str = "auto",
+    thickness_px: float | None = None,
+    thickness_kind: Literal["paper", "plate"] = "paper",
+) -> LadderResult:
+    """Estimate how the pane stands, without separating.
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters or path, optional
+        As for `separate`. Default: a pane of glass of which nothing else is known.
+    model, thickness_px, thickness_kind
+        As for `separate`.
+
+    Returns
+    -------
+    LadderResult
+        Its `scene` is complete, `errors` are the standard errors of what was estimated.
+
+    Raises
+    ------
+    InputError
+        It is no capture, or a parameter is outside its range.
+    """
+    still = still_photographs(_checked(capture))
+    asked = _scene_of(scene, capture) or SceneParameters(
+        None, None, None, n_panes=None, gap_shift=None, absorption=None
+    )
+    return find_scene(
+        still.capture,
+        asked,
+        noise_level(still.capture),
+        model,
+        thickness_px=thickness_px,
+        thickness_kind=thickness_kind,
+    )
+
+
+def _checked(capture: Any) -> Capture:
+    """InputError where something else is given for a capture."""
+    if isinstance(capture, Capture):
+        return capture
+    kind = type(capture).__name__
+    if isinstance(capture, str | PathLike) or (isinstance(capture, list | tuple) and capture):
+        raise InputError(f"capture is a {kind}; read files with read_capture, and give what it returns")
+    raise InputError(
+        f"capture is a {kind}; make one of photographs (angle, height, width[, colour]) with Capture(photographs, "
+        "angles_deg), or of files with read_capture"
+    )
+
+
+def _scene_of(scene: Any, capture: Capture) -> SceneParameters | None:
+    """A scene as it is given, or from an earlier report."""
+    if scene is None or isinstance(scene, SceneParameters):
+        return scene
+    if isinstance(scene, str | PathLike):
+        return scene_of_report(Path(scene), capture.shape[-2:])
+    raise InputError(f"scene is a {type(scene).__name__}; give SceneParameters, or the report.json of a separation")

@@ -1,0 +1,17 @@
+"""Names of the files of a separation; this module imports nothing, so that they are known before anything is loaded."""
+
+ERROR_MAPS = ("transmission_error.tiff", "reflection_error.tiff", "reflection_known.tiff", "uncertainty.png")
+"""Files of how well the layers are known."""
+RESULT_FILES = (
+    "transmission.tiff",
+    "transmission.png",
+    "reflection.tiff",
+    "reflection.png",
+    *ERROR_MAPS,
+    "misfit.tiff",
+    "misfit.png",
+    "moving.png",
+    "report.json",
+    "report.html",
+)
+"""All files that a separation may write: what of them a run does not write, an earlier one has left."""
