@@ -4,17 +4,19 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.polaropt-installed
+PLAIN := $(VENV)/.polaropt-without-extras
 PEERS := .venv-peers
 # Tests run side by side in so many processes.
 WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint peers clean
+.PHONY: help setup demo test lint package peers clean
 
 help:
 	@echo "make demo   set up, separate an example and name the pictures to look at"
 	@echo "make test   set up and run the tests"
 	@echo "make lint   set up and run ruff and mypy"
+	@echo "make package  build wheel and source distribution, and try them on every Python there is"
 	@echo "make peers  build $(PEERS), the environment of a peer in studies.peers"
 	@echo "make setup  only set up ($(VENV) in this folder)"
 	@echo "make clean  remove everything that the above made"
@@ -24,10 +26,16 @@ setup: $(STAMP)
 # Touched last, so that an interrupted installation starts again.
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[casadi,dev,raw,studies,torch]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[casadi,dev,plot,raw,studies,torch]"
+	touch $@ $(PLAIN)
+
+# What a separation needs, and nothing else.
+$(PLAIN): pyproject.toml constraints.txt
+	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
 	touch $@
 
-demo: setup
+demo: $(PLAIN)
 	$(BIN)/polaropt demo --output demo-output
 
 test: setup
@@ -37,6 +45,9 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+package:
+	PYTHON=$(PYTHON) .ci/package
 
 # It needs an older numpy than polaropt does.
 peers: $(PEERS)/.installed

@@ -6,10 +6,12 @@ __all__ = [
     "SONY_CELL",
     "WHITE_16",
     "AnyPath",
+    "CameraFacts",
     "Capture",
     "EncodingHint",
     "FloatImages",
     "GammaFit",
+    "JpegFacts",
     "Mistakes",
     "NoiseClasses",
     "NoiseModel",
@@ -49,8 +51,10 @@ __all__ = [
     "stokes_images",
     "swapped_photographs",
     "tiff_rows",
+    "uneven_gains",
     "visible_shift",
     "write_capture",
+    "write_picture",
     "write_png",
     "write_png_view",
     "write_tiff",
@@ -76,15 +80,19 @@ from .checks import find_mistakes as find_mistakes
 from .checks import fit_gamma as fit_gamma
 from .checks import swapped_photographs as swapped_photographs
 from .checks import visible_shift as visible_shift
+from .exposure import uneven_gains as uneven_gains
 from .files.decode import AnyPath as AnyPath
 from .files.decode import linearize as linearize
 from .files.decode import parse_gamma as parse_gamma
 from .files.decode import read_file as read_file
+from .files.exif import CameraFacts as CameraFacts
+from .files.jpeg import JpegFacts as JpegFacts
 from .files.write import encode_srgb as encode_srgb
 from .files.write import result_file as result_file
 from .files.write import result_folder as result_folder
 from .files.write import tiff_rows as tiff_rows
 from .files.write import write_capture as write_capture
+from .files.write import write_picture as write_picture
 from .files.write import write_png as write_png
 from .files.write import write_png_view as write_png_view
 from .files.write import write_tiff as write_tiff

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from polaropt.capture.files.exif import CameraFacts
+from polaropt.capture.files.jpeg import JpegFacts
 from polaropt.capture.pair_gain import redundancy_residual
 from polaropt.errors import InputError
 from polaropt.numerics import (
@@ -70,6 +72,9 @@ class EncodingHint(StrEnum):
         return self in (EncodingHint.SRGB_PNG, EncodingHint.JPEG)
 
 
+_UNTOLD = CameraFacts()
+
+
 @dataclass(frozen=True)
 class FileContent:
     """What one file holds.
@@ -90,8 +95,10 @@ class FileContent:
         Focal length in pixels, where the camera wrote it into the file.
     bits : int or None
         Depth of the values, where it is told and less than that of their type.
-    exposure : float or None
-        Of a camera's raw file: seconds times the sensor's speed over ISO 100, as far as it tells them.
+    camera : CameraFacts
+        How it was held and exposed, and what else the camera tells.
+    jpeg : JpegFacts or None
+        How a JPEG was compressed.
     white_balance : (float, float, float) or None
         Of a camera's raw file: factors on red, green and blue, 1 at most; its values are without them.
     """
@@ -103,7 +110,8 @@ class FileContent:
     encoding_hint: EncodingHint = EncodingHint.NONE
     focal_px: float | None = None
     bits: int | None = None
-    exposure: float | None = None
+    camera: CameraFacts = _UNTOLD
+    jpeg: JpegFacts | None = None
     white_balance: tuple[float, float, float] | None = None
 
 
@@ -129,7 +137,15 @@ class Origin:
     raw_noise : float, optional
         Noise of a sample of a mosaic whose photographs are interpolated (white = 1).
     exposures : tuple of float
-        Of camera raw files: seconds times the sensor's speed over ISO 100, which were divided out where they differ.
+        As told by the files (seconds at ISO 100 and the first one's aperture) or given: divided out where they differ.
+    exposures_given : bool
+        Whether a person gave them.
+    orientation : int
+        How the camera was held, as EXIF has it; the photographs are turned upright. 1 where they were so.
+    camera : CameraFacts
+        Of the first file.
+    jpeg : JpegFacts or None
+        Of the file that was compressed most.
     low_passed : bool
         Whether the photographs went through a low pass, as the cells of a mosaic: their noise is not white.
     grey_levels : int, optional
@@ -166,6 +182,10 @@ class Origin:
     encoding_hint: EncodingHint = EncodingHint.NONE
     raw_noise: float | None = None
     exposures: tuple[float, ...] = ()
+    exposures_given: bool = False
+    orientation: int = 1
+    camera: CameraFacts = _UNTOLD
+    jpeg: JpegFacts | None = None
     low_passed: bool = False
     grey_levels: int | None = None
     cell_order: tuple[float, ...] | None = None
@@ -468,6 +488,13 @@ class Capture:
         part = (..., rows, columns)
         samples = None if self.samples is None else self.samples.part(rows, columns)
         return self._with(intensities=self.intensities[part], valid=self.valid[part], samples=samples, cells=None)
+
+    def in_blocks(self, block: int) -> Capture:
+        """Means over blocks of so many pixels a side, of the photographs alone; like a part it is not checked."""
+        height, width = (side // block * block for side in self.shape[-2:])
+        inside = (..., slice(height), slice(width))
+        means = block_mean(self.intensities[inside], block)
+        return self._with(intensities=means, valid=whole_blocks(self.valid[inside], block), samples=None, cells=None)
 
     def __repr__(self) -> str:
         return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"

@@ -24,6 +24,7 @@ from polaropt.capture.capture import (
 )
 from polaropt.capture.checks import blocks_of, swapped_blocks
 from polaropt.capture.files.decode import AnyPath, linearize, parse_gamma, read_file, read_headless
+from polaropt.capture.files.exif import relative_exposures, upright
 from polaropt.capture.files.focal_length import check_view, focal_from_view
 from polaropt.capture.mosaic import (
     SONY_CELL,
@@ -184,6 +185,7 @@ class ReaderOptions:
     angle_sense: str
     field_of_view_deg: float | None
     analyzer: Analyzer | None
+    exposures: tuple[float, ...] | None = None
 
     def counted(self, angles_deg: Sequence[float]) -> tuple[float, ...]:
         """Angles counter-clockwise from the image's x axis, given in the sense that was asked for."""
@@ -203,6 +205,7 @@ def checked_options(
     angle_sense: str = "ccw",
     field_of_view_deg: float | None = None,
     analyzer: AnyPath | Analyzer | None = None,
+    exposures: Sequence[float] | None = None,
 ) -> ReaderOptions:
     """Check every option of `polaropt.capture.read.read_capture` by itself; InputError with what to give instead."""
     if sensor not in SENSORS:
@@ -236,7 +239,15 @@ def checked_options(
         angle_sense,
         field_of_view_deg,
         read_analyzer(analyzer),
+        None if exposures is None else tuple(_exposure(value) for value in exposures),
     )
+
+
+def _exposure(value: Any) -> float:
+    number = _number(value, "an exposure")
+    if number <= 0:
+        raise InputError(f"an exposure is {number:g}; give how long each photograph was exposed, or in what proportion")
+    return number
 
 
 def _number(value: Any, what: str) -> float:
@@ -265,6 +276,7 @@ def read_capture(
     shape: Sequence[int] | None = None,
     pixel_format: str | None = None,
     analyzer: AnyPath | Analyzer | None = None,
+    exposures: Sequence[float] | None = None,
     progress: Progress | None = None,
 ) -> Capture:
     """Read photographs taken through a polarizer.
@@ -315,6 +327,9 @@ def read_capture(
     analyzer : path or Analyzer, optional
         Gain, contrast and angle of a mosaic's analyzers, as ``polaropt calibrate`` writes them. The samples become
         what ideal analyzers would have measured: what is missing is small, and follows from the Stokes images.
+    exposures : sequence of float, optional
+        How long each photograph was exposed, in any unit: they are divided out. Default: what the files tell (EXIF:
+        time, aperture and speed); nothing is done where one of them tells nothing.
     progress : callable, optional
         Called with what is being done and the fraction done, 0..1.
 
@@ -341,14 +356,15 @@ def read_capture(
         angle_sense=angle_sense,
         field_of_view_deg=field_of_view_deg,
         analyzer=analyzer,
+        exposures=exposures,
     )
-    content, exposures = _content(files, shape, pixel_format, progress)
+    content, told = _content(files, shape, pixel_format, progress)
     _tell(progress, _OPENED)
     name = files[0] if len(files) == 1 else f"{files[0]} and the others"
     try:
         levels = find_levels(content.pixels, options.black_level, options.white_level, content.bits)
         if content.stack:
-            capture = _from_photographs(content, levels, options)
+            capture = _from_photographs(content, levels, options, told)
         else:
             capture = _from_mosaic(content, levels, options)
     except InputError as error:
@@ -357,7 +373,7 @@ def read_capture(
     layout = "files" if len(files) > 1 else capture.origin.layout
     focal = _focal_px(content, capture, options)
     _tell(progress, 1.0)
-    return capture.with_origin(files=files, layout=layout, focal_px=focal, exposures=exposures)
+    return capture.with_origin(files=files, layout=layout, focal_px=focal, camera=content.camera, jpeg=content.jpeg)
 
 
 _OPENED = 0.6
@@ -372,11 +388,15 @@ def _tell(progress: Progress | None, fraction: float) -> None:
 def _content(
     files: tuple[str, ...], shape: Sequence[int] | None, pixel_format: str | None, progress: Progress | None = None
 ) -> tuple[FileContent, tuple[float, ...]]:
-    """What the files hold, and the exposures of camera raw files."""
+    """What the files hold, and the exposures of photographs where all files tell them."""
     if shape is None:
         if pixel_format is not None:
             raise InputError("a pixel format is for one raw file without a header; give its shape too, or leave it out")
-        return (read_file(files[0]), ()) if len(files) == 1 else _one_per_angle(files, progress)
+        if len(files) == 1:
+            content = read_file(files[0])
+            # A mosaic stays as it is: turned, its cell would be another one.
+            return (_upright(content) if content.stack else content), ()
+        return _one_per_angle(files, progress)
     if len(files) != 1:
         raise InputError("a shape is for one raw file without a header; leave it out")
     try:
@@ -417,11 +437,11 @@ def _listed_files(paths: AnyPath | Sequence[AnyPath]) -> tuple[str, ...]:
 
 
 def _one_per_angle(files: Sequence[str], progress: Progress | None) -> tuple[FileContent, tuple[float, ...]]:
-    """The photographs of files, and the exposures of camera raw files."""
+    """The photographs of files, upright, and their exposures where all files tell them."""
     contents: list[FileContent] = []
     for i, name in enumerate(files):
         _tell(progress, _OPENED * i / len(files))
-        content = read_file(name)
+        content = _upright(read_file(name))
         if i == 0:
             first, stacked = content, np.empty((len(files), *content.pixels.shape), content.pixels.dtype)
         if content.stack:
@@ -445,17 +465,24 @@ def _one_per_angle(files: Sequence[str], progress: Progress | None) -> tuple[Fil
     if first.white_balance is not None:
         # One balance for all: a camera's own changes from file to file, and would look like polarization.
         stacked *= np.asarray(first.white_balance, dtype=np.float32)
-    exposures = [content.exposure for content in contents]
-    if all(exposure is not None for exposure in exposures):
-        relative = np.array(exposures, dtype=np.float32)
-        stacked /= (relative / relative.min()).reshape(-1, *[1] * (stacked.ndim - 1))
+    compressed = [content.jpeg for content in contents if content.jpeg is not None]
     return FileContent(
         stacked,
         stack=True,
         valid=valid,
         encoding_hint=first.encoding_hint,
         focal_px=focal,
-    ), tuple(exposure for exposure in exposures if exposure is not None)
+        camera=first.camera,
+        jpeg=max(compressed, key=lambda facts: facts.step, default=None),
+    ), relative_exposures([content.camera for content in contents])
+
+
+def _upright(content: FileContent) -> FileContent:
+    """A photograph, or several, as it is to be looked at; the camera's facts tell how it was held."""
+    axes = (1, 2) if content.stack else (0, 1)
+    turned = upright(content.pixels, content.camera.orientation, axes)
+    valid = None if content.valid is None else upright(content.valid, content.camera.orientation, axes)
+    return replace(content, pixels=turned, valid=valid)
 
 
 def _size(pixels: NDArray[Any]) -> str:
@@ -463,7 +490,7 @@ def _size(pixels: NDArray[Any]) -> str:
     return f"{pixels.shape[1]}x{pixels.shape[0]} px{channels}"
 
 
-def _from_photographs(content: FileContent, levels: Levels, options: ReaderOptions) -> Capture:
+def _from_photographs(content: FileContent, levels: Levels, options: ReaderOptions, told: tuple[float, ...]) -> Capture:
     if options.analyzer is not None:
         raise InputError("an analyzer's calibration is for one raw mosaic; leave it out")
     if options.sensor != "auto" or options.resolution != "sensor":
@@ -477,12 +504,32 @@ def _from_photographs(content: FileContent, levels: Levels, options: ReaderOptio
     intensities, valid = levels.apply(np.moveaxis(content.pixels, -1, 1) if colored else content.pixels, options.gamma)
     if content.valid is not None:
         valid = np.moveaxis(content.valid, -1, 1) if colored else content.valid
-    origin = _origin("stack", content, levels, options)
+    exposures = _exposures_of(len(intensities), options.exposures, told)
+    if exposures:
+        relative = np.array(exposures, dtype=np.float32) / np.float32(min(exposures))
+        intensities /= relative.reshape(-1, *[1] * (intensities.ndim - 1))
+    origin = replace(
+        _origin("stack", content, levels, options),
+        exposures=exposures,
+        exposures_given=options.exposures is not None,
+        orientation=content.camera.orientation,
+    )
     return _finished(intensities, valid, angles, origin, options.pair_gain or 1.0)
+
+
+def _exposures_of(n: int, given: tuple[float, ...] | None, told: tuple[float, ...]) -> tuple[float, ...]:
+    """Exposures of n photographs: as given, or as the files tell them."""
+    if given is None:
+        return told
+    if len(given) != n:
+        raise InputError(f"{len(given)} exposures are given for {n} photographs; give one for each")
+    return given
 
 
 def _from_mosaic(content: FileContent, levels: Levels, options: ReaderOptions) -> Capture:
     raw = _single_plane(content.pixels)
+    if options.exposures is not None:
+        raise InputError("exposures are for several photographs; a mosaic's are taken at once, leave them out")
     cell_order = options.cell_order or SONY_CELL
     if options.angles_deg != ANGLES_DEG and sorted(options.angles_deg) != sorted(cell_order):
         raise InputError("one single image is taken as a mosaic; give its angles as the cell order")

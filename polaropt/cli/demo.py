@@ -75,7 +75,7 @@ def _begun(whole: Stages, start: float, stop: float) -> Stages:
 
 
 def _run(work: Path, folder: Path, stages: Stages) -> tuple[Example, dict[str, Any], tuple[Score, Score]]:
-    from polaropt.capture import read_capture, write_capture, write_png, write_tiff
+    from polaropt.capture import read_capture, write_capture, write_picture, write_tiff
     from polaropt.cli.example import comparison, make_example, scores
     from polaropt.optics import SceneParameters
     from polaropt.reporting import write_separation
@@ -92,7 +92,7 @@ def _run(work: Path, folder: Path, stages: Stages) -> tuple[Example, dict[str, A
     stages.include(result.seconds, result.cpu_seconds)
     report = write_separation(work, result, capture, stages=stages, reached=_SEPARATED)
     layers = (result.transmission, result.reflection)
-    write_png(work / COMPARISON, comparison(example, *layers))
+    write_picture(work / COMPARISON, comparison(example, *layers))
     rated = scores(example, *layers)
     (work / "scores.json").write_text(json.dumps(_as_dicts(rated), indent=2) + "\n", encoding="utf-8")
     return example, report, rated
@@ -107,7 +107,7 @@ def _in_folder(capture: Capture, folder: Path) -> Capture:
 def _run_mosaic(work: Path, folder: Path, stages: Stages) -> tuple[Score, Score]:
     import numpy as np
 
-    from polaropt.capture import WHITE_16, read_capture, write_png, write_tiff
+    from polaropt.capture import WHITE_16, read_capture, write_picture, write_png, write_tiff
     from polaropt.cli.example import SCENE, Example, comparison, make_mosaic, scores
     from polaropt.reporting import write_separation
     from polaropt.separation import separate
@@ -122,7 +122,7 @@ def _run_mosaic(work: Path, folder: Path, stages: Stages) -> tuple[Score, Score]
     write_tiff(work / "true_transmission.tiff", transmission)
     write_tiff(work / "true_reflection.tiff", reflection)
     example, layers = Example(capture, transmission, reflection, SCENE), (result.transmission, result.reflection)
-    write_png(work / COMPARISON, comparison(example, *layers))
+    write_picture(work / COMPARISON, comparison(example, *layers))
     return scores(example, *layers)
 
 

@@ -57,14 +57,14 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, output: Out
 
 
 def _write_picture(photographs: Capture, target: Path) -> None:
-    from polaropt.capture import result_file, write_png
+    from polaropt.capture import result_file, write_picture
     from polaropt.errors import InputError
     from polaropt.reporting import inspection_picture
 
     if target.suffix.lower() != ".png":
         raise InputError(f"{target}: the picture is a PNG; give a name that ends in .png")
     with result_file(target) as temporary:
-        write_png(temporary, inspection_picture(photographs))
+        write_picture(temporary, inspection_picture(photographs))
 
 
 def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderOptions, output: OutputOptions) -> None:

@@ -424,6 +424,15 @@ class CaptureOptions:
             rich_help_panel=_FILES,
         ),
     ] = None
+    exposures: Annotated[
+        str | None,
+        typer.Option(
+            metavar="T,T,...",
+            help="How long each photograph was exposed, in any unit; divided out. Default: what the camera wrote into "
+            "the files (EXIF: time, aperture, speed).",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
     align: Annotated[
         bool,
         typer.Option(
@@ -465,6 +474,7 @@ class CaptureOptions:
             shape=sides_of(self.shape),
             pixel_format=self.pixel_format,
             analyzer=self.analyzer,
+            exposures=None if self.exposures is None else numbers(self.exposures, "--exposures"),
             progress=stages.part(0.0, read_until),
         )
         if self.align:

@@ -142,6 +142,7 @@ class FolderOptions:
         bool,
         typer.Option(
             "--uncertainty/--no-uncertainty",
+            metavar="",
             help="Find the standard errors of the layers and write their maps, in up to a quarter of the time.",
         ),
     ] = True

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, NoiseModel, noise_classes
 from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
-from polaropt.numerics import strips
+from polaropt.numerics import middle_part, strips
 from polaropt.optics import FIELDS, PSE, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.solving import Piece, Problem, Tile, Weights
 from priors.base import CHROMA_WEIGHT
@@ -31,6 +31,11 @@ _LARGEST = {"deg": 20.0, "px": 8.0, "": 0.5}
 # Standard errors by which the incidence is moved: two are to cover the truth, and towards frontal glass what follows
 # from it soars.
 _COVERING = 2.0
+# Shorter side in pixels from which what the scene's errors do is found on blocks: sides of these, for how many doubts,
+# and of the part of the frame that tells their level. Set by hand.
+_LEAST_COARSE, _BLOCK, _LARGE_BLOCK, _FEW_DOUBTS, _COMPARED = 384, 2, 3, 3, 192
+# Ratios of levels that are believed, and a variance that is none.
+_LEVELS, _NO_VARIANCE = (0.25, 16.0), 1e-20
 
 
 @dataclass(frozen=True)
@@ -302,10 +307,50 @@ def _add_scene(
     """Add to the rows of a band the standard errors that the scene's own leave in a tile of it."""
     height, width = capture.shape[-2:]
     center = ((width - 1) / 2 - tile.columns.start, (height - 1) / 2 - tile.rows.start)
-    variance = scene_variance(capture.part(*tile.where), noise, doubtful, center, growth)
+    part = capture.part(*tile.where)
+    if min(part.shape[-2:]) < _LEAST_COARSE or (part.samples is not None and not doubtful[0].below.varies):
+        variance = scene_variance(part, noise, doubtful, center, growth)
+    else:
+        variance = _coarse_scene_variance(part, noise, doubtful, center, growth)
     errors = np.sqrt(variance, out=variance).reshape(len(added), *variance.shape[-2:])
     for plane, error in zip(added, errors, strict=True):
         plane[:, tile.columns] += tile.weights * error
+
+
+def _coarse_scene_variance(
+    part: Capture, noise: float, doubtful: tuple[Doubt, ...], center: tuple[float, float], growth: NoiseModel | None
+) -> Images:
+    """As `scene_variance`, found on means of blocks and brought to its level where both are compared.
+
+    What a scene's errors do to the layers is as fine as these, but how large it is changes slowly.
+    """
+    block = _BLOCK if len(doubtful) <= _FEW_DOUBTS else _LARGE_BLOCK
+    moved = tuple(
+        replace(doubt, below=doubt.below.scaled(1 / block), above=doubt.above.scaled(1 / block)) for doubt in doubtful
+    )
+    middle = ((center[0] + 0.5) / block - 0.5, (center[1] + 0.5) / block - 0.5)
+    averaged = None if growth is None else NoiseModel(growth.read / block, growth.shot / block**2)
+    coarse = scene_variance(part.in_blocks(block), noise / block, moved, middle, averaged)
+    rows, columns = middle_part(part.shape, _COMPARED)
+    seen_from = (center[0] - columns.start, center[1] - rows.start)
+    fine = scene_variance(part.part(rows, columns), noise, doubtful, seen_from, growth)
+    there = coarse[..., rows.start // block : rows.stop // block, columns.start // block : columns.stop // block]
+    level = fine.mean(axis=(-1, -2), keepdims=True) / np.maximum(there.mean(axis=(-1, -2), keepdims=True), _NO_VARIANCE)
+    coarse *= np.clip(level, *_LEVELS)
+    return _enlarged(coarse, block, part.shape[-2:])
+
+
+def _enlarged(planes: Images, block: int, shape: tuple[int, ...]) -> Images:
+    """Planes whose every pixel stands for a block, linear between the blocks' middles, of a shape."""
+    for axis, length in ((-2, shape[0]), (-1, shape[1])):
+        n = planes.shape[axis]
+        place = np.clip((np.arange(length) + 0.5) / block - 0.5, 0, n - 1)
+        lower = np.minimum(place.astype(np.intp), max(n - 2, 0))
+        share = (place - lower).astype(np.float32)
+        share = share[:, None] if axis == -2 else share
+        upper = np.minimum(lower + 1, n - 1)
+        planes = np.take(planes, lower, axis) * (1 - share) + np.take(planes, upper, axis) * share
+    return planes
 
 
 def uncertainty_without_polarization(

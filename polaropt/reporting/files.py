@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, linearize, tiff_rows, write_png, write_png_view, write_tiff
+from polaropt.capture import Capture, linearize, tiff_rows, write_picture, write_png_view, write_tiff
 from polaropt.judging import SeparationWarning
 from polaropt.progress import Stages
 from polaropt.reporting.inspection import inspect_still
@@ -87,19 +87,20 @@ def write_separation(
         begun.begin("Error maps", reached)
         told, errors = write_uncertainty(folder, result, lambda fraction: begun.advance(span * fraction))
     stages.begin("Writing", judged)
+    camera = None if capture.origin is None else capture.origin.camera
     exposures = {}
     for name in LAYERS:
         layer = result.layers[LAYERS.index(name)]
         exposures[name] = viewing_exposure(layer)
-        with tiff_rows(folder / f"{name}.tiff", layer.shape) as write:
+        with tiff_rows(folder / f"{name}.tiff", layer.shape, camera=camera) as write:
             write(layer)
-        write_png_view(folder / f"{name}.png", layer, exposures[name])
+        write_png_view(folder / f"{name}.png", layer, exposures[name], camera)
         stages.advance((1 - judged) * _LAYER_WRITTEN * len(exposures))
     inspection = inspect_still(capture, result.moving)
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
     misfit = misfit_map(result, capture) if unexplained and not layers_only else None
     if result.moving is not None and not layers_only:
-        write_png(folder / "moving.png", moving_picture(capture, result.moving))
+        write_picture(folder / "moving.png", moving_picture(capture, result.moving))
     misfit_told = None if misfit is None else _write_misfit(folder, misfit)
     pictures = [] if layers_only else page_pictures(result, capture, exposures, errors, misfit)
     stages.end()
@@ -127,7 +128,7 @@ def write_separation(
 def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:
     """The map of the misfit, linear and to look at; what it holds."""
     write_tiff(folder / "misfit.tiff", misfit)
-    write_png(folder / "misfit.png", np.round(255 * np.clip(misfit / MISFIT_WHITE, 0, 1)).astype(np.uint8))
+    write_picture(folder / "misfit.png", np.round(255 * np.clip(misfit / MISFIT_WHITE, 0, 1)).astype(np.uint8))
     return {"unit": "standard deviations of the noise", "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}
 
 
@@ -173,7 +174,7 @@ def write_uncertainty(
     panels.append((f"reflection: detail told, below {FADED:g} red", shown.known))
     # Values of the picture are in proportion to the errors.
     straight = [(title, None if panel is None else linearize(np.clip(panel, 0, 1), "srgb")) for title, panel in panels]
-    write_png(folder / "uncertainty.png", side_by_side([straight]))
+    write_picture(folder / "uncertainty.png", side_by_side([straight]))
     told = {
         "typical_error": shown.typical,
         "reflection_faded": {"share_of_pixels": shown.faded_share, "told_below": FADED},

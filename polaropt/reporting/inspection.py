@@ -13,6 +13,7 @@ from polaropt.capture import (
     Capture,
     EncodingHint,
     GammaFit,
+    JpegFacts,
     Origin,
     exchanged_order,
     fit_gamma,
@@ -21,6 +22,7 @@ from polaropt.capture import (
     orthogonal_pairs,
     pair_gain_of,
     swapped_photographs,
+    uneven_gains,
     visible_shift,
 )
 from polaropt.estimation import motion_shows, still_photographs, without_moving
@@ -94,7 +96,17 @@ class Inspection:
     left_out_px : (int, int)
         Rows and columns of a mosaic that make no whole pattern, and were left out.
     exposures : tuple of float
-        Of camera raw files, in seconds at ISO 100.
+        As the files tell them, in seconds at ISO 100, or as given; divided out where they differ.
+    exposures_given : bool
+        Whether a person gave them.
+    orientation : int
+        How the camera was held, as EXIF has it: the photographs were turned upright.
+    profile : str
+        Name of the files' colour profile; empty for none or sRGB.
+    jpeg : JpegFacts or None
+        How strongly JPEG files were compressed.
+    uneven_gains : tuple of float
+        Brightness of each photograph against the others, where one of them surely differs; empty where none does.
     moving_share : float or None
         Share of the frame in which something moves between the photographs; None where that would not show: of three
         angles, and of a mosaic, whose samples are taken at once.
@@ -130,6 +142,11 @@ class Inspection:
     closing_orders: tuple[tuple[float, ...], ...] = ()
     left_out_px: tuple[int, int] = (0, 0)
     exposures: tuple[float, ...] = ()
+    exposures_given: bool = False
+    orientation: int = 1
+    profile: str = ""
+    jpeg: JpegFacts | None = None
+    uneven_gains: tuple[float, ...] = ()
     moving_share: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
@@ -198,9 +215,21 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
         cell_order_found=origin is not None and origin.cell_order_found,
         closing_orders=() if cell_order is None else tuple(exchanged_order(cell_order, pair) for pair in swapped),
         left_out_px=(0, 0) if origin is None else origin.left_out_px,
-        exposures=() if origin is None else origin.exposures,
+        **_as_taken(origin or Origin()),
+        uneven_gains=() if swapped or moved else uneven_gains(capture),
         moving_share=_moving_share(whole, moving),
     )
+
+
+def _as_taken(origin: Origin) -> dict[str, Any]:
+    """How the camera was held and exposed, and what its files are."""
+    return {
+        "exposures": origin.exposures,
+        "exposures_given": origin.exposures_given,
+        "orientation": origin.orientation,
+        "profile": origin.camera.profile,
+        "jpeg": origin.jpeg,
+    }
 
 
 def _moving_share(capture: Capture, moving: NDArray[np.bool_] | None) -> float | None:

@@ -145,7 +145,7 @@ def _errors(panels: UncertaintyPanels) -> list[PagePicture]:
         pixels = np.round(255 * np.clip(error / np.float32(white), 0, 1)).astype(np.uint8)
         title = f"Standard error of the {name}"
         key = Key(_GREYS, ("0", f"{white / 2:.2g}", f"{white:.2g}"))
-        caption = "In the layer's linear values."
+        caption = f"How far each pixel of the {name} may be from the truth (one standard deviation), in linear values."
         pictures.append(_picture(f"{name}-error", title, caption, f"{title}, bright where it is large.", pixels, key))
     pixels = np.round(255 * np.clip(panels.known, 0, 1)).astype(np.uint8)
     caption = f"Share of the reflection's detail that the photographs tell; red below {panels.faded:g}: it fades there."
@@ -167,12 +167,13 @@ def _polarization(capture: Capture) -> list[PagePicture]:
     degree = Key(_gradient(dolp_colors(steps)), DOLP_TICKS)
     angle = Key(_gradient(aolp_colors(180 * steps, np.ones(_STOPS))), AOLP_TICKS)
     about = (
-        f"Counter-clockwise from the right; black where unpolarized, full colour from a degree of {panels.full:.2f}."
+        "Direction in which it is polarized, counter-clockwise from the right; black where unpolarized, full colour "
+        f"from a degree of {panels.full:.2f}."
     )
     return [
         _picture(
-            "dolp", "Degree of polarization", "Grey where saturated.", "Degree of linear polarization.", panels.dolp,
-            degree,
+            "dolp", "Degree of polarization", "How strongly the photographs' light is polarized; grey where saturated.",
+            "Degree of linear polarization.", panels.dolp, degree,
         ),
         _picture("aolp", "Angle of polarization", about, "Angle of linear polarization as hue.", panels.aolp, angle),
     ]  # fmt: skip

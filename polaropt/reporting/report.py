@@ -95,6 +95,8 @@ def is_set(field: Field, value: Any) -> bool:
 def capture_report(capture: Capture) -> dict[str, Any]:
     """Size and angles, and where the capture was read from."""
     origin = {} if capture.origin is None else json_values(capture.origin)
+    if origin:
+        origin["camera"].pop("exif")
     return {
         "width": capture.shape[-1],
         "height": capture.shape[-2],

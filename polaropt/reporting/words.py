@@ -41,7 +41,19 @@ _MUCH_SATURATED = 0.05
 _HUNDREDTH = 0.01
 
 Subject = Literal[
-    "size", "values", "black", "noise", "saturation", "polarization", "gain", "encoding", "order", "position", "motion"
+    "size",
+    "values",
+    "black",
+    "noise",
+    "saturation",
+    "polarization",
+    "gain",
+    "exposure",
+    "jpeg",
+    "encoding",
+    "order",
+    "position",
+    "motion",
 ]
 
 
@@ -76,6 +88,8 @@ def capture_findings(inspection: Inspection) -> tuple[Finding, ...]:
         _saturation(inspection),
         _polarization(inspection),
         _gain(inspection),
+        _gains(inspection),
+        _jpeg(inspection),
         _encoding(inspection),
         _order(inspection),
         _position(inspection),
@@ -109,7 +123,7 @@ def _size(it: Inspection) -> Finding:
     return Finding(
         "size",
         f"{len(it.angles_deg)} photographs of {it.width}x{it.height} px, {kind}, polarizer at {angles} degrees "
-        f"({_LAYOUTS.get(it.layout, it.layout)}).{_left_out(it)}{_exposures(it)}",
+        f"({_LAYOUTS.get(it.layout, it.layout)}).{_left_out(it)}{_exposures(it)}{_held(it)}{_colors(it)}",
     )
 
 
@@ -119,7 +133,42 @@ def _exposures(it: Inspection) -> str:
     if max(it.exposures) <= _SAME_EXPOSURE * min(it.exposures):
         return " All were exposed alike."
     listed = ", ".join(f"{exposure:.3g}" for exposure in it.exposures)
-    return f" They were exposed differently ({listed} s at ISO 100), which is divided out."
+    told = f"{listed}, as given" if it.exposures_given else f"{listed} s at ISO 100"
+    return f" They were exposed differently ({told}), which is divided out."
+
+
+def _held(it: Inspection) -> str:
+    return "" if it.orientation == 1 else " They were turned upright, as the camera tells how it was held."
+
+
+def _colors(it: Inspection) -> str:
+    if not it.profile:
+        return ""
+    return f" Their colours are in {it.profile}, which is kept in the linear values; pictures show them as if in sRGB."
+
+
+def _jpeg(it: Inspection) -> Finding:
+    """What JPEG takes: double images are fine detail, and blocks of 8x8 pixels are the same in all photographs."""
+    if it.jpeg is None:
+        return Finding("jpeg")
+    halved = ", colours at half the resolution" if it.jpeg.halved_colors else ""
+    return Finding(
+        "jpeg",
+        attention=f"the photographs are JPEG files (quality about {it.jpeg.quality}{halved}): double images and fine "
+        "detail may be lost, and the pane's numbers and both layers are less certain; save TIFF or camera raw files.",
+    )
+
+
+def _gains(it: Inspection) -> Finding:
+    if not it.uneven_gains:
+        return Finding("exposure")
+    k = max(range(len(it.uneven_gains)), key=lambda i: abs(it.uneven_gains[i] - 1))
+    listed = ",".join(f"{gain:.3g}" for gain in it.uneven_gains)
+    return Finding(
+        "exposure",
+        attention=f"the photograph at {it.angles_deg[k]:g} degrees looks {it.uneven_gains[k]:.3f} times as bright "
+        f"as it should beside the others, as if exposed differently; if it was, give --exposures {listed}.",
+    )
 
 
 def _left_out(it: Inspection) -> str:

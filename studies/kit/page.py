@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from studies.catalogue import STUDIES, Study
+from studies.kit.captions import caption
 from studies.kit.records import code_state, origin, read_metadata
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -40,6 +41,9 @@ th, td { border-bottom: 1px solid #8886; padding: 0.25rem 0.6rem; text-align: ri
 th:first-child, td:first-child { text-align: left; }
 figure { margin: 1.5rem 0; }
 img { max-width: 100%; background: white; }
+a { color: #0a58ca; }
+a:visited { color: #6f2dbd; }
+@media (prefers-color-scheme: dark) { a { color: #7db8ff; } a:visited { color: #c9a6ff; } }
 iframe { width: 100%; height: 42rem; border: 1px solid #8886; background: white; }
 """
 _WORDS = (
@@ -94,8 +98,8 @@ def _section(study: Study, out: Path) -> str:
     )
     pictures = [file for file in sorted(folder.iterdir()) if _shown(file)]
     figures = "".join(
-        f'<figure><img src="{study.name}/{file.name}" alt="{html.escape(_caption(file))}">'
-        f"<figcaption>{html.escape(_caption(file))}</figcaption></figure>"
+        f'<figure><img src="{study.name}/{file.name}" alt="{html.escape(caption(file.stem))}">'
+        f"<figcaption>{html.escape(caption(file.stem))}</figcaption></figure>"
         for file in pictures
     )
     data = ", ".join(
@@ -113,7 +117,7 @@ def _section(study: Study, out: Path) -> str:
 def _pages(study: Study, folder: Path) -> str:
     """The study's own pages within this one, loaded when they come into sight."""
     return "".join(
-        f'<iframe src="{study.name}/{file.name}" title="{html.escape(_caption(file))}" loading="lazy"></iframe>'
+        f'<iframe src="{study.name}/{file.name}" title="{html.escape(caption(file.stem))}" loading="lazy"></iframe>'
         for file in sorted(folder.glob("*.html"))
     )
 
@@ -121,10 +125,6 @@ def _pages(study: Study, folder: Path) -> str:
 def _shown(file: Path) -> bool:
     """A figure; of those that come as PNG and SVG, the SVG."""
     return file.suffix == ".svg" or (file.suffix == ".png" and not file.with_suffix(".svg").exists())
-
-
-def _caption(file: Path) -> str:
-    return file.stem.replace("_", " ")
 
 
 def keep(outs: Sequence[Path], results: Path = RESULTS) -> list[str]:
@@ -222,7 +222,7 @@ def _filled(study: str, name: str, results: Path) -> str:
     file = results / study / name
     begin, end = f"<!-- {study}/{name} -->\n", "<!-- end -->"
     if file.suffix == ".png":
-        return f"{begin}![{_caption(file)}]({results.name}/{study}/{name})\n{end}"
+        return f"{begin}![{caption(file.stem)}]({results.name}/{study}/{name})\n{end}"
     # The study's own headings stand below the page's.
     table = re.sub(r"^#", "###", file.read_text(encoding="utf-8").strip(), flags=re.MULTILINE)
     # A study of several parts has a document for each, named like its table.

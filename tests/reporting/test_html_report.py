@@ -73,10 +73,36 @@ def unpolarized(tmp_path_factory):
 
 def test_the_page_needs_nothing_beside_it(separated):
     page = Elements(separated[0].read_text())
-    links = [value for _, attributes in page.tags for name, value in attributes.items() if name in ("src", "href")]
+    links = [value for _, attributes in page.tags for name, value in attributes.items() if name == "src"]
     assert len(links) == 8
     assert all(link.startswith("data:image/jpeg;base64,") for link in links)
     assert "@import" not in separated[0].read_text()
+
+
+def test_the_files_beside_the_page_are_linked(separated):
+    path, report = separated
+    linked = [attributes["href"] for attributes in Elements(path.read_text()).of("a")]
+    assert linked == [name for name in report["written"] if name != "report.html"]
+    assert all((path.parent / name).is_file() for name in linked)
+
+
+def test_every_value_of_a_table_has_a_name_for_phones(separated):
+    cells = Elements(separated[0].read_text()).of("td")
+    assert len(cells) > 10
+    assert all(cell.get("data-name") for cell in cells)
+
+
+def test_layers_can_be_looked_at_pixel_by_pixel(separated):
+    page = Elements(separated[0].read_text())
+    assert any(attributes.get("id") == "whole-pixels" for attributes in page.of("input"))
+    full = {image["id"]: image["data-full"] for image in page.of("img") if image.get("data-full")}
+    assert full == {"transmission": "transmission.png", "reflection": "reflection.png"}
+
+
+def test_captions_say_what_is_shown(separated):
+    text = re.sub(r"\s+", " ", " ".join(Elements(separated[0].read_text()).text))
+    assert "How far each pixel of the transmission may be from the truth" in text
+    assert "How strongly the photographs' light is polarized" in text
 
 
 def test_every_picture_says_what_it_shows(separated):

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from studies.catalogue import STUDIES
+from studies.kit.captions import caption
 from studies.kit.page import PAGE, RESULTS, keep, page, write_index
 from studies.kit.records import metadata, write_document
 
@@ -142,3 +143,16 @@ def test_the_index_shows_tables_figures_and_data(tmp_path: Path) -> None:
     assert "map.png" not in page
     assert 'href="stability/stability.json"' in page
     assert "paper_protocol" not in page
+
+
+def test_every_kept_figure_says_what_it_shows():
+    figures = [path.stem for path in RESULTS.glob("*/*.png")]
+    assert figures
+    for name in figures:
+        assert caption(name) != name.replace("_", " "), name
+        assert len(caption(name).split()) > 6
+
+
+def test_links_can_be_read_in_the_dark(out: Path):
+    style = write_index(out).read_text()
+    assert "prefers-color-scheme: dark) { a { color:" in style

@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import EncodingHint, FileContent
+from polaropt.capture.files.exif import BASE_ISO, CameraFacts, facts_of_picture, facts_of_tags, profile_name
 from polaropt.capture.files.focal_length import exif_of_names, exif_of_picture, focal_from_exif
+from polaropt.capture.files.jpeg import jpeg_facts
 from polaropt.errors import InputError
 
 AnyPath = str | PathLike[str]
@@ -114,7 +116,9 @@ def decode(data: bytes) -> FileContent:
 
 def _picture(pixels: Pixels, data: bytes, hint: EncodingHint) -> FileContent:
     focal = focal_from_exif(exif_of_picture(data), (pixels.shape[1], pixels.shape[0]))
-    return FileContent(without_alpha(pixels), encoding_hint=hint, focal_px=focal)
+    jpeg = jpeg_facts(data) if hint is EncodingHint.JPEG else None
+    camera = facts_of_picture(data)
+    return FileContent(without_alpha(pixels), encoding_hint=hint, focal_px=focal, camera=camera, jpeg=jpeg)
 
 
 def without_alpha(pixels: Pixels) -> Pixels:
@@ -163,7 +167,12 @@ def _decode_tiff(data: bytes) -> FileContent:
         series = [s for s in tiff.series if not s.keyframe.is_reduced] or list(tiff.series)
         arrays = [_channels_last(one.asarray(), one.axes) for one in series]
         metadata = (tiff.shaped_metadata or ({},))[0]
-        exif = exif_of_names(tiff.pages.first.tags.valueof("ExifTag"))
+        tags = {tag.code: tag.value for tag in tiff.pages.first.tags}
+        profile = tags.get(_TIFF_PROFILE)
+        named = tags.get(_TIFF_EXIF)
+        exif = exif_of_names(named)
+        colors = profile_name(profile if isinstance(profile, bytes) else None)
+        camera = facts_of_tags(tags, named if isinstance(named, dict) else None, colors)
     if not arrays or any("page offset" in text or "first page" in text or "corrupted" in text for text in complaints):
         raise InputError("the TIFF ends too early; it is incomplete, copy it again")
     angles = metadata.get("angles_deg")
@@ -174,8 +183,12 @@ def _decode_tiff(data: bytes) -> FileContent:
         raise InputError(f"its pages differ in size ({sizes}); all photographs must have the same")
     focal = focal_from_exif(exif, (pages[0].shape[1], pages[0].shape[0]))
     if len(pages) == 1:
-        return FileContent(pages[0], angles_deg=angles_deg, focal_px=focal)
-    return FileContent(np.stack(pages), stack=True, angles_deg=angles_deg, focal_px=focal)
+        return FileContent(pages[0], angles_deg=angles_deg, focal_px=focal, camera=camera)
+    return FileContent(np.stack(pages), stack=True, angles_deg=angles_deg, focal_px=focal, camera=camera)
+
+
+_TIFF_EXIF, _TIFF_PROFILE = 0x8769, 0x8773
+"""Tags of TIFF: the directory of EXIF's tags, and the colour profile."""
 
 
 def _channels_last(pixels: Pixels, axes: str) -> tuple[Pixels, bool]:
@@ -237,8 +250,8 @@ def _npz_content(arrays: dict[str, Pixels]) -> FileContent:
 
 CAMERA_RAW = (".arw", ".cr2", ".cr3", ".dng", ".nef", ".orf", ".pef", ".raf", ".rw2")
 """Names that raw files of photographers' cameras end in."""
-_BASE_ISO = 100
-"""Speed that exposures are told for."""
+_FLIPS = {0: 1, 3: 3, 5: 8, 6: 6}
+"""Orientations of EXIF by the numbers that rawpy has for them."""
 
 
 def _decode_camera_raw(data: bytes) -> FileContent:
@@ -265,16 +278,20 @@ def _decode_camera_raw(data: bytes) -> FileContent:
             sums[..., color] += (part - black[index]) / (white - black[index])
             valid[..., color] &= part < white
             count[color] += 1
-        taken, balance = raw.other, np.asarray(raw.camera_whitebalance[:3], dtype=np.float64)
-    speed = taken.iso_speed if taken.iso_speed > 0 else _BASE_ISO
-    exposure = taken.shutter_speed * speed / _BASE_ISO if taken.shutter_speed > 0 else None
+        taken, flip, balance = raw.other, raw.sizes.flip, np.asarray(raw.camera_whitebalance[:3], dtype=np.float64)
+    speed = taken.iso_speed if taken.iso_speed > 0 else BASE_ISO
+    camera = CameraFacts(
+        orientation=_FLIPS.get(flip, 1),
+        exposure=taken.shutter_speed * speed / BASE_ISO if taken.shutter_speed > 0 else None,
+        aperture=taken.aperture if taken.aperture > 0 else None,
+    )
     red, green, blue = balance / balance.max() if balance.min() > 0 else np.ones(3)
     focal = focal_from_exif(exif_of_picture(data), (columns // 2, rows // 2))
     return FileContent(
         sums / count,
         valid=valid,
         focal_px=focal,
-        exposure=exposure,
+        camera=camera,
         white_balance=(float(red), float(green), float(blue)),
     )
 

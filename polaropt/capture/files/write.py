@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import zlib
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,8 +21,10 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import polaropt
 from polaropt.capture.capture import Capture, FloatImages, planes_last
 from polaropt.capture.files.decode import AnyPath
+from polaropt.capture.files.exif import CameraFacts
 from polaropt.capture.mosaic import WHITE_16
 from polaropt.errors import InputError
 from polaropt.numerics import strips
@@ -140,14 +143,24 @@ _COARSE_BITS = 10
 _MANTISSA_BITS = 23
 
 
-def write_tiff(path: AnyPath, image: ArrayLike) -> None:
+_MAKE, _MODEL, _ASCII = 271, 272, 2
+"""Tags of TIFF for the camera, and their type."""
+_LINEAR = "linear light, white of the photographs is 1"
+
+
+def write_tiff(path: AnyPath, image: ArrayLike, camera: CameraFacts | None = None) -> None:
     """Write a linear image (h, w) or (h, w, 3) as float32 TIFF, values as they are, compressed without loss."""
     pixels = np.ascontiguousarray(image, dtype=np.float32)
     with _opened(path) as file:
-        _pack(file, pixels)
+        _pack(file, pixels, camera)
 
 
-def _pack(file: BinaryIO, pixels: NDArray[np.float32]) -> None:
+def made_by() -> str:
+    """What results say of the program that made them."""
+    return f"polaropt {polaropt.__version__}"
+
+
+def _pack(file: BinaryIO, pixels: NDArray[np.float32], camera: CameraFacts | None) -> None:
     """Pixels (h, w[, channel]) as a TIFF, deflated after a predictor for floating point."""
     import tifffile
 
@@ -160,7 +173,16 @@ def _pack(file: BinaryIO, pixels: NDArray[np.float32]) -> None:
         compressionargs={"level": _LEVEL},
         predictor=3,
         rowsperstrip=_ROWS_PER_STRIP,
+        software=made_by(),
+        description=_LINEAR,
+        datetime=(camera.taken or None) if camera is not None else None,
+        extratags=[(tag, _ASCII, 0, text.encode("ascii", "replace"), True) for tag, text in _names_of(camera)],
     )
+
+
+def _names_of(camera: CameraFacts | None) -> list[tuple[int, str]]:
+    named = [] if camera is None else [(_MAKE, camera.make), (_MODEL, camera.model)]
+    return [(tag, text) for tag, text in named if text]
 
 
 def _coarse(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -172,7 +194,7 @@ def _coarse(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @contextmanager
 def tiff_rows(
-    path: AnyPath, shape: tuple[int, ...], *, coarse: bool = False
+    path: AnyPath, shape: tuple[int, ...], *, coarse: bool = False, camera: CameraFacts | None = None
 ) -> Iterator[Callable[[FloatImages], None]]:
     """File of a linear image as `write_tiff` makes it, some rows at a time, which wait in a temporary file beside it.
 
@@ -183,6 +205,8 @@ def tiff_rows(
         Of the image's planes, ([channel,] h, w).
     coarse : bool
         Whether three digits are enough, as of standard errors.
+    camera : CameraFacts, optional
+        Whose name and date the file carries.
 
     Yields
     ------
@@ -199,10 +223,12 @@ def tiff_rows(
 
         yield write
         waiting.flush()
-        _pack(file, np.memmap(waiting, np.float32, "r", shape=(height, width, *channels)))
+        _pack(file, np.memmap(waiting, np.float32, "r", shape=(height, width, *channels)), camera)
 
 
-def write_png_view(path: AnyPath, planes: FloatImages, exposure: float = 1.0) -> None:
+def write_png_view(
+    path: AnyPath, planes: FloatImages, exposure: float = 1.0, camera: CameraFacts | None = None
+) -> None:
     """Write a linear image as 8-bit sRGB PNG to look at, clipped at black and white.
 
     Parameters
@@ -211,20 +237,43 @@ def write_png_view(path: AnyPath, planes: FloatImages, exposure: float = 1.0) ->
     planes : ndarray, shape (h, w) or (3, h, w)
     exposure : float
         What it is multiplied by.
+    camera : CameraFacts, optional
+        Whose EXIF the file carries.
     """
     *channels, height, width = planes.shape
     pixels = np.empty((height, width, *channels), dtype=np.uint8)
     for rows in strips(height, pixels[0].size):
         part = planes_last(np.asarray(planes[..., rows, :], dtype=np.float32))
         pixels[rows] = np.round(255 * encode_srgb(part * np.float32(exposure)))
-    write_png(path, pixels)
+    write_picture(path, pixels, camera)
 
 
 def write_png(path: AnyPath, pixels: Pixels) -> None:
-    """Write 8- or 16-bit pixels (h, w) or (h, w, 3) as PNG, values as they are."""
+    """Write 8- or 16-bit pixels (h, w) or (h, w, 3) as PNG, values as they are, of which nothing is said."""
     import imagecodecs
 
     write_bytes(path, imagecodecs.png_encode(np.ascontiguousarray(pixels)))
+
+
+# Where a PNG's first chunk ends, the header's: its signature, and length, name, 13 bytes and check sum.
+_AFTER_HEADER = 8 + 25
+# sRGB's rendering intent for photographs: perceptual.
+_PERCEPTUAL = b"\0"
+
+
+def write_picture(path: AnyPath, pixels: Pixels, camera: CameraFacts | None = None) -> None:
+    """Write 8-bit pixels in sRGB as PNG to look at, which says so, what made it, and what the camera tells."""
+    import imagecodecs
+
+    data = bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels)))
+    chunks = [(b"sRGB", _PERCEPTUAL), (b"tEXt", b"Software\0" + made_by().encode("latin-1"))]
+    if camera is not None and camera.exif:
+        chunks.append((b"eXIf", camera.exif))
+    told = b"".join(
+        len(content).to_bytes(4, "big") + name + content + zlib.crc32(name + content).to_bytes(4, "big")
+        for name, content in chunks
+    )
+    write_bytes(path, data[:_AFTER_HEADER] + told + data[_AFTER_HEADER:])
 
 
 def write_bytes(path: AnyPath, data: bytes | bytearray) -> None:
