@@ -384,6 +384,14 @@ def _shows_another(window: LikelyWindow, other: LikelyWindow, least: float) -> b
     return window.clearly_better(other, least, _SURE) and window.clearly_likelier(other, _SURE)
 
 
+def _shows_across(single: LikelyWindow, plain: LikelyWindow) -> bool:
+    """Whether a single pane that lies across explains the capture clearly better.
+
+    Edges in noise may seem to say so where the spectra clearly say otherwise.
+    """
+    return single.clearly_better(plain, _LEAST_GAIN, _SURE) and not plain.clearly_likelier(single, _SURE)
+
+
 def _with_panes(
     axes: Sequence[tuple[_Axis, Sequence[float]]], plain: LikelyWindow, found: LikelyWindow
 ) -> tuple[_Axis, LikelyWindow]:
@@ -405,7 +413,7 @@ def _with_panes(
             continue
         # What looks like several panes there may be a single one.
         single = axis.best(axis.search.panes(incidences))
-        if single.clearly_better(plain, _LEAST_GAIN, _SURE) and single.score < found.score:
+        if _shows_across(single, plain) and single.score < found.score:
             taken, plain, found = axis, single, single
         pairs.append(((axis, incidences), axis.best(axis.candidates(2, incidences))))
     (axis, incidences), two = min(pairs, key=lambda pair: pair[1].score)
