@@ -166,8 +166,8 @@ class WindowSearch:
         starts = [replace(window, incidence_deg=angle, n_panes=window.n_panes + 1) for angle in angles if angle > 0]
         return [self.refined(start, _ROUGH_SWEEPS) for start in starts]
 
-    def scanned(self, n_panes: int, singles: Sequence[LikelyWindow]) -> list[Window]:
-        """Windows at which scans of shifts are likeliest: along the azimuth, and of a gap's to all sides."""
+    def along(self, n_panes: int, singles: Sequence[LikelyWindow]) -> list[Window]:
+        """Windows at which a scan of shifts along the azimuth is likeliest."""
         near = equivalent_incidences(singles[0].window.incidence_deg, n_panes, self._index)
         panes = self._grid[np.abs(self._grid) <= _PANE_PX].tolist()
         trials: dict[Window, None] = {}
@@ -177,13 +177,18 @@ class WindowSearch:
             for angle, (pane, gap) in product(near, pairs):
                 trial = replace(Window(angle, pane, gap, n_panes=n_panes), **self.told)
                 trials[trial] = None
+        return self._likely(list(trials), _MOST_LIKELY)
+
+    def to_sides(self, n_panes: int, singles: Sequence[LikelyWindow]) -> list[Window]:
+        """The same of a gap's shift to all sides."""
+        near = equivalent_incidences(singles[0].window.incidence_deg, n_panes, self._index)
         middle = near[len(near) // 2]
         sides = (_SIDE_STEP_PX * np.arange(-_SIDE_STEPS, _SIDE_STEPS + 1.0)).tolist()
-        to_sides = [
+        trials = [
             replace(Window(middle, start.window.pane_shift, along, across, n_panes), **self.told)
             for start, along, across in product(singles[:_MOST_TO_SIDES], sides, sides)
         ]
-        return [*self._likely(list(trials), _MOST_LIKELY), *self._likely(to_sides, _MOST_TO_ALL_SIDES)]
+        return self._likely(trials, _MOST_TO_ALL_SIDES)
 
     def _likely(self, windows: list[Window], most: int) -> list[Window]:
         """The likeliest windows, those beside likelier ones left out."""
@@ -253,16 +258,29 @@ def equivalent_incidences(incidence_deg: float, n_panes: int, refractive_index: 
     return [float(angle) for angle in np.linspace(lowest, highest, n)]
 
 
+@dataclass(frozen=True)
+class _Scan:
+    """Single panes, and the likeliest windows of so many panes that a scan along the azimuth begun from them found."""
+
+    n_panes: int
+    singles: list[LikelyWindow]
+    along: list[Window]
+
+
 class _Axis:
     """The search at one azimuth, and how windows are compared there."""
 
     def __init__(self, frame: PlateFrame, asked: SceneParameters, spectra: CrossSpectra | None = None) -> None:
         self.frame, self._asked = frame, asked
-        spectra = cross_spectra(frame) if spectra is None else spectra
+        self._spectra = spectra = cross_spectra(frame) if spectra is None else spectra
         self.parts = [WindowLikelihood(part, asked.index) for part in spectra.left_out()]
         self.likelihood = WindowLikelihood(spectra, asked.index)
         most = largest_search_shift(min(frame.images.shape[-2:]))
         self.search = WindowSearch(self.likelihood, most, asked.index, _told(asked, frame.azimuth_deg))
+
+    def across(self) -> _Axis:
+        """The same for panes that lie across."""
+        return _Axis(self.frame.across(), self._asked, self._spectra.across())
 
     def scene(self, window: Window) -> SceneParameters:
         """The scene that a window is."""
@@ -317,9 +335,14 @@ class _Axis:
         pane = abs(window.pane_shift)
         return pane > _RESOLVED_PX and (along < 0 or math.hypot(along, window.gap_across) < pane - _RESOLVED_PX)
 
-    def candidates(self, n_panes: int, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
-        """Likely windows of so many panes, begun from single panes at some incidences."""
-        starts = self.search.scanned(n_panes, self.search.single(incidences_deg))
+    def scan(self, n_panes: int, incidences_deg: Sequence[float]) -> _Scan:
+        """A scan along the azimuth for windows of so many panes, begun from single panes at some incidences."""
+        singles = self.search.single(incidences_deg)
+        return _Scan(n_panes, singles, self.search.along(n_panes, singles))
+
+    def candidates(self, scan: _Scan) -> list[LikelyWindow]:
+        """Likely windows near those of a scan, and of one to all sides."""
+        starts = [*scan.along, *self.search.to_sides(scan.n_panes, scan.singles)]
         misfits = self.likelihood.misfit(starts, _ROUNDS).tolist()
         scores = {start: misfit + self._edges(start) for start, misfit in zip(starts, misfits, strict=True)}
         return [
@@ -336,10 +359,9 @@ class _Axis:
         """The best of some windows."""
         return min((self.judged(found.window) for found in candidates), key=lambda found: found.score)
 
-    def scan(self, n_panes: int, incidences_deg: Sequence[float]) -> float:
-        """The misfit of the likeliest window of a scan."""
-        starts = self.search.scanned(n_panes, self.search.single(incidences_deg))
-        return float(self.likelihood.misfit(starts[:1], _ROUNDS)[0])
+    def least_misfit(self, scan: _Scan) -> float:
+        """That of the likeliest window of a scan."""
+        return float(self.likelihood.misfit(scan.along[:1], _ROUNDS)[0])
 
     def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
         """The scene near a window, its incidence where the layers' edges overlap least, and standard errors."""
@@ -407,19 +429,20 @@ def _with_panes(
         It, or a tinted one.
     """
     taken, near = axes[0]
-    pairs = [(axes[0], taken.best(taken.candidates(2, near)))]
+    pairs = [(axes[0], taken.best(taken.candidates(taken.scan(2, near))))]
     for axis, incidences in axes[1:]:
-        if axis.scan(2, incidences) > plain.misfit + _NEARLY_AS_LIKELY:
+        scan = axis.scan(2, incidences)
+        if axis.least_misfit(scan) > plain.misfit + _NEARLY_AS_LIKELY:
             continue
         # What looks like several panes there may be a single one.
         single = axis.best(axis.search.panes(incidences))
         if _shows_across(single, plain) and single.score < found.score:
             taken, plain, found = axis, single, single
-        pairs.append(((axis, incidences), axis.best(axis.candidates(2, incidences))))
+        pairs.append(((axis, incidences), axis.best(axis.candidates(scan))))
     (axis, incidences), two = min(pairs, key=lambda pair: pair[1].score)
     if plain.score - two.score < _LEAST_GAIN:
         return taken, found
-    more = axis.best(axis.search.with_another(two.window) + axis.candidates(MOST_FOUND, incidences))
+    more = axis.best(axis.search.with_another(two.window) + axis.candidates(axis.scan(MOST_FOUND, incidences)))
     windows = [more, two] if _shows_another(more, two, _LEAST_GAIN_OF_THREE) else [two]
     for window in windows:
         if axis.shows(window.window) and _shows_another(window, plain, _LEAST_GAIN) and window.score < found.score:
@@ -466,12 +489,13 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     """
     incidence, azimuth, shift = estimate.scene.values()
     open_panes, doubtful = asked.n_panes is None, asked.azimuth_deg is None and estimate.axis_margin < _DOUBTFUL_MARGIN
-    frame = plate_frame(stokes, azimuth)
-    first, across = _Axis(frame, asked), _Axis(frame.across(), asked) if doubtful else None
+    first = _Axis(plate_frame(stokes, azimuth), asked)
+    across = first.across() if doubtful else None
     shown = first.shows(Window(incidence, shift))
     if open_panes and not shown and across is None:
         return estimate
 
+    axes = [(first, (incidence,)), *((axis, _TRIAL_DEG) for axis in (across,) if axis is not None)]
     if open_panes or asked.n_panes == 1:
         plains = {Window(incidence, px, absorption=asked.absorption or 0.0) for px in (shift, 0.0)}
         plain = found = min((first.judged(window) for window in plains), key=lambda judged: judged.score)
@@ -482,14 +506,12 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
             likeliest = min(tinted, key=lambda judged: judged.score, default=plain)
             found = likeliest if _shows_tint(likeliest, plain) else plain
         if open_panes:
-            axes = [(first, (incidence,)), *((axis, _TRIAL_DEG) for axis in (across,) if axis is not None)]
             taken, found = _with_panes(axes, plain, found)
         if found is plain:
             return estimate
     else:
         n_panes = asked.n_panes or 1
-        pairs = [(first, first.best(first.candidates(n_panes, (incidence,))))]
-        pairs += [] if across is None else [(across, across.best(across.candidates(n_panes, _TRIAL_DEG)))]
+        pairs = [(axis, axis.best(axis.candidates(axis.scan(n_panes, near)))) for axis, near in axes]
         taken, found = min(pairs, key=lambda pair: pair[1].score)
     scene, errors = taken.refined(found.window)
     errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
