@@ -17,6 +17,7 @@ of all pairs.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -117,21 +118,32 @@ def moved_back(image: Image, matrix: Matrix, offset: Matrix, order: int) -> Imag
 
 
 def finely_moved_back(image: Image, matrix: Matrix, offset: Matrix) -> Image:
-    """The same without loss of the finest detail: doubled in the Fourier domain, then by splines.
+    """The same without loss of the finest detail: doubled in the Fourier domain, then by splines, some rows at a time.
 
     Splines alone smooth the finest detail and the noise. The image is mirrored beyond its edges.
     """
     from scipy.ndimage import affine_transform, spline_filter
 
-    coefficients = _doubled(_doubled(np.pad(image, MIRRORED_PX, mode="symmetric"), 0), 1)
-    spline_filter(coefficients, order=3, output=coefficients)
+    height, width = image.shape
+    tall = _doubled(np.pad(image, MIRRORED_PX, mode="symmetric"), 0)
     place = 2 * (_place(matrix, offset, image.shape) + MIRRORED_PX)
-    moved = affine_transform(
-        coefficients, 2 * matrix, place, output_shape=image.shape, order=3, mode="nearest", prefilter=False
-    )
-    return np.asarray(moved, dtype=np.float32)
+    moved = np.empty(image.shape, dtype=np.float32)
+    for rows in strips(height, 4 * tall.shape[1]):
+        ends = np.array([(row, column) for row in (rows.start, rows.stop - 1) for column in (0, width - 1)])
+        seen = 2 * ends @ matrix[0] + place[0]
+        top = int(np.clip(math.floor(seen.min()) - _FADED, 0, len(tall) - _FADED))
+        bottom = int(np.clip(math.ceil(seen.max()) + _FADED, top + _FADED, len(tall)))
+        coefficients = _doubled(tall[top:bottom], 1)
+        spline_filter(coefficients, order=3, output=coefficients)
+        start = 2 * matrix[:, 0] * rows.start + place - (top, 0)
+        affine_transform(
+            coefficients, 2 * matrix, start, output=moved[rows], order=3, mode="nearest", prefilter=False
+        )  # fmt: skip
+    return moved
 
 
+_FADED = 32
+"""Rows over which the coefficients of cubic splines forget where an image ends: each row leaves 27 %."""
 _LINES = 16
 """Lines that are transformed together are a multiple of it: those that processors take at once."""
 
