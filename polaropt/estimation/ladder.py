@@ -12,11 +12,11 @@ import time
 from dataclasses import dataclass
 from typing import Literal
 
-from polaropt.capture import Capture, registered_noise, stokes_images
+from polaropt.capture import Capture, StokesImages, plate_frame, registered_noise, stokes_images
 from polaropt.errors import InputError
-from polaropt.estimation.flat.errors import weighted_incidence
+from polaropt.estimation.flat.errors import spectral_incidence, weighted_incidence
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
-from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX
+from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, cross_spectra
 from polaropt.estimation.flat.sampled_ghosts import pane_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -191,7 +191,27 @@ def _completed(
     remark = window_remark(estimate.scene) if asked.n_panes is None and not estimate.scene.has_ghosts else ""
     window = {name: getattr(estimate.scene, name) for name in ("n_panes", "gap_shift", "gap_azimuth_deg", "absorption")}
     asked = asked.replace(**window)
-    return _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds, remark)
+    found = _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds, remark)
+    # Of a mosaic's cells the samples tell it; a thickness ties it to the ghosts.
+    if stokes.aliased or thickness_px is not None or asked.incidence_deg is not None:
+        return found
+    return _with_spectra(found, stokes)
+
+
+def _with_spectra(found: LadderResult, stokes: StokesImages) -> LadderResult:
+    """The same with the incidence that edges and spectra agree on, where the pane is single and seen from far."""
+    scene, edges_error = found.scene, found.errors.incidence_deg
+    plain = scene.rung in ("pixelwise", "ghosts") and not scene.stacked and not scene.absorption
+    if found.estimate is None or edges_error is None or not plain:
+        return found
+    incidence, azimuth, _ = scene.values()
+    told = spectral_incidence(cross_spectra(plate_frame(stokes, azimuth)), scene)
+    if told is None:
+        return found
+    mean, error = weighted_incidence((incidence, edges_error), told)
+    scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(found.errors, incidence_deg=error)
+    estimate = dataclasses.replace(found.estimate, scene=scene, errors=errors)
+    return dataclasses.replace(found, scene=scene, estimate=estimate)
 
 
 def in_full(

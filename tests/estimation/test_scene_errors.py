@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters, separate
+from polaropt import SceneParameters, separate, simulate
 from polaropt.capture.capture import Capture
 from polaropt.capture.polarization import plate_frame, stokes_images
-from polaropt.estimation.flat.errors import weighted_incidence
+from polaropt.estimation.flat.errors import spectral_incidence, weighted_incidence
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.ghost_overlap import refined_incidence
+from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.overlap import block_images
 from polaropt.optics.scene import SceneErrors
 from polaropt.reporting.report import json_values, scene_report
@@ -61,6 +62,32 @@ def test_of_two_incidences_the_surer_one_has_more_to_say() -> None:
     mean, error = weighted_incidence((50.0, 3.0), (51.0, 1.0))
     assert (mean, error) == pytest.approx((50.9, math.sqrt(0.9)))
     assert weighted_incidence((50.0, math.inf), (51.0, 1.0)) == pytest.approx((51.0, 1.0))
+
+
+@pytest.mark.parametrize(("incidence_deg", "about_deg"), [(35.0, 39.0), (60.0, 55.0)])
+def test_spectra_tell_the_incidence(incidence_deg: float, about_deg: float) -> None:
+    stokes = stokes_images(blend(incidence_deg, 256, ghost_shift=6.0).capture, 0.005)
+    scene = SceneParameters(about_deg, 25.0, 6.0)
+    told = spectral_incidence(cross_spectra(plate_frame(stokes, 25.0)), scene)
+    assert told is not None
+    assert told[0] == pytest.approx(incidence_deg, abs=1.5)
+    assert 0.3 < told[1] < 2
+
+
+def test_spectra_tell_the_incidence_where_both_layers_have_their_edges_in_the_same_places() -> None:
+    scene = SceneParameters(55.0, 30.0, 4.0)
+    patches = np.random.default_rng(0).uniform(0.1, 0.9, (2, 16, 16))
+    first, second = np.kron(patches, np.ones((1, 16, 16))).astype(np.float32)
+    stokes = stokes_images(simulate(first, second, scene, noise=0.005), 0.005)
+    told = spectral_incidence(cross_spectra(plate_frame(stokes, 30.0)), scene.replace(incidence_deg=48.0))
+    assert told is not None
+    assert told[0] == pytest.approx(55, abs=2)
+
+
+def test_a_frame_of_one_tile_tells_no_incidence() -> None:
+    flat = np.random.default_rng(0).uniform(0.4, 0.6, (4, 24, 24)).astype(np.float32)
+    spectra = cross_spectra(plate_frame(stokes_images(Capture.of_planes(flat), 0.005), 30.0))
+    assert spectral_incidence(spectra, SceneParameters(55.0, 30.0, 4.0)) is None
 
 
 def test_of_two_incidences_that_contradict_neither_is_sure() -> None:

@@ -30,6 +30,14 @@ _TOLERANCE_DEG = 0.2
 # within two errors. Ghosts are told by spectra, whose model is nearly a tenth of a pixel off.
 _WIDER, _LEAST_DEG = 1.3, 0.15
 _SHIFT_WIDER, _LEAST_PX = 1.15, 0.08
+# Radii and directions into which layers' spectra are split, and rounds in which they are fitted, where they tell the
+# incidence: with fewer it is up to five degrees off towards normal incidence, where ghosts lie in place. By trial.
+_DETAIL, _ROUNDS = (5, 4), 8
+# First step of that search, and how far from the incidence of the edges it goes. By trial, and set by hand.
+_COARSE_DEG, _FARTHEST_DEG = 2.0, 12.0
+# Standard error in degrees that a jackknife of it does not see: spectra are not quite of the shape that they are taken
+# to have. By trial.
+_SHAPES_DEG = 0.3
 # Standard errors by which one shift must explain the spectra better than another to be told from it.
 _SURE = 2.0
 
@@ -91,6 +99,32 @@ def weighted_incidence(first: tuple[float, float], second: tuple[float, float]) 
     mean = sum(value * weight for value, weight in zip(values, information, strict=True)) / sum(information)
     contradiction = abs(values[0] - values[1]) / math.hypot(*errors)
     return mean, max(1.0, contradiction) / math.sqrt(sum(information))
+
+
+def spectral_incidence(spectra: CrossSpectra, scene: SceneParameters) -> tuple[float, float] | None:
+    """The incidence near that of a complete scene at which the spectra are likeliest, and its standard error.
+
+    How bright ghosts are tells it, and what both polarizations have in common; edges that both layers share do not
+    mislead it, as they do their overlap. None where no incidence near is likelier than those beside it.
+    """
+    start, _, shift = scene.values()
+    low, high = INCIDENCE_SEARCH_DEG
+    bounds = (max(low, start - _FARTHEST_DEG), min(high, start + _FARTHEST_DEG))
+    likelihood = ShiftLikelihood(spectra, scene, _DETAIL)
+
+    def misfit(incidence_deg: float) -> float:
+        return float(likelihood.misfit(incidence_deg, [shift], _ROUNDS)[0])
+
+    best = local_minimum(misfit, start, bounds, _COARSE_DEG, _TOLERANCE_DEG)
+    step = min(_COARSE_DEG, best / 2, (INCIDENCE_LIMITS_DEG[1] - best) / 2)
+    around = best + step * np.arange(-1.0, 2.0)
+    rest = [ShiftLikelihood(part, scene, _DETAIL).misfit(around, [shift], _ROUNDS) for part in spectra.left_out()]
+    if not rest:
+        return None
+    before, here, after = np.array(rest)[..., 0].T
+    if here.mean() >= min(before.mean(), after.mean()):
+        return None
+    return best, math.hypot(widened_incidence(minimum_error([before, here, after], step)), _SHAPES_DEG)
 
 
 def widened_shift(error_px: float) -> float:
