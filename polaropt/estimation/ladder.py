@@ -206,9 +206,9 @@ def _with_spectra(found: LadderResult, stokes: StokesImages) -> LadderResult:
         return found
     incidence, azimuth, _ = scene.values()
     told = spectral_incidence(cross_spectra(plate_frame(stokes, azimuth)), scene)
-    if told is None:
-        return found
-    mean, error = weighted_incidence((incidence, edges_error), told)
+    by_edges = incidence, edges_error
+    mean, error = by_edges if told is None else weighted_incidence(by_edges, told)
+    error = math.hypot(error, found.estimate.incidence_doubt_deg)
     scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(found.errors, incidence_deg=error)
     estimate = dataclasses.replace(found.estimate, scene=scene, errors=errors)
     return dataclasses.replace(found, scene=scene, estimate=estimate)

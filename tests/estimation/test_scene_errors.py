@@ -20,6 +20,7 @@ from polaropt.reporting.report import json_values, scene_report
 from polaropt.reporting.words import error_of, pane_sentence
 from studies.kit.frames import frame_of
 from studies.parameter_errors import Row, compared, tables
+from studies.random_windows.windows import window_of
 from studies.scenes import random_scene
 from tests.blends import blend
 
@@ -82,6 +83,17 @@ def test_spectra_tell_the_incidence_where_both_layers_have_their_edges_in_the_sa
     told = spectral_incidence(cross_spectra(plate_frame(stokes, 30.0)), scene.replace(incidence_deg=48.0))
     assert told is not None
     assert told[0] == pytest.approx(55, abs=2)
+
+
+@pytest.mark.parametrize(("number", "least_doubt_deg"), [(512, 0.1), (192, 3.0)])
+def test_of_two_minima_far_from_each_other_the_likelier_one_is_taken(number: int, least_doubt_deg: float) -> None:
+    window = window_of(number, 192)
+    capture = window.sample(None, 192).capture
+    asked = BLIND.replace(refractive_index=window.index_told)
+    found = estimate_scene(capture, asked)
+    assert found.scene.incidence_deg == pytest.approx(window.scene.incidence_deg, abs=0.5)
+    # The other one lies 40 degrees off, and 14 degrees.
+    assert least_doubt_deg < found.incidence_doubt_deg < 10
 
 
 def test_a_frame_of_one_tile_tells_no_incidence() -> None:

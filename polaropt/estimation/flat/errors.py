@@ -101,6 +101,30 @@ def weighted_incidence(first: tuple[float, float], second: tuple[float, float]) 
     return mean, max(1.0, contradiction) / math.sqrt(sum(information))
 
 
+class IncidenceLikelihood:
+    """Likelihood of incidences given mean spectra, for one ghost shift in pixels, with spectra of much detail.
+
+    Parameters
+    ----------
+    spectra : CrossSpectra
+    scene : SceneParameters
+        Index and surfaces of the pane.
+    ghost_shift : float
+    """
+
+    def __init__(self, spectra: CrossSpectra, scene: SceneParameters, ghost_shift: float) -> None:
+        self._likelihood = ShiftLikelihood(spectra, scene, _DETAIL)
+        self._shifts = [ghost_shift]
+
+    def misfit(self, incidences_deg: Values) -> Values:
+        """Minus log likelihood per frequency of some incidences, up to a constant."""
+        return np.asarray(self._likelihood.misfit(incidences_deg, self._shifts, _ROUNDS)[:, 0])
+
+    def at(self, incidence_deg: float) -> float:
+        """The same of one."""
+        return float(self.misfit(np.array([incidence_deg]))[0])
+
+
 def spectral_incidence(spectra: CrossSpectra, scene: SceneParameters) -> tuple[float, float] | None:
     """The incidence near that of a complete scene at which the spectra are likeliest, and its standard error.
 
@@ -110,18 +134,14 @@ def spectral_incidence(spectra: CrossSpectra, scene: SceneParameters) -> tuple[f
     start, _, shift = scene.values()
     low, high = INCIDENCE_SEARCH_DEG
     bounds = (max(low, start - _FARTHEST_DEG), min(high, start + _FARTHEST_DEG))
-    likelihood = ShiftLikelihood(spectra, scene, _DETAIL)
-
-    def misfit(incidence_deg: float) -> float:
-        return float(likelihood.misfit(incidence_deg, [shift], _ROUNDS)[0])
-
-    best = local_minimum(misfit, start, bounds, _COARSE_DEG, _TOLERANCE_DEG)
+    likelihood = IncidenceLikelihood(spectra, scene, shift)
+    best = local_minimum(likelihood.at, start, bounds, _COARSE_DEG, _TOLERANCE_DEG)
     step = min(_COARSE_DEG, best / 2, (INCIDENCE_LIMITS_DEG[1] - best) / 2)
     around = best + step * np.arange(-1.0, 2.0)
-    rest = [ShiftLikelihood(part, scene, _DETAIL).misfit(around, [shift], _ROUNDS) for part in spectra.left_out()]
+    rest = [IncidenceLikelihood(part, scene, shift).misfit(around) for part in spectra.left_out()]
     if not rest:
         return None
-    before, here, after = np.array(rest)[..., 0].T
+    before, here, after = np.array(rest).T
     if here.mean() >= min(before.mean(), after.mean()):
         return None
     return best, math.hypot(widened_incidence(minimum_error([before, here, after], step)), _SHAPES_DEG)

@@ -60,6 +60,8 @@ class SceneEstimate:
         Minus log likelihood over trial ghost shifts, less its minimum.
     rivals : tuple of Rival
         Other scenes that explain the capture about as well.
+    incidence_doubt_deg : float
+        How far from the incidence found other minima of the likelihood lie, root mean square by the chance of each.
     """
 
     scene: SceneParameters
@@ -74,6 +76,7 @@ class SceneEstimate:
     shift_grid: Curve
     shift_misfit: Curve
     rivals: tuple[Rival, ...] = ()
+    incidence_doubt_deg: float = 0.0
 
     def scaled(self, factor: float) -> SceneEstimate:
         """The same of photographs with so many times the pixels a side."""
@@ -131,6 +134,9 @@ def estimate_scene(
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
     taken = _choose_axis(frame, scene, thickness, noise)
     frame, search, trial = taken.frame, taken.search, taken.trial
+    # Of a mosaic's cells the low pass shapes the spectra.
+    told = axis.snr > _POLARIZED_SNR and not stokes.aliased
+    trial, doubt_deg = search.best_of_far(trial) if told else (trial, 0.0)
     found = _completed(scene, frame.azimuth_deg, trial)
     errors = SceneErrors()
     if axis.snr > _POLARIZED_SNR:
@@ -153,6 +159,7 @@ def estimate_scene(
         overlap=overlap,
         shift_grid=shift_grid,
         shift_misfit=shift_misfit - shift_misfit.min(),
+        incidence_doubt_deg=doubt_deg,
     )
 
 

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
-from polaropt.estimation.flat.errors import incidence_error, shift_errors
+from polaropt.estimation.flat.errors import IncidenceLikelihood, incidence_error, shift_errors
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.layer_shifts import own_shifts
 from polaropt.estimation.flat.overlap import BlockImages, EdgeOverlap, block_images
-from polaropt.numerics import grid_minimum, local_minima, local_minimum
+from polaropt.numerics import grid_minimum, jackknife_error, local_minima, local_minimum
 from polaropt.optics import (
     FARTHEST_SHIFT_PX,
     INCIDENCE_SEARCH_DEG,
@@ -64,6 +65,11 @@ _LEAST_GAIN, _SURE = 2e-5, 5.0
 """Misfit per frequency that a shift must gain over none, and how many times that to be sure of it. Errors mimic ghosts
 more towards normal incidence, from `_MIMIC_DEG` on with a high power, and in noise."""
 _MIMIC_DEG, _MIMIC_POWER, _IN_NOISE = 27.0, 8, 3
+_FAR_DEG, _FAR_WEIGHT, _FAR_SLACK = 4.0, 0.5, 0.05
+"""From where on an incidence is another one, what a unit of log overlap counts there beside the misfit, and the score
+that it may lack on the grid to be looked at closely."""
+_NO_ERROR = 1e-12
+"""Least standard error of a score."""
 _BRIGHT_REFLECTANCE, _LEAST_SHARE = 0.6, 0.025
 """Reflectance of one face from which on the overlap counts fully where shifts are compared, and the least share of it.
 """
@@ -88,6 +94,21 @@ class Trial:
     incidence_deg: float
     ghost_shift: float
     score: float
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """A trial, the misfit of its spectra in detail, its score with the edges, and both without parts of the frame."""
+
+    trial: Trial
+    misfit: float
+    score: float
+    parts: tuple[Curve, Curve]
+
+    def chance_beside(self, best: _Judged) -> float:
+        """Chance that it is the true one and not the best, for what parts of the frame say of the two."""
+        error = math.hypot(*(jackknife_error(a - b) for a, b in zip(self.parts, best.parts, strict=True)))
+        return NormalDist().cdf((best.score - self.score) / max(error, _NO_ERROR))
 
 
 @dataclass(frozen=True)
@@ -157,6 +178,44 @@ class SceneSearch:
         if self._thickness is not None:
             trial = self._with_tied_shift(trial)
         return Trial(trial.incidence_deg, trial.ghost_shift, self._score(trial))
+
+    def best_of_far(self, trial: Trial) -> tuple[Trial, float]:
+        """The trial, or the one far from it that spectra and edges together find likelier, if the spectra alone do.
+
+        Towards the first trials' incidences, which know few spectra, a search may lead to the wrong one of two minima.
+
+        Returns
+        -------
+        trial : Trial
+        doubt_deg : float
+            How far the other minima lie, root mean square by the chance that the truth is there.
+        """
+        if self._scene.incidence_deg is not None or self._thickness is not None:
+            return trial, 0.0
+        grid, here = INCIDENCE_GRID_DEG, self._judged(trial)
+        misfit = IncidenceLikelihood(self._seen.spectra, self._scene, trial.ghost_shift).misfit(grid)
+        score = misfit + _FAR_WEIGHT * np.log(self.curve(trial))
+        away = np.abs(grid - trial.incidence_deg) > _FAR_DEG
+        far = local_minima(score) & away & (score < score[~away].min() + _FAR_SLACK)
+        found = [self.improved(Trial(float(angle), trial.ghost_shift, math.inf)) for angle in grid[far]]
+        found = [other for other in found if abs(other.incidence_deg - trial.incidence_deg) > _FAR_DEG]
+        panes = [here, *map(self._judged, found)]
+        best = min((pane for pane in panes if pane.misfit <= here.misfit), key=lambda pane: pane.score)
+        squares = (
+            pane.chance_beside(best) * (pane.trial.incidence_deg - best.trial.incidence_deg) ** 2 for pane in panes
+        )
+        return best.trial, math.sqrt(sum(squares))
+
+    def _judged(self, trial: Trial) -> _Judged:
+        incidence, spectra = trial.incidence_deg, self._seen.spectra
+        misfits = [
+            IncidenceLikelihood(part, self._scene, trial.ghost_shift).at(incidence)
+            for part in (spectra, *spectra.left_out())
+        ]
+        overlap = self._best_scales(trial, self._seen.fine)
+        score = misfits[0] + _FAR_WEIGHT * math.log(overlap.joint(incidence))
+        parts = np.array(misfits[1:]), _FAR_WEIGHT * np.log(overlap.left_out(incidence))
+        return _Judged(trial, misfits[0], score, parts)
 
     def _score(self, trial: Trial) -> float:
         misfit = float(self._likelihood.misfit(trial.incidence_deg, [trial.ghost_shift])[0])
