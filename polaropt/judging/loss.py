@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass, replace
 
@@ -18,11 +19,11 @@ Pair = NDArray[np.float64]
 _SIDE = 256
 """Pixels per side of the frame's middle that is looked at, which bounds the time. Set by hand."""
 
-_OF_RIVALS = dict.fromkeys(
-    ("ghost_shift", "transmission_ghost_shift", "gap_shift", "transmission_polarization", "reflection_polarization")
-)
-"""Their errors reach to rivals that are less likely, and are no normal ones: what follows from them is not expected.
-Of polarized light POLARIZATION_DOUBTFUL tells."""
+_OF_RIVALS = dict.fromkeys(("ghost_shift", "transmission_ghost_shift", "gap_shift"))
+"""Their errors reach to rivals that are less likely, and are no normal ones: what follows from them is not expected."""
+
+MUCH_DB = 3.0
+"""A loss that counts as large: twice the mean squared error."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,17 @@ class SceneLoss:
     ----------
     transmission_db, reflection_db : float
         Mean squared error by the noise and the scene's errors together, over that by the noise alone.
+    chance : float
+        That the transmission loses more than `MUCH_DB`, if the errors are normal and independent.
     number : str
         The number of the scene whose error costs the transmission most.
     error : float
-        Its standard error; of a bend the largest of its numbers'.
+        Its standard error; of a bend, and of polarized light, the largest of its numbers'.
     """
 
     transmission_db: float
     reflection_db: float
+    chance: float
     number: str
     error: float
 
@@ -62,7 +66,7 @@ def scene_loss(
     scene : SceneParameters
         Complete.
     errors : SceneErrors
-        Those of shifts and of polarized light do not count.
+        Those of shifts do not count.
     of_noise : ndarray, shape (2,)
         Variance that the noise leaves to a pixel of each layer.
     growth : NoiseModel, optional
@@ -72,12 +76,32 @@ def scene_loss(
     height, width = capture.shape[-2:]
     center = ((width - 1) / 2 - columns.start, (height - 1) / 2 - rows.start)
     part = capture.part(rows, columns)
-    added: dict[str, Pair] = defaultdict(lambda: np.zeros(2))
+    shares: list[Pair] = []
+    added: dict[str, float] = defaultdict(float)
     for doubt in doubts(scene, replace(errors, **_OF_RIVALS)):
         variance = scene_variance(part, noise, (doubt,), center, growth)
-        added[doubt.number] += variance.mean(axis=tuple(range(1, variance.ndim)), dtype=np.float64)
-    if not added:
+        share = variance.mean(axis=tuple(range(1, variance.ndim)), dtype=np.float64) / of_noise
+        shares.append(share)
+        added[doubt.number] += float(share[0])
+    if not shares:
         return None
-    transmission, reflection = (float(loss) for loss in 10 * np.log10(1 + sum(added.values()) / of_noise))
-    number = max(added, key=lambda name: added[name][0])
-    return SceneLoss(transmission, reflection, number, float(np.max(getattr(errors, number))))
+    transmission, reflection = (float(loss) for loss in 10 * np.log10(1 + np.sum(shares, axis=0)))
+    chance = _chance(np.array(shares)[:, 0], 10 ** (MUCH_DB / 10) - 1)
+    number = max(added, key=lambda name: added[name])
+    return SceneLoss(transmission, reflection, chance, number, float(np.max(getattr(errors, number))))
+
+
+def _chance(weights: Pair, limit: float) -> float:
+    """That the sum of squared standard normal numbers with these weights exceeds a limit.
+
+    Notes
+    -----
+    By the chi-square law of the same mean and variance, which a single number has (Satterthwaite, An approximate
+    distribution of estimates of variance components, 1946).
+    """
+    from scipy.special import gammaincc
+
+    total, squares = float(weights.sum()), float(np.square(weights).sum())
+    if not 0 < squares < math.inf:
+        return float(squares > 0)
+    return float(gammaincc(total**2 / squares / 2, limit * total / squares / 2))

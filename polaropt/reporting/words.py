@@ -544,10 +544,14 @@ def _likelier_index(report: dict[str, Any]) -> str:
 def _loss(report: dict[str, Any]) -> str:
     loss = report["diagnostics"]["loss"]
     field = next(field for field in FIELDS if field.name == loss["number"])
-    error = error_of(loss["error"])
-    known = f"known to {error}{field.components[0].unit}".rstrip() if error else "hardly known"
+    error, units = error_of(loss["error"]), {component.unit for component in field.components}
+    if len(units) > 1:
+        # A degree and an angle have no error in common.
+        known = f"{field.words} is not known exactly"
+    else:
+        known = f"{field.label} is " + (f"known to {error}{min(units)}".rstrip() if error else "hardly known")
     return (
-        f"The {field.label} is {known}: against a pane that is known, its errors cost the transmission about "
+        f"The {known}: against a pane that is known, its errors cost the transmission about "
         f"{loss['transmission_db']:.0f} dB and the reflection {loss['reflection_db']:.0f} dB."
     )
 

@@ -8,7 +8,7 @@ import pytest
 import polaropt.solving.solution
 from polaropt import separate
 from polaropt.capture.noise import measured_noise
-from polaropt.judging.loss import scene_loss
+from polaropt.judging.loss import _chance, scene_loss
 from polaropt.judging.uncertainty import doubts, scene_variance
 from polaropt.optics.rivals import Rival
 from polaropt.optics.scene import SceneErrors, SceneParameters
@@ -121,6 +121,22 @@ def test_the_number_that_costs_most_is_named_and_rivals_of_a_shift_cost_nothing(
     assert loss(incidence_deg=0.01, focal_px=30.0).number == "focal_px"
     assert loss() is None
     assert loss(ghost_shift=3.0) is None
+
+
+@pytest.mark.parametrize("weights", [[2.2], [0.3, 0.3, 0.3], [5.0, 0.1], [1.0, 0.5, 0.2, 0.1]])
+def test_the_chance_of_a_loss_is_that_of_normal_errors(weights):
+    drawn = np.square(np.random.default_rng(0).standard_normal((20000, len(weights)))) @ weights
+    assert _chance(np.array(weights), 1.0) == pytest.approx((drawn > 1).mean(), abs=0.02)
+
+
+def test_errors_of_polarized_light_cost_the_layers_as_well():
+    example = blend(60, 64, transmission_polarization=(0.6, 140.0))
+    noise, growth = measured_noise(example.capture)
+    of_noise = np.full(2, noise**2)
+    errors = SceneErrors(incidence_deg=0.01, transmission_polarization=(0.1, 5.0))
+    loss = scene_loss(example.capture, noise, example.scene, errors, of_noise, growth)
+    assert loss.number == "transmission_polarization"
+    assert loss.chance > 0.5
 
 
 def test_degree_and_angle_of_polarized_light_are_in_doubt_where_ghosts_tell_them():

@@ -158,3 +158,5 @@ def test_what_an_uncertain_number_costs_is_said() -> None:
     assert "about 6 dB" in said
     loss["error"] = None
     assert report_attention(report)[0].startswith("The incidence is hardly known: ")
+    loss.update(number="transmission_polarization", error=5.0)
+    assert report_attention(report)[0].startswith("The polarization of the light from behind is not known exactly: ")
