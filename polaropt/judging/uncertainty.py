@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,10 +182,8 @@ def _bent(scene: SceneParameters, i: int, more: float) -> tuple[float, ...]:
 _BLUR_PX = 1.5
 # Rows that a thread takes at a time; changes nothing.
 _ROWS = 32
-# Precisions of a table, between which is interpolated, and places per side of a pane that varies over the frame, at
-# which a table is made: set by hand.
+# Precisions of a table, between which is interpolated: set by hand.
 _N_PRECISIONS = 6
-_N_PLACES = 4
 
 
 @dataclass(frozen=True)
@@ -287,13 +287,13 @@ def _add_noise(
     classes = None if growth is None else noise_classes(part, growth)
     usual = noise if classes is None else classes.typical
     precision = local_precision(part, piece.pse, usual, piece.known, classes)
-    for place in _places(piece, usual, part.shape[-2:]):
-        rows, columns = place.tile.where
-        of_frame = _within(piece.tile, rows, columns)
-        exact = None if precision is None else precision[rows, columns]
-        looked_up = _looked_up(layers[..., *of_frame], place.known, exact)
-        for plane, values in zip(total, looked_up, strict=True):
-            plane[rows, of_frame[1]] += place.tile.weights * values
+    known, exact = piece.known, None if precision is None else precision[None]
+    if isinstance(piece.pse, VaryingPSE):
+        known, exact = _by_pixel(piece.pse, known, usual, part.shape[-2:])
+        exact = exact if precision is None else exact * precision
+    looked_up = _looked_up(layers[..., piece.tile.rows, piece.tile.columns], known, exact)
+    for plane, values in zip(total, looked_up, strict=True):
+        plane[:, piece.tile.columns] += piece.tile.weights * values
 
 
 def _add_scene(
@@ -373,28 +373,30 @@ def assembled(strips: Iterable[UncertaintyStrip], layers: Images) -> Uncertainty
     return Uncertainty(errors, known)
 
 
-def _within(tile: Tile, rows: slice, columns: slice) -> tuple[slice, slice]:
-    """Rows and columns of the frame, of a place in a tile."""
-    top, left = tile.rows.start, tile.columns.start
-    return slice(top + rows.start, top + rows.stop), slice(left + columns.start, left + columns.stop)
-
-
 def _looked_up(layers: Images, known: Knowledge, precision: Images | None) -> Images:
-    """Standard errors (2 channel planes) and the untold share of the reflection's detail of one place."""
+    """Standard errors (2 channel planes) and the untold share of the reflection's detail of a tile.
+
+    Precisions (1 or 2, h, w) are of both layers, or of each.
+    """
     from polaropt.judging.kernels import interpolated
 
-    precisions = (
-        np.ones(1) if precision is None else np.geomspace(LEAST, max(1.0, float(precision.max())), _N_PRECISIONS)
-    )
+    precisions = np.ones(1)
+    if precision is not None:
+        most = max(1.0, float(precision.max()))
+        precisions = np.geomspace(min(max(LEAST, float(precision.min())), most / 2), most, _N_PRECISIONS)
     table = variance_table(known.allowed(), precisions)
     positions = np.zeros((3, *layers.shape[-2:]), dtype=np.float32)
-    if precision is not None:
-        positions[0] = _position(precision, precisions)
-    for i, scale in enumerate(_local_scales(layers, known)):
+    for i, scale in enumerate(_local_scales(layers, known, precision, precisions)):
         positions[1 + i] = _position(scale, SCALES)
-    out = np.empty((table.shape[-1], *layers.shape[-2:]), dtype=np.float32)
-    in_blocks(lambda start, stop: interpolated(table, positions, out, start, stop), out.shape[1], _ROWS)
-    return out
+    found = []
+    for of_layer in (None,) if precision is None else precision:
+        if of_layer is not None:
+            positions[0] = _position(of_layer, precisions)
+        out = np.empty((table.shape[-1], *layers.shape[-2:]), dtype=np.float32)
+        in_blocks(partial(interpolated, table, positions, out), out.shape[1], _ROWS)
+        found.append(out)
+    colors = layers.shape[1]
+    return np.concatenate([found[0][:colors], found[-1][colors:]])
 
 
 def _position(values: Images, grid: NDArray[np.float64]) -> Images:
@@ -403,8 +405,10 @@ def _position(values: Images, grid: NDArray[np.float64]) -> Images:
     return np.asarray(np.log(np.maximum(values, np.float32(grid[0])) / np.float32(grid[0])) / step, dtype=np.float32)
 
 
-def _local_scales(layers: Images, known: Knowledge) -> Images:
-    """Gradient energy around a pixel in units of the layer's, what is not told at its expected value, (2, h, w)."""
+def _local_scales(
+    layers: Images, known: Knowledge, precision: Images | None, precisions: NDArray[np.float64]
+) -> Images:
+    """Gradient energy around a pixel in units of the layer's, (2, h, w), with what is not told as is expected."""
     from scipy.ndimage import gaussian_filter
 
     from polaropt.solving import Frame, energies
@@ -414,27 +418,28 @@ def _local_scales(layers: Images, known: Knowledge) -> Images:
     planes = np.ascontiguousarray(layers)
     chroma = np.float32(CHROMA_WEIGHT if layers.shape[1] > 1 else 1)
     energies(planes, Frame(0, 0, height, width), chroma, energy, 0, height)
-    usual, unknown = known.edges(known.prior), known.edges(known.uncertainty())
-    for i in (0, 1):
+    usual, unknown = known.edges(known.prior), [known.edges(known.uncertainty(float(exact))) for exact in precisions]
+    for i, of_layer in enumerate(np.array(unknown, dtype=np.float32).T):
         gaussian_filter(energy[i], _BLUR_PX, mode="nearest", output=energy[i])
-        energy[i] = (energy[i] + np.float32(unknown[i])) / np.float32(usual[i])
+        if precision is None:
+            energy[i] += of_layer[0]
+        else:
+            energy[i] += np.interp(precision[min(i, len(precision) - 1)], precisions, of_layer)
+        energy[i] /= np.float32(usual[i])
     return energy
 
 
-def _places(piece: Piece, noise: float, shape: tuple[int, ...]) -> Iterator[Piece]:
-    """A tile as a whole, or the places of a pane that varies: with weights that fall to the neighbouring places."""
-    if isinstance(piece.pse, PSE):
-        height, width = shape
-        whole = Tile(slice(0, height), slice(0, width), piece.tile.weights)
-        yield replace(piece, tile=whole)
-        return
-    told = _information_by_pixel(piece.pse, noise, shape)
-    for rows, down in _hats(shape[0]):
-        for columns, across in _hats(shape[1]):
-            weights = np.outer(down, across)
-            mean = (told[..., rows, columns] * weights).sum(axis=(-1, -2)) / weights.sum()
-            tile = Tile(rows, columns, (weights * piece.tile.weights[rows, columns]).astype(np.float32))
-            yield replace(piece, tile=tile, known=_with_information(piece.known, mean))
+def _by_pixel(pse: VaryingPSE, known: Knowledge, noise: float, shape: tuple[int, ...]) -> tuple[Knowledge, Images]:
+    """What is known of a tile before a pane that varies, and how exact each layer is in a pixel of it, (2, h, w)."""
+    told = _information_by_pixel(pse, noise, shape)
+    mean = told.mean(axis=(-1, -2), dtype=np.float64)
+    exact = [_alone(told, i) / np.float32(_alone(mean, i)) for i in (0, 1)]
+    return _with_information(known, mean), np.maximum(np.stack(exact), np.float32(LEAST))
+
+
+def _alone(told: NDArray[Any], layer: int) -> Any:
+    """Information (2, 2, ...) on one layer where nothing is known of the other."""
+    return told[layer, layer] - told[0, 1] ** 2 / told[1 - layer, 1 - layer]
 
 
 def _information_by_pixel(pse: VaryingPSE, noise: float, shape: tuple[int, ...]) -> Images:
@@ -448,11 +453,3 @@ def _with_information(known: Knowledge, told: NDArray[np.float64]) -> Knowledge:
     """The same information (2, 2) at every frequency."""
     flat = np.ones_like(known.share)
     return replace(known, told=np.stack([np.float32(told[i, i]) * flat for i in (0, 1)]), cross=told[0, 1] ** 2 * flat)
-
-
-def _hats(length: int) -> Iterator[tuple[slice, NDArray[np.float64]]]:
-    """Overlapping parts of a side with weights that add up to 1: linear between the places in their middles."""
-    places = np.linspace(0, length - 1, _N_PLACES)
-    for i in range(_N_PLACES):
-        start, stop = int(np.ceil(places[max(i - 1, 0)])), int(places[min(i + 1, _N_PLACES - 1)]) + 1
-        yield slice(start, stop), np.interp(np.arange(start, stop), places, np.eye(_N_PLACES)[i])

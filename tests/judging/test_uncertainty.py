@@ -35,6 +35,20 @@ def test_two_standard_errors_cover_nine_of_ten_true_values(incidence_deg, color)
         assert 0.9 <= covered <= 0.999
 
 
+def test_where_a_wide_lens_sees_the_glass_frontally_little_is_known():
+    example = blend(20, 96, ghost_shift=0.0, focal_px=60.0, azimuth_deg=0.0, noise=0.003)
+    result = separate(example.capture, example.scene)
+    x, y = pixel_grid(96, 96, (47.5, 47.5))
+    cosine, _, _ = viewing_angles(plane_normal(20, 0), 1 / 60, x, y)
+    frontal = cosine > np.cos(np.radians(4))
+    oblique = (cosine < np.cos(np.radians(40))) & (cosine > np.cos(np.radians(50)))
+    of_reflection = result.uncertainty[1].mean(axis=0)
+    assert of_reflection[frontal].mean() > 2 * of_reflection[oblique].mean()
+    within = np.abs(result.layers[0] - example.layers[0]) <= 2 * result.uncertainty[0]
+    assert within[..., frontal].mean() > 0.9
+    assert within.mean() > 0.9
+
+
 def test_frontal_glass_is_covered_on_average_over_pictures():
     # Slow errors of one picture are few draws.
     rows = [row for pair in range(4) for row in run(Job(protocol(10, noise=0.005), pair, size=128, way="known"))]
