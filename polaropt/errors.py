@@ -14,4 +14,13 @@ class InputError(ValueError):
     """What came from a file or a person cannot be used; its text is one line: what is wrong, and what to do.
 
     The command line prints that line and ends with exit code 2.
+
+    Examples
+    --------
+    >>> from polaropt import InputError, read_capture
+    >>> try:
+    ...     read_capture("nowhere.png")
+    ... except InputError as error:
+    ...     print(error)
+    nowhere.png: no such file; check the name
     """

@@ -98,6 +98,18 @@ class Separation:
         Makes `components`.
     judge : callable
         Makes `uncertainty` and `reflection_known`; takes `tell` as `uncertainty_strips` does.
+
+    Examples
+    --------
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, separate, simulate
+    >>> pane = SceneParameters(60.0, 20.0, 4.0)
+    >>> capture = simulate(coffee()[120:248, 200:328], astronaut()[30:158, 160:288], pane)
+    >>> result = separate(capture, pane)
+    >>> result.reflection.shape, result.layers.shape, result.uncertainty.shape, result.reflection_known.shape
+    ((128, 128, 3), (2, 3, 128, 128), (2, 3, 128, 128), (128, 128))
+    >>> sorted(name for name, term in result.terms.items() if term.weight)
+    ['edge_independence', 'gradient_sparsity', 'misfit', 'natural_image', 'nonnegativity']
     """
 
     layers: Images = field(repr=False)
@@ -230,6 +242,16 @@ def separate(
     ValueError
         Unknown solver or start (the message lists the names), a solver that cannot take so large an image, or a
         parameter outside its range (`InputError`).
+
+    Examples
+    --------
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, separate, simulate
+    >>> pane = SceneParameters(60.0, 20.0, 4.0)
+    >>> capture = simulate(coffee()[120:248, 200:328], astronaut()[30:158, 160:288], pane)
+    >>> result = separate(capture)
+    >>> result.transmission.shape, abs(result.scene.incidence_deg - 60) < 2
+    ((128, 128, 3), True)
     """
     settings = Settings(
         model=model,

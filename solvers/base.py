@@ -93,7 +93,17 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """When to stop, in one vocabulary for all solvers."""
+    """When to stop, in one vocabulary for all solvers.
+
+    Examples
+    --------
+    After ten evaluations at most, or after two seconds:
+
+    >>> from polaropt import StoppingRule
+    >>> rule = StoppingRule(max_evaluations=10, seconds=2.0)
+    >>> rule.max_evaluations, rule.relative_change
+    (10, 0.0005)
+    """
 
     max_evaluations: int = 60
     """Evaluations of objective and gradient, at most."""

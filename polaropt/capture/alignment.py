@@ -55,6 +55,20 @@ def align(capture: Capture, *, overwrite: bool = False, progress: Progress | Non
     ------
     InputError
         The photographs lie so far apart that too little of them overlaps, or come from a mosaic.
+
+    Examples
+    --------
+    The second photograph shows everything three pixels farther to the right:
+
+    >>> import numpy as np
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import Capture, SceneParameters, align, simulate
+    >>> taken = simulate(coffee()[90:250, 180:340], astronaut()[:160, 150:310], SceneParameters(60.0, 20.0, 4.0))
+    >>> photographs = np.moveaxis(taken.intensities, 1, -1).copy()
+    >>> photographs[1] = np.roll(photographs[1], 3, axis=1)
+    >>> aligned = align(Capture(photographs[:, :, 3:]))
+    >>> [round(right) for down, right in aligned.origin.shifts_px]
+    [0, 3, 0, 0]
     """
     if capture.cells is not None:
         raise InputError("a mosaic's photographs are taken at once, through one filter each pixel; leave --align out")

@@ -294,6 +294,17 @@ class Capture:
     InputError
         Wrong shape, fewer than 3 or two equal angles, NaN, values below -1 % of white that are no noise, an image
         smaller than 16 px, a constant capture, or one that is clipped everywhere.
+
+    Examples
+    --------
+    Four photographs of 64x48 pixels in grey, from arrays:
+
+    >>> import numpy as np
+    >>> from polaropt import Capture
+    >>> photographs = np.random.default_rng(0).uniform(0.2, 0.8, (4, 48, 64))
+    >>> capture = Capture(photographs, angles_deg=(0, 45, 90, 135))
+    >>> capture.shape, capture.color, capture.stokes.shape
+    ((48, 64), False, (3, 48, 64))
     """
 
     # `dataclasses.replace` would give planes to a constructor that takes colours last: it is refused.

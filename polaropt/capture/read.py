@@ -342,6 +342,21 @@ def read_capture(
     ------
     InputError
         One line: the file, what is wrong, what to do.
+
+    Examples
+    --------
+    A stack of four photographs of 16 bits, as one TIFF of four pages:
+
+    >>> import numpy as np
+    >>> import tifffile
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, read_capture, simulate
+    >>> taken = simulate(coffee()[150:246, 200:296], astronaut()[30:126, 160:256], SceneParameters(60.0, 20.0, 4.0))
+    >>> pages = np.round(np.clip(np.moveaxis(taken.intensities, 1, -1), 0, 1) * 65535).astype(np.uint16)
+    >>> tifffile.imwrite("glass.tiff", pages, photometric="rgb")
+    >>> capture = read_capture("glass.tiff")
+    >>> capture, capture.origin.layout
+    (Capture(shape=(4, 3, 96, 96), angles_deg=(0.0, 45.0, 90.0, 135.0)), 'stack')
     """
     files = _listed_files(paths)
     options = checked_options(

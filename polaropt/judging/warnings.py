@@ -54,6 +54,17 @@ class SeparationWarning(Enum):
 
     REFLECTION_NOT_IDENTIFIABLE tells an effect; its cause, if the capture has one, has a warning of its own:
     NO_POLARIZATION, NEAR_NORMAL or NOISE_TOO_HIGH.
+
+    Examples
+    --------
+    Glass that is seen frontally hardly polarizes:
+
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, SeparationWarning, separate, simulate
+    >>> pane = SceneParameters(5.0, 20.0, 0.3)
+    >>> result = separate(simulate(coffee()[120:248, 200:328], astronaut()[30:158, 160:288], pane), pane)
+    >>> SeparationWarning.NEAR_NORMAL in result.diagnostics.warnings
+    True
     """
 
     NO_POLARIZATION = (

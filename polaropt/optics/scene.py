@@ -99,6 +99,28 @@ class SceneParameters:
     ------
     InputError
         A value outside its range.
+
+    Examples
+    --------
+    A pane at 60 degrees whose double images lie 4 px apart, and the rung of the ladder that this is:
+
+    >>> from polaropt import SceneParameters
+    >>> pane = SceneParameters(60.0, 20.0, 4.0)
+    >>> pane.rung, pane.complete
+    ('ghosts', True)
+
+    The incidence is known, the rest is to be estimated:
+
+    >>> asked = SceneParameters(60.0, None, None)
+    >>> asked.complete
+    False
+
+    Water, and a screen behind the pane whose light is polarized to 60 % at 70 degrees:
+
+    >>> SceneParameters(50.0, 90.0, 0.0, refractive_index=1.33, single_surface=True).rung
+    'pixelwise'
+    >>> pane.replace(transmission_polarization=(0.6, 70.0)).rung
+    'polarized'
     """
 
     incidence_deg: float | None = 60.0
@@ -297,6 +319,14 @@ def ghost_step(
     ------
     InputError
         An angle, index, thickness or kind outside its range.
+
+    Examples
+    --------
+    >>> from polaropt import ghost_step
+    >>> round(ghost_step(60.0, 1.5, thickness_px=10.0), 1)
+    8.2
+    >>> round(ghost_step(60.0, 1.5, thickness_px=10.0, kind="plate"), 1)
+    7.1
     """
     _check_incidence(incidence_deg)
     _check_index(refractive_index)

@@ -60,6 +60,15 @@ def simulate(
     ------
     InputError
         Layers that differ in shape, or a wrong number of bits or noise.
+
+    Examples
+    --------
+    A cup of coffee behind a pane at 60 degrees that mirrors an astronaut:
+
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, simulate
+    >>> simulate(coffee()[150:246, 200:296], astronaut()[30:126, 160:256], SceneParameters(60.0, 20.0, 4.0), bits=12)
+    Capture(shape=(4, 3, 96, 96), angles_deg=(0.0, 45.0, 90.0, 135.0))
     """
     both = checked_layers(transmission, reflection)
     if not 0 <= noise < np.inf:

@@ -83,6 +83,15 @@ class Weights:
         Negative light.
     natural_image : float or None
         Means and slow changes: the layers' expected spectra.
+
+    Examples
+    --------
+    Without the edges' independence, and twice the usual sparsity of gradients:
+
+    >>> from polaropt import Weights
+    >>> weights = Weights(edge_independence=0, gradient_sparsity=2)
+    >>> weights.factor("edge_independence"), weights.factor("gradient_sparsity"), weights.factor("misfit")
+    (0.0, 2.0, 1.0)
     """
 
     misfit: float | None = None

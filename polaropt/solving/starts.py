@@ -38,6 +38,13 @@ class Initializer:
         What it is.
     installed : bool
         Whether all that it needs is there.
+
+    Examples
+    --------
+    >>> from polaropt import Initializer, initializers
+    >>> start = initializers()[0]
+    >>> isinstance(start, Initializer), start.name, start.installed
+    (True, 'closed-form', True)
     """
 
     name: str
@@ -46,7 +53,19 @@ class Initializer:
 
 
 def initializers() -> tuple[Initializer, ...]:
-    """The starts that `separate` knows."""
+    """The starts that `separate` knows.
+
+    Returns
+    -------
+    tuple of Initializer
+        One for each name that ``separate(init=...)`` takes, installed or not.
+
+    Examples
+    --------
+    >>> from polaropt import initializers
+    >>> [start.name for start in initializers()]
+    ['closed-form', 'cold', 'learned', 'per-pixel']
+    """
     there = all(find_spec(package) is not None for package in ("torch", "safetensors"))
     return (
         Initializer("closed-form", "A Wiener filter per frequency, with all ghosts (the default)."),
