@@ -5,18 +5,22 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.polaropt-installed
 PLAIN := $(VENV)/.polaropt-without-extras
+DOCS_STAMP := $(VENV)/.docs-installed
+DOCS := docs/_build/html
 PEERS := .venv-peers
 # Tests run side by side in so many processes.
 WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint package peers clean
+.PHONY: help setup demo test lint package docs linkcheck peers clean
 
 help:
 	@echo "make demo   set up, separate an example and name the pictures to look at"
 	@echo "make test   set up and run the tests"
 	@echo "make lint   set up and run ruff and mypy"
 	@echo "make package  build wheel and source distribution, and try them on every Python there is"
+	@echo "make docs   set up and build the documentation: $(DOCS)/index.html"
+	@echo "make linkcheck  ask the network whether the documentation's links lead somewhere"
 	@echo "make peers  build $(PEERS), the environment of a peer in studies.peers"
 	@echo "make setup  only set up ($(VENV) in this folder)"
 	@echo "make clean  remove everything that the above made"
@@ -49,6 +53,18 @@ lint: setup
 package:
 	PYTHON=$(PYTHON) .ci/package
 
+$(DOCS_STAMP): $(STAMP) pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"
+	touch $@
+
+# The gallery's scripts run when it is built; those that did not change are not run again.
+docs: $(DOCS_STAMP)
+	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet docs $(DOCS)
+	$(BIN)/python docs/check_links.py $(DOCS)
+
+linkcheck: $(DOCS_STAMP)
+	$(BIN)/python -m sphinx --builder linkcheck --quiet -D plot_gallery=0 docs docs/_build/linkcheck
+
 # It needs an older numpy than polaropt does.
 peers: $(PEERS)/.installed
 
@@ -58,5 +74,5 @@ $(PEERS)/.installed: studies/peers/requirements.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(PEERS) demo-output build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(PEERS) demo-output build dist docs/_build docs/auto_gallery docs/api/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
