@@ -1,4 +1,5 @@
 __all__ = [
+    "RESOLUTION",
     "SCALES",
     "AssumedHessian",
     "Canvas",
@@ -12,6 +13,7 @@ __all__ = [
     "mosaic_layers",
     "natural_image_layers",
     "per_pixel_layers",
+    "unknown_share",
     "variance_table",
     "varying_layers",
     "varying_pixel_layers",
@@ -24,9 +26,11 @@ from .closed_form import natural_image_layers as natural_image_layers
 from .closed_form import per_pixel_layers as per_pixel_layers
 from .compiled_whitening import FusedPreconditioner as FusedPreconditioner
 from .mosaic_closed_form import mosaic_layers as mosaic_layers
+from .spectra import RESOLUTION as RESOLUTION
 from .transfer import ghost_transfer_at as ghost_transfer_at
 from .variance import SCALES as SCALES
 from .variance import Knowledge as Knowledge
+from .variance import unknown_share as unknown_share
 from .variance import variance_table as variance_table
 from .varying_closed_form import ghost_layers as ghost_layers
 from .varying_closed_form import varying_layers as varying_layers

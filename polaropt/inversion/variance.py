@@ -79,19 +79,8 @@ class Knowledge:
         return np.asarray(per_color @ color_weights, dtype=np.float64)
 
     def unknown_detail(self, reflection: Images) -> float:
-        """Share of the reflection's detail, what is finer than about 5 px, that remains open, 0..1.
-
-        What remains open, beside what was found: a spectrum fitted to photographs that hardly tell the reflection may
-        hold much that it has not. The root of the rest is how the detail found correlates with the true one.
-
-        Parameters
-        ----------
-        reflection : ndarray of float32, shape (channel, h, w)
-            What the filter found.
-        """
-        finer = 1 - np.exp(-self.squared_frequency * np.float32(_DETAIL_PX**2 / 2))
-        left = float((self.uncertainty()[1] @ (self.share * finer**2)).sum())
-        return left / max(left + _detail(reflection), _LEAST_DETAIL)
+        """Share of the reflection's detail (channel, h, w) that remains open, 0..1, see `unknown_share`."""
+        return unknown_share(self.uncertainty()[1], self.squared_frequency, self.share, reflection)
 
     def variance(self) -> NDArray[np.float64]:
         """That the photographs leave to a pixel of each layer, mean over colours, (2,)."""
@@ -113,6 +102,26 @@ class Knowledge:
         told = 1 - self.uncertainty() / self.prior
         unfitted = (1 - told**2) ** self.turns
         return replace(self, prior=self.prior * (1 + np.float32(_SPREAD_OF_POWER - 1) * unfitted))
+
+
+def unknown_share(left: Power, squared_frequency: Power, share: Power, reflection: Images) -> float:
+    """Share of the reflection's detail, what is finer than about 5 px, that remains open, 0..1.
+
+    What remains open, beside what was found: a spectrum fitted to photographs that hardly tell the reflection may
+    hold much that it has not. The root of the rest is how the detail found correlates with the true one.
+
+    Parameters
+    ----------
+    left : ndarray, shape (channel, ...)
+        Power that remains open, in the colour basis.
+    squared_frequency, share : ndarray
+        Of each frequency, and of all frequencies for which it stands.
+    reflection : ndarray of float32, shape (channel, h, w)
+        What was found.
+    """
+    finer = 1 - np.exp(-squared_frequency * np.float32(_DETAIL_PX**2 / 2))
+    open_power = float((left * (share * finer**2)).sum(dtype=np.float64))
+    return open_power / max(open_power + _detail(reflection), _LEAST_DETAIL)
 
 
 def _detail(layer: Images) -> float:

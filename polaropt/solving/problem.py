@@ -19,6 +19,7 @@ from polaropt.inversion import (
     natural_image_layers,
 )
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertical_reach
+from polaropt.solving.local_spectra import REACH_PX, Expectation, expected_layers
 from polaropt.solving.objective import (
     Misfit,
     Term,
@@ -129,13 +130,35 @@ class Problem:
         period = 1 if capture.samples is None else capture.samples.sampling.period
         self.canvas: Canvas = canvas_for(self.pse, capture.shape[-2], capture.shape[-1], period)
         self.known: ClosedForm = self._closed_form()
-        self.penalties = default_penalties(self.known, noise, capture.samples is not None)
+        self.expected = self._expected_layers() if self._fits_windows() else None
+        self.penalties = default_penalties(self.known, noise, capture.samples is not None, self.expected)
 
     def _closed_form(self) -> ClosedForm:
         known = self._closed_form_of(self.capture)
         for _ in range(FILLINGS if worth_filling(self.capture) else 0):
             known = self._closed_form_of(filled(self.capture, self._photographed(known.layers)))
         return known
+
+    def _fits_windows(self) -> bool:
+        """Whether layers can be expected of windows, and of photographs at all.
+
+        Samples of a mosaic tell too little of a window, and a pane that varies another thing in each; ghosts that lie
+        farther apart than windows overlap look like other places.
+        """
+        plain = isinstance(self.pse, PSE) and self.capture.samples is None
+        shifts = (self.scene.ghost_shift, self.scene.transmission_ghost_shift, self.scene.gap_shift)
+        near = all(abs(shift or 0.0) <= REACH_PX for shift in shifts)
+        return plain and near and self._weights.factor("misfit") > 0
+
+    def _expected_layers(self) -> Expectation:
+        misfit = self._compiled_misfit()
+
+        def gradient(layers: Images) -> Images:
+            slope = np.empty_like(layers)
+            misfit.value_and_grad(layers, slope)
+            return slope
+
+        return expected_layers(self.known, self.canvas, gradient)
 
     def _photographed(self, layers: Images) -> Images:
         """Photographs (k, channel, h, w) of canvas layers."""
@@ -189,7 +212,7 @@ class Problem:
         known, natural = self.known, self.penalties.natural_image
         local = FusedPenalties(self.penalties, self.canvas, start.shape[1])
         hessian = assumed_hessian(local, natural, self._weights, known, start)
-        whitened = FourierPreconditioner(hessian, known.mean, known.basis, self.canvas.shape[1], place)
+        whitened = FourierPreconditioner(hessian, natural.mean, known.basis, self.canvas.shape[1], place)
         return WhitenedObjective(objective, whitened, place)
 
     @property
@@ -200,6 +223,13 @@ class Problem:
         if self.scene.n_bounces is not None:
             return self.scene.n_bounces
         return self.pse.n_ghosts if isinstance(self.pse, PSE) else self.pse.n_ghosts(*self.capture.shape[-2:])
+
+    def unknown_detail(self) -> float:
+        """Share of the reflection's detail, what is finer than about 5 px, that remains open, 0..1."""
+        if self.expected is None:
+            return self.known.sampled.unknown_detail(self.canvas.crop(self.known.layers[1]))
+        layers = self.expected.in_colors(self.known.basis)
+        return self.expected.unknown_detail(self.canvas.crop(layers[1]), self.canvas.shape[1])
 
     @property
     def misfit_of_noise(self) -> float:

@@ -256,7 +256,7 @@ def solve(
 def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Part) -> Solution:
     """One tile, in the time that is its own."""
     share, stopping = 1 / place.of, settings.stopping
-    unknown = problem.known.sampled.unknown_detail(problem.canvas.crop(problem.known.layers[1]))
+    unknown = problem.unknown_detail()
     start = take_start(problem, settings.init)
     stages.begin("Setting up", place.reached)
     device = settings.device_of_tensors

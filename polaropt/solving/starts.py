@@ -118,6 +118,8 @@ def take_start(problem: Problem, name: str) -> Images:
 def _start_layers(problem: Problem, name: str) -> Images:
     capture, canvas, pse = problem.capture, problem.canvas, problem.pse
     if name == "closed-form":
+        if problem.expected is not None:
+            return problem.expected.in_colors(problem.known.basis)
         return canvas.continued(canvas.crop(problem.known.layers))
     if name == "learned":
         return canvas.continued(_learned_layers(problem))

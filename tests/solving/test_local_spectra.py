@@ -1,0 +1,91 @@
+"""Layers that are expected in each place: Wiener filters of windows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from polaropt import SceneParameters, Weights, simulate
+from polaropt.solving.local_spectra import Windows
+from polaropt.solving.problem import Problem
+from polaropt.solving.starts import take_start
+from tests.blends import blend
+
+
+def problem_of(height=96, width=80, weights=None, incidence=60, shift=3.0, noise=0.005, color=True):
+    example = blend(incidence, max(height, width), color=color, ghost_shift=shift, noise=noise)
+    part = example.capture.part(slice(0, height), slice(0, width))
+    return example, Problem(part, example.scene, noise, weights or Weights())
+
+
+def error(layers, truth):
+    inner = (..., slice(16, -16), slice(16, -16))
+    return [float(np.mean((layers[i] - truth[i])[inner] ** 2)) for i in (0, 1)]
+
+
+def test_windows_that_overlap_add_up_to_the_frame():
+    """What all windows see of an image, put together again, is the image: no window counts twice."""
+    _, problem = problem_of(70, 45)
+    windows = Windows(problem.known, problem.canvas)
+    windows._fast = np.ones_like(windows._fast)
+    layers = problem.known.layers
+    frame = windows._extended(layers)
+    again = np.zeros_like(frame)
+    for top in range(0, frame.shape[-2] - 31, 16):
+        windows._add(windows._spectra(frame[..., top : top + 32, :]), again[..., top : top + 32, :])
+    inside = np.s_[..., 16 : 16 + 70, 16 : 16 + 45]
+    np.testing.assert_allclose(again[inside], frame[inside], atol=1e-5)
+
+
+def test_a_window_sees_of_a_filter_that_acts_on_single_pixels_the_same():
+    _, problem = problem_of(shift=0.0)
+    windows = Windows(problem.known, problem.canvas)
+    everywhere = problem.known.told[:, :1, :1]
+    np.testing.assert_allclose(windows._told[:, 0, 0], np.broadcast_to(everywhere, (2, 32, 17)), rtol=1e-4)
+
+
+def test_a_share_that_is_the_same_at_all_frequencies_is_so_on_the_canvas():
+    _, problem = problem_of()
+    windows = Windows(problem.known, problem.canvas)
+    share = windows.on_canvas(np.full((2, 3, 32, 17), 0.25, np.float32))
+    height, width = problem.canvas.shape
+    assert share.shape == (2, 3, height, width // 2 + 1)
+    np.testing.assert_allclose(share, 0.25, rtol=1e-6)
+
+
+@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize("incidence", [40, 60, 75])
+def test_layers_expected_in_each_place_are_nearer_than_those_of_one_spectrum(incidence, color):
+    example, problem = problem_of(128, 128, incidence=incidence, color=color)
+    truth = example.layers.reshape(2, -1, 128, 128)
+    known = error(problem.canvas.crop(problem.known.layers), truth)
+    expected = error(problem.canvas.crop(problem.expected.in_colors(problem.known.basis)), truth)
+    assert expected[0] < known[0]
+    assert expected[1] < known[1]
+
+
+def test_what_is_expected_does_not_depend_on_the_start():
+    """All starts meet the same objective: its priors follow from the photographs."""
+    _, first = problem_of()
+    _, second = problem_of()
+    first.compiled(take_start(first, "closed-form"))
+    second.compiled(take_start(second, "cold"))
+    np.testing.assert_array_equal(first.penalties.natural_image.mean, second.penalties.natural_image.mean)
+    np.testing.assert_array_equal(first.penalties.natural_image.stiffness, second.penalties.natural_image.stiffness)
+
+
+@pytest.mark.parametrize("scene", [SceneParameters(60.0, 20.0, 30.0), SceneParameters(60.0, 20.0, 0.0, focal_px=100.0)])
+def test_windows_are_left_out_where_they_cannot_tell(scene):
+    layers = np.random.default_rng(0).uniform(size=(2, 40, 40)).astype(np.float32)
+    assert Problem(simulate(*layers, scene), scene, 0.005, Weights()).expected is None
+
+
+def test_nothing_is_expected_of_photographs_that_do_not_count():
+    assert problem_of(40, 40, Weights(misfit=0.0))[1].expected is None
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (17, 70), (33, 17)])
+def test_frames_smaller_than_a_window(shape):
+    _, problem = problem_of(*shape)
+    assert np.isfinite(problem.expected.layers).all()
+    assert (problem.expected.variance > 0).all()
