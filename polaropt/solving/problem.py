@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -22,6 +23,7 @@ from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertic
 from polaropt.solving.local_spectra import REACH_PX, Expectation, expected_layers
 from polaropt.solving.objective import (
     Misfit,
+    Penalties,
     Term,
     Weights,
     WhitenedObjective,
@@ -121,6 +123,7 @@ class Problem:
     ) -> None:
         classes = None if growth is None else noise_classes(capture, growth)
         self.noise = noise if classes is None else classes.typical
+        self._mean_noise = noise
         self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
         self.capture, self.scene = capture, scene
         # What is compared with the layers: of a mosaic the samples alone.
@@ -130,8 +133,20 @@ class Problem:
         period = 1 if capture.samples is None else capture.samples.sampling.period
         self.canvas: Canvas = canvas_for(self.pse, capture.shape[-2], capture.shape[-1], period)
         self.known: ClosedForm = self._closed_form()
-        self.expected = self._expected_layers() if self._fits_windows() else None
-        self.penalties = default_penalties(self.known, noise, capture.samples is not None, self.expected)
+
+    @cached_property
+    def expected(self) -> Expectation | None:
+        """What the layers are expected to be in each place; None where windows cannot tell. From the closed form."""
+        return self._expected_layers() if self._fits_windows() else None
+
+    @cached_property
+    def penalties(self) -> Penalties:
+        """The priors of the objective. Error maps, which solve nothing, do without them."""
+        return default_penalties(self.known, self._mean_noise, self.capture.samples is not None, self.expected)
+
+    def derive_priors(self) -> None:
+        """Derive what follows from the closed form's layers, before these are given up."""
+        self.penalties = self.penalties
 
     def _closed_form(self) -> ClosedForm:
         known = self._closed_form_of(self.capture)

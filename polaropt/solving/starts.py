@@ -110,6 +110,7 @@ def take_start(problem: Problem, name: str) -> Images:
         See `initializers`.
     """
     start = _start_layers(problem, name)
+    problem.derive_priors()
     nothing = np.empty(0, dtype=np.float32)
     problem.known = replace(problem.known, layers=nothing, prior=nothing)
     return start
