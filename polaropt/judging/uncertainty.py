@@ -20,7 +20,7 @@ from polaropt.capture import Capture, NoiseModel, noise_classes
 from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
 from polaropt.numerics import middle_part, strips
-from polaropt.optics import FIELDS, PSE, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
+from polaropt.optics import FIELDS, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.solving import Piece, Problem, Tile, Weights
 from priors.base import CHROMA_WEIGHT
 from solvers.kernels import in_blocks
