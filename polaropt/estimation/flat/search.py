@@ -36,6 +36,8 @@ INCIDENCE_GRID_DEG: Curve = np.arange(2.0, INCIDENCE_SEARCH_DEG[1] + 1, 2.0)
 # All below by trial.
 _TRIAL_DEG = (12.0, 25.0, 35.0, 42.0, 48.0, 54.0, 61.0, 68.0, 75.0, 81.0, 86.0)
 """Trial incidences: closer where panes are usually seen and ghosts change fast."""
+_TRIAL_STEP_PX = 1.0
+"""Spacing of their ghost shifts: those farther apart are others."""
 _TRIAL_HALF_WIDTH_DEG, _TRIAL_STEP_DEG = 7.5, 2.5
 _COARSE_HALF_WIDTH_DEG, _COARSE_STEP_DEG = 6.0, 2.0
 _NEAR_HALF_WIDTH_DEG, _NEAR_STEP_DEG = 4.8, 1.2
@@ -155,9 +157,10 @@ class SceneSearch:
         return min((self._with_overlap(trial) for trial in likely), key=lambda trial: trial.score)
 
     def improved(self, trial: Trial) -> Trial:
-        """Ghost shift and incidence in turns until both rest; its own shift where no other one scores better."""
+        """Ghost shift and incidence in turns until both rest; its own shift where that scores better than another."""
         found = self._improved(trial)
-        if found.score <= trial.score or not self._open_shift or self._thickness is not None:
+        elsewhere = abs(found.ghost_shift - trial.ghost_shift) > _TRIAL_STEP_PX
+        if found.score <= trial.score or not elsewhere or self._thickness is not None:
             return found
         kept = self._with_fine_shift(self._with_overlap_minimum(trial))
         kept = Trial(kept.incidence_deg, kept.ghost_shift, self._score(kept))
@@ -257,7 +260,7 @@ class SceneSearch:
         return error, of_transmission if self._scene.transmission_ghost_shift is None else None
 
     def _likeliest(self, incidence_deg: float) -> Trial:
-        grid = self._shift_grid(incidence_deg, 1.0)
+        grid = self._shift_grid(incidence_deg, _TRIAL_STEP_PX)
         misfit = self._likelihood.misfit(incidence_deg, grid, rounds=1)
         best = int(np.argmin(misfit))
         return Trial(incidence_deg, float(grid[best]), float(misfit[best]))
