@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,8 @@ def tables(frame: DataFrame) -> str:
         markdown(_by_family(rows), "lr"),
         "Stated errors by number; right: only of separations within 3 dB of the scene known.",
         markdown(_by_number(rows), "lr"),
+        "Chance that stated errors cost the transmission more than 3 dB, and how many scenes did lose so much.",
+        markdown(_by_chance(rows)),
         "All that went wrong, the worst first.",
         markdown(_wrong(rows), "rlrrllrrl"),
     ])  # fmt: skip
@@ -117,6 +120,19 @@ def _by_number(rows: DataFrame) -> DataFrame:
     ]
     heads = ["number", "n", "within two (%)", "width", "right: within two", "width", "stated, median", "true, median"]
     return DataFrame(lines, columns=heads, dtype=object)
+
+
+_CHANCES = (0.0, 0.02, 0.2, 0.5, 0.8, 1.0)
+"""Between which scenes are counted together."""
+
+
+def _by_chance(rows: DataFrame) -> DataFrame:
+    """Scenes by the chance of a failure that is stated, how many that makes, and how many there are."""
+    lines = []
+    for low, high in pairwise(_CHANCES):
+        part = rows[(rows.chance >= low) & ((rows.chance < high) | (high == _CHANCES[-1]))]
+        lines.append([f"{low:g} to {high:g}", len(part), f"{part.chance.sum():.1f}", int(part.failed.sum())])
+    return DataFrame(lines, columns=["chance", "scenes", "failures by it", "failures"], dtype=object)
 
 
 def _wrong(rows: DataFrame) -> DataFrame:

@@ -81,6 +81,8 @@ class Row:
         By how many noise levels the axis taken explains the photographs better than the one across.
     misfit, unexplained : float
         Mean squared residual, and of polarized light that the rung leaves, in units of the noise.
+    chance : float
+        That the transmission loses more than 3 dB for the errors of the scene, as these say.
     warnings : tuple of str
     parameters : tuple of str
         Numbers that were found with a standard error.
@@ -129,6 +131,7 @@ class Row:
     settled: float | None
     misfit: float
     unexplained: float
+    chance: float
     warnings: tuple[str, ...]
     parameters: tuple[str, ...]
     away: tuple[float, ...]
@@ -173,6 +176,7 @@ def row_of(window: Window, size: int, sample: Sample, blind: Separation, known: 
         None if settled is None or math.isinf(settled) else settled,
         blind.diagnostics.misfit_ratio,
         _unexplained(blind),
+        0.0 if blind.diagnostics.loss is None else blind.diagnostics.loss.chance,
         tuple(warning.name for warning in blind.diagnostics.warnings),
         tuple(name.replace(", ", ".") for name, *_ in numbers),
         tuple(float(abs(value - truth)) for _, truth, value, _ in numbers),

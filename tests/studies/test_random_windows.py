@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pandas import concat
 
 from polaropt.optics import SceneParameters
 from studies.camera import photograph
@@ -13,7 +14,7 @@ from studies.kit.frames import frame_of
 from studies.photographs import shipped_pairs
 from studies.random_windows import study
 from studies.random_windows.judging import TARGETS, judged, numbers_found, width
-from studies.random_windows.results import figures
+from studies.random_windows.results import figures, tables
 from studies.random_windows.separations import Job, Row, run
 from studies.random_windows.windows import FAMILIES, FIT, JUDGE, numbers_of, window_of
 from studies.scenes import Taking
@@ -125,6 +126,13 @@ def test_numbers_are_held_against_their_stated_errors():
     measured = {target.words: target.counted(frame) for target in TARGETS}
     assert measured["truths within two stated errors (of 99 % they would be too wide)"] == (1, 2)
     assert measured["T within 3 dB of the scene known"] == (1, 1)
+
+
+def test_chances_are_held_against_what_fails():
+    frame = concat([judged_row(30.0, chance=0.9), judged_row(39.0, chance=1.0), judged_row(39.0, chance=0.01)])
+    table = tables(frame)
+    assert "| 0.8 to 1 | 2 | 1.9 | 1 |" in table
+    assert "| 0 to 0.02 | 1 | 0.0 | 0 |" in table
 
 
 def test_a_wrong_pane_that_a_bright_reflection_hides_is_announced():
