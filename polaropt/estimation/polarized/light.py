@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,15 +51,20 @@ class Candidate:
     reflection: bool
 
 
+@lru_cache(maxsize=64)
 def pane_light(incidence_deg: float, scene: SceneParameters) -> Values:
-    """Direct light, first ghost and ratio of ghosts of each layer and entry, (2, 3, 3); unpolarized light is 1."""
-    layers = plate_at(incidence_deg, scene).series
-    return np.stack([np.stack(layer, axis=-1) for layer in layers])
+    """Direct light, first ghost and ratio of ghosts of each layer and entry, (2, 3, 3); unpolarized light is 1.
+
+    A search asks several times at each incidence; not to be written to.
+    """
+    light = np.array(plate_at(incidence_deg, scene).series).swapaxes(1, 2)
+    light.flags.writeable = False
+    return light
 
 
 def in_place(light: Values) -> Values:
     """All ghosts of `pane_light` summed in place, (2, 3)."""
-    return np.asarray(GhostSeries(*np.moveaxis(light, -1, 0)).in_place)
+    return np.asarray(GhostSeries(light[..., 0], light[..., 1], light[..., 2]).in_place)
 
 
 def entering_light(point: Point) -> Values:

@@ -41,6 +41,12 @@ _LEAST_APART = 1e-4
 _STEP, _EVALUATIONS = np.radians(2.0), 60
 # Pairs that are each likelier than their neighbours, at most. Set by hand.
 _PAIRS = 2
+_INDEPENDENT = 0.025
+"""Share of the gradients that tell for themselves. Measured on 32 random scenes in place: minus log likelihood of the
+true directions is then 0.7 more than of the likeliest, where 1 is the mean for two numbers."""
+_FARTHEST, _SPREAD, _FIRST_REACH, _REACHES = 3.0, 9, 5e-4, 14
+"""Minus log likelihood up to which directions count, how many are looked at on either axis; first reach (rad) from the
+likeliest, and how often it is doubled at most. Set by hand."""
 
 
 class Mixture:
@@ -77,6 +83,37 @@ class Mixture:
         """The likeliest Stokes vectors, and others that are likelier than all like them: ghosts disturb edges."""
         pairs = self._windows.directions(self._possible())
         return [np.stack([self._vector(angle) for angle in pair]) for pair in pairs]
+
+    def spread(self) -> tuple[Values, Values]:
+        """Pairs of Stokes vectors (n, 2, 3) about the likeliest, and the chance of each (n,), 1 together."""
+        possible = self._possible()
+        middle = sum(possible) / 2 - math.pi / 2
+        # A direction's sign says nothing.
+        best = [middle + (angle - middle) % math.pi for angle in self._windows.directions(possible)[0]]
+        best = [float(np.clip(angle, *possible)) for angle in best]
+        least = float(self._windows.cost(*best)[0])
+        axes = []
+        for i in (0, 1):
+            low, high = (self._reach(best, i, sign, possible, least) for sign in (-1.0, 1.0))
+            axes.append(np.linspace(low, high, _SPREAD))
+        costs = np.array([self._windows.cost(float(angle), axes[1]) for angle in axes[0]])
+        chances = np.exp(-self._windows.certainty * (costs - costs.min())).ravel()
+        pairs = [np.stack([self._vector(float(angle)) for angle in pair]) for pair in product(*axes)]
+        return np.stack(pairs), chances / chances.sum()
+
+    def _reach(self, best: list[float], which: int, sign: float, possible: tuple[float, float], least: float) -> float:
+        """The angle farthest from the best one to one side that light can have and edges do not speak against."""
+        reach = _FIRST_REACH
+        certainty = self._windows.certainty
+        for _ in range(_REACHES):
+            pair = list(best)
+            pair[which] += sign * reach
+            if not possible[0] <= pair[which] <= possible[1]:
+                break
+            if certainty * (float(self._windows.cost(*pair)[0]) - least) > _FARTHEST:
+                break
+            reach *= 2
+        return float(np.clip(best[which] + sign * reach, *possible))
 
     def cost(self, vectors: Values) -> float:
         """Minus twice the log likelihood per gradient of two Stokes vectors (2, 3): in their plane, and that it is."""
@@ -132,8 +169,13 @@ class Windows:
         (xx, xy, yy) = self._moments @ self._count / self._count.sum()
         self._spread = np.linalg.cholesky(np.array([[xx, xy], [xy, yy]]))
 
+    @property
+    def certainty(self) -> float:
+        """Minus log likelihood, of gradients that tell for themselves, for 1 of the cost."""
+        return _INDEPENDENT * float(self._count.sum())
+
     def cost(self, first: float, second: float | Values) -> Values:
-        """Minus log likelihood of two directions (rad), for one or several of the second."""
+        """Minus log likelihood per gradient of two directions (rad), for one or several of the second."""
         second = np.atleast_1d(second)[:, None]
         xx, xy, yy = self._moments
         cos, sin = math.cos(first), math.sin(first)
