@@ -9,18 +9,29 @@ from polaropt.capture.checks import checked_blocks
 from polaropt.capture.pair_gain import Floats, orthogonal_pairs
 
 # Difference of a gain from 1 that is worth a word, share of what does not add up that it must leave at most, how much
-# better it must do than any other explanation, and blocks that tell it; by trial.
+# better it must do than a gain of one pair, and blocks that tell it; by trial.
 _NOTABLE, _LEFT, _BETTER, _FEWEST_BLOCKS = 0.02, 0.35, 0.7, 100
+# What a photograph may leave beside the best one, relative and in all, to be as likely; by trial.
+_AS_LIKELY, _ROOM = 3.0, 0.01
 # Robust deviations beyond which a block, of something that moves or a highlight, does not count; set by hand.
 _OUTLIERS = 5.0
 
 
-def uneven_gains(capture: Capture) -> tuple[float, ...]:
-    """Brightness of each photograph against the others, where one of them surely differs; empty where none does.
+def uneven_gains(capture: Capture) -> tuple[tuple[float, float], ...]:
+    """Photographs of which one looks exposed unlike the others: their angles, and how bright they are beside them.
 
-    ``I0 + I90 = I45 + I135`` holds whatever the light. Each photograph is tried alone: one whose gain explains what
-    does not add up, clearly better than others or than a gain of one pair, is named. Behind a pane light is polarized
-    along one direction, and what does not add up tells no more than that: gains of several photographs stay unknown.
+    ``I0 + I90 = I45 + I135`` holds whatever the light. Each photograph is tried alone: those are named, the likeliest
+    first, whose gain explains what does not add up, clearly better than a gain of one pair. Behind a pane all light is
+    polarized along one direction, so that two of them may look alike, and gains of several at once stay unknown.
+
+    Parameters
+    ----------
+    capture : Capture
+
+    Returns
+    -------
+    tuple of (float, float)
+        Angle in degrees, and brightness relative to what the others tell; empty where nothing is wrong.
     """
     pairs = orthogonal_pairs(capture.angles_deg)
     if pairs is None or (capture.origin is not None and "mosaic" in capture.origin.layout):
@@ -38,13 +49,11 @@ def uneven_gains(capture: Capture) -> tuple[float, ...]:
     relative, residual = relative[:, kept], residual[kept]
     shares = np.array([_explained(residual, photograph) for photograph in relative])
     of_pair = _explained(residual, relative[list(pairs[1])].sum(axis=0))[1]
-    best = int(np.argmin(shares[:, 1]))
-    coefficient, left = shares[best]
-    others = min(of_pair, *np.delete(shares[:, 1], best))
-    if left > _LEFT or left > _BETTER * others or coefficient >= 1:
-        return ()
-    gain = 1 / (1 - float(coefficient))
-    return tuple(gain if k == best else 1.0 for k in range(4)) if abs(gain - 1) > _NOTABLE else ()
+    left = shares[:, 1]
+    most = min(_LEFT, _BETTER * of_pair, _AS_LIKELY * float(left.min()) + _ROOM)
+    likely = [int(k) for k in np.argsort(left) if left[k] <= most and shares[k, 0] < 1]
+    found = [(capture.angles_deg[k], 1 / (1 - float(shares[k, 0]))) for k in likely]
+    return tuple((angle, gain) for angle, gain in found if abs(gain - 1) > _NOTABLE)
 
 
 def _explained(residual: Floats, photograph: Floats) -> tuple[float, float]:

@@ -132,6 +132,28 @@ def _detail(layer: Images) -> float:
     return float(np.square(fine, out=fine).mean(axis=(-1, -2), dtype=np.float64).sum())
 
 
+# Of so many neighbours by frequency one stands for all in a table, from so many frequencies on. Set by hand.
+_NEIGHBOURS, _MANY = 4, 4096
+
+
+def _thinned(known: Knowledge) -> Knowledge:
+    """What is known at fewer frequencies, evenly chosen, which stand for those around them."""
+    if known.share.size < _MANY:
+        return known
+    order = np.argsort(known.squared_frequency, kind="stable")
+    starts = np.arange(0, order.size, _NEIGHBOURS)
+    # In turns, so that none of the frequencies' directions is preferred.
+    chosen = order[np.minimum(starts + np.arange(starts.size) % _NEIGHBOURS, order.size - 1)]
+    return replace(
+        known,
+        told=known.told[..., chosen],
+        cross=known.cross[..., chosen],
+        prior=known.prior[..., chosen],
+        share=np.add.reduceat(known.share[order], starts),
+        squared_frequency=known.squared_frequency[chosen],
+    )
+
+
 def variance_table(known: Knowledge, precisions: NDArray[np.float64]) -> Power:
     """Standard errors and untold detail over precision and the two layers' scales.
 
@@ -141,6 +163,7 @@ def variance_table(known: Knowledge, precisions: NDArray[np.float64]) -> Power:
         Standard error of each layer and channel of a pixel, then the share of the reflection's detail (gradient
         energy) that is not told.
     """
+    known = _thinned(known)
     colors = known.prior.shape[1]
     values = np.empty((len(precisions), len(SCALES), len(SCALES), 2 * colors + 1), dtype=np.float32)
     usual = known.edges(known.prior)[1]

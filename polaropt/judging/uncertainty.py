@@ -30,6 +30,8 @@ Images = NDArray[np.float32]
 # Errors beyond these, by unit, count as these: the layers change no more in proportion, and the engine's ranges end.
 # Set by hand.
 _LARGEST = {"deg": 20.0, "px": 8.0, "": 0.5}
+# Share of a tile's time that what the noise leaves takes, for the progress alone: set by hand.
+_NOISE_SHARE = 0.4
 # Standard errors by which the incidence is moved: two are to cover the truth, and towards frontal glass what follows
 # from it soars.
 _COVERING = 2.0
@@ -246,6 +248,15 @@ def estimate_uncertainty(
     """
     colors, (height, width) = layers.shape[1], layers.shape[-2:]
     doubtful = doubts(pieces[0].pse.scene, of_scene, rivals)
+    blocks = _Blocks.of(capture, noise, doubtful, growth) if doubtful else None
+    done = 0.0
+
+    def advance(share: float) -> None:
+        nonlocal done
+        done += share / len(pieces)
+        if tell is not None:
+            tell(done)
+
     bands = [list(band) for _, band in groupby(pieces, key=lambda piece: piece.tile.rows.start)]
     ends = [*(band[0].tile.rows.start for band in bands[1:]), height]
     # What the band above has left in the rows that both cover.
@@ -255,11 +266,11 @@ def estimate_uncertainty(
         top, bottom = band[0].tile.rows.start, band[0].tile.rows.stop
         total, added = ([_continued(plane, bottom - top) for plane in planes] for planes in (total, added))
         for piece in band:
-            if tell is not None:
-                tell(pieces.index(piece) / len(pieces))
             _add_noise(total, capture.part(*piece.tile.where), layers, noise, piece, growth)
+            advance(_NOISE_SHARE)
             if doubtful:
-                _add_scene(added, capture, noise, piece.tile, doubtful, growth)
+                _add_scene(added, capture, noise, piece.tile, doubtful, growth, blocks)
+            advance(1 - _NOISE_SHARE)
         for rows in strips(end - top, len(total) * width):
             errors, known = np.stack([plane[rows] for plane in total[:-1]]), 1 - np.clip(total[-1][rows], 0, 1)
             if doubtful:
@@ -303,41 +314,64 @@ def _add_scene(
     tile: Tile,
     doubtful: tuple[Doubt, ...],
     growth: NoiseModel | None,
+    blocks: _Blocks | None,
 ) -> None:
     """Add to the rows of a band the standard errors that the scene's own leave in a tile of it."""
     height, width = capture.shape[-2:]
     center = ((width - 1) / 2 - tile.columns.start, (height - 1) / 2 - tile.rows.start)
     part = capture.part(*tile.where)
-    if min(part.shape[-2:]) < _LEAST_COARSE or (part.samples is not None and not doubtful[0].below.varies):
-        variance = scene_variance(part, noise, doubtful, center, growth)
-    else:
-        variance = _coarse_scene_variance(part, noise, doubtful, center, growth)
+    find = scene_variance if blocks is None else blocks.variance
+    variance = find(part, noise, doubtful, center, growth)
     errors = np.sqrt(variance, out=variance).reshape(len(added), *variance.shape[-2:])
     for plane, error in zip(added, errors, strict=True):
         plane[:, tile.columns] += tile.weights * error
 
 
-def _coarse_scene_variance(
-    part: Capture, noise: float, doubtful: tuple[Doubt, ...], center: tuple[float, float], growth: NoiseModel | None
-) -> Images:
-    """As `scene_variance`, found on means of blocks and brought to its level where both are compared.
+@dataclass(frozen=True)
+class _Blocks:
+    """Means of blocks on which what a scene's errors do is found, and what brings it to the level of every pixel's.
 
     What a scene's errors do to the layers is as fine as these, but how large it is changes slowly.
     """
-    block = _BLOCK if len(doubtful) <= _FEW_DOUBTS else _LARGE_BLOCK
-    moved = tuple(
-        replace(doubt, below=doubt.below.scaled(1 / block), above=doubt.above.scaled(1 / block)) for doubt in doubtful
-    )
-    middle = ((center[0] + 0.5) / block - 0.5, (center[1] + 0.5) / block - 0.5)
-    averaged = None if growth is None else NoiseModel(growth.read / block, growth.shot / block**2)
-    coarse = scene_variance(part.in_blocks(block), noise / block, moved, middle, averaged)
-    rows, columns = middle_part(part.shape, _COMPARED)
-    seen_from = (center[0] - columns.start, center[1] - rows.start)
-    fine = scene_variance(part.part(rows, columns), noise, doubtful, seen_from, growth)
-    there = coarse[..., rows.start // block : rows.stop // block, columns.start // block : columns.stop // block]
-    level = fine.mean(axis=(-1, -2), keepdims=True) / np.maximum(there.mean(axis=(-1, -2), keepdims=True), _NO_VARIANCE)
-    coarse *= np.clip(level, *_LEVELS)
-    return _enlarged(coarse, block, part.shape[-2:])
+
+    side: int
+    level: Images
+
+    @classmethod
+    def of(
+        cls, capture: Capture, noise: float, doubtful: tuple[Doubt, ...], growth: NoiseModel | None
+    ) -> _Blocks | None:
+        """Those of a large frame; None where every pixel is looked at, as of a mosaic behind a flat pane."""
+        on_samples = capture.samples is not None and not doubtful[0].below.varies
+        if min(capture.shape[-2:]) < _LEAST_COARSE or on_samples:
+            return None
+        side = _BLOCK if len(doubtful) <= _FEW_DOUBTS else _LARGE_BLOCK
+        rows, columns = middle_part(capture.shape, _COMPARED)
+        height, width = capture.shape[-2:]
+        center = ((width - 1) / 2 - columns.start, (height - 1) / 2 - rows.start)
+        part = capture.part(rows, columns)
+        fine = scene_variance(part, noise, doubtful, center, growth).mean(axis=(-1, -2), keepdims=True)
+        coarse = cls(side, np.ones_like(fine)).variance(part, noise, doubtful, center, growth)
+        level = fine / np.maximum(coarse.mean(axis=(-1, -2), keepdims=True), _NO_VARIANCE)
+        return cls(side, np.asarray(np.clip(level, *_LEVELS), dtype=np.float32))
+
+    def variance(
+        self,
+        part: Capture,
+        noise: float,
+        doubtful: tuple[Doubt, ...],
+        center: tuple[float, float],
+        growth: NoiseModel | None,
+    ) -> Images:
+        """As `scene_variance`."""
+        side = self.side
+        moved = tuple(
+            replace(doubt, below=doubt.below.scaled(1 / side), above=doubt.above.scaled(1 / side)) for doubt in doubtful
+        )
+        middle = ((center[0] + 0.5) / side - 0.5, (center[1] + 0.5) / side - 0.5)
+        averaged = None if growth is None else NoiseModel(growth.read / side, growth.shot / side**2)
+        variance = scene_variance(part.in_blocks(side), noise / side, moved, middle, averaged)
+        return _enlarged(variance * self.level, side, part.shape[-2:])
 
 
 def _enlarged(planes: Images, block: int, shape: tuple[int, ...]) -> Images:

@@ -105,8 +105,8 @@ class Inspection:
         Name of the files' colour profile; empty for none or sRGB.
     jpeg : JpegFacts or None
         How strongly JPEG files were compressed.
-    uneven_gains : tuple of float
-        Brightness of each photograph against the others, where one of them surely differs; empty where none does.
+    uneven_gains : tuple of (float, float)
+        Angles of photographs of which one looks exposed unlike the others, and how bright they are beside them.
     moving_share : float or None
         Share of the frame in which something moves between the photographs; None where that would not show: of three
         angles, and of a mosaic, whose samples are taken at once.
@@ -146,7 +146,7 @@ class Inspection:
     orientation: int = 1
     profile: str = ""
     jpeg: JpegFacts | None = None
-    uneven_gains: tuple[float, ...] = ()
+    uneven_gains: tuple[tuple[float, float], ...] = ()
     moving_share: float | None = None
 
     def as_dict(self) -> dict[str, Any]:

@@ -162,12 +162,13 @@ def _jpeg(it: Inspection) -> Finding:
 def _gains(it: Inspection) -> Finding:
     if not it.uneven_gains:
         return Finding("exposure")
-    k = max(range(len(it.uneven_gains)), key=lambda i: abs(it.uneven_gains[i] - 1))
-    listed = ",".join(f"{gain:.3g}" for gain in it.uneven_gains)
+    told = ", or ".join(f"that at {angle:g} degrees {gain:.3f} times as bright" for angle, gain in it.uneven_gains)
+    angle, gain = it.uneven_gains[0]
+    exposures = ",".join(f"{gain:.3g}" if each == angle else "1" for each in it.angles_deg)
     return Finding(
         "exposure",
-        attention=f"the photograph at {it.angles_deg[k]:g} degrees looks {it.uneven_gains[k]:.3f} times as bright "
-        f"as it should beside the others, as if exposed differently; if it was, give --exposures {listed}.",
+        attention=f"one photograph looks exposed unlike the others, {told} as these tell; if it was, give its exposure "
+        f"(--exposures {exposures}).",
     )
 
 

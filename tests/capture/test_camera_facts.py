@@ -131,7 +131,8 @@ def test_a_photograph_that_was_exposed_differently_is_named(photograph: int, gai
     gains = np.ones(4, np.float32)
     gains[photograph] = gain
     found = inspect_capture(Capture(np.moveaxis(taken.intensities * gains[:, None, None, None], 1, -1)))
-    assert np.array(found.uneven_gains) == pytest.approx(gains, abs=0.01)
+    assert dict(found.uneven_gains)[taken.angles_deg[photograph]] == pytest.approx(gain, abs=0.01)
+    assert len(found.uneven_gains) <= 2
     (said,) = (each.attention for each in capture_findings(found) if each.subject == "exposure")
     assert f"at {taken.angles_deg[photograph]:g} degrees" in said
     assert "--exposures" in said

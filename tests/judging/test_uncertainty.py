@@ -8,7 +8,9 @@ import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
+from skimage.data import astronaut, coffee
 
+import polaropt.judging.uncertainty as uncertainty
 import polaropt.solving.solution
 from polaropt import separate
 from polaropt.capture.capture import Capture, planes_first
@@ -16,7 +18,9 @@ from polaropt.capture.files.decode import read_file
 from polaropt.inversion.variance import SCALES, Knowledge, variance_table
 from polaropt.judging.kernels import interpolated
 from polaropt.optics.geometry import pixel_grid, plane_normal, viewing_angles
+from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.files import write_uncertainty
+from polaropt.simulation.simulator import simulate
 from polaropt.solving.solution import tiles
 from studies.coverage import LAYERS, Job, run
 from studies.scenes import protocol
@@ -197,3 +201,36 @@ def test_files_hold_the_errors_and_the_report_what_is_faded(tmp_path, color):
     assert picture.shape[1] > 3 * 64
     marked = (picture[..., 0].astype(int) - picture[..., 1] > 40).sum()
     assert marked > 0.8 * 64 * 64
+
+
+@pytest.mark.parametrize("pane", [SceneParameters(60.0, 25.0, 4.0), SceneParameters(55.0, 25.0, 0.0, focal_px=200.0)])
+def test_large_frames_state_on_blocks_what_every_pixel_would(monkeypatch, pane):
+    behind, mirrored = coffee()[100:292, 100:292], astronaut()[30:222, 160:352]
+    capture = simulate(behind, mirrored, pane, noise=0.005)
+    found = pane.replace(incidence_deg=pane.values()[0] + 0.3)
+    result = separate(capture, found)
+    errors = SceneErrors(incidence_deg=0.6, ghost_shift=0.1 if pane.ghost_shift else None)
+
+    def maps(least_side):
+        monkeypatch.setattr(uncertainty, "_LEAST_COARSE", least_side)
+        arguments = {**result.judge.keywords, "of_scene": errors}
+        strips = result.judge.func(*result.judge.args, **arguments)
+        return np.concatenate([strip.uncertainty.standard_error for strip in strips], axis=-2)
+
+    fine, coarse = maps(10**6), maps(0)
+    typical = [np.sqrt(np.mean(np.square(each), axis=(1, 2, 3))) for each in (fine, coarse)]
+    np.testing.assert_allclose(typical[1], typical[0], rtol=0.05)
+    assert np.median(np.abs(coarse / fine - 1)) < 0.05
+
+
+def test_a_table_needs_some_of_the_frequencies_alone(monkeypatch):
+    random, n = np.random.default_rng(0), 8192
+    squared = np.square(random.uniform(0.01, np.pi, n)).astype(np.float32)
+    # What a pane with ghosts tells depends on the direction, too.
+    told = (100 * (1 + 0.8 * np.cos(random.uniform(0, 2 * np.pi, (2, n))))).astype(np.float32)
+    prior = np.broadcast_to(1e-3 / squared, (2, 1, n)).astype(np.float32)
+    cross = (0.3 * told[0] * told[1]).astype(np.float32)
+    known = Knowledge(told, cross, prior, np.full(n, 1 / n, np.float32), squared, np.ones((1, 1)))
+    some = variance_table(known, np.array([0.1, 1.0]))
+    monkeypatch.setattr("polaropt.inversion.variance._MANY", n + 1)
+    np.testing.assert_allclose(some, variance_table(known, np.array([0.1, 1.0])), rtol=0.05)
