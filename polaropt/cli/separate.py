@@ -143,7 +143,7 @@ class FolderOptions:
         typer.Option(
             "--uncertainty/--no-uncertainty",
             metavar="",
-            help="Find the standard errors of the layers and write their maps, in up to a quarter of the time.",
+            help="Find the standard errors of the layers and write their maps; without them it is done sooner.",
         ),
     ] = True
     write: Annotated[

@@ -320,8 +320,10 @@ def _add_scene(
     height, width = capture.shape[-2:]
     center = ((width - 1) / 2 - tile.columns.start, (height - 1) / 2 - tile.rows.start)
     part = capture.part(*tile.where)
-    find = scene_variance if blocks is None else blocks.variance
-    variance = find(part, noise, doubtful, center, growth)
+    if blocks is None:
+        variance = scene_variance(part, noise, doubtful, center, growth)
+    else:
+        variance = blocks.variance(part, noise, doubtful, center, growth)
     errors = np.sqrt(variance, out=variance).reshape(len(added), *variance.shape[-2:])
     for plane, error in zip(added, errors, strict=True):
         plane[:, tile.columns] += tile.weights * error
@@ -383,7 +385,8 @@ def _enlarged(planes: Images, block: int, shape: tuple[int, ...]) -> Images:
         share = (place - lower).astype(np.float32)
         share = share[:, None] if axis == -2 else share
         upper = np.minimum(lower + 1, n - 1)
-        planes = np.take(planes, lower, axis) * (1 - share) + np.take(planes, upper, axis) * share
+        between = np.take(planes, lower, axis) * (1 - share) + np.take(planes, upper, axis) * share
+        planes = np.asarray(between, dtype=np.float32)
     return planes
 
 

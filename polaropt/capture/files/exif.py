@@ -97,10 +97,10 @@ def facts_of_tags(
 ) -> CameraFacts:
     """Facts from the tags of a picture and of its EXIF directory, by number or by name."""
     by_number = {_NAMES.get(tag, tag) if isinstance(tag, str) else tag: value for tag, value in (exif or {}).items()}
-    orientation = _positive(tags.get(_ORIENTATION))
+    orientation = int(_positive(tags.get(_ORIENTATION)) or UPRIGHT)
     seconds, speed = _positive(by_number.get(_SECONDS)), _positive(by_number.get(_SPEED))
     return CameraFacts(
-        orientation=int(orientation) if orientation in _TURNS else UPRIGHT,
+        orientation=orientation if orientation in _TURNS else UPRIGHT,
         exposure=None if seconds is None else seconds * (speed or BASE_ISO) / BASE_ISO,
         aperture=_positive(by_number.get(_F_NUMBER)),
         make=_text(tags.get(_MAKE)),
