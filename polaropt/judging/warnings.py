@@ -254,10 +254,12 @@ def diagnose(
     explained = misfit_ratio <= _BAD_FIT and unexplained <= _MUCH_LEFT
     # Of photographs in a wrong order, moved or encoded there is a warning of its own.
     explained = explained and not (mistakes == Mistakes() and _far_apart(capture))
+    # Rivals widen the scene's errors, and have a warning of their own.
+    uncertain = _loses(loss) and (estimate is None or not estimate.rivals)
     deserved = {
         SeparationWarning.NO_POLARIZATION: not polarized,
         SeparationWarning.REFLECTION_NOT_IDENTIFIABLE: not polarized or reflection_unknown > _UNKNOWN_REFLECTION,
-        **_of_geometry_and_noise(polarized, reflection_unknown, noise_share, scene, _loses(loss)),
+        **_of_geometry_and_noise(polarized, reflection_unknown, noise_share, scene, uncertain),
         SeparationWarning.SATURATED: clipped > _MUCH_CLIPPED,
         **_of_mistakes(mistakes),
         SeparationWarning.CELL_ORDER_FOUND: capture.origin is not None and capture.origin.cell_order_found,
@@ -271,7 +273,7 @@ def diagnose(
         SeparationWarning.MOVING: moving is not None,
         SeparationWarning.SOLVER_FAILED: not finite,
         SeparationWarning.INDEX_DOUBTFUL: likelier_index is not None,
-        SeparationWarning.SCENE_UNCERTAIN: _loses(loss),
+        SeparationWarning.SCENE_UNCERTAIN: uncertain,
     }
     return Diagnostics(
         warnings=tuple(warning for warning, given in deserved.items() if given),
