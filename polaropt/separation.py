@@ -194,6 +194,7 @@ def separate(
     model: str = "auto",
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
+    keep_start: float = 0.0,
     robust: bool = False,
     device: str | None = None,
     progress: Progress | None = None,
@@ -209,9 +210,8 @@ def separate(
     solver : str
         Name of a minimizer, see `solvers.registry.solver_names`.
     init : str
-        Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it;
-        the solve then keeps of it what the photographs leave open), "per-pixel" or "cold" (the plain intensity); see
-        `initializers`.
+        Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it),
+        "per-pixel" or "cold" (the plain intensity); see `initializers`. The layers are those where the solve ends.
     refractive_index : float or None
         Index of the pane, where no scene is given. None: it is found, as far as the photographs tell it.
     single_surface : bool
@@ -226,6 +226,9 @@ def separate(
         Thickness of the pane in pixels: ties the ghost shift to the incidence.
     thickness_kind : {"paper", "plate"}
         Formula of the ghost step, see `ghost_step`.
+    keep_start : float
+        Pull the layers so far back to the start once the solve has ended, 0 (not at all) to 1 (all the way): a mean of
+        two estimates, which no longer minimizes the objective.
     robust : bool
         Residuals of the photographs beyond three sigma count linearly.
     device : str, optional
@@ -258,6 +261,7 @@ def separate(
         solver=solver,
         device=device,
         init=init,
+        keep_start=keep_start,
         robust=robust,
         weights=weights,
         stopping=stopping,
@@ -282,6 +286,8 @@ def _check(settings: Settings) -> None:
     """ValueError where a setting does not exist; InputError where a start lacks a package, or two contradict."""
     get_solver(settings.solver)
     check_start(settings.init)
+    if not 0 <= settings.keep_start <= 1:
+        raise InputError(f"keep_start is {settings.keep_start:g}; give a share of 0 (the solve's end) to 1 (its start)")
     if settings.model not in model_names():
         raise InputError(f"unknown model {settings.model!r}; there are: {', '.join(model_names())}")
     if settings.device is not None and settings.solver != "torch":

@@ -77,7 +77,6 @@ class Status(Enum):
     """Why a solver stopped; the value is the sentence that a user reads."""
 
     CONVERGED = "The objective changed by less than the tolerance."
-    EXPLAINED = "The photographs are explained to their noise."
     SMALL_GRADIENT = "The gradient is smaller than the tolerance."
     EVALUATION_LIMIT = "The limit of evaluations was reached."
     TIME_LIMIT = "The limit of seconds was reached."

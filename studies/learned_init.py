@@ -436,12 +436,9 @@ def _alone(frame: DataFrame, start: str) -> str:
 def _not_thrown_away(frame: DataFrame, start: str) -> str:
     worst = min(kept(frame, start), key=lambda change: min(change[1:]))
     holds = min(worst[1:]) >= -KEPT_DB
-    own = where(frame, start=start)
     return (
-        f"The default solve {'keeps' if holds else 'DOES NOT keep'} it: at the worst incidence ({worst[0]:g} deg) it "
-        f"changes transmission and reflection by {worst[1]:+.2f} and {worst[2]:+.2f} dB. On "
-        f"{len(where(own, status='EXPLAINED'))} of {len(own)} scenes the start itself explains the photographs and is "
-        "the end."
+        f"The default solve {'keeps' if holds else 'DOES NOT keep'} it: at the worst incidence "
+        f"({worst[0]:g} deg) it changes transmission and reflection by {worst[1]:+.2f} and {worst[2]:+.2f} dB."
     )
 
 

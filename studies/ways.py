@@ -23,19 +23,15 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, noise_level
 from polaropt.estimation import find_scene, model_names
 from polaropt.optics import PSE, SceneParameters, engine_for
-from polaropt.progress import Stages
 from polaropt.separation import Separation, separate
 from polaropt.solving import (
     Coordinates,
     Misfit,
     Problem,
-    Settings,
     Weights,
     build_objective,
     check_start,
     initializers,
-    is_kept,
-    solve,
     start_names,
     take_start,
 )
@@ -431,8 +427,6 @@ class Part:
         """Layers of a capture whose scene was estimated; InputError where the start lacks a package."""
         check_start(self.init)
         noise = noise_level(capture) if self.noise is None else self.noise
-        if is_kept(self.init):
-            return self._kept(capture, self.scene(estimate, true), noise)
         problem = self.prepared(capture, self.scene(estimate, true), noise, self.weights)
         start = take_start(problem, self.init)
         objective = self.coordinates(problem, self.weights, start)
@@ -440,12 +434,6 @@ class Part:
         result = get_solver(DEFAULT.solver).minimize(objective.value_and_grad, z, _TO_THE_END)
         layers, _ = objective.solution(result.x)
         return Solved(np.ascontiguousarray(problem.canvas.crop(layers)), replace(result, x=z[:0]))
-
-    def _kept(self, capture: Capture, scene: SceneParameters, noise: float) -> Solved:
-        """From a start that a solve leaves only as far as the photographs say, as `separate` goes there."""
-        settings = Settings(init=self.init, weights=self.weights, stopping=_TO_THE_END)
-        solution = solve(capture, scene, noise, settings, Stages())
-        return Solved(solution.layers, solution.solver)
 
 
 def _unpolarized(capture: Capture, scene: SceneParameters, noise: float, weights: Weights) -> Problem:

@@ -46,6 +46,16 @@ class SolveOptions:
             rich_help_panel=_SOLVING,
         ),
     ] = "closed-form"
+    keep_start: Annotated[
+        float,
+        typer.Option(
+            metavar="SHARE",
+            min=0.0,
+            max=1.0,
+            help="Pull the layers back to the start by this share of the way, 0 to 1, once the optimizer has ended.",
+            rich_help_panel=_SOLVING,
+        ),
+    ] = 0.0
     weights: Annotated[
         str,
         typer.Option(
@@ -195,6 +205,7 @@ def separate_command(
             pane.scene(photographs),
             solver=solving.solver,
             init=solving.init,
+            keep_start=solving.keep_start,
             weights=weights,
             stopping=stopping,
             model=ladder.model,

@@ -31,7 +31,14 @@ from polaropt.reporting.pictures import (
     reduced_intensity,
     viewing_exposure,
 )
-from polaropt.reporting.words import motion_sentences, report_attention, shown_fields, source_of, time_sentence
+from polaropt.reporting.words import (
+    motion_sentences,
+    report_attention,
+    shown_fields,
+    solver_sentence,
+    source_of,
+    time_sentence,
+)
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -346,6 +353,7 @@ def write_html_report(
         comparable=[picture for picture in pictures if picture.comparable],
         parameters=parameters(report),
         chart=convergence_chart([point.value for point in result.solver.trace]),
+        solver=solver_sentence(report["solver"]),
         time=time_sentence(report["seconds"]),
     )
     path.write_text(page, encoding="utf-8")

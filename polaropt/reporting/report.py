@@ -50,7 +50,7 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
         "n_bounces_kept": result.n_bounces,
         "rungs": json_values(result.tried),
         "objective": {name: _term(term) for name, term in result.terms.items()},
-        "solver": solver_report(result.solver),
+        "solver": {**solver_report(result.solver), "keep_start": result.settings.keep_start},
         "seconds": rounded(result.seconds),
         "cpu_seconds": rounded(result.cpu_seconds),
         "diagnostics": diagnostics_report(result.diagnostics),

@@ -473,7 +473,7 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
     exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in LAYERS)
     lines = [
         pane_sentence(report),
-        f"Solver: {solver['n_evaluations']} evaluations. {solver['sentence']}",
+        f"Solver: {solver_sentence(solver)}",
         time_sentence(report["seconds"]),
         *marked(report_attention(report)),
         *motion_sentences(report),
@@ -500,6 +500,19 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
 
 # Share of the whole from which a stage is told by itself; set by hand.
 _NOTABLE_STAGE = 0.02
+
+
+def solver_sentence(solver: Mapping[str, Any]) -> str:
+    """Evaluations, why the solver ended, and how far the layers were pulled back to the start.
+
+    Parameters
+    ----------
+    solver : mapping
+        As in ``report.json``.
+    """
+    ended = f"{solver['n_evaluations']} evaluations. {solver['sentence']}"
+    share = solver["keep_start"]
+    return f"{ended} The layers were then pulled {share:.0%} of the way back to the start." if share else ended
 
 
 def time_sentence(seconds: Mapping[str, float]) -> str:

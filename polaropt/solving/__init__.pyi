@@ -21,7 +21,6 @@ __all__ = [
     "energies",
     "initializers",
     "inpainted",
-    "is_kept",
     "kinds_of_pixels",
     "plain_observation",
     "plate_views",
@@ -56,6 +55,5 @@ from .solution import solve as solve
 from .starts import Initializer as Initializer
 from .starts import check_start as check_start
 from .starts import initializers as initializers
-from .starts import is_kept as is_kept
 from .starts import start_names as start_names
 from .starts import take_start as take_start

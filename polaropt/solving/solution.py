@@ -18,8 +18,8 @@ from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.progress import Stages
 from polaropt.solving.objective import Term, Weights
 from polaropt.solving.problem import Coordinates, Problem
-from polaropt.solving.starts import KeptStart, is_kept, take_start
-from solvers.base import SolverResult, Status, StopSolving, TooLarge, TracePoint
+from polaropt.solving.starts import pulled_to_start, take_start
+from solvers.base import SolverResult, Status, TooLarge, TracePoint
 from solvers.base import StoppingRule as StoppingRule  # part of this wing's face
 from solvers.registry import get_solver
 
@@ -101,7 +101,6 @@ _BY_SEVERITY = (
     Status.TIME_LIMIT,
     Status.EVALUATION_LIMIT,
     Status.ROUNDOFF_LIMITED,
-    Status.EXPLAINED,
     Status.CONVERGED,
     Status.SMALL_GRADIENT,
 )
@@ -121,6 +120,8 @@ class Settings:
         Where the solver torch works; None for the CPU.
     init : str
         Name of the start.
+    keep_start : float
+        Share of the way back to the start that the layers are pulled once the solve has ended, 0..1.
     robust : bool
     weights : Weights
     stopping : StoppingRule
@@ -133,6 +134,7 @@ class Settings:
     solver: str = "lbfgs"
     device: str | None = None
     init: str = "closed-form"
+    keep_start: float = 0.0
     robust: bool = False
     weights: Weights = field(default_factory=Weights)
     stopping: StoppingRule = field(default_factory=StoppingRule)
@@ -262,7 +264,7 @@ def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Par
     device = settings.device_of_tensors
     objective = problem.compiled(start) if device is None else problem.readable(start, device)
     z = objective.coordinates(start)
-    kept = KeptStart(start, problem, unknown) if is_kept(settings.init) else None
+    kept = start if settings.keep_start > 0 else None
     # A solve of a large image needs the memory.
     del start
     stages.begin("Solving", place.reached + _REACH * (_SOLVING - _CLOSED_FORM) * share)
@@ -272,11 +274,11 @@ def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Par
 
     minimizer = get_solver(settings.solver)
     try:
-        result = minimizer.minimize(_with_progress(objective, kept, advance), z, _stopping_of_tile(stopping, share))
+        result = minimizer.minimize(_with_progress(objective, advance), z, _stopping_of_tile(stopping, share))
     except TooLarge as error:
         raise InputError(str(error)) from None
     stages.begin("Taking stock", place.reached + _REACH * share)
-    layers, terms, result = _end_of(objective, result, kept)
+    layers, terms, result = _end_of(objective, result, kept, settings.keep_start)
     return Solution(
         layers=np.ascontiguousarray(problem.canvas.crop(layers)),
         terms=terms,
@@ -292,16 +294,11 @@ def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Par
     )
 
 
-def _with_progress(
-    objective: Coordinates, kept: KeptStart | None, advance: Callable[[int], None]
-) -> Callable[[Any], tuple[float, Any]]:
-    """Value and gradient, which tell their number, and stop where a start that is to be kept is the end."""
-    enough = kept.enough if kept is not None and kept.may_be_the_end else -math.inf
+def _with_progress(objective: Coordinates, advance: Callable[[int], None]) -> Callable[[Any], tuple[float, Any]]:
+    """Value and gradient, which tell their number."""
     numbers = count(1)
 
     def evaluate(z: Any) -> tuple[float, Any]:
-        if objective.misfit <= enough:
-            raise StopSolving(Status.EXPLAINED)
         advance(next(numbers))
         return objective.value_and_grad(z)
 
@@ -309,13 +306,13 @@ def _with_progress(
 
 
 def _end_of(
-    objective: Coordinates, result: SolverResult, kept: KeptStart | None
+    objective: Coordinates, result: SolverResult, start: Images | None, share: float
 ) -> tuple[Images, dict[str, Term], SolverResult]:
-    """Canvas layers where the solver ended, or on the way there from a start that is to be kept."""
+    """Canvas layers where the solver ended, or so far back to a start that is to be kept."""
     layers, terms = objective.solution(result.x)
-    if kept is None or result.n_evaluations == 1:
+    if start is None:
         return layers, terms, result
-    layers, terms = kept.nearest(objective, layers)
+    layers, terms = pulled_to_start(objective, start, layers.copy(), share)
     return layers, terms, replace(result, value=sum(term.weight * term.value for term in terms.values()))
 
 

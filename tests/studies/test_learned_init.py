@@ -51,7 +51,7 @@ def made_up(start: str, incidence_deg: float, *, alone: float, stopped: float, s
     return Row(
         MAP, f"{incidence_deg}", incidence_deg, NOISES[0], 0, start, "ghosts",
         transmission_start=alone, reflection_start=alone, transmission_stopped=stopped, reflection_stopped=stopped,
-        misfit_start=1, misfit_stopped=1, status="EXPLAINED", gap=gap, short_db=0, cpu_scene=0.1, cpu_start=0.1,
+        misfit_start=1, misfit_stopped=1, status="CONVERGED", gap=gap, short_db=0, cpu_scene=0.1, cpu_start=0.1,
         path=(alone, stopped), **quality, **counts, **clocks,
     )  # fmt: skip
 
