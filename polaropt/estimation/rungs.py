@@ -10,13 +10,14 @@ from dataclasses import replace
 from functools import partial
 
 from polaropt.capture import closure_share
+from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.polarized.lens import fit_polarized_perspective
 from polaropt.estimation.polarized.mixing import OBLIQUE_DEG, Mixture, looks_polarized
 from polaropt.estimation.polarized.search import fit_polarized
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.blocks import SCATTERS
 from polaropt.estimation.wide.fits import PerspectiveFit, fit_curved, fit_perspective, fit_tolerant
-from polaropt.estimation.wide.ghosts import likeliest_shift
+from polaropt.estimation.wide.ghosts import VaryingSpectra
 from polaropt.estimation.wide.pane import LONGEST
 from polaropt.optics import SceneErrors, SceneParameters
 
@@ -40,6 +41,11 @@ _LITTLE = 2.0
 # Score, in minus log likelihood per frequency and colour, that polarized light must gain, and where nothing but edges
 # and spectra speaks of it. By trial.
 _LEAST_GAIN, _LEAST_GAIN_OF_EDGES = 0.004, 0.03
+# Standard error in degrees of a bent pane's incidence by edges that ghosts double, beside their own: of five random
+# windows to fit on, root mean square.
+_DOUBLED_DEG = 1.6
+# Standard error of an incidence in degrees below which spectra of parts of the frame have nothing to add. Set by hand.
+_SURER_DEG = 0.5
 # How many times the share of the light that does not add up may be polarized at 45 degrees to the plane of incidence
 # for wrong gains. Gains of equal spread leave sqrt(2) times as much there, and of what is told by one number Student's
 # distribution has 85 % below 4.2. Of ten random windows to fit on with wrong gains nine stay below 1.3, one has 4.7.
@@ -76,11 +82,22 @@ def with_ghosts(evidence: Evidence, attempt: RungFit) -> RungFit:
         or scene.stacked
     ):
         return attempt
-    found = likeliest_shift(evidence.stokes, scene)
-    if not found.shows:
-        return attempt
-    remark = f"{attempt.remark} Its double images lie {abs(found.pixels):.1f} px apart.".strip()
-    return replace(attempt, scene=scene.replace(ghost_shift=found.pixels), remark=remark)
+    spectra = VaryingSpectra(evidence.stokes, scene)
+    found, remark = spectra.likeliest_shift(), attempt.remark
+    if found.shows:
+        scene = scene.replace(ghost_shift=found.pixels)
+        remark = f"{remark} Its double images lie {abs(found.pixels):.1f} px apart.".strip()
+    incidence, _, shift = scene.values()
+    error = attempt.errors.incidence_deg or 0.0
+    if scene.bent and scene.has_ghosts:
+        # Edges, which alone tell a bent pane's incidence, were looked at as if there were none.
+        error = math.hypot(error, _DOUBLED_DEG)
+    told = spectra.incidence(shift) if error > _SURER_DEG and not evidence.stokes.aliased else None
+    if told is None:
+        return replace(attempt, scene=scene, remark=remark)
+    mean, error = weighted_incidence((incidence, error), (incidence + told[0], told[1]))
+    errors = replace(attempt.errors, incidence_deg=error)
+    return replace(attempt, scene=scene.replace(incidence_deg=mean), remark=remark, errors=errors)
 
 
 def _perspective(evidence: Evidence) -> RungFit:

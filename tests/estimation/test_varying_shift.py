@@ -9,9 +9,10 @@ import pytest
 from polaropt import SceneParameters, separate
 from polaropt.capture.polarization import stokes_images
 from polaropt.estimation.ladder import find_scene
-from polaropt.estimation.wide.ghosts import likeliest_shift
+from polaropt.estimation.wide.ghosts import VaryingSpectra
 from polaropt.optics.engine import bounces_that_show
 from polaropt.simulation.metrics import psnr_db
+from studies.random_windows.windows import window_of
 from tests.optics.test_varying import seen_wide
 
 BLIND = SceneParameters(None, None, None)
@@ -22,7 +23,7 @@ FOCAL = 80 / math.tan(math.radians(22.5))
 @pytest.mark.parametrize("ghost_shift", [5.3, -7.0])
 def test_the_shift_is_found_with_its_sense(azimuth_deg: float, ghost_shift: float) -> None:
     capture, _, scene = seen_wide(160, FOCAL, azimuth_deg, ghost_shift)
-    found = likeliest_shift(stokes_images(capture, 0.005), scene)
+    found = VaryingSpectra(stokes_images(capture, 0.005), scene).likeliest_shift()
     assert found.shows
     assert found.pixels == pytest.approx(ghost_shift, abs=0.4)
 
@@ -30,7 +31,7 @@ def test_the_shift_is_found_with_its_sense(azimuth_deg: float, ghost_shift: floa
 @pytest.mark.parametrize("azimuth_deg", [20.0, 290.0])
 def test_bounces_in_place_show_no_shift(azimuth_deg: float) -> None:
     capture, _, scene = seen_wide(160, FOCAL, azimuth_deg)
-    assert not likeliest_shift(stokes_images(capture, 0.005), scene).shows
+    assert not VaryingSpectra(stokes_images(capture, 0.005), scene).likeliest_shift().shows
 
 
 def test_blind_the_ghosts_of_a_wide_lens_are_taken_out() -> None:
@@ -41,6 +42,27 @@ def test_blind_the_ghosts_of_a_wide_lens_are_taken_out() -> None:
     assert "double images" in " ".join(tried.reason for tried in result.tried if tried.taken)
     in_place = separate(capture, scene.replace(ghost_shift=0.0))
     assert psnr_db(result.layers[1], layers[1], 16) > psnr_db(in_place.layers[1], layers[1], 16) + 1
+
+
+@pytest.mark.parametrize("turn_deg", [-2.5, 2.5])
+def test_ghosts_tell_how_steep_a_pane_stands(turn_deg: float) -> None:
+    capture, _, scene = seen_wide(160, FOCAL, ghost_shift=6.0)
+    incidence = scene.incidence_deg
+    spectra = VaryingSpectra(stokes_images(capture, 0.005), scene.replace(incidence_deg=incidence + turn_deg))
+    told = spectra.incidence(6.0)
+    assert told is not None
+    assert abs(told[0] + turn_deg) < 2 * told[1]
+    assert told[1] < 2
+
+
+def test_the_ghosts_of_a_bent_pane_are_found_where_they_mislead_its_edges() -> None:
+    window = window_of(46, 192)
+    asked = BLIND.replace(refractive_index=window.index_told)
+    found = find_scene(window.sample(None, 192).capture, asked, window.taking.noise)
+    assert found.scene.rung == "curved"
+    assert found.scene.ghost_shift == pytest.approx(window.scene.ghost_shift, abs=0.5)
+    # By edges that are taken for single ones it is 2.3 degrees off.
+    assert found.scene.incidence_deg == pytest.approx(window.scene.incidence_deg, abs=1.0)
 
 
 def test_a_shift_that_is_given_stays() -> None:

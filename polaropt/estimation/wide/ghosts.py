@@ -1,4 +1,4 @@
-"""Ghost shift of a pane that varies over the frame: the spectral likelihood of parts of the frame, taken together.
+"""Ghosts and incidence of a pane that varies over the frame: the spectral likelihood of its parts, taken together.
 
 Each part is seen in the plane of incidence at its own middle and weighs ghosts by its own incidence, while all ghosts
 lie along one direction, at one distance.
@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages, plate_frame
+from polaropt.estimation.flat.errors import INCIDENCE_DETAIL, INCIDENCE_ROUNDS, widened_incidence
 from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, CrossSpectra, ShiftLikelihood, cross_spectra
-from polaropt.numerics import grid_minimum
-from polaropt.optics import SceneParameters, largest_search_shift, pixel_grid, scene_angles
+from polaropt.numerics import grid_minimum, left_out, local_minimum, minimum_error
+from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, largest_search_shift, pixel_grid, scene_angles
 
 Curve = NDArray[np.float64]
 
@@ -33,6 +34,11 @@ _DETAIL = (6, 6)
 _LEAST_GAIN = 3e-3
 # Ghosts that are closer, in pixels, look like a blur; by trial.
 _CLOSE_PX = 3.0
+# How much steeper than its fit a pane may stand where ghosts are looked for: edges that ghosts double mislead that of
+# bent panes by two degrees. Then first step, farthest and accuracy of its incidence. By trial, and set by hand.
+_TURNS_DEG, _STEP_DEG, _FARTHEST_DEG, _TOLERANCE_DEG = (0.0, -3.0, 3.0), 2.0, 10.0, 0.2
+# Standard error in degrees that parts, which overlap, do not see beside: as of a mosaic's samples.
+_SHAPES_DEG = 0.6
 
 
 @dataclass(frozen=True)
@@ -57,8 +63,8 @@ class _Part:
     incidence_deg: float
 
 
-def likeliest_shift(stokes: StokesImages, scene: SceneParameters) -> VaryingShift:
-    """The likeliest ghost shift of a pane whose stand is known.
+class VaryingSpectra:
+    """What the spectra of a frame's parts tell of a pane whose stand is about known: its ghosts, and its incidence.
 
     Parameters
     ----------
@@ -66,18 +72,53 @@ def likeliest_shift(stokes: StokesImages, scene: SceneParameters) -> VaryingShif
     scene : SceneParameters
         Complete, with a focal length or a bent pane; its shift is not used.
     """
-    parts = list(_parts(stokes, scene))
-    pane = scene.replace(ghost_shift=0.0, focal_px=None, bend_deg_per_px=(0.0, 0.0, 0.0))
-    quick = _Together([(ShiftLikelihood(part.spectra, pane), part.incidence_deg) for part in parts])
-    most = math.floor(largest_search_shift(min(stokes.images.shape[-2:])))
-    # At the ends of a grid misfits merely fall.
-    grid = np.arange(-most, most + 1.0)
-    shift = grid_minimum(grid[1:-1], quick.misfit(grid, _ROUNDS)[1:-1])
-    fine = round(shift) + _FINE
-    shift = grid_minimum(fine, quick.misfit(fine, _ROUNDS))
-    closely = _Together([(ShiftLikelihood(part.spectra, pane, _DETAIL), part.incidence_deg) for part in parts])
-    without, with_ghosts = closely.misfit(np.array([0.0, shift]), _CLOSELY)
-    return VaryingShift(shift, float(without - with_ghosts))
+
+    def __init__(self, stokes: StokesImages, scene: SceneParameters) -> None:
+        self._parts = list(_parts(stokes, scene))
+        self._pane = scene.replace(ghost_shift=0.0, focal_px=None, bend_deg_per_px=(0.0, 0.0, 0.0))
+        self._most = math.floor(largest_search_shift(min(stokes.images.shape[-2:])))
+        self._usual, self._closely = self._together(None), self._together(_DETAIL)
+        self._of_incidence = self._together(INCIDENCE_DETAIL)
+
+    def likeliest_shift(self) -> VaryingShift:
+        """The likeliest ghost shift, wherever the pane stands near what is known of it."""
+        # At the ends of a grid misfits merely fall.
+        grid = np.arange(-self._most, self._most + 1.0)
+        curves = [self._usual.misfit(grid, _ROUNDS, turn)[1:-1] for turn in _TURNS_DEG]
+        best = int(np.argmin([curve.min() for curve in curves]))
+        shift, turn = grid_minimum(grid[1:-1], curves[best]), _TURNS_DEG[best]
+        fine = round(shift) + _FINE
+        shift = grid_minimum(fine, self._usual.misfit(fine, _ROUNDS, turn))
+        without, with_ghosts = (
+            float(self._closely.misfit(np.array([pixels]), _CLOSELY, self._turn(pixels))[0]) for pixels in (0.0, shift)
+        )
+        return VaryingShift(shift, without - with_ghosts)
+
+    def incidence(self, ghost_shift: float) -> tuple[float, float] | None:
+        """How many degrees steeper the pane stands for its ghosts, and the standard error; None where nothing tells."""
+        turn = self._turn(ghost_shift)
+        before, here, after = (self._misfits(turn + step, ghost_shift) for step in (-_STEP_DEG, 0.0, _STEP_DEG))
+        if here.mean() >= min(before.mean(), after.mean()):
+            return None
+        error = minimum_error([left_out(misfits) / (misfits.size - 1) for misfits in (before, here, after)], _STEP_DEG)
+        return turn, math.hypot(widened_incidence(error), _SHAPES_DEG)
+
+    def _turn(self, ghost_shift: float) -> float:
+        """The likeliest turn of the pane in degrees."""
+
+        def misfit(turn: float) -> float:
+            return float(self._misfits(turn, ghost_shift).mean())
+
+        return local_minimum(misfit, 0.0, (-_FARTHEST_DEG, _FARTHEST_DEG), _STEP_DEG, _TOLERANCE_DEG)
+
+    def _misfits(self, turn: float, ghost_shift: float) -> Curve:
+        """Of each part."""
+        return self._of_incidence.each(np.array([ghost_shift]), INCIDENCE_ROUNDS, turn)[:, 0]
+
+    def _together(self, detail: tuple[int, int] | None) -> _Together:
+        return _Together(
+            [(ShiftLikelihood(part.spectra, self._pane, detail), part.incidence_deg) for part in self._parts]
+        )
 
 
 @dataclass(frozen=True)
@@ -86,10 +127,19 @@ class _Together:
 
     parts: list[tuple[ShiftLikelihood, float]]
 
-    def misfit(self, shifts: Curve, rounds: int) -> Curve:
+    def each(self, shifts: Curve, rounds: int, turn: float = 0.0) -> Curve:
+        """Misfits (part, shift), for a pane that stands so many degrees steeper."""
+        lowest, highest = INCIDENCE_SEARCH_DEG
+        return np.array(
+            [
+                likelihood.misfit(min(max(incidence + turn, lowest), highest), shifts, rounds)
+                for likelihood, incidence in self.parts
+            ]
+        )
+
+    def misfit(self, shifts: Curve, rounds: int, turn: float = 0.0) -> Curve:
         """Mean over the parts."""
-        curves = [likelihood.misfit(incidence, shifts, rounds) for likelihood, incidence in self.parts]
-        return np.asarray(np.mean(curves, axis=0))
+        return np.asarray(self.each(shifts, rounds, turn).mean(axis=0))
 
 
 def _parts(stokes: StokesImages, scene: SceneParameters) -> Iterator[_Part]:
