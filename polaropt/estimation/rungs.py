@@ -82,13 +82,14 @@ def with_ghosts(evidence: Evidence, attempt: RungFit) -> RungFit:
         or scene.stacked
     ):
         return attempt
-    spectra = VaryingSpectra(evidence.stokes, scene)
+    error = attempt.errors.incidence_deg or 0.0
+    # Only a bent pane's incidence is told by edges alone.
+    spectra = VaryingSpectra(evidence.stokes, scene, steady=not scene.bent or evidence.stokes.aliased)
     found, remark = spectra.likeliest_shift(), attempt.remark
     if found.shows:
         scene = scene.replace(ghost_shift=found.pixels)
         remark = f"{remark} Its double images lie {abs(found.pixels):.1f} px apart.".strip()
     incidence, _, shift = scene.values()
-    error = attempt.errors.incidence_deg or 0.0
     if scene.bent and scene.has_ghosts:
         # Edges, which alone tell a bent pane's incidence, were looked at as if there were none.
         error = math.hypot(error, _DOUBLED_DEG)

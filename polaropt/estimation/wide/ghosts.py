@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ _LEAST_GAIN = 3e-3
 _CLOSE_PX = 3.0
 # How much steeper than its fit a pane may stand where ghosts are looked for: edges that ghosts double mislead that of
 # bent panes by two degrees. Then first step, farthest and accuracy of its incidence. By trial, and set by hand.
-_TURNS_DEG, _STEP_DEG, _FARTHEST_DEG, _TOLERANCE_DEG = (0.0, -3.0, 3.0), 2.0, 10.0, 0.2
+_TURNS_DEG, _STEP_DEG, _FARTHEST_DEG, _TOLERANCE_DEG = (0.0, -3.0, 3.0), 2.0, 10.0, 0.5
 # Standard error in degrees that parts, which overlap, do not see beside: as of a mosaic's samples.
 _SHAPES_DEG = 0.6
 
@@ -71,26 +72,31 @@ class VaryingSpectra:
     stokes : StokesImages
     scene : SceneParameters
         Complete, with a focal length or a bent pane; its shift is not used.
+    steady : bool
+        Whether the incidence is known so well that ghosts need not be looked for at others.
     """
 
-    def __init__(self, stokes: StokesImages, scene: SceneParameters) -> None:
+    def __init__(self, stokes: StokesImages, scene: SceneParameters, *, steady: bool = False) -> None:
         self._parts = list(_parts(stokes, scene))
         self._pane = scene.replace(ghost_shift=0.0, focal_px=None, bend_deg_per_px=(0.0, 0.0, 0.0))
         self._most = math.floor(largest_search_shift(min(stokes.images.shape[-2:])))
         self._usual, self._closely = self._together(None), self._together(_DETAIL)
         self._of_incidence = self._together(INCIDENCE_DETAIL)
+        self._steady, self._turn = steady, cache(self._likeliest_turn)
 
     def likeliest_shift(self) -> VaryingShift:
         """The likeliest ghost shift, wherever the pane stands near what is known of it."""
         # At the ends of a grid misfits merely fall.
         grid = np.arange(-self._most, self._most + 1.0)
-        curves = [self._usual.misfit(grid, _ROUNDS, turn)[1:-1] for turn in _TURNS_DEG]
+        curves = [self._usual.misfit(grid, _ROUNDS, turn)[1:-1] for turn in ((0.0,) if self._steady else _TURNS_DEG)]
         best = int(np.argmin([curve.min() for curve in curves]))
         shift, turn = grid_minimum(grid[1:-1], curves[best]), _TURNS_DEG[best]
         fine = round(shift) + _FINE
         shift = grid_minimum(fine, self._usual.misfit(fine, _ROUNDS, turn))
+        turns = (0.0, 0.0) if self._steady else (self._turn(0.0), self._turn(shift))
         without, with_ghosts = (
-            float(self._closely.misfit(np.array([pixels]), _CLOSELY, self._turn(pixels))[0]) for pixels in (0.0, shift)
+            float(self._closely.misfit(np.array([pixels]), _CLOSELY, turn)[0])
+            for pixels, turn in zip((0.0, shift), turns, strict=True)
         )
         return VaryingShift(shift, without - with_ghosts)
 
@@ -103,7 +109,7 @@ class VaryingSpectra:
         error = minimum_error([left_out(misfits) / (misfits.size - 1) for misfits in (before, here, after)], _STEP_DEG)
         return turn, math.hypot(widened_incidence(error), _SHAPES_DEG)
 
-    def _turn(self, ghost_shift: float) -> float:
+    def _likeliest_turn(self, ghost_shift: float) -> float:
         """The likeliest turn of the pane in degrees."""
 
         def misfit(turn: float) -> float:
