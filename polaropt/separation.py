@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, planes_last, registered_noise
 from polaropt.errors import InputError
 from polaropt.estimation import (
+    IndexFit,
     LadderResult,
     LikelierIndex,
     RungReport,
     SceneEstimate,
     StillPhotographs,
+    clear_pane,
     find_scene,
     in_full,
     left_alone,
@@ -198,6 +200,7 @@ def separate(
     robust: bool = False,
     device: str | None = None,
     progress: Progress | None = None,
+    index_known: bool = False,
 ) -> Separation:
     """Separate the transmitted from the reflected scene.
 
@@ -235,6 +238,9 @@ def separate(
         Where the torch solver works, as torch names it: "cpu" or "cuda".
     progress : callable, optional
         Called with what is being done and the fraction done, 0..1.
+    index_known : bool
+        Whether an index of 1.5 is known. Otherwise it is what glass usually has, and where one clear pane of another
+        index explains the photographs clearly better, that is taken. Any other index is kept as it is.
 
     Returns
     -------
@@ -279,7 +285,8 @@ def separate(
         gap_shift=None,
         absorption=0.0 if single_surface else None,
     )
-    return _separate(capture, asked, settings, Stages(progress))
+    assumed = not index_known and asked.refractive_index == GLASS_INDEX
+    return _separate(capture, asked, settings, Stages(progress), index_assumed=assumed)
 
 
 def _check(settings: Settings) -> None:
@@ -294,7 +301,9 @@ def _check(settings: Settings) -> None:
         raise InputError(f"device {settings.device!r} is for the solver torch, not {settings.solver}")
 
 
-def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stages: Stages) -> Separation:
+def _separate(
+    capture: Capture, asked: SceneParameters, settings: Settings, stages: Stages, *, index_assumed: bool = False
+) -> Separation:
     from threadpoolctl import threadpool_limits
 
     # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
@@ -322,6 +331,12 @@ def _separate(capture: Capture, asked: SceneParameters, settings: Settings, stag
         # An index that is told fits badly where the incidence is, too.
         told = asked.refractive_index is not None and asked.incidence_deg is None
         index = likelier_index(source, found.scene, of_source) if told else None
+        if index is not None and index.sure and index_assumed and not asked.stacked and not asked.absorption:
+            fit = IndexFit(clear_pane(checked.scene, index.index), index.error)
+            found = find_scene(
+                source, fit.scene, of_source, settings.model, thickness_px=thickness_px, thickness_kind=kind
+            ).with_index(fit)
+            asked, index = asked.replace(refractive_index=None), None
         sense_only = settings.thickness_px is not None
         stages.advance(_INDEX_CHECKED)
         found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)

@@ -78,14 +78,15 @@ class PaneOptions:
         ),
     ] = "paper"
     index: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="N",
             help="Refractive index: 1.5 for glass, 1.33 for water. free: the glass is unknown; then the "
-            "index of one flat pane is found, as far as the photographs tell it (1.5 where they hardly do).",
+            "index of one flat pane is found, as far as the photographs tell it (1.5 where they hardly do). Default: "
+            "1.5, and `separate` takes another where the photographs speak clearly for it.",
             rich_help_panel=_PANE,
         ),
-    ] = "1.5"
+    ] = None
     single_surface: Annotated[
         bool,
         typer.Option("--single-surface", metavar="", help="No back face: a water surface.", rich_help_panel=_PANE),
@@ -175,7 +176,11 @@ class PaneOptions:
 
     @property
     def refractive_index(self) -> float | None:
-        """The number of --index, or None for one that is to be found."""
+        """The number of --index, or None for one that is to be found; that of glass where nothing is said."""
+        from polaropt.optics import GLASS_INDEX
+
+        if self.index is None:
+            return GLASS_INDEX
         if self.index == FREE:
             return None
         try:

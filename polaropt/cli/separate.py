@@ -214,6 +214,7 @@ def separate_command(
             progress=stages.part(read_until, _SEPARATED),
             robust=solving.robust,
             device=solving.device,
+            index_known=pane.index is not None,
         )
         stages.include(result.seconds, result.cpu_seconds)
         report = write_separation(

@@ -1,12 +1,14 @@
 __all__ = [
     "NOTABLE_STAKE",
     "AngleMistake",
+    "IndexFit",
     "LadderResult",
     "LikelierIndex",
     "RungReport",
     "SceneEstimate",
     "StillPhotographs",
     "angle_mistake",
+    "clear_pane",
     "estimate_scene",
     "find_scene",
     "find_start_angle",
@@ -39,7 +41,9 @@ from .motion import motion_shows as motion_shows
 from .motion import moving_pixels as moving_pixels
 from .motion import still_photographs as still_photographs
 from .motion import without_moving as without_moving
+from .refractive_index import IndexFit as IndexFit
 from .refractive_index import LikelierIndex as LikelierIndex
+from .refractive_index import clear_pane as clear_pane
 from .refractive_index import likelier_index as likelier_index
 from .refractive_index import with_index as with_index
 from .safeguard import left_alone as left_alone

@@ -132,6 +132,13 @@ def with_index(
     return search.chosen([trial for trial in trials if trial is not None])
 
 
+def clear_pane(scene: SceneParameters, refractive_index: float) -> SceneParameters:
+    """A scene as that of one clear pane of an index: tint and further panes may be a wrong index's."""
+    return scene.replace(
+        refractive_index=refractive_index, n_panes=1, gap_shift=0.0, gap_azimuth_deg=None, absorption=0.0
+    )
+
+
 class _IndexSearch:
     """Trials of one capture."""
 
@@ -191,7 +198,7 @@ class _IndexSearch:
         reach = max((abs(index - taken.index) for index in rivals), default=0.0)
         found = self._whole.replace(refractive_index=taken.index)
         if taken is not glass:
-            found = found.replace(n_panes=1, gap_shift=0.0, absorption=0.0)
+            found = clear_pane(found, taken.index)
         return IndexFit(found, max(error, reach / _RIVALS), self._coloured(glass.scene))
 
     def _coloured(self, scene: SceneParameters) -> bool:
@@ -218,6 +225,8 @@ _ROUNDS, _AT_REST_DEG = 3, 0.5
 """In which a pane of another index is found near the last one, and the change that ends them."""
 _LEAST_EVIDENCE, _EVIDENT = 0.004, 2.5
 """Score that another index must gain before anything is said of it, and how many standard errors of it."""
+_AGAINST = 2.0
+"""Standard errors by which the spectra alone may speak against it."""
 _AS_GOOD = 1.0
 """Standard errors by which a window of several panes, or tinted, may be better than a single pane in its place."""
 _SCAN_DEG = 5.0
@@ -228,10 +237,21 @@ _ALIKE_DEG = np.arange(*INCIDENCE_SEARCH_DEG, 0.5).tolist()
 
 @dataclass(frozen=True)
 class LikelierIndex:
-    """An index that explains a capture clearly better than the one that was told, and its standard error."""
+    """An index that explains a capture clearly better than the one that was told.
+
+    Attributes
+    ----------
+    index : float
+    error : float
+        Standard error.
+    sure : bool
+        Whether it lies inside of what was searched, the spectra alone speak for it as well, and one clear pane of it is
+        clearly better than what was found with the index that was told, be that several panes or tinted glass.
+    """
 
     index: float
     error: float
+    sure: bool = True
 
 
 def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> LikelierIndex | None:
@@ -253,7 +273,7 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
         return None
     frame = plate_frame(stokes_images(capture, max(noise, LEAST_NOISE)), scene.values()[1])
     spectra = cross_spectra(frame)
-    single = scene.replace(n_panes=1, gap_shift=0.0, gap_azimuth_deg=None, absorption=0.0)
+    single = clear_pane(scene, scene.index)
     panes: dict[int, LikelyWindow] = {}
 
     def nearest(step: int, incidences_deg: Sequence[float]) -> LikelyWindow:
@@ -288,17 +308,22 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
                 break
     best = min(panes, key=lambda step: panes[step].score)
     told = judged_window(frame, scene, spectra) if scene.stacked or scene.absorption else panes[0]
-    if best == 0 or not _evident(panes[best], panes[0]) or told.clearly_better(panes[best], 0.0, _AS_GOOD):
+    # Edges alone may mislead: ghosts that lie close together double them.
+    if best == 0 or not _evident(panes[best], panes[0]) or panes[0].clearly_likelier(panes[best], _AGAINST):
+        return None
+    if told.clearly_better(panes[best], 0.0, _AS_GOOD):
         return None
     index = scene.index + best * _WALK
     reach = max(abs(step - best) for step, found in panes.items() if not _evident(panes[best], found))
     error = max(_WALK / 2, reach * _WALK / _RIVALS)
-    if {best - 1, best + 1} <= panes.keys():
+    inside = {best - 1, best + 1} <= panes.keys()
+    if inside:
         beside = [panes[step] for step in (best - 1, best, best + 1)]
         before, here, after = (found.score for found in beside)
         index += _WALK * vertex(before, here, after, _FARTHEST)
         error = max(error, _error(beside, _WALK))
-    return LikelierIndex(index, error)
+    sure = inside and panes[best].misfit <= panes[0].misfit and _evident(panes[best], told)
+    return LikelierIndex(index, error, sure)
 
 
 def _evident(one: LikelyWindow, other: LikelyWindow) -> bool:

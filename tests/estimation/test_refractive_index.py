@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from polaropt.capture import Capture, noise_level
 from polaropt.errors import InputError
 from polaropt.estimation import estimate_scene, find_scene, likelier_index, with_index
 from polaropt.optics import GLASS_INDEX, SceneErrors
+from studies.random_windows.windows import window_of
 from tests.blends import blend
 
 QUICK = StoppingRule(max_evaluations=4)
@@ -115,6 +117,31 @@ def test_two_panes_do_not_speak_against_their_index() -> None:
 @pytest.mark.parametrize("index", [1.5, 1.8])
 def test_a_wrong_index_is_warned_of(index: float) -> None:
     capture = blend(75.0, 128, refractive_index=index).capture
-    diagnostics = separate(capture, TOLD.replace(refractive_index=GLASS_INDEX), stopping=QUICK).diagnostics
+    told = TOLD.replace(refractive_index=GLASS_INDEX)
+    diagnostics = separate(capture, told, stopping=QUICK, index_known=True).diagnostics
     assert (SeparationWarning.INDEX_DOUBTFUL in diagnostics.warnings) == (index != GLASS_INDEX)
     assert (diagnostics.likelier_index is None) == (index == GLASS_INDEX)
+
+
+def test_an_index_that_is_only_assumed_makes_way_for_a_likelier_one() -> None:
+    capture = blend(75.0, 128, refractive_index=1.8).capture
+    assumed, known = (
+        separate(capture, TOLD.replace(refractive_index=GLASS_INDEX), stopping=QUICK, index_known=known)
+        for known in (False, True)
+    )
+    assert abs(assumed.scene.index - 1.8) < 2 * assumed.errors.refractive_index
+    assert assumed.asked.refractive_index is None
+    assert assumed.diagnostics.likelier_index is None
+    assert (known.scene.index, known.errors.refractive_index) == (GLASS_INDEX, None)
+    water = separate(capture, TOLD.replace(refractive_index=1.33), stopping=QUICK)
+    assert water.scene.index == 1.33
+
+
+def test_edges_alone_do_not_speak_against_an_index() -> None:
+    # Low bits and ghosts that lie close together: with index 2 the edges overlap less, the spectra are less likely.
+    window = window_of(210, 192)
+    window = replace(window, scene=window.scene.replace(refractive_index=GLASS_INDEX), index_told=GLASS_INDEX)
+    capture = window.sample(None, 192).capture
+    asked = SceneParameters(None, None, None)
+    found = find_scene(capture, asked, window.taking.noise)
+    assert likelier_index(capture, found.scene, window.taking.noise) is None
