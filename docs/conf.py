@@ -34,12 +34,11 @@ exclude_patterns = ["_build", "_templates", "gallery", "how/figures", "auto_gall
 templates_path = ["_templates"]
 # `name` in a docstring is a thing of Python, linked where it has a page here.
 default_role = "py:obj"
-nitpicky = False
+# Options such as --align keep their two hyphens.
+smartquotes = False
 suppress_warnings = [
     # The page of results is put together from tables, whose headings skip levels.
     "myst.header",
-    # The gallery's functions cannot be kept between builds, and need not be.
-    "config.cache",
 ]
 
 # The sentence of each warning, as {{ NAME }}: it stands in one place.

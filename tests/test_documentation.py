@@ -128,7 +128,7 @@ def test_every_warning_has_an_entry_under_its_name() -> None:
     assert sorted(name for name, _ in entries()) == sorted(SeparationWarning.__members__)
     page = (DOCS / "warnings.md").read_text(encoding="utf-8")
     for name, text in entries():
-        assert f'<a id="{name}"></a>\n### {name}\n' in page
+        assert f'<a id="{name}"></a>\n\n({name})=\n### {name}\n' in page
         # The sentence itself is put in when the page is built.
         assert f"{{{{ {name} }}}}" in text
         assert "*Do:*" in text
