@@ -28,7 +28,9 @@ class Page(HTMLParser):
 
 def broken_links(folder: Path) -> list[str]:
     """A line for each link within `folder` that leads nowhere."""
-    pages = {path: Page(path.read_text(encoding="utf-8")) for path in sorted(folder.resolve().rglob("*.html"))}
+    files = sorted(folder.resolve().rglob("*.html"))
+    # The theme keeps a template, which is no page, among its own files.
+    pages = {path: Page(path.read_text(encoding="utf-8")) for path in files if "_static" not in path.parts}
     lines = []
     for path, page in pages.items():
         for link in page.links:

@@ -90,14 +90,15 @@ html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
     "navbar_align": "left",
-    "header_links_before_dropdown": 7,
+    "header_links_before_dropdown": 6,
     "footer_start": ["copyright"],
     "footer_end": ["sphinx-version"],
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
 }
 html_context = {"default_mode": "auto"}
-html_sidebars = {"results": [], "changes": [], "bibliography": []}
+# Pages without others below them.
+html_sidebars = {name: [] for name in ("warnings", "results", "bibliography", "contributing", "changes")}
 
 # `make linkcheck` asks the network; building does not.
 linkcheck_timeout = 20

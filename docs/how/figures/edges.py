@@ -6,10 +6,10 @@ from skimage.data import astronaut, coffee
 
 from polaropt import SceneParameters, simulate
 
-TRUE_DEG = 50.0
+TRUE_DEG = 30.0
 pane = SceneParameters(TRUE_DEG, 0.0, 0.0)
 layers = coffee()[60:316, 150:406] / 255, astronaut()[0:256, 110:366] / 255
-s0, s1, _ = simulate(*layers, pane, noise=0.005).stokes.mean(axis=1)
+s0, s1, _ = simulate(*layers, pane, noise=0.01).stokes.mean(axis=1)
 parallel, perpendicular = (s0 + s1) / 2, (s0 - s1) / 2
 
 
@@ -31,10 +31,10 @@ def shared_edges(degrees, side):
     return (t_edges * r_edges).sum() / np.sqrt((t_edges**2).sum() * (r_edges**2).sum())
 
 
-trial = np.arange(20, 86, 1.0)
+trial = np.arange(10, 76, 1.0)
 fig, axis = plt.subplots(figsize=(7.5, 4))
 for side in (1, 4, 8):
-    axis.plot(trial, [shared_edges(degrees, side) for degrees in trial], label=f"means of {side}x{side} px")
+    axis.plot(trial, [shared_edges(degrees, side) for degrees in trial], label="every pixel" if side == 1 else f"means of {side}x{side} px")
 axis.axvline(TRUE_DEG, color="grey", linewidth=0.8)
 axis.text(TRUE_DEG + 0.8, axis.get_ylim()[1] * 0.95, "true incidence", va="top")
 axis.set(xlabel="trial incidence in degrees", ylabel="edges that both layers share")
