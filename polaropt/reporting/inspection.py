@@ -270,7 +270,7 @@ def _grey_levels(capture: Capture) -> int | None:
     return grey_levels(quantization_step(photograph[None]), origin)
 
 
-def _polarization(capture: Capture) -> dict[str, float]:
+def _polarization(capture: Capture) -> dict[str, Any]:
     """DoLP and AoLP of small blocks that are valid at every angle (of all blocks, if there are none)."""
     valid = np.asarray(capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0))
     stokes = stokes_from_intensities(grey_means(capture, _SUMMARY_BLOCK), capture.angles_deg)
