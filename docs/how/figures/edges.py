@@ -34,7 +34,11 @@ def shared_edges(degrees, side):
 trial = np.arange(10, 76, 1.0)
 fig, axis = plt.subplots(figsize=(7.5, 4))
 for side in (1, 4, 8):
-    axis.plot(trial, [shared_edges(degrees, side) for degrees in trial], label="every pixel" if side == 1 else f"means of {side}x{side} px")
+    axis.plot(
+        trial,
+        [shared_edges(degrees, side) for degrees in trial],
+        label="every pixel" if side == 1 else f"means of {side}x{side} px",
+    )
 axis.axvline(TRUE_DEG, color="grey", linewidth=0.8)
 axis.text(TRUE_DEG + 0.8, axis.get_ylim()[1] * 0.95, "true incidence", va="top")
 axis.set(xlabel="trial incidence in degrees", ylabel="edges that both layers share")
