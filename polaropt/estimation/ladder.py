@@ -29,10 +29,10 @@ _LOWER = ("none", "pixelwise", "ghosts")
 _OF_ALIASES_DEG = 0.6
 """Standard error of the incidence that edges of a mosaic's cells tell, beside what parts of the frame tell of it: what
 aliases is alike in all parts. By trial on mosaics of photographs that no figure is taken of."""
-_EDGES_WIDER, _EDGES_DEG = 1.2, 0.2
-"""What the edges' standard error of a flat pane's incidence is multiplied by, and what it misses beside: on 137 random
-windows to fit on (`studies.random_windows`, even seeds to 798) it is off by 1.27 errors, root mean square, and a little
-the same way as that of the spectra."""
+_EDGES_WIDER = 1.2
+"""What the edges' standard error of a flat pane's incidence is multiplied by: on 137 random windows to fit on
+(`studies.random_windows`, even seeds to 798) it is off by 1.27 errors, root mean square, and a little the same way as
+that of the spectra."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def _with_spectra(found: LadderResult, stokes: StokesImages) -> LadderResult:
         return found
     incidence, azimuth, _ = scene.values()
     told = spectral_incidence(cross_spectra(plate_frame(stokes, azimuth)), scene)
-    by_edges = incidence, math.hypot(_EDGES_WIDER * edges_error, _EDGES_DEG)
+    by_edges = incidence, _EDGES_WIDER * edges_error
     mean, error = by_edges if told is None else weighted_incidence(by_edges, told)
     error = math.hypot(error, found.estimate.incidence_doubt_deg)
     scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(found.errors, incidence_deg=error)
