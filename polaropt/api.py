@@ -48,6 +48,18 @@ class Separation(separation.Separation):
     ----------
     capture : Capture
         What was separated.
+
+    Examples
+    --------
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, separate, simulate
+    >>> pane = SceneParameters(60.0, 20.0, 4.0)
+    >>> capture = simulate(coffee()[120:248, 200:328], astronaut()[30:158, 160:288], pane)
+    >>> result = separate(capture, pane)
+    >>> result.reflection.shape, result.layers.shape, result.uncertainty.shape, result.reflection_known.shape
+    ((128, 128, 3), (2, 3, 128, 128), (2, 3, 128, 128), (128, 128))
+    >>> sorted(name for name, term in result.terms.items() if term.weight)
+    ['edge_independence', 'gradient_sparsity', 'misfit', 'natural_image', 'nonnegativity']
     """
 
     capture: Capture = field(repr=False, kw_only=True)
@@ -109,9 +121,11 @@ def separate(
     model: str = "auto",
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
+    keep_start: float = 0.0,
     robust: bool = False,
     device: str | None = None,
     progress: Progress | None = None,
+    index_known: bool = False,
 ) -> Separation:
     """Separate the transmitted from the reflected scene.
 
@@ -124,9 +138,8 @@ def separate(
     solver : str
         Name of a minimizer, see `solvers.registry.solver_names`.
     init : str
-        Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it;
-        the solve then keeps of it what the photographs leave open), "per-pixel" or "cold" (the plain intensity); see
-        `initializers`.
+        Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it),
+        "per-pixel" or "cold" (the plain intensity); see `initializers`. The layers are those where the solve ends.
     refractive_index : float or None
         Index of the pane, where no scene is given. None: it is found, as far as the photographs tell it.
     single_surface : bool
@@ -141,12 +154,18 @@ def separate(
         Thickness of the pane in pixels: ties the ghost shift to the incidence.
     thickness_kind : {"paper", "plate"}
         Formula of the ghost step, see `ghost_step`.
+    keep_start : float
+        Pull the layers so far back to the start once the solve has ended, 0 (not at all) to 1 (all the way): a mean of
+        two estimates, which no longer minimizes the objective.
     robust : bool
         Residuals of the photographs beyond three sigma count linearly.
     device : str, optional
         Where the torch solver works, as torch names it: "cpu" or "cuda".
     progress : callable, optional
         Called with what is being done and the fraction done, 0..1.
+    index_known : bool
+        Whether an index of 1.5 is known. Otherwise it is what glass usually has, and where one clear pane of another
+        index explains the photographs clearly better, that is taken. Any other index is kept as it is.
 
     Returns
     -------
@@ -162,6 +181,16 @@ def separate(
     -----
     ResultWarning
         The result is not to be trusted as it is: `Separation.diagnostics` tells why.
+
+    Examples
+    --------
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, separate, simulate
+    >>> pane = SceneParameters(60.0, 20.0, 4.0)
+    >>> capture = simulate(coffee()[120:248, 200:328], astronaut()[30:158, 160:288], pane)
+    >>> result = separate(capture)
+    >>> result.transmission.shape, abs(result.scene.incidence_deg - 60) < 2
+    ((128, 128, 3), True)
     """
     found = separation.separate(
         _checked(capture),
@@ -175,9 +204,11 @@ def separate(
         model=model,
         thickness_px=thickness_px,
         thickness_kind=thickness_kind,
+        keep_start=keep_start,
         robust=robust,
         device=device,
         progress=progress,
+        index_known=index_known,
     )
     if found.diagnostics.warnings:
         told = "; ".join(warning.value.rstrip(".") for warning in found.diagnostics.warnings)
@@ -201,6 +232,15 @@ def inspect(capture: Capture) -> Inspection:
     ------
     InputError
         It is no capture.
+
+    Examples
+    --------
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, inspect, simulate
+    >>> pane = SceneParameters(60.0, 20.0, 4.0)
+    >>> capture = simulate(coffee()[120:248, 200:328], astronaut()[30:158, 160:288], pane)
+    >>> inspect(capture).looks_encoded, 0.002 < inspect(capture).noise < 0.008
+    (False, True)
     """
     return inspect_capture(_checked(capture))
 
@@ -232,6 +272,16 @@ def estimate(
     ------
     InputError
         It is no capture, or a parameter is outside its range.
+
+    Examples
+    --------
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, estimate, simulate
+    >>> pane = SceneParameters(60.0, 20.0, 4.0)
+    >>> capture = simulate(coffee()[120:248, 200:328], astronaut()[30:158, 160:288], pane)
+    >>> found = estimate(capture)
+    >>> found.scene.rung, abs(found.scene.azimuth_deg - 20) < 1
+    ('ghosts', True)
     """
     still = still_photographs(_checked(capture))
     asked = _scene_of(scene, capture) or SceneParameters(

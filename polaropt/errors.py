@@ -7,6 +7,15 @@ class ResultWarning(UserWarning):
     """A result that is not to be trusted as it is; its text is what `SeparationWarning` says of it.
 
     Issued by `polaropt.separate` where its diagnostics hold warnings. The command line prints these itself.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from polaropt import ResultWarning
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", ResultWarning)  # rather stop than return what is not to be trusted
+    >>> issubclass(ResultWarning, UserWarning)
+    True
     """
 
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from polaropt.capture.write import write_png
 from skimage import data
 
 import polaropt
 from polaropt import SeparationWarning
+from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
 from tests.capture.test_camera_raw import write_dng
 from tests.captured import scene_intensities

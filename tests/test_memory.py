@@ -115,6 +115,10 @@ def test_gaps_as_wide_as_the_frame_are_filled() -> None:
     np.testing.assert_allclose(fill_gaps(images, valid), 1, rtol=1e-6)
 
 
+def no_progress(fraction: float) -> None:
+    """Nobody watches."""
+
+
 @pytest.mark.parametrize("turn_deg", [0.0, 0.2])
 def test_moving_photographs_back_in_place_takes_a_few_planes(capture: Capture, narrow: None, turn_deg: float) -> None:
     motions = Motions.of_shifts(np.array([[0, 0], [1.5, -2], [0, 0], [-3, 0.5]]))
@@ -122,10 +126,10 @@ def test_moving_photographs_back_in_place_takes_a_few_planes(capture: Capture, n
         cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
         motions.matrices[1] = [[cos, sin], [-sin, cos]]
     put_back = (_turned_back if turn_deg else _shifted_back)(motions)
-    expected = _aligned(capture, motions, put_back, overwrite=False)
+    expected = _aligned(capture, motions, put_back, overwrite=False, tell=no_progress)
     apart = capture.replace(intensities=capture.intensities.copy(), valid=capture.valid.copy())
     with peak() as taken:
-        aligned = _aligned(apart, motions, put_back, overwrite=True)
+        aligned = _aligned(apart, motions, put_back, overwrite=True, tell=no_progress)
         assert taken() < 7 * apart.intensities[0, 0].nbytes
     assert np.shares_memory(aligned.intensities, apart.intensities)
     np.testing.assert_array_equal(aligned.intensities, expected.intensities)

@@ -261,7 +261,7 @@ def test_the_sentence_tells_the_polarization_of_both_layers() -> None:
     scene = {**json_values(SceneParameters(**SCREEN)), "rung": "polarized"}
     errors = {**json_values(SceneErrors()), "transmission_polarization": [0.02, 1.5]}
     sentence = pane_sentence({"scene": scene, "estimated": ["transmission_polarization"], "errors": errors})
-    assert "light from behind polarized 0.60 +- 0.02 at 140 +- 1.5 deg (estimated)" in sentence
+    assert "light from behind polarized 0.60 +- 0.02 at 140.0 +- 1.5 deg (estimated)" in sentence
     assert "mirrored" not in sentence
 
 

@@ -85,14 +85,14 @@ def test_spectra_tell_the_incidence_where_both_layers_have_their_edges_in_the_sa
     assert told[0] == pytest.approx(55, abs=2)
 
 
-@pytest.mark.parametrize(("number", "least_doubt_deg"), [(512, 0.1), (192, 3.0)])
+@pytest.mark.parametrize(("number", "least_doubt_deg"), [(512, -1.0), (192, 3.0)])
 def test_of_two_minima_far_from_each_other_the_likelier_one_is_taken(number: int, least_doubt_deg: float) -> None:
     window = window_of(number, 192)
     capture = window.sample(None, 192).capture
     asked = BLIND.replace(refractive_index=window.index_told)
     found = estimate_scene(capture, asked)
     assert found.scene.incidence_deg == pytest.approx(window.scene.incidence_deg, abs=0.5)
-    # The other one lies 40 degrees off, and 14 degrees.
+    # The other one lies 40 degrees off, where the search no longer ends, and 14 degrees.
     assert least_doubt_deg < found.incidence_doubt_deg < 10
 
 
@@ -156,7 +156,7 @@ def test_the_sentence_tells_values_with_their_errors() -> None:
     sentence = pane_sentence(report)
     assert "incidence 61.20 +- 0.40 deg (estimated)" in sentence
     assert "focal length 500 +- 12 px (estimated)" in sentence
-    assert "bent by 2.0 deg in 100 px (estimated)" in sentence
+    assert "bent by 2.0 deg in 100 px (estimated, error not known)" in sentence
 
 
 def test_two_names_of_the_same_pane_are_both_right() -> None:

@@ -193,9 +193,11 @@ def test_files_hold_the_errors_and_the_report_what_is_faded(tmp_path, color):
     told, _ = write_uncertainty(tmp_path, result)
     for i, name in enumerate(("transmission", "reflection")):
         written = tifffile.imread(tmp_path / f"{name}_error.tiff")
-        np.testing.assert_array_equal(planes_first(written), result.uncertainty[i])
-        assert told["typical_error"][name] == pytest.approx(np.sqrt(np.mean(written**2)), rel=1e-4)
-    np.testing.assert_array_equal(tifffile.imread(tmp_path / "reflection_known.tiff"), result.reflection_known)
+        # Written to three digits.
+        np.testing.assert_allclose(planes_first(written), result.uncertainty[i], rtol=6e-4)
+        assert told["typical_error"][name] == pytest.approx(np.sqrt(np.mean(written**2)), rel=1e-3)
+    known = tifffile.imread(tmp_path / "reflection_known.tiff")
+    np.testing.assert_allclose(known, result.reflection_known, rtol=6e-4, atol=1e-6)
     assert told["reflection_faded"]["share_of_pixels"] > 0.9
     picture = read_file(tmp_path / "uncertainty.png").pixels
     assert picture.shape[1] > 3 * 64

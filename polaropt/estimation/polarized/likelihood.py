@@ -316,6 +316,8 @@ class _Part:
 
 def _sectors(direction: Values, radius: Values) -> list[NDArray[np.intp]]:
     """Indices of the frequencies of each of some directions and bands, about as many in each band."""
+    if not radius.size:
+        return []
     bands = np.digitize(radius, np.quantile(radius, np.linspace(0, 1, _SECTOR_BANDS + 1)[1:-1]))
     turns = np.floor(direction % np.pi / np.pi * _SECTOR_DIRECTIONS).astype(int) % _SECTOR_DIRECTIONS
     sector = bands * _SECTOR_DIRECTIONS + turns
