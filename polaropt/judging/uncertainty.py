@@ -35,9 +35,9 @@ _NOISE_SHARE = 0.4
 # Standard errors by which the incidence is moved: two are to cover the truth, and towards frontal glass what follows
 # from it soars.
 _COVERING = 2.0
-# Shorter side in pixels from which what the scene's errors do is found on blocks: sides of these, for how many doubts,
-# and of the part of the frame that tells their level. Set by hand.
-_LEAST_COARSE, _BLOCK, _LARGE_BLOCK, _FEW_DOUBTS, _COMPARED = 384, 2, 3, 3, 192
+# Shorter side in pixels from which what the scene's errors do is found on blocks, the sides of these and of the part of
+# the frame that tells their level. Set by hand.
+_LEAST_COARSE, _BLOCK, _COMPARED = 384, 3, 192
 # Ratios of levels that are believed, and a variance that is none.
 _LEVELS, _NO_VARIANCE = (0.25, 16.0), 1e-20
 
@@ -347,15 +347,14 @@ class _Blocks:
         on_samples = capture.samples is not None and not doubtful[0].below.varies
         if min(capture.shape[-2:]) < _LEAST_COARSE or on_samples:
             return None
-        side = _BLOCK if len(doubtful) <= _FEW_DOUBTS else _LARGE_BLOCK
         rows, columns = middle_part(capture.shape, _COMPARED)
         height, width = capture.shape[-2:]
         center = ((width - 1) / 2 - columns.start, (height - 1) / 2 - rows.start)
         part = capture.part(rows, columns)
         fine = scene_variance(part, noise, doubtful, center, growth).mean(axis=(-1, -2), keepdims=True)
-        coarse = cls(side, np.ones_like(fine)).variance(part, noise, doubtful, center, growth)
+        coarse = cls(_BLOCK, np.ones_like(fine)).variance(part, noise, doubtful, center, growth)
         level = fine / np.maximum(coarse.mean(axis=(-1, -2), keepdims=True), _NO_VARIANCE)
-        return cls(side, np.asarray(np.clip(level, *_LEVELS), dtype=np.float32))
+        return cls(_BLOCK, np.asarray(np.clip(level, *_LEVELS), dtype=np.float32))
 
     def variance(
         self,
