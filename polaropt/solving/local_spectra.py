@@ -65,7 +65,9 @@ class Expectation:
         return unknown_share(self.variance[1], (rows[:, None] + columns).astype(np.float32), share, reflection)
 
 
-def expected_layers(known: ClosedForm, canvas: Canvas, misfit_gradient: Callable[[Images], Images]) -> Expectation:
+def expected_layers(
+    known: ClosedForm, canvas: Canvas, misfit_gradient: Callable[[Images], Images], precision: Images
+) -> Expectation:
     """Layers under spectra of their own in each window.
 
     Parameters
@@ -74,8 +76,10 @@ def expected_layers(known: ClosedForm, canvas: Canvas, misfit_gradient: Callable
     canvas : Canvas
     misfit_gradient : callable
         Gradient (2, channel, H, W) of the photographs' misfit at canvas layers.
+    precision : ndarray, shape (h, w)
+        What a pixel's photographs tell, beside what `known` takes for it: bright light has more noise.
     """
-    windows = Windows(known, canvas)
+    windows = Windows(known, canvas, precision)
     layers, share = known.layers, np.empty(0, dtype=np.float32)
     for _ in range(_TURNS):
         change, share = windows.step(layers, misfit_gradient(layers))
@@ -94,9 +98,10 @@ class Windows:
     ----------
     known : ClosedForm
     canvas : Canvas
+    precision : ndarray, shape (h, w)
     """
 
-    def __init__(self, known: ClosedForm, canvas: Canvas) -> None:
+    def __init__(self, known: ClosedForm, canvas: Canvas, precision: Images) -> None:
         self._canvas, self._basis, self._mean = canvas, known.basis.astype(np.float32), known.mean
         side = np.sin(np.pi * (np.arange(_SIDE) + 0.5) / _SIDE).astype(np.float32)
         # The squares of all windows that a pixel lies in add up to one; within a window their mean is a quarter.
@@ -108,8 +113,17 @@ class Windows:
         self._cross = self._through_window(known.cross)
         prior: Power = self._at_windows(known.prior)[:, :, None]
         self._open = np.stack(_inverse(self._told, self._cross, _inverse_of(prior))[:2])
+        self._precision = self._of_windows(precision)
         untold = np.minimum(self._open / prior, 1)
         self._counted = (_OPEN + (1 - _OPEN) * untold) * self._open
+
+    def _of_windows(self, image: Images) -> Images:
+        """Mean of an image (h, w) in each window, (windows down, windows across, 1, 1)."""
+        around = [(_STEP, _STEP + -side % _STEP) for side in image.shape]
+        extended = np.pad(image, around, mode="symmetric")
+        weight = np.square(self._window) / np.square(self._window).sum()
+        views = np.lib.stride_tricks.sliding_window_view(extended, (_SIDE, _SIDE))[::_STEP, ::_STEP]
+        return np.asarray(np.einsum("ijyx,yx->ij", views, weight)[:, :, None, None], dtype=np.float32)
 
     def _through_window(self, spectrum: NDArray[Any]) -> Spectrum:
         """A filter (..., H, W // 2 + 1) as windows see it: of its kernel what lies as far apart within one."""
@@ -150,12 +164,12 @@ class Windows:
         own = self._extended(layers) - self._mean
         downhill = -self._extended(gradient)
         change, left, n = np.zeros_like(own), np.zeros(self._open.shape, dtype=np.float64), 0
-        for top in range(0, own.shape[-2] - _SIDE + 1, _STEP):
-            rows = np.s_[..., top : top + _SIDE, :]
+        for i, precision in enumerate(self._precision):
+            rows = np.s_[..., i * _STEP : i * _STEP + _SIDE, :]
             here = self._spectra(own[rows])
             stiffness = _inverse_of(np.square(here.real) + np.square(here.imag) + self._counted)
             t, r = self._spectra(downhill[rows]) - stiffness * here
-            of_t, of_r, of_both = _inverse(self._told, self._cross, stiffness)
+            of_t, of_r, of_both = _inverse(precision * self._told, precision * self._cross, stiffness)
             self._add(np.stack([of_t * t + of_both * r, of_r * r + of_both.conj() * t]), change[rows])
             left += np.stack([of_t, of_r]).sum(axis=2, dtype=np.float64, keepdims=True)
             n += of_t.shape[1]

@@ -166,18 +166,22 @@ class Problem:
         return plain and near and self._weights.factor("misfit") > 0
 
     def _expected_layers(self) -> Expectation:
-        from polaropt.solving.compiled import FusedMisfit
-
-        # As the closed form sees it: with the same noise everywhere.
-        assert isinstance(self.pse, PSE)
-        misfit = FusedMisfit(self._observed, self.pse, self.canvas, self.noise)
+        misfit = self._compiled_misfit()
 
         def gradient(layers: Images) -> Images:
             slope = np.empty_like(layers)
             misfit.value_and_grad(layers, slope)
             return slope
 
-        return expected_layers(self.known, self.canvas, gradient)
+        return expected_layers(self.known, self.canvas, gradient, self._relative_precision())
+
+    def _relative_precision(self) -> Images:
+        """What a pixel's photographs tell beside what the closed form takes for it, mean of all, (h, w)."""
+        valid = self._observed.valid
+        weight = valid.reshape(len(valid), -1, *valid.shape[-2:]).astype(np.float32)
+        if isinstance(self._pixel_noise, NoiseClasses):
+            weight *= np.square(np.float32(self.noise) / self._pixel_noise.images())
+        return np.asarray(weight.mean(axis=(0, 1)))
 
     def _photographed(self, layers: Images) -> Images:
         """Photographs (k, channel, h, w) of canvas layers."""

@@ -18,6 +18,10 @@ def problem_of(height=96, width=80, weights=None, incidence=60, shift=3.0, noise
     return example, Problem(part, example.scene, noise, weights or Weights())
 
 
+def windows_of(problem):
+    return Windows(problem.known, problem.canvas, np.ones((problem.canvas.height, problem.canvas.width), np.float32))
+
+
 def error(layers, truth):
     inner = (..., slice(16, -16), slice(16, -16))
     return [float(np.mean((layers[i] - truth[i])[inner] ** 2)) for i in (0, 1)]
@@ -26,7 +30,7 @@ def error(layers, truth):
 def test_windows_that_overlap_add_up_to_the_frame():
     """What all windows see of an image, put together again, is the image: no window counts twice."""
     _, problem = problem_of(70, 45)
-    windows = Windows(problem.known, problem.canvas)
+    windows = windows_of(problem)
     windows._fast = np.ones_like(windows._fast)
     layers = problem.known.layers
     frame = windows._extended(layers)
@@ -39,14 +43,14 @@ def test_windows_that_overlap_add_up_to_the_frame():
 
 def test_a_window_sees_of_a_filter_that_acts_on_single_pixels_the_same():
     _, problem = problem_of(shift=0.0)
-    windows = Windows(problem.known, problem.canvas)
+    windows = windows_of(problem)
     everywhere = problem.known.told[:, :1, :1]
     np.testing.assert_allclose(windows._told[:, 0, 0], np.broadcast_to(everywhere, (2, 32, 17)), rtol=1e-4)
 
 
 def test_a_share_that_is_the_same_at_all_frequencies_is_so_on_the_canvas():
     _, problem = problem_of()
-    windows = Windows(problem.known, problem.canvas)
+    windows = windows_of(problem)
     share = windows.on_canvas(np.full((2, 3, 32, 17), 0.25, np.float32))
     height, width = problem.canvas.shape
     assert share.shape == (2, 3, height, width // 2 + 1)

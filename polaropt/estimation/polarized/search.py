@@ -573,8 +573,10 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
     rivals: tuple[Rival, ...] = ()
     if candidate.point[SHIFT]:
         coarse = PolarizedLikelihood(stokes, asked, coarse=True)
-        search = Search(coarse, mixture, asked)
-        candidate = closely(search, coarse, candidate)
+        # A frame of few blocks has no coarse light.
+        if coarse.n:
+            search = Search(coarse, mixture, asked)
+            candidate = closely(search, coarse, candidate)
     elif asked.incidence_deg is None and asked.azimuth_deg is None:
         alike = panes_alike(mixture, likelihood, asked)
         candidate, rivals = (candidate, ()) if alike is None else (alike.candidate, alike.rivals)
