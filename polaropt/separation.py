@@ -199,6 +199,8 @@ def separate(
     keep_start: float = 0.0,
     robust: bool = False,
     device: str | None = None,
+    scene_errors: SceneErrors | None = None,
+    start: Images | None = None,
     progress: Progress | None = None,
     index_known: bool = False,
 ) -> Separation:
@@ -236,6 +238,11 @@ def separate(
         Residuals of the photographs beyond three sigma count linearly.
     device : str, optional
         Where the torch solver works, as torch names it: "cpu" or "cuda".
+    scene_errors : SceneErrors, optional
+        Standard errors of a scene that is given complete and was estimated elsewhere: reported, and part of the
+        layers' own.
+    start : ndarray, shape (2, [channel,] h, w), optional
+        Layers to start from instead of those that `init` names, such as those of the frame before.
     progress : callable, optional
         Called with what is being done and the fraction done, 0..1.
     index_known : bool
@@ -275,7 +282,49 @@ def separate(
         thickness_kind=thickness_kind,
     )
     _check(settings)
-    asked = scene or SceneParameters(
+    asked = scene or _blind(refractive_index, single_surface)
+    if start is not None and start.shape != (2, *capture.shape):
+        raise InputError(f"the start has shape {start.shape}, the layers {(2, *capture.shape)}; make them equal")
+    assumed = not index_known and asked.refractive_index == GLASS_INDEX
+    return _separate(
+        capture, asked, settings, Stages(progress), scene_errors=scene_errors, start=start, index_assumed=assumed
+    )
+
+
+def estimate(
+    capture: Capture,
+    scene: SceneParameters | None = None,
+    *,
+    model: str = "auto",
+    thickness_px: float | None = None,
+    thickness_kind: Literal["paper", "plate"] = "paper",
+    index_known: bool = False,
+) -> LadderResult:
+    """Find the scene of a capture as `separate` does, and nothing else.
+
+    Parameters
+    ----------
+    capture, scene, model, thickness_px, thickness_kind, index_known
+        As of `separate`.
+
+    Returns
+    -------
+    LadderResult
+        With `scene` and its standard `errors`. The scene's `signal` is False where nothing is polarized.
+    """
+    from threadpoolctl import threadpool_limits
+
+    settings = Settings(model=model, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    _check(settings)
+    asked = scene or _blind(GLASS_INDEX, False)
+    assumed = not index_known and asked.refractive_index == GLASS_INDEX
+    with threadpool_limits(1, "blas"):
+        return _case_of(capture, asked, settings, Stages(), index_assumed=assumed).found
+
+
+def _blind(refractive_index: float | None, single_surface: bool) -> SceneParameters:
+    """A scene of which all but the index is to be found."""
+    return SceneParameters(
         None,
         None,
         None,
@@ -285,8 +334,6 @@ def separate(
         gap_shift=None,
         absorption=0.0 if single_surface else None,
     )
-    assumed = not index_known and asked.refractive_index == GLASS_INDEX
-    return _separate(capture, asked, settings, Stages(progress), index_assumed=assumed)
 
 
 def _check(settings: Settings) -> None:
@@ -302,52 +349,69 @@ def _check(settings: Settings) -> None:
 
 
 def _separate(
-    capture: Capture, asked: SceneParameters, settings: Settings, stages: Stages, *, index_assumed: bool = False
+    capture: Capture,
+    asked: SceneParameters,
+    settings: Settings,
+    stages: Stages,
+    *,
+    scene_errors: SceneErrors | None,
+    start: Images | None,
+    index_assumed: bool,
 ) -> Separation:
     from threadpoolctl import threadpool_limits
 
     # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
     with threadpool_limits(1, "blas"), compilations_reported_to(stages.compiling):
-        stages.begin("Measuring the noise", 0.0)
-        still = still_photographs(capture)
-        noise, mistakes = still.noise, still.mistakes
-        # A scene is estimated from the cells of a mosaic, in their pixels.
-        registered, scale = still.capture.registered, capture.scale
-        stages.begin("Estimating the scene", 0.02)
-        of_registered = registered_noise(capture, noise)
-        source, of_source = scene_source(registered, of_registered, mistakes)
-        thickness_px = None if settings.thickness_px is None else settings.thickness_px / scale
-        kind = settings.thickness_kind
-        fit = with_index(source, asked.scaled(1 / scale), of_source, thickness_px=thickness_px, thickness_kind=kind)
-        stages.advance(_INDEX_KNOWN)
-        checked = with_incidence_checked(source, fit.scene, of_source)
-        stages.advance(_INCIDENCE_CHECKED)
-        found = find_scene(
-            source, checked.scene, of_source, settings.model, thickness_px=thickness_px, thickness_kind=kind
-        ).with_index(fit)
-        stages.advance(_SCENE_FOUND)
-        if settings.model == "auto":
-            found = left_alone(found, checked)
-        # An index that is told fits badly where the incidence is, too.
-        told = asked.refractive_index is not None and asked.incidence_deg is None
-        index = likelier_index(source, found.scene, of_source) if told else None
-        if index is not None and index.sure and index_assumed and not asked.stacked and not asked.absorption:
-            fit = IndexFit(clear_pane(checked.scene, index.index), index.error)
-            found = find_scene(
-                source, fit.scene, of_source, settings.model, thickness_px=thickness_px, thickness_kind=kind
-            ).with_index(fit)
-            asked, index = asked.replace(refractive_index=None), None
-        sense_only = settings.thickness_px is not None
-        stages.advance(_INDEX_CHECKED)
-        found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
-        case = _Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)
-        estimate = found.estimate
-        if estimate is not None and not found.scene.signal:
-            return _unseparated(case, estimate, stages)
-        solved = capture if still.moving is None else inpainted(capture, still.moving, found.scene, noise)
-        solution = solve(solved, found.scene, noise, settings, stages, growth=still.growth)
+        case = _case_of(capture, asked, settings, stages, index_assumed=index_assumed)
+        still, found = case.still, case.found
+        if found.estimate is not None and not found.scene.signal:
+            return _unseparated(case, found.estimate, stages)
+        if found.estimate is None and scene_errors is not None:
+            case = replace(case, given_errors=scene_errors)
+        solved = capture if still.moving is None else inpainted(capture, still.moving, found.scene, still.noise)
+        begin = None if start is None else start.reshape(2, -1, *capture.shape[-2:])
+        solution = solve(solved, found.scene, still.noise, settings, stages, growth=still.growth, start=begin)
         stages.begin("Taking stock", 0.97)
         return _separated(case, solution, stages)
+
+
+def _case_of(
+    capture: Capture, asked: SceneParameters, settings: Settings, stages: Stages, *, index_assumed: bool
+) -> _Case:
+    """All that is known of a capture before it is solved."""
+    stages.begin("Measuring the noise", 0.0)
+    still = still_photographs(capture)
+    noise, mistakes = still.noise, still.mistakes
+    # A scene is estimated from the cells of a mosaic, in their pixels.
+    registered, scale = still.capture.registered, capture.scale
+    stages.begin("Estimating the scene", 0.02)
+    of_registered = registered_noise(capture, noise)
+    source, of_source = scene_source(registered, of_registered, mistakes)
+    thickness_px = None if settings.thickness_px is None else settings.thickness_px / scale
+    kind = settings.thickness_kind
+    fit = with_index(source, asked.scaled(1 / scale), of_source, thickness_px=thickness_px, thickness_kind=kind)
+    stages.advance(_INDEX_KNOWN)
+    checked = with_incidence_checked(source, fit.scene, of_source)
+    stages.advance(_INCIDENCE_CHECKED)
+    found = find_scene(
+        source, checked.scene, of_source, settings.model, thickness_px=thickness_px, thickness_kind=kind
+    ).with_index(fit)
+    stages.advance(_SCENE_FOUND)
+    if settings.model == "auto":
+        found = left_alone(found, checked)
+    # An index that is told fits badly where the incidence is, too.
+    told = asked.refractive_index is not None and asked.incidence_deg is None
+    index = likelier_index(source, found.scene, of_source) if told else None
+    if index is not None and index.sure and index_assumed and not asked.stacked and not asked.absorption:
+        fit = IndexFit(clear_pane(checked.scene, index.index), index.error)
+        found = find_scene(
+            source, fit.scene, of_source, settings.model, thickness_px=thickness_px, thickness_kind=kind
+        ).with_index(fit)
+        asked, index = asked.replace(refractive_index=None), None
+    sense_only = settings.thickness_px is not None
+    stages.advance(_INDEX_CHECKED)
+    found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
+    return _Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)
 
 
 @dataclass(frozen=True)
@@ -362,6 +426,12 @@ class _Case:
     coated: bool
     likelier_index: LikelierIndex | None
     found: LadderResult
+    given_errors: SceneErrors | None = None
+
+    @property
+    def errors(self) -> SceneErrors:
+        """Standard errors of the scene, as they were found or given."""
+        return self.found.errors if self.given_errors is None else self.given_errors
 
 
 def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
@@ -381,14 +451,14 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
         doubtful_incidence=case.doubtful_incidence,
         coated=case.coated,
         likelier_index=case.likelier_index,
-        loss=scene_loss(capture, noise, found.scene, found.errors, solution.variance, still.growth),
+        loss=scene_loss(capture, noise, found.scene, case.errors, solution.variance, still.growth),
         finite=solution.solver.status is not Status.NOT_FINITE,
     )
     stages.end()
     return Separation(
         layers=solution.layers if capture.color else solution.layers[:, 0],
         scene=found.scene,
-        errors=found.errors,
+        errors=case.errors,
         tried=found.tried,
         terms=solution.terms,
         solver=solution.solver,
@@ -407,7 +477,7 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
             noise,
             solution.pieces,
             still.growth,
-            of_scene=found.errors,
+            of_scene=case.errors,
             rivals=() if found.estimate is None else found.estimate.rivals,
         ),
     )

@@ -6,6 +6,7 @@ from importlib import import_module
 from importlib.util import find_spec
 
 from solvers.base import MissingPackage, Solver
+from solvers.entry_points import SOLVERS, loaded, plugged
 
 # Module, class, the package it needs and the extra that brings it ("": a dependency of polaropt itself).
 BACKENDS = {
@@ -18,8 +19,8 @@ BACKENDS = {
 
 
 def solver_names() -> tuple[str, ...]:
-    """Names that `get_solver` knows, installed or not."""
-    return tuple(sorted(BACKENDS))
+    """Names that `get_solver` knows, installed or not; those that other packages plug in among them."""
+    return tuple(sorted({*BACKENDS, *plugged(SOLVERS)}))
 
 
 def get_solver(name: str) -> Solver:
@@ -32,6 +33,12 @@ def get_solver(name: str) -> Solver:
     MissingPackage
         The package that it needs is not installed; the message says how to install it.
     """
+    if name not in BACKENDS and name in plugged(SOLVERS):
+        plugin = loaded(SOLVERS, name)
+        if plugin is None:
+            raise MissingPackage(f"solver {name!r} is of another package and cannot be imported; mend or remove it")
+        own: Solver = plugin()
+        return own
     if name not in BACKENDS:
         raise ValueError(f"unknown solver {name!r}; there are: {', '.join(solver_names())}")
     module, cls, package, extra = BACKENDS[name]

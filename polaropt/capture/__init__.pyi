@@ -1,5 +1,6 @@
 __all__ = [
     "ANGLES_DEG",
+    "CAMERA_RAW",
     "MOST_NEGATIVE",
     "PLAUSIBLE_GAIN",
     "SMALLEST_SIDE",
@@ -8,7 +9,9 @@ __all__ = [
     "AnyPath",
     "CameraFacts",
     "Capture",
+    "Decoder",
     "EncodingHint",
+    "FileContent",
     "FloatImages",
     "GammaFit",
     "JpegFacts",
@@ -29,9 +32,11 @@ __all__ = [
     "find_mistakes",
     "fit_gamma",
     "grey_levels",
+    "headless_frames",
     "least_squares_entries",
     "linearize",
     "measured_noise",
+    "mosaic_capture",
     "noise_classes",
     "noise_level",
     "noise_of_blocks",
@@ -43,6 +48,7 @@ __all__ = [
     "plate_frame",
     "read_capture",
     "read_file",
+    "read_headless",
     "redundancy_residual",
     "registered_noise",
     "result_file",
@@ -53,6 +59,7 @@ __all__ = [
     "tiff_rows",
     "uneven_gains",
     "visible_shift",
+    "write_bytes",
     "write_capture",
     "write_picture",
     "write_png",
@@ -66,6 +73,7 @@ from .capture import MOST_NEGATIVE as MOST_NEGATIVE
 from .capture import SMALLEST_SIDE as SMALLEST_SIDE
 from .capture import Capture as Capture
 from .capture import EncodingHint as EncodingHint
+from .capture import FileContent as FileContent
 from .capture import FloatImages as FloatImages
 from .capture import Origin as Origin
 from .capture import RawSamples as RawSamples
@@ -81,16 +89,21 @@ from .checks import fit_gamma as fit_gamma
 from .checks import swapped_photographs as swapped_photographs
 from .checks import visible_shift as visible_shift
 from .exposure import uneven_gains as uneven_gains
+from .files.decode import CAMERA_RAW as CAMERA_RAW
 from .files.decode import AnyPath as AnyPath
+from .files.decode import Decoder as Decoder
+from .files.decode import headless_frames as headless_frames
 from .files.decode import linearize as linearize
 from .files.decode import parse_gamma as parse_gamma
 from .files.decode import read_file as read_file
+from .files.decode import read_headless as read_headless
 from .files.exif import CameraFacts as CameraFacts
 from .files.jpeg import JpegFacts as JpegFacts
 from .files.write import encode_srgb as encode_srgb
 from .files.write import result_file as result_file
 from .files.write import result_folder as result_folder
 from .files.write import tiff_rows as tiff_rows
+from .files.write import write_bytes as write_bytes
 from .files.write import write_capture as write_capture
 from .files.write import write_picture as write_picture
 from .files.write import write_png as write_png
@@ -118,4 +131,5 @@ from .polarization import least_squares_entries as least_squares_entries
 from .polarization import plate_frame as plate_frame
 from .polarization import stokes_images as stokes_images
 from .read import field_means as field_means
+from .read import mosaic_capture as mosaic_capture
 from .read import read_capture as read_capture

@@ -400,6 +400,59 @@ def _tell(progress: Progress | None, fraction: float) -> None:
         progress("Reading", fraction)
 
 
+def mosaic_capture(
+    raw: NDArray[Any],
+    sensor: str = "auto",
+    cell_order: Sequence[float] | None = None,
+    black_level: float = 0,
+    white_level: float | None = None,
+    pair_gain: float | None = None,
+    *,
+    bits: int | None = None,
+    gamma: float | str | None = None,
+    resolution: str = "sensor",
+    angle_sense: str = "ccw",
+    field_of_view_deg: float | None = None,
+    analyzer: AnyPath | Analyzer | None = None,
+) -> Capture:
+    """A raw mosaic in memory, such as a frame of a camera, as a capture.
+
+    Parameters
+    ----------
+    raw : ndarray, shape (h, w)
+        As stored: integers, or floating point with white = 1.
+    bits : int, optional
+        Depth of integers, where it is less than that of their type.
+    sensor, cell_order, black_level, white_level, pair_gain, gamma, resolution, angle_sense, field_of_view_deg, analyzer
+        As of `read_capture`.
+
+    Raises
+    ------
+    InputError
+        One line: what is wrong, what to do.
+    """
+    options = checked_options(
+        ANGLES_DEG,
+        sensor,
+        cell_order,
+        black_level,
+        white_level,
+        pair_gain,
+        gamma,
+        resolution,
+        angle_sense=angle_sense,
+        field_of_view_deg=field_of_view_deg,
+        analyzer=analyzer,
+    )
+    pixels = np.asarray(raw)
+    if pixels.ndim not in (2, 3):
+        raise InputError(f"a mosaic has shape {pixels.shape}; give (height, width)")
+    content = FileContent(pixels, bits=bits)
+    levels = find_levels(pixels, options.black_level, options.white_level, bits)
+    capture = _from_mosaic(content, levels, options)
+    return capture.with_origin(focal_px=_focal_px(content, capture, options))
+
+
 def _content(
     files: tuple[str, ...], shape: Sequence[int] | None, pixel_format: str | None, progress: Progress | None = None
 ) -> tuple[FileContent, tuple[float, ...]]:

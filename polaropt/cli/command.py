@@ -6,12 +6,13 @@ import dataclasses
 import inspect
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import typer
 
+from polaropt.errors import InputError
 from polaropt.progress import Progress, Stages
 
 Action = Callable[..., None]
@@ -24,6 +25,8 @@ DOUBTFUL = 1
 """Exit code of a result that is warned of, where that is asked for."""
 STARTING = "Starting"
 """The stage before the first file is read, and wherever else libraries are loaded."""
+Group = TypeVar("Group")
+_YES, _NO = frozenset({"yes", "true", "1"}), frozenset({"no", "false", "0"})
 
 
 class Interrupted(Exception):
@@ -73,6 +76,36 @@ def _parameters(group: type) -> Iterator[inspect.Parameter]:
         )
 
 
+def with_texts(group: Group, texts: Mapping[str, str]) -> Group:
+    """An options dataclass of which some fields are set by what a person wrote.
+
+    Raises
+    ------
+    InputError
+        A text is not what the option takes.
+    """
+    hints = get_type_hints(type(group))
+    values = {name: _value(name, text, hints[name]) for name, text in texts.items() if name in hints}
+    return dataclasses.replace(group, **values)  # type: ignore[type-var]
+
+
+def _value(name: str, text: str, hint: Any) -> Any:
+    """A text as an option of some type takes it."""
+    kinds = [kind for kind in (get_args(hint) or (hint,)) if kind is not type(None)]
+    if bool in kinds:
+        if text.lower() not in _YES | _NO:
+            raise InputError(f"{name} is {text!r}; give yes or no")
+        return text.lower() in _YES
+    if not all(isinstance(kind, type) for kind in kinds):  # of a Literal the words
+        if text not in kinds:
+            raise InputError(f"{name} is {text!r}; choose one of: {', '.join(map(str, kinds))}")
+        return text
+    try:
+        return kinds[0](text)
+    except ValueError:
+        raise InputError(f"{name} is {text!r}; give a {'whole number' if kinds[0] is int else 'number'}") from None
+
+
 def say(*sentences: str) -> None:
     """Sentences for people, one per line."""
     for sentence in sentences:
@@ -118,3 +151,30 @@ def progress_bar(wanted: bool = True) -> Iterator[Progress | None]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(STARTING, total=1.0)
         yield lambda stage, fraction: bar.update(task, description=stage, completed=fraction)
+
+
+@contextmanager
+def count_bar(total: int, what: str, wanted: bool = True) -> Iterator[Callable[[int, int], None] | None]:
+    """Bar on a terminal with the time left, taking how many are done and how many of them failed; None elsewhere."""
+    if not (wanted and sys.stdout.isatty() and sys.stderr.isatty()):
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
+        task = bar.add_task(what, total=total)
+
+        def told(done: int, failed: int) -> None:
+            bar.update(task, completed=done, description=f"{what}, {failed} failed" if failed else what)
+
+        yield told

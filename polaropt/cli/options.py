@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -351,18 +351,9 @@ _RELATIVE = "relative"
 
 
 @dataclass(frozen=True)
-class CaptureOptions:
-    """The photographs and how their values are to be taken."""
+class ReadingOptions:
+    """How the values of photographs are to be taken."""
 
-    captures: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="CAPTURE",
-            help="The photographs: one file per polarizer angle in the order of --angles; or one stack (TIFF of "
-            "several pages, npz); or one raw mosaic of a polarization camera.",
-            show_default=False,
-        ),
-    ]
     angles: Annotated[
         str,
         typer.Option(
@@ -449,6 +440,55 @@ class CaptureOptions:
         ),
     ] = False
 
+    @property
+    def relative(self) -> bool:
+        """Whether only the steps between the angles are known."""
+        return self.angles.startswith(_RELATIVE)
+
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        """The angles, from an unknown start where they are relative."""
+        return numbers(self.angles.removeprefix(_RELATIVE).removeprefix(",") or "0,45,90,135", "--angles")
+
+    def arguments(self) -> dict[str, Any]:
+        """What `read_capture` takes beside the files."""
+        return {
+            "angles_deg": self.angles_deg,
+            "sensor": self.sensor,
+            "cell_order": cell_order_of(self.cell_order),
+            "black_level": self.black_level,
+            "white_level": self.white_level,
+            "pair_gain": self.pair_gain,
+            "gamma": self.gamma,
+            "resolution": self.resolution,
+            "angle_sense": self.angle_sense,
+            "field_of_view_deg": self.field_of_view_deg,
+            "shape": sides_of(self.shape),
+            "pixel_format": self.pixel_format,
+            "analyzer": self.analyzer,
+            "exposures": None if self.exposures is None else numbers(self.exposures, "--exposures"),
+        }
+
+    def check(self, pane: PaneOptions) -> None:
+        """InputError where what is said of the camera contradicts what is said of the pane."""
+        if self.field_of_view_deg is not None and pane.focal_px is not None:
+            raise InputError("--field-of-view-deg and --focal-px both set the focal length; give one of them")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureOptions(ReadingOptions):
+    """The photographs and how their values are to be taken."""
+
+    captures: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CAPTURE",
+            help="The photographs: one file per polarizer angle in the order of --angles; or one stack (TIFF of "
+            "several pages, npz); or one raw mosaic of a polarization camera.",
+            show_default=False,
+        ),
+    ]
+
     def read(self, stages: Stages, until: float = 1.0) -> Capture:
         """Read the files, align them and look for the start of the angles where that is asked for.
 
@@ -463,31 +503,13 @@ class CaptureOptions:
         # Shares of the progress, by what they take on large photographs: set by hand.
         read_until = until * (0.2 if self.align else 1.0)
         stages.begin("Reading", 0.0)
-        steps = self.angles.removeprefix(_RELATIVE).removeprefix(",")
-        capture = read_capture(
-            self.captures,
-            numbers(steps or "0,45,90,135", "--angles"),
-            self.sensor,
-            cell_order_of(self.cell_order),
-            self.black_level,
-            self.white_level,
-            self.pair_gain,
-            gamma=self.gamma,
-            resolution=self.resolution,
-            angle_sense=self.angle_sense,
-            field_of_view_deg=self.field_of_view_deg,
-            shape=sides_of(self.shape),
-            pixel_format=self.pixel_format,
-            analyzer=self.analyzer,
-            exposures=None if self.exposures is None else numbers(self.exposures, "--exposures"),
-            progress=stages.part(0.0, read_until),
-        )
+        capture = read_capture(self.captures, **self.arguments(), progress=stages.part(0.0, read_until))
         if self.align:
             from polaropt.capture import align
 
             stages.begin("Aligning", read_until)
             capture = align(capture, overwrite=True, progress=stages.part(read_until, until))
-        if self.angles.startswith(_RELATIVE):
+        if self.relative:
             from polaropt.estimation import find_start_angle
 
             stages.begin("Finding the angles' start", until)
@@ -495,14 +517,9 @@ class CaptureOptions:
         stages.begin(STARTING, until)
         return capture
 
-    def check(self, pane: PaneOptions) -> None:
-        """InputError where what is said of the camera contradicts what is said of the pane."""
-        if self.field_of_view_deg is not None and pane.focal_px is not None:
-            raise InputError("--field-of-view-deg and --focal-px both set the focal length; give one of them")
-
     def preparation(self, capture: Capture) -> list[str]:
         """What aligning and looking for the start of the angles did to a capture that was read, where asked for."""
         from polaropt.reporting import alignment_sentence, start_sentence
 
         sentences = [alignment_sentence(capture)] if self.align else []
-        return [*sentences, start_sentence(capture)] if self.angles.startswith(_RELATIVE) else sentences
+        return [*sentences, start_sentence(capture)] if self.relative else sentences

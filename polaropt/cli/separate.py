@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -131,9 +131,9 @@ class SolveOptions:
             raise InputError(f"--device {self.device!r} cannot be used: {reason}") from None
 
 
-@dataclass(frozen=True)
-class FolderOptions:
-    """Where results go and what is said."""
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """Where results go and how they are told."""
 
     output: Annotated[
         Path,
@@ -148,6 +148,15 @@ class FolderOptions:
     json: Annotated[
         bool, typer.Option("--json", metavar="", help="Print the report as one JSON object, for machines.")
     ] = False
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", metavar="", help="Print nothing but errors and warnings of the result.")
+    ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderOptions(OutputOptions):
+    """Where the files of separations go, and which are written."""
+
     uncertainty: Annotated[
         bool,
         typer.Option(
@@ -163,9 +172,6 @@ class FolderOptions:
             help="layers: the two layers and report.json alone; all: error maps, page and pictures as well.",
         ),
     ] = "all"
-    quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", metavar="", help="Print nothing but errors and warnings of the result.")
-    ] = False
     strict: Annotated[
         bool, typer.Option("--strict", metavar="", help="End with exit code 1 where the result is warned of.")
     ] = False
@@ -188,11 +194,8 @@ def separate_command(
     from polaropt.capture import result_folder
     from polaropt.reporting import RESULT_FILES
 
-    pane.scene()  # its checks, before anything is read
-    weights, stopping = parse_weights(solving.weights), solving.stopping()
-    ladder.check()
+    chosen = separating(pane, ladder, solving)  # its checks, before anything is read
     capture.check(pane)
-    solving.check_names()
     with watched(not (folder.json or folder.quiet)) as stages, result_folder(folder.output, RESULT_FILES) as work:
         # Imported after reading, so that an error in the files is told at once.
         read_until = _ALIGNED if capture.align else _READ
@@ -200,22 +203,9 @@ def separate_command(
         from polaropt.reporting import report_attention, report_sentences, write_separation
         from polaropt.separation import separate
 
-        result = separate(
-            photographs,
-            pane.scene(photographs),
-            solver=solving.solver,
-            init=solving.init,
-            keep_start=solving.keep_start,
-            weights=weights,
-            stopping=stopping,
-            model=ladder.model,
-            thickness_px=pane.thickness_px,
-            thickness_kind=pane.thickness_kind,
-            progress=stages.part(read_until, _SEPARATED),
-            robust=solving.robust,
-            device=solving.device,
-            index_known=pane.index is not None,
-        )
+        # An earlier scene is scaled to the photographs.
+        chosen["scene"] = pane.scene(photographs)
+        result = separate(photographs, **chosen, progress=stages.part(read_until, _SEPARATED))
         stages.include(result.seconds, result.cpu_seconds)
         report = write_separation(
             work,
@@ -237,6 +227,27 @@ def separate_command(
         raise typer.Exit(DOUBTFUL)
 
 
+def separating(pane: PaneOptions, ladder: LadderOptions, solving: SolveOptions) -> dict[str, Any]:
+    """What `separate` takes beside the capture; InputError where options are wrong or contradict each other."""
+    chosen = {
+        "scene": pane.scene(),
+        "weights": parse_weights(solving.weights),
+        "stopping": solving.stopping(),
+        "solver": solving.solver,
+        "init": solving.init,
+        "keep_start": solving.keep_start,
+        "model": ladder.model,
+        "thickness_px": pane.thickness_px,
+        "thickness_kind": pane.thickness_kind,
+        "robust": solving.robust,
+        "device": solving.device,
+        "index_known": pane.index is not None,
+    }
+    ladder.check()
+    solving.check_names()
+    return chosen
+
+
 def parse_weights(text: str) -> Weights:
     """``name=factor,name=factor`` to `Weights`.
 
@@ -245,16 +256,20 @@ def parse_weights(text: str) -> Weights:
     InputError
         A term that does not exist, or no number.
     """
-    from polaropt.solving import Weights
+    from polaropt.solving import Weights, term_names
+    from solvers.entry_points import REGULARIZERS, plugged
 
-    names = [field.name for field in fields(Weights)]
+    names, others = term_names(), tuple(plugged(REGULARIZERS))
     chosen: dict[str, Any] = {}
     for part in filter(None, (part.strip() for part in text.split(","))):
         name, _, factor = part.partition("=")
-        if name.strip() not in names:
-            raise InputError(f"--weights: there is no term {name.strip()!r}; choose from {', '.join(names)}")
+        if name.strip() not in (*names, *others):
+            raise InputError(
+                f"--weights: there is no term {name.strip()!r}; choose from {', '.join((*names, *others))}"
+            )
         chosen[name.strip()] = _factor(name.strip(), factor)
-    return Weights(**chosen)
+    own = {name: factor for name, factor in chosen.items() if name in names}
+    return Weights(**own, plugged=tuple((name, factor) for name, factor in chosen.items() if name not in names))
 
 
 def _factor(name: str, text: str) -> float:

@@ -1,4 +1,5 @@
 __all__ = [
+    "LAYERS",
     "RESULT_FILES",
     "Inspection",
     "Picture",
@@ -12,6 +13,7 @@ __all__ = [
     "marked",
     "motion_attention",
     "plot_layers",
+    "reduced_intensity",
     "report_attention",
     "report_sentences",
     "result_html",
@@ -20,6 +22,7 @@ __all__ = [
     "scene_report",
     "side_by_side",
     "start_sentence",
+    "thumbnail_strip",
     "time_sentence",
     "viewing_exposure",
     "write_separation",
@@ -33,9 +36,12 @@ from .notebook import plot_layers as plot_layers
 from .notebook import result_html as result_html
 from .notebook import result_lines as result_lines
 from .notebook import scene_of_report as scene_of_report
+from .pictures import LAYERS as LAYERS
 from .pictures import Picture as Picture
 from .pictures import inspection_picture as inspection_picture
+from .pictures import reduced_intensity as reduced_intensity
 from .pictures import side_by_side as side_by_side
+from .pictures import thumbnail_strip as thumbnail_strip
 from .pictures import viewing_exposure as viewing_exposure
 from .report import json_values as json_values
 from .report import scene_report as scene_report

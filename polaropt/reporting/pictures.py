@@ -35,6 +35,8 @@ _MOST_SAMPLES = 4_000_000
 _PAPER = (255, 255, 255)
 # Of pictures side by side, in pixels: height of a title, room between pictures, size of letters.
 _TITLE, _GAP, _LETTERS = 24, 8, 14
+# Longest side in pixels of a picture in a contact sheet, and JPEG quality. Set by hand.
+_THUMBNAIL, _THUMBNAIL_QUALITY = 192, 80
 
 
 def viewing_exposure(layer: Image) -> float:
@@ -196,6 +198,17 @@ def _gray_stokes(capture: Capture) -> tuple[Floats, NDArray[np.bool_]]:
     block = _reduction(capture)
     whole = block_mean(np.asarray(valid, dtype=np.float32), block) > 0.5
     return stokes_from_intensities(grey_means(capture, block), capture.angles_deg), whole
+
+
+def thumbnail_strip(result: Separation, capture: Capture) -> bytes:
+    """Photograph, transmission and reflection side by side, small, as JPEG; each with its own exposure."""
+    from imagecodecs import jpeg_encode
+
+    block = -(-max(capture.shape[-2:]) // _THUMBNAIL)
+    shown = (reduced_intensity(capture, block), *(block_mean(layer, block) for layer in result.layers))
+    parts = [planes_last(np.asarray(part * np.float32(viewing_exposure(part)), dtype=np.float32)) for part in shown]
+    strip = np.concatenate(parts, axis=1)
+    return bytes(jpeg_encode(np.round(255 * encode_srgb(strip)).astype(np.uint8), level=_THUMBNAIL_QUALITY))
 
 
 def grey_means(capture: Capture, block: int) -> Image:

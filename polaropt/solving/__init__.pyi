@@ -27,6 +27,7 @@ __all__ = [
     "solve",
     "start_names",
     "take_start",
+    "term_names",
 ]
 
 from .compiled import FusedMisfit as FusedMisfit
@@ -39,6 +40,7 @@ from .objective import Misfit as Misfit
 from .objective import Term as Term
 from .objective import Weights as Weights
 from .objective import build_objective as build_objective
+from .objective import term_names as term_names
 from .observation import conditioned_observation as conditioned_observation
 from .observation import plain_observation as plain_observation
 from .observation import plate_views as plate_views

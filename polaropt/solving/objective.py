@@ -24,6 +24,7 @@ from priors.edge_independence import EdgeIndependence
 from priors.gradient_sparsity import GradientSparsity, LayerSparsity
 from priors.natural_image import NaturalImage
 from priors.nonnegativity import Nonnegativity
+from solvers.entry_points import REGULARIZERS, loaded, plugged
 
 Images = NDArray[np.float32]
 Placing = Callable[[NDArray[Any]], Any]
@@ -88,6 +89,9 @@ class Weights:
         Negative light.
     natural_image : float or None
         Means and slow changes: the layers' expected spectra.
+    plugged : tuple of (str, float)
+        Names and factors of regularizers that other packages plug in (entry points ``polaropt.regularizers``). One that
+        is not named is off.
 
     Examples
     --------
@@ -104,17 +108,42 @@ class Weights:
     gradient_sparsity: float | None = None
     nonnegativity: float | None = None
     natural_image: float | None = None
+    plugged: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
-        for term in fields(self):
-            factor = getattr(self, term.name)
+        for name, factor in [*((name, getattr(self, name)) for name in term_names()), *self.plugged]:
             if factor is not None and not 0 <= factor <= MOST_WEIGHT:
-                raise InputError(f"weight {term.name} is {factor}; give a factor of 0 (off) to {MOST_WEIGHT:g}")
+                raise InputError(f"weight {name} is {factor}; give a factor of 0 (off) to {MOST_WEIGHT:g}")
 
     def factor(self, name: str) -> float:
         """The factor on a term's weight."""
-        factor: float | None = getattr(self, name)
+        factor: float | None = dict(self.plugged)[name] if name not in term_names() else getattr(self, name)
         return 1.0 if factor is None else float(factor)
+
+
+def term_names() -> tuple[str, ...]:
+    """Terms of the objective that are this package's own."""
+    return tuple(term.name for term in fields(Weights) if term.name != "plugged")
+
+
+def plugged_penalties(weights: Weights, known: ClosedForm, noise: float) -> dict[str, Regularizer]:
+    """Penalties of other packages that are switched on.
+
+    Raises
+    ------
+    InputError
+        There is none of this name, or it cannot be imported.
+    """
+    made: dict[str, Regularizer] = {}
+    for name, factor in weights.plugged:
+        if name not in plugged(REGULARIZERS):
+            raise InputError(f"there is no term {name!r}; no package that is installed plugs it in")
+        make = loaded(REGULARIZERS, name)
+        if make is None:
+            raise InputError(f"the term {name!r} is of another package and cannot be imported; mend or remove it")
+        if factor:
+            made[name] = make(known, noise)
+    return made
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -30,6 +30,7 @@ from polaropt.solving.objective import (
     build_objective,
     default_penalties,
     on_device,
+    plugged_penalties,
 )
 
 if TYPE_CHECKING:
@@ -142,7 +143,9 @@ class Problem:
     @cached_property
     def penalties(self) -> Penalties:
         """The priors of the objective. Error maps, which solve nothing, do without them."""
-        return default_penalties(self.known, self._mean_noise, self.capture.samples is not None, self.expected)
+        penalties = default_penalties(self.known, self._mean_noise, self.capture.samples is not None, self.expected)
+        others = {**penalties.others, **plugged_penalties(self._weights, self.known, self._mean_noise)}
+        return replace(penalties, others=others)
 
     def derive_priors(self) -> None:
         """Derive what follows from the closed form's layers, before these are given up."""

@@ -211,6 +211,7 @@ def solve(
     stages: Stages,
     *,
     growth: NoiseModel | None = None,
+    start: Images | None = None,
 ) -> Solution:
     """Solve for the layers of a capture whose scene is known, in tiles where it is large.
 
@@ -225,6 +226,8 @@ def solve(
     stages : Stages
     growth : NoiseModel, optional
         How the noise grows with the light. Default: it is the same everywhere.
+    start : ndarray, shape (2, channel, h, w), optional
+        Layers to start from. Default: what the settings name.
 
     Raises
     ------
@@ -238,7 +241,8 @@ def solve(
     def solved(part: Capture, place: Part) -> Solution:
         stages.begin("Closed form", place.reached)
         problem = Problem(part, scene, noise, settings.weights, settings.robust, place.center, growth=growth)
-        return _solve_tile(problem, settings, stages, place)
+        begin = None if start is None else start[:, :, place.tile.rows, place.tile.columns]
+        return _solve_tile(problem, settings, stages, place, begin)
 
     if len(parts) == 1:
         return solved(capture, Part(parts[0], 0, 1, middle))
@@ -255,11 +259,13 @@ def solve(
     return _merge(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
 
 
-def _solve_tile(problem: Problem, settings: Settings, stages: Stages, place: Part) -> Solution:
+def _solve_tile(
+    problem: Problem, settings: Settings, stages: Stages, place: Part, begin: Images | None = None
+) -> Solution:
     """One tile, in the time that is its own."""
     share, stopping = 1 / place.of, settings.stopping
     unknown = problem.unknown_detail()
-    start = take_start(problem, settings.init)
+    start = take_start(problem, settings.init, begin)
     stages.begin("Setting up", place.reached)
     device = settings.device_of_tensors
     objective = problem.compiled(start) if device is None else problem.readable(start, device)

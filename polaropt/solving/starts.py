@@ -81,7 +81,7 @@ def check_start(name: str) -> None:
         raise InputError(f"the start {name!r} needs torch and safetensors: pip install 'polaropt[torch]'")
 
 
-def take_start(problem: Problem, name: str) -> Images:
+def take_start(problem: Problem, name: str, layers: Images | None = None) -> Images:
     """Canvas layers (2, channel, H, W) to start from; what only the start needs of the closed form is given up.
 
     Parameters
@@ -90,8 +90,10 @@ def take_start(problem: Problem, name: str) -> Images:
         With the closed form that it was made with, whose layers it loses: canvas layers are much memory.
     name : str
         See `initializers`.
+    layers : ndarray, shape (2, channel, h, w), optional
+        Layers to start from instead, such as those of the photographs before.
     """
-    start = _start_layers(problem, name)
+    start = _start_layers(problem, name) if layers is None else problem.canvas.continued(layers)
     problem.derive_priors()
     nothing = np.empty(0, dtype=np.float32)
     problem.known = replace(problem.known, layers=nothing, prior=nothing)

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("torch")
 
 from polaropt.capture.capture import Capture
-from polaropt.solving.objective import Misfit, Weights, build_objective
+from polaropt.solving.objective import Misfit, Weights, build_objective, term_names
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
 from studies.benchmark.autograd import AutogradObjective
@@ -45,7 +45,7 @@ def test_value_and_gradient_are_those_of_the_readable_objective(color, share, in
 
 @pytest.mark.parametrize("left", ["misfit", "gradient_sparsity", "natural_image", "edge_independence", "nonnegativity"])
 def test_every_term_can_be_left_out(left):
-    weights = Weights(**{name: float(name == left) for name in Weights.__dataclass_fields__})
+    weights = Weights(**{name: float(name == left) for name in term_names()})
     problem = problem_of(24, True)
     layers = take_start(copy(problem), "closed-form") - np.float32(0.1)
     misfit = Misfit(problem.capture, problem.pse, problem.canvas, problem.noise)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
@@ -20,6 +20,7 @@ from polaropt.capture.files.exif import BASE_ISO, CameraFacts, facts_of_picture,
 from polaropt.capture.files.focal_length import exif_of_names, exif_of_picture, focal_from_exif
 from polaropt.capture.files.jpeg import jpeg_facts
 from polaropt.errors import InputError
+from solvers.entry_points import READERS, loaded, plugged
 
 AnyPath = str | PathLike[str]
 
@@ -110,7 +111,11 @@ def decode(data: bytes) -> FileContent:
     for decoder in DECODERS:
         if data.startswith(decoder.first_bytes):
             return decoder.decode(data)
-    *names, last = (decoder.name for decoder in DECODERS)
+    others = _plugged_decoders()
+    for decoder in others:
+        if data.startswith(decoder.first_bytes):
+            return decoder.decode(data)
+    *names, last = (decoder.name for decoder in (*DECODERS, *others))
     raise InputError(f"not a {', '.join(names)} or {last} file; convert it to one of these")
 
 
@@ -322,6 +327,17 @@ class PixelFormat:
     group: tuple[int, int]
     unpack: Callable[[NDArray[np.uint16]], NDArray[np.uint16]]
 
+    def n_bytes(self, shape: tuple[int, int]) -> int:
+        """Bytes of a mosaic of this height and width."""
+        together, n_bytes = self.group
+        return -(-shape[0] * shape[1] // together) * n_bytes
+
+    def pixels(self, data: bytes, shape: tuple[int, int]) -> Pixels:
+        """Values (h, w) of so many bytes."""
+        parts = np.frombuffer(data, dtype=np.uint8).reshape(-1, self.group[1]).astype(np.uint16)
+        values = self.unpack(parts).ravel()[: shape[0] * shape[1]].reshape(shape)
+        return values.astype(np.uint8) if self.bits == 8 else values
+
 
 def _little_endian(parts: NDArray[np.uint16]) -> NDArray[np.uint16]:
     return np.asarray(parts[:, :1] | (parts[:, 1:2] << 8), dtype=np.uint16)
@@ -372,27 +388,75 @@ def read_headless(path: AnyPath, shape: tuple[int, int], pixel_format: str | Non
         A size that does not fit the shape, or a format that does not exist or must be named.
     """
     data = _bytes_of(Path(path))
+    packing, name = _packing_of(path, len(data), shape, pixel_format)
+    height, width = shape
+    expected = packing.n_bytes(shape)
+    if len(data) != expected:
+        raise InputError(
+            f"{path}: has {len(data)} bytes, but {width}x{height} pixels in {name} take {expected}; "
+            "correct the shape or the pixel format"
+        )
+    return FileContent(packing.pixels(data, shape), bits=packing.bits)
+
+
+def headless_frames(
+    path: AnyPath, shape: Sequence[int], pixel_format: str | None = None
+) -> tuple[int, Callable[[int], Pixels], int]:
+    """Raw mosaics that a camera wrote one after another into a file without a header.
+
+    Parameters
+    ----------
+    path, shape, pixel_format
+        As of `read_headless`; the format must be named where there are several frames.
+
+    Returns
+    -------
+    int
+        Number of frames.
+    callable
+        From the place of a frame to its pixels (h, w).
+    int
+        Their depth in bits.
+
+    Raises
+    ------
+    InputError
+        As `read_headless`; a size that is no whole number of frames.
+    """
+    height, width = (int(side) for side in shape)
+    try:
+        size = Path(path).stat().st_size
+    except OSError as error:
+        raise InputError(f"{path}: cannot be opened ({error.strerror})") from None
+    packing, name = _packing_of(path, size, (height, width), pixel_format)
+    of_frame = packing.n_bytes((height, width))
+    if size == 0 or size % of_frame:
+        raise InputError(
+            f"{path}: has {size} bytes, no whole number of frames of {of_frame} ({width}x{height} pixels in {name}); "
+            "correct the shape or the pixel format"
+        )
+
+    def read(i: int) -> Pixels:
+        data = np.fromfile(path, dtype=np.uint8, count=of_frame, offset=i * of_frame)
+        return packing.pixels(data.tobytes(), (height, width))
+
+    return size // of_frame, read, packing.bits
+
+
+def _packing_of(path: AnyPath, size: int, shape: tuple[int, int], pixel_format: str | None) -> tuple[PixelFormat, str]:
+    """How a file of so many bytes is packed, and what that is called."""
     height, width = shape
     if pixel_format is None:
-        pixel_format = _BY_DEPTH.get(len(data) / (height * width))
+        pixel_format = _BY_DEPTH.get(size / (height * width))
         if pixel_format is None:
             raise InputError(
-                f"{path}: has {len(data)} bytes, {len(data) / (height * width):.4g} a pixel of {width}x{height}; "
+                f"{path}: has {size} bytes, {size / (height * width):.4g} a pixel of {width}x{height}; "
                 f"correct the shape, or name the pixel format: {', '.join(PIXEL_FORMATS)}"
             )
     packing = PIXEL_FORMATS.get(pixel_format)
     if packing is None:
         raise InputError(f"pixel format {pixel_format!r} does not exist; choose one of {', '.join(PIXEL_FORMATS)}")
-    together, n_bytes = packing.group
-    expected = -(-height * width // together) * n_bytes
-    if len(data) != expected:
-        raise InputError(
-            f"{path}: has {len(data)} bytes, but {width}x{height} pixels in {pixel_format} take {expected}; "
-            "correct the shape or the pixel format"
-        )
-    parts = np.frombuffer(data, dtype=np.uint8).reshape(-1, n_bytes).astype(np.uint16)
-    values = packing.unpack(parts).ravel()[: height * width].reshape(height, width)
-    return FileContent(values.astype(np.uint8) if packing.bits == 8 else values, bits=packing.bits)
+    return packing, pixel_format
 
 
 def one_line(error: Exception) -> str:
@@ -417,3 +481,9 @@ DECODERS = (
     Decoder("npz", (b"PK",), _decode_npz),
     Decoder("npy", (b"\x93NUMPY",), _decode_npy),
 )
+
+
+def _plugged_decoders() -> tuple[Decoder, ...]:
+    """Formats that other packages plug in, imported where this package knows none."""
+    found = (loaded(READERS, name) for name in plugged(READERS))
+    return tuple(decoder for decoder in found if decoder is not None)

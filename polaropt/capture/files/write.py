@@ -41,8 +41,8 @@ def result_folder(target: Path, owned: Collection[str] = ()) -> Iterator[Path]:
     target : Path
         Made if it does not exist. In an existing folder files of the same names are replaced, all others stay.
     owned : collection of str
-        Names that belong to the results as a whole: those that an earlier run has left and this one does not write
-        are removed.
+        Names that belong to the results as a whole, folders included: those that an earlier run has left and this one
+        does not write are removed.
 
     Yields
     ------
@@ -108,11 +108,11 @@ def _publish(work: Path, target: Path, owned: Collection[str]) -> None:
 def _replace_files(work: Path, target: Path, owned: Collection[str]) -> None:
     """Exchange file by file, and undo everything if one of them fails."""
     names = [path.name for path in work.iterdir()]
-    stale = [name for name in owned if name not in names and (target / name).is_file()]
+    stale = [name for name in owned if name not in names and (target / name).exists()]
     previous = Path(tempfile.mkdtemp(prefix="previous-", dir=work))
     try:
         for name in names:
-            if (target / name).is_dir():
+            if (target / name).is_dir() and name not in owned:
                 raise InputError(f"{target / name}: is a folder where a file must go; choose another output folder")
             if (target / name).exists():
                 (target / name).rename(previous / name)
@@ -125,7 +125,7 @@ def _replace_files(work: Path, target: Path, owned: Collection[str]) -> None:
                 (previous / name).rename(target / name)
         for name in names:
             if not (work / name).exists():
-                (target / name).unlink(missing_ok=True)
+                (target / name).rename(work / name)
             if (previous / name).exists():
                 (previous / name).rename(target / name)
         raise
