@@ -18,6 +18,8 @@ __all__ = [
     "inspect",
     "read_capture",
     "separate",
+    "separate_many",
+    "separate_sequence",
     "simulate",
 ]
 
@@ -25,6 +27,8 @@ from .api import Separation as Separation
 from .api import estimate as estimate
 from .api import inspect as inspect
 from .api import separate as separate
+from .api import separate_many as separate_many
+from .api import separate_sequence as separate_sequence
 from .capture import Capture as Capture
 from .capture import align as align
 from .capture import read_capture as read_capture

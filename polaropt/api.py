@@ -6,16 +6,21 @@ The steps themselves are in the wings below; the command line and the studies us
 from __future__ import annotations
 
 import warnings
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from polaropt import separation
-from polaropt.capture import Capture, noise_level, result_folder
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt import batch, separation, sequence
+from polaropt.capture import ANGLES_DEG, Capture, noise_level, result_folder
 from polaropt.errors import InputError, ResultWarning
 from polaropt.estimation import LadderResult, find_scene, still_photographs
-from polaropt.optics import GLASS_INDEX, SceneParameters
+from polaropt.optics import GLASS_INDEX, SceneErrors, SceneParameters
 from polaropt.progress import Progress
 from polaropt.reporting import (
     RESULT_FILES,
@@ -27,6 +32,7 @@ from polaropt.reporting import (
     scene_of_report,
     write_separation,
 )
+from polaropt.sequence import EVERY, FIRST
 from polaropt.solving import Weights
 from solvers.base import StoppingRule
 
@@ -124,6 +130,8 @@ def separate(
     keep_start: float = 0.0,
     robust: bool = False,
     device: str | None = None,
+    scene_errors: SceneErrors | None = None,
+    start: NDArray[np.float32] | None = None,
     progress: Progress | None = None,
     index_known: bool = False,
 ) -> Separation:
@@ -161,6 +169,11 @@ def separate(
         Residuals of the photographs beyond three sigma count linearly.
     device : str, optional
         Where the torch solver works, as torch names it: "cpu" or "cuda".
+    scene_errors : SceneErrors, optional
+        Standard errors of a scene that is given complete and was estimated elsewhere: reported, and part of the
+        layers' own.
+    start : ndarray, shape (2, [channel,] h, w), optional
+        Layers to start from instead of those that `init` names, such as those of the frame before.
     progress : callable, optional
         Called with what is being done and the fraction done, 0..1.
     index_known : bool
@@ -208,12 +221,145 @@ def separate(
         robust=robust,
         device=device,
         progress=progress,
+        scene_errors=scene_errors,
+        start=start,
         index_known=index_known,
     )
     if found.diagnostics.warnings:
         told = "; ".join(warning.value.rstrip(".") for warning in found.diagnostics.warnings)
         warnings.warn(f"{told}.", ResultWarning, stacklevel=2)
-    parts = {of.name: getattr(found, of.name) for of in fields(separation.Separation)}
+    return _with_capture(found, capture)
+
+
+def separate_many(
+    captures: Iterable[Capture] | Any,
+    scene: SceneParameters | Literal["shared"] | None = None,
+    *,
+    client: Any = None,
+    angles_deg: Sequence[float] = ANGLES_DEG,
+    **options: Any,
+) -> Any:
+    """Separate many captures.
+
+    Parameters
+    ----------
+    captures : iterable of Capture, or dask.array.Array
+        An array is photographs along time, (time, angle, height, width) or (time, angle, height, width, 3), white = 1.
+    scene : SceneParameters or "shared", optional
+        As of `separate`, the same for all. "shared": the pane stands still against the camera, and one scene is
+        estimated from all captures together.
+    client : distributed.Client, optional
+        Whose workers separate; captures and results go to and from them directly. Default: this process. Arrays are
+        computed by whoever computes the result.
+    angles_deg : sequence of float
+        Polarizer angles of an array.
+    **options
+        As of `separate`.
+
+    Returns
+    -------
+    iterator of Separation, or dask.array.Array
+        In the order of the captures, made one by one as they are asked for. Of an array: both layers along time,
+        (time, 2, height, width[, 3]) in its chunks of time, [:, 0] the transmission.
+
+    Raises
+    ------
+    InputError
+        As `separate`; an array of another shape.
+
+    Examples
+    --------
+    Three captures behind one pane that stands still, estimated from all of them:
+
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, separate_many, simulate
+    >>> behind, before = coffee()[120:216, 200:296], astronaut()[30:126, 160:256]
+    >>> pane = SceneParameters(60.0, 20.0, 4.0)
+    >>> captures = [simulate(behind, before, pane, noise=0.005, seed=seed) for seed in range(3)]
+    >>> for result in separate_many(captures, scene="shared"):
+    ...     print(result.transmission.shape, round(result.scene.incidence_deg / 5) * 5)
+    (96, 96, 3) 60
+    (96, 96, 3) 60
+    (96, 96, 3) 60
+    """
+    if hasattr(captures, "dask"):
+        return batch.separate_many(captures, scene, angles_deg=angles_deg, **options)
+    taken: deque[Capture] = deque()
+    return _shown(batch.separate_many(_noted(captures, taken), scene, client=client, **options), taken)
+
+
+def separate_sequence(
+    captures: Iterable[Capture],
+    scene: SceneParameters | None = None,
+    *,
+    pane: Literal["follow", "still"] = "follow",
+    first: int = FIRST,
+    every: int = EVERY,
+    **options: Any,
+) -> Iterator[Separation]:
+    """Separate frames one after another, as they come.
+
+    The pane is found from the first frames together and followed: now and then a frame tells it again, and what it says
+    is weighed against what is known by the standard errors of both. Each solve starts from the layers of the frame
+    before.
+
+    Parameters
+    ----------
+    captures : iterable of Capture
+        Such as frames that a camera gives; no more of them is taken than `first` before the first result comes.
+    scene : SceneParameters, optional
+        As of `separate`. A complete one is not looked for, nor followed.
+    pane : {"follow", "still"}
+        Whether the pane may move against the camera.
+    first : int
+        Frames that the pane is found from.
+    every : int
+        Frames after which one that is followed is looked at again.
+    **options
+        As of `separate`.
+
+    Yields
+    ------
+    Separation
+        Of each capture, in their order. Frames before the first one that is polarized have the intensity as
+        transmission.
+
+    Raises
+    ------
+    InputError
+        As `separate`.
+
+    Examples
+    --------
+    >>> from skimage.data import astronaut, coffee
+    >>> from polaropt import SceneParameters, separate_sequence, simulate
+    >>> behind, before = coffee()[120:216, 200:296], astronaut()[30:126, 160:256]
+    >>> pane = SceneParameters(60.0, 20.0, 4.0)
+    >>> frames = (simulate(behind, before, pane, noise=0.005, seed=seed) for seed in range(3))
+    >>> results = separate_sequence(frames, first=2)
+    >>> next(results).transmission.shape, len(list(results))
+    ((96, 96, 3), 2)
+    """
+    taken: deque[Capture] = deque()
+    found = sequence.separate_sequence(_noted(captures, taken), scene, pane=pane, first=first, every=every, **options)
+    yield from _shown(found, taken)
+
+
+def _noted(captures: Iterable[Capture], taken: deque[Capture]) -> Iterator[Capture]:
+    """Captures, noted as they are taken."""
+    for capture in captures:
+        taken.append(_checked(capture))
+        yield capture
+
+
+def _shown(results: Iterable[separation.Separation], taken: deque[Capture]) -> Iterator[Separation]:
+    """Results that show themselves, in the order of the captures that were taken."""
+    for result in results:
+        yield _with_capture(result, taken.popleft())
+
+
+def _with_capture(result: separation.Separation, capture: Capture) -> Separation:
+    parts = {of.name: getattr(result, of.name) for of in fields(separation.Separation)}
     return Separation(**parts, capture=capture)
 
 

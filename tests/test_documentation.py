@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
+import shutil
 import subprocess
 from collections.abc import Iterator
 from importlib import import_module
@@ -13,10 +14,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from skimage import data
 
 import polaropt
 from polaropt import SeparationWarning
+from polaropt.capture.files.decode import read_file
 from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
 from tests.capture.test_camera_raw import write_dng
@@ -51,8 +54,21 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_png(folder / f"flat_{k}.png", field.astype(np.uint16))
     for name, light in zip(PHOTOGRAPHS, scene_intensities((40, 48)), strict=True):
         write_dng((folder / name).with_suffix(".dng"), light[..., None] * np.array([0.5, 0.9, 0.6]))
+    _write_many(folder)
     assert main(["calibrate", *map(str, sorted(folder.glob("flat_*.png"))), "-o", str(folder / "analyzer.json")]) == 0
     return folder
+
+
+def _write_many(folder: Path) -> None:
+    """Captures for `polaropt batch`, frames for `polaropt sequence`."""
+    for name in PHOTOGRAPHS:
+        for copy in (folder / "shots" / name, folder / "input" / "scene" / name):
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(folder / name, copy)
+    (folder / "captures.csv").write_text(f"name,files,incidence\nglass,{';'.join(PHOTOGRAPHS)},65\n")
+    frame = read_file(folder / "raw.png").pixels
+    tifffile.imwrite(folder / "film.tiff", np.stack([frame] * 2), photometric="minisblack")
+    (folder / "film.raw").write_bytes(2 * (folder / "raw.raw").read_bytes())
 
 
 def _write_packed(path: Path) -> None:
@@ -86,7 +102,8 @@ def test_a_command_that_is_shown_runs(
         pytest.importorskip("rawpy", reason="rawpy is not installed")
     if "learned" in arguments:
         pytest.importorskip("torch", reason="torch is not installed")
-    code = main([*arguments, *(QUICK if arguments[0] == "separate" else [])])
+    quick = {"separate": QUICK, "batch": [*QUICK, "--workers", "1"], "sequence": QUICK}
+    code = main([*arguments, *quick.get(arguments[0], [])])
     assert code == 0, capsys.readouterr().err
 
 

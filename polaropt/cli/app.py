@@ -1,4 +1,4 @@
-"""The command line: ``polaropt demo | simulate | inspect | estimate | separate | calibrate | train | study``."""
+"""The command line: ``polaropt demo | simulate | inspect | estimate | separate | batch | calibrate | ...``."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from polaropt.cli.calibrate import calibrate_command
 from polaropt.cli.command import INTERRUPTED, Interrupted, add_command, say
 from polaropt.cli.demo import demo_command
 from polaropt.cli.inspect import estimate_command, inspect_command
+from polaropt.cli.many.batch import batch_command
+from polaropt.cli.many.sequence import sequence_command
 from polaropt.cli.separate import separate_command
 from polaropt.cli.simulate import simulate_command
 from polaropt.cli.study import add_study_command
@@ -31,6 +33,8 @@ add_command(app, simulate_command, "polaropt simulate behind.png mirrored.png --
 add_command(app, inspect_command, f"polaropt inspect {_FOUR} -o look.png")
 add_command(app, estimate_command, f"polaropt estimate {_FOUR}")
 add_command(app, separate_command, f"polaropt separate {_FOUR} -o out")
+add_command(app, batch_command, "polaropt batch shots -o out --layers-only")
+add_command(app, sequence_command, "polaropt sequence film.tiff -o out --resolution cell --video")
 add_command(app, calibrate_command, "polaropt calibrate flat_*.png -o analyzer.json")
 add_command(app, train_command, "polaropt train --quick -o training")
 add_study_command(app)
@@ -63,7 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         0 on success; 1 for a result that is warned of, where ``--strict`` asks for it; 2 for wrong options or input,
-        told in one line on standard error; 130 for Ctrl-C. Anything unexpected is raised.
+        told in one line on standard error; 3 where some of many captures failed; 130 for Ctrl-C. Anything unexpected
+        is raised.
     """
     try:
         outcome = app(args=arguments, prog_name="polaropt", standalone_mode=False)

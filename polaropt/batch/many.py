@@ -1,0 +1,156 @@
+"""Many captures in memory: one call, in this process or on the workers of a Dask client; Dask arrays along time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.batch.shared_scene import Estimate, SharedScene, combine_scenes
+from polaropt.capture import ANGLES_DEG, Capture
+from polaropt.errors import InputError
+from polaropt.optics import SceneParameters
+from polaropt.separation import Separation, estimate, separate
+
+SHARED = "shared"
+_AHEAD = 2
+"""Captures for each thread that are on their way to the workers: enough that none waits; set by hand."""
+_OF_ESTIMATE = ("model", "thickness_px", "thickness_kind", "index_known")
+
+Result = TypeVar("Result")
+
+
+def separate_many(
+    captures: Iterable[Capture] | Any,
+    scene: SceneParameters | Literal["shared"] | None = None,
+    *,
+    client: Any = None,
+    angles_deg: Sequence[float] = ANGLES_DEG,
+    **options: Any,
+) -> Any:
+    """Separate many captures; `polaropt.separate_many` adds what shows the results.
+
+    Parameters
+    ----------
+    captures : iterable of Capture, or dask.array.Array
+        An array is photographs along time, (time, angle, height, width) or (time, angle, height, width, 3), white = 1.
+    scene : SceneParameters or "shared", optional
+        As of `separate`, the same for all. "shared": the pane stands still against the camera, and one scene is
+        estimated from all captures together.
+    client : distributed.Client, optional
+        Whose workers separate; captures and results go to and from them directly. Default: this process. Arrays are
+        computed by whoever computes the result.
+    angles_deg : sequence of float
+        Polarizer angles of an array.
+    **options
+        As of `separate`.
+
+    Returns
+    -------
+    iterator of Separation, or dask.array.Array
+        In the order of the captures, made one by one as they are asked for. Of an array: both layers along time,
+        (time, 2, height, width[, 3]) in its chunks of time, [:, 0] the transmission.
+
+    Raises
+    ------
+    InputError
+        As `separate`; an array of another shape.
+    """
+    if hasattr(captures, "dask"):
+        return _of_array(captures, scene, tuple(angles_deg), options)
+    return _of_captures(captures, scene, client, options)
+
+
+def _of_captures(
+    captures: Iterable[Capture], scene: SceneParameters | str | None, client: Any, options: dict[str, Any]
+) -> Iterator[Separation]:
+    if scene == SHARED:
+        captures = list(captures)
+        shared = shared_scene_of(captures, client=client, **options)
+        chosen = {**options, "scene": shared.scene, "scene_errors": shared.errors, "thickness_px": None}
+    else:
+        chosen = {**options, "scene": scene}
+    yield from _each(partial(separate, **chosen), captures, client)
+
+
+def shared_scene_of(captures: Iterable[Capture], *, client: Any = None, **options: Any) -> SharedScene:
+    """The scene of captures behind one pane that stands still against the camera, with what each says of it.
+
+    Parameters
+    ----------
+    captures : iterable of Capture
+    client : distributed.Client, optional
+        Whose workers estimate. Default: this process.
+    **options
+        As of `separate`; those of the solve do not matter.
+    """
+    chosen = {name: options[name] for name in _OF_ESTIMATE if name in options}
+    return combine_scenes(list(_each(partial(_estimate, **chosen), captures, client)))
+
+
+def _estimate(capture: Capture, **chosen: Any) -> Estimate:
+    found = estimate(capture, **chosen)
+    return Estimate(found.scene, found.errors)
+
+
+def _each(work: Callable[[Capture], Result], captures: Iterable[Capture], client: Any) -> Iterator[Result]:
+    """What `work` makes of each capture, in their order."""
+    if client is None:
+        yield from map(work, captures)
+        return
+    window = max(2, _AHEAD * sum(client.nthreads().values()))
+    running: deque[Any] = deque()
+    for capture in captures:
+        # Not as an argument: the scheduler would keep every capture.
+        sent = client.scatter(capture, direct=True, hash=False)
+        running.append(client.submit(work, sent, pure=False))
+        del sent
+        if len(running) >= window:
+            yield client.gather(running.popleft(), direct=True)
+    while running:
+        yield client.gather(running.popleft(), direct=True)
+
+
+def _of_array(
+    array: Any, scene: SceneParameters | str | None, angles_deg: tuple[float, ...], options: dict[str, Any]
+) -> Any:
+    import dask
+    import dask.array
+
+    shape = array.shape
+    if not (array.ndim == 4 or (array.ndim == 5 and shape[-1] == 3)) or shape[1] != len(angles_deg):
+        raise InputError(
+            f"the array has shape {shape}; give (time, {len(angles_deg)} angles, height, width) or the same with 3 "
+            "colours last"
+        )
+    # A capture is solved as a whole.
+    whole = array.rechunk(dict.fromkeys(range(1, array.ndim), -1))
+    chosen = {**options, "scene": scene}
+    if scene == SHARED:
+        found = [dask.delayed(_estimates_of)(block, angles_deg, options) for block in whole.to_delayed().ravel()]
+        shared = combine_scenes([one for part in dask.compute(*found) for one in part])
+        chosen |= {"scene": shared.scene, "scene_errors": shared.errors, "thickness_px": None}
+    return dask.array.map_blocks(
+        _layers_of,
+        whole,
+        angles_deg,
+        chosen,
+        dtype=np.float32,
+        chunks=(whole.chunks[0], (2,), *whole.chunks[2:]),
+        meta=np.empty((0,) * array.ndim, np.float32),
+    )
+
+
+def _estimates_of(block: NDArray[Any], angles_deg: tuple[float, ...], options: dict[str, Any]) -> list[Estimate]:
+    chosen = {name: options[name] for name in _OF_ESTIMATE if name in options}
+    return [_estimate(Capture(photographs, angles_deg), **chosen) for photographs in block]
+
+
+def _layers_of(block: NDArray[Any], angles_deg: tuple[float, ...], chosen: dict[str, Any]) -> NDArray[np.float32]:
+    """Both layers of photographs along time."""
+    results = (separate(Capture(photographs, angles_deg), **chosen) for photographs in block)
+    return np.stack([np.stack([result.transmission, result.reflection]) for result in results])

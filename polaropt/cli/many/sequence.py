@@ -1,0 +1,217 @@
+"""``polaropt sequence``: frames of a polarization camera, one after another."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from polaropt.cli.command import Interrupted, count_bar, say, say_json
+from polaropt.cli.options import LadderOptions, PaneOptions, ReadingOptions
+from polaropt.cli.separate import OutputOptions, SolveOptions, separating
+from polaropt.errors import InputError
+
+if TYPE_CHECKING:
+    from polaropt.capture import Capture
+    from polaropt.sequence import Frames
+
+
+_SEQUENCE = "The sequence"
+Format = Literal["zarr", "tiff"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceOptions:
+    """What the frames are, how the pane is followed, and what is written."""
+
+    frames: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FRAMES",
+            help="Raw mosaics of a polarization camera: a TIFF of several pages, an npy array (frame, height, width), "
+            "a folder of numbered files, files in their order, or a file of many frames without a header (--shape).",
+            show_default=False,
+        ),
+    ]
+    pane_still: Annotated[
+        bool,
+        typer.Option(
+            "--pane-still",
+            metavar="",
+            help="The pane stands still against the camera: it is found from the first frames and kept. Default: it is "
+            "followed.",
+            rich_help_panel=_SEQUENCE,
+        ),
+    ] = False
+    first: Annotated[
+        int, typer.Option(metavar="N", help="Frames that the pane is found from.", rich_help_panel=_SEQUENCE)
+    ] = 5
+    average: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            help="Average up to so many frames of a still scene, as long as they lie on each other.",
+            rich_help_panel=_SEQUENCE,
+        ),
+    ] = 1
+    format: Annotated[
+        Format,
+        typer.Option(
+            metavar="NAME",
+            help="Files of the layers: zarr (layers.zarr, a chunk each frame) or tiff (a stack for each layer).",
+            rich_help_panel=_SEQUENCE,
+        ),
+    ] = "zarr"
+    video: Annotated[
+        bool,
+        typer.Option(
+            "--video",
+            metavar="",
+            help="Write side_by_side.mp4, too: photograph, transmission, reflection.",
+            rich_help_panel=_SEQUENCE,
+        ),
+    ] = False
+    frames_per_second: Annotated[float, typer.Option(metavar="N", help="Of the video.", rich_help_panel=_SEQUENCE)] = (
+        10.0
+    )
+
+    def check(self) -> None:
+        """InputError where a number is outside its range or a package is missing."""
+        from polaropt.sequence import check_packages
+
+        for name, value in (("--first", self.first), ("--average", self.average)):
+            if value < 1:
+                raise InputError(f"{name} is {value}; give 1 or more")
+        if not 0 < self.frames_per_second <= 1000:
+            raise InputError(f"--frames-per-second is {self.frames_per_second:g}; give more than 0, 1000 at most")
+        check_packages(self.format, self.video)
+
+
+def sequence_command(
+    sequence: SequenceOptions,
+    capture: ReadingOptions,
+    pane: PaneOptions,
+    ladder: LadderOptions,
+    solving: SolveOptions,
+    folder: OutputOptions,
+) -> None:
+    """Separate the frames of a camera that films through one pane.
+
+    The pane is found from the first frames and followed; each frame starts from the layers of the one before. White
+    level, kind of sensor and gain of the 45/135 pair are those of the first frame.
+
+    Writes into the folder: layers.zarr (or transmission.tiff and reflection.tiff), frames.csv (a row for each frame),
+    sequence.json, and side_by_side.mp4 where --video asks for it. Ctrl-C keeps the frames that are done. A run that
+    fails leaves the folder as it was.
+    """
+    from polaropt.capture import result_folder
+    from polaropt.sequence import SEQUENCE_FILES, SequenceFiles, open_frames
+
+    sequence.check()
+    chosen = separating(pane, ladder, solving)
+    del chosen["scene"]
+    capture.check(pane)
+    if capture.align or capture.relative:
+        raise InputError(
+            "frames are mosaics, whose photographs are taken at once; leave --align and relative angles out"
+        )
+    reading = capture.arguments()
+    if reading.pop("exposures") is not None:
+        raise InputError("frames are mosaics, whose photographs are taken at once; leave --exposures out")
+    shape, pixel_format = reading.pop("shape"), reading.pop("pixel_format")
+    frames = open_frames(sequence.frames, shape, pixel_format)
+    number = -(-frames.number // sequence.average)
+    silent = folder.json or folder.quiet
+    interrupted = False
+    with result_folder(folder.output, SEQUENCE_FILES) as work, count_bar(number, "Separating", not silent) as told:
+        rate = sequence.frames_per_second
+        with SequenceFiles(work, sequence.format, video=sequence.video, frames_per_second=rate) as files:
+            try:
+                for result, photographs, seconds in _separated(frames, sequence, reading, pane, chosen):
+                    files.add(result, photographs, seconds)
+                    if told is not None:
+                        told(len(files.rows), 0)
+            except KeyboardInterrupt:
+                interrupted = True
+            if interrupted and not files.rows:
+                raise KeyboardInterrupt
+            document = files.finish({"frames": frames.name, "pane_still": sequence.pane_still, **_told(capture)})
+    if folder.json:
+        say_json({"output": str(folder.output), **document})
+    elif not folder.quiet:
+        say(*_sentences(document, folder.output, sequence))
+    if interrupted:
+        raise Interrupted(f"{len(files.rows)} frames are written")
+
+
+def _told(capture: ReadingOptions) -> dict[str, Any]:
+    return {"resolution": capture.resolution, "sensor": capture.sensor}
+
+
+def _separated(
+    frames: Frames, sequence: SequenceOptions, reading: dict[str, Any], pane: PaneOptions, chosen: dict[str, Any]
+) -> Iterator[tuple[Any, Capture, float]]:
+    """Each frame's separation, its capture and seconds."""
+    from polaropt.sequence import separate_sequence
+
+    captures: list[Capture] = []
+
+    def taken() -> Iterator[Capture]:
+        for one in _captures(frames, sequence, reading):
+            captures.append(one)
+            yield one
+
+    mode: Literal["follow", "still"] = "still" if sequence.pane_still else "follow"
+    began = time.perf_counter()
+    read = taken()
+    first = next(read)
+    # An earlier scene is scaled to the frames.
+    scene, read = pane.scene(first), chain((first,), read)
+    for result in separate_sequence(read, scene, pane=mode, first=sequence.first, **chosen):
+        now = time.perf_counter()
+        # The first frames are read ahead, to find the pane.
+        yield result, captures.pop(0), now - began
+        began = time.perf_counter()
+
+
+def _captures(frames: Frames, sequence: SequenceOptions, reading: dict[str, Any]) -> Iterator[Capture]:
+    """Frames as captures, all read as the first one is."""
+    import numpy as np
+
+    from polaropt.capture import mosaic_capture
+    from polaropt.sequence import averaged
+
+    arguments = {name: value for name, value in reading.items() if name != "angles_deg"}
+
+    def taken(i: int, raw: Any) -> Capture:
+        try:
+            return mosaic_capture(raw, bits=frames.bits, **arguments)
+        except InputError as error:
+            raise InputError(f"{frames.name}, frame {i}: {error}") from None
+
+    first = taken(0, frames.read(0))
+    assert first.origin is not None
+    arguments["white_level"] = first.origin.white_level
+    arguments["pair_gain"] = first.origin.pair_gain
+    arguments["sensor"] = "color" if first.color else "mono"
+    arguments["cell_order"] = arguments["cell_order"] or first.origin.cell_order
+    raws: Iterator[Any] = iter(frames)
+    if sequence.average > 1:
+        raws = (mean.astype(np.float32) for mean in averaged(frames, sequence.average))
+    yield from (taken(i, raw) for i, raw in enumerate(raws))
+
+
+def _sentences(document: dict[str, Any], output: Path, sequence: SequenceOptions) -> list[str]:
+    last = document["last"]
+    lines = [f"{document['frames']} frames, {document['frames_per_second']:.2g} a second."]
+    if last["incidence_deg"] is not None:
+        error = "" if last["incidence_deg_error"] is None else f" ± {last['incidence_deg_error']:.2g}"
+        lines.append(f"The pane at the end: incidence {last['incidence_deg']:.2f}{error} deg ({last['rung']}).")
+    layers = "layers.zarr" if sequence.format == "zarr" else "transmission.tiff, reflection.tiff"
+    video = ", side_by_side.mp4" if sequence.video else ""
+    return [*lines, f"Written to {output}: {layers}, frames.csv, sequence.json{video}."]

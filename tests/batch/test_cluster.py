@@ -1,0 +1,129 @@
+"""Processes of our own and a cluster's workers do what this process does, also where they are killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from polaropt.batch.cluster import Place, WorkerDied, done, local_cluster, place_for
+from polaropt.batch.job import Job, Options
+from polaropt.batch.run import run_batch
+from polaropt.capture.files.write import write_capture
+from polaropt.errors import InputError
+from tests.captured import photographed
+
+ROOT = Path(__file__).parents[2]
+SECONDS = 60
+# Dask leaves sockets to the garbage collector.
+pytestmark = pytest.mark.filterwarnings("default")
+
+
+def die_once(number: int, folder: str) -> int:
+    """Kill the own process when first asked for 0."""
+    mark = Path(folder) / "killed"
+    if number == 0 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number**2
+
+
+def always_die(number: int) -> int:
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if number == 2:
+        raise InputError("no")
+    return number**2
+
+
+def test_what_killed_workers_were_at_is_done_again(tmp_path: Path) -> None:
+    dask = pytest.importorskip("dask")
+    # Its settings are there from here on.
+    pytest.importorskip("distributed")
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        local_cluster(1, 1, None) as client,
+    ):
+        assert client.scheduler.address.startswith("tls://127.0.0.1")
+        assert dict(done(partial(die_once, folder=str(tmp_path)), range(3), client)) == {0: 0, 1: 1, 2: 4}
+        assert (tmp_path / "killed").exists()
+        found = dict(done(always_die, range(4), client, at_once=1))
+        assert isinstance(found.pop(1), WorkerDied)
+        assert isinstance(found.pop(2), InputError)
+        assert found == {0: 0, 3: 9}
+
+
+@contextmanager
+def started(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process of Dask's, ended with the block."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dask", *arguments], env=environment, cwd=ROOT, stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def wait_for(condition: object, what: str) -> None:
+    assert callable(condition)
+    end = time.monotonic() + SECONDS
+    while not condition():
+        assert time.monotonic() < end, what
+        time.sleep(0.05)
+
+
+def test_a_cluster_of_others_loses_a_worker_and_nothing_else(tmp_path: Path) -> None:
+    for number in range(6):
+        write_capture(photographed((32, 32), bits=12, seed=number), tmp_path / f"{number}.npz")
+    (tmp_path / "bad.npz").write_bytes(b"")
+
+    def jobs(out: str) -> list[Job]:
+        options = Options(separating={"model": "pixelwise"}, layers_only=True)
+        return [
+            Job(path.stem, (str(path),), str(tmp_path / out / path.stem), options)
+            for path in sorted(tmp_path.glob("*.npz"))
+        ]
+
+    file = tmp_path / "scheduler.json"
+    worker = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    listening = ("scheduler", "--scheduler-file", str(file), "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    with started(*listening):
+        wait_for(file.is_file, "no scheduler")
+        with started(*worker) as first, started(*worker):
+            place = place_for(None, None, str(file), False)
+            assert place.elsewhere
+
+            def told(ended: int, failed: int) -> None:
+                if ended == 1:
+                    first.kill()
+
+            outcome = run_batch(jobs("there"), tmp_path / "there", place, told)
+    assert [(row.name, row.status) for row in outcome.rows if row.status != "done"] == [("bad", "failed")]
+    run_batch(jobs("here"), tmp_path / "here", Place())
+    for number in range(6):
+        here, there = (tifffile.imread(tmp_path / out / str(number) / "transmission.tiff") for out in ("here", "there"))
+        np.testing.assert_array_equal(here, there)
+
+
+def test_no_scheduler_and_contradictions_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polaropt.batch.cluster._CONNECT_SECONDS", 1)
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        run_batch([Job("a", ("a",), str(tmp_path / "a"), Options())], tmp_path, Place(scheduler="tcp://127.0.0.1:9"))
+    for wrong in ((None, "tcp://a:1", "file", False), (2, "tcp://a:1", None, False), (None, "tcp://a:1", None, True), (0, None, None, False)):  # fmt: skip # noqa: E501
+        with pytest.raises(InputError):
+            place_for(*wrong)

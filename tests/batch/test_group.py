@@ -1,0 +1,156 @@
+"""Files of folders and rows of tables become captures; what does not is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from polaropt.batch.group import Grouping, group_sources
+from polaropt.batch.table import read_table
+from polaropt.errors import InputError
+
+ANGLES = (0.0, 45.0, 90.0, 135.0)
+
+
+def touch(folder: Path, *names: str) -> None:
+    for name in names:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"")
+
+
+def grouped(folder: Path, rule: str | None = None, angles: tuple[float, ...] = ANGLES) -> Grouping:
+    return group_sources([str(folder)], angles, rule, output=folder / "out")
+
+
+def found(grouping: Grouping) -> dict[str, list[str]]:
+    return {group.name: [file.name for file in group.files] for group in grouping.groups if not group.problem}
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["a_000.png", "a_045.png", "a_090.png", "a_135.png"],
+        ["a-0.tif", "a-45.tif", "a-90.tif", "a-135.tif"],
+        ["a_I0.png", "a_I45.png", "a_I90.png", "a_I135.png"],
+        ["a/I0.png", "a/I45.png", "a/I90.png", "a/I135.png"],
+        ["a/000.png", "a/045.png", "a/090.png", "a/135.png"],
+        ["a/0deg.jpg", "a/45deg.jpg", "a/90deg.jpg", "a/135deg.jpg"],
+        ["a/1.NEF", "a/2.NEF", "a/3.NEF", "a/4.NEF"],
+    ],
+)
+def test_common_names_of_photographs_are_known(tmp_path: Path, names: list[str]) -> None:
+    touch(tmp_path, *names)
+    assert found(grouped(tmp_path)) == {"a": [Path(name).name for name in names]}
+
+
+def test_scenes_of_many_photographs_have_the_names_of_their_folders(tmp_path: Path) -> None:
+    names = [f"input/{scene}/{number}_{angle}.png" for scene in ("x", "y") for number in (1, 2) for angle in ("000", "045", "090", "135")]  # fmt: skip # noqa: E501
+    touch(tmp_path, *names)
+    assert list(found(grouped(tmp_path))) == ["input/x/1", "input/x/2", "input/y/1", "input/y/2"]
+
+
+def test_mosaics_and_stacks_are_captures_by_themselves(tmp_path: Path) -> None:
+    touch(tmp_path, "a.png", "b/c.tiff", "d.npz", "frame_000.png", "frame_045.png", "frame_046.png")
+    assert found(grouped(tmp_path)) == {
+        "a": ["a.png"],
+        "d": ["d.npz"],
+        "frame_000": ["frame_000.png"],
+        "frame_045": ["frame_045.png"],
+        "frame_046": ["frame_046.png"],
+        "b/c": ["c.tiff"],
+    }
+
+
+def test_what_does_not_group_is_named(tmp_path: Path) -> None:
+    touch(tmp_path, "a_000.png", "a_045.png", "a_090.png", "notes.txt", "look.jpg", ".hidden.png", "out/old.png")
+    touch(tmp_path, "before/report.json", "before/transmission.tiff")
+    grouping = grouped(tmp_path)
+    (group,) = grouping.groups
+    assert group.problem == "has angles 0, 45, 90; 135 missing"
+    assert {left.file.name for left in grouping.leftovers} == {"notes.txt", "look.jpg"}
+
+
+def test_other_angles_are_looked_for(tmp_path: Path) -> None:
+    touch(tmp_path, "a_60.png", "a_0.png", "a_120.png")
+    assert found(grouped(tmp_path, angles=(0, 60, 120))) == {"a": ["a_0.png", "a_60.png", "a_120.png"]}
+
+
+def test_a_pattern_groups(tmp_path: Path) -> None:
+    touch(tmp_path, "000/x.png", "045/x.png", "090/x.png", "135/x.png", "more.png")
+    grouping = grouped(tmp_path, "{angle}/{name}.png")
+    # By folders of angles: each folder holds a part of the capture.
+    assert found(grouping) == {"x": ["x.png"] * 4}
+    assert [left.file.name for left in grouping.leftovers] == ["more.png"]
+
+
+def test_each_and_folder(tmp_path: Path) -> None:
+    touch(tmp_path, "a_000.png", "a_045.png", "a_090.png", "a_135.png")
+    assert len(found(grouped(tmp_path, "each"))) == 4
+    assert found(grouped(tmp_path, "folder")) == {tmp_path.name: ["a_000.png", "a_045.png", "a_090.png", "a_135.png"]}
+
+
+def test_files_that_are_named_one_by_one_go_together(tmp_path: Path) -> None:
+    names = [f"a/x_{angle}.png" for angle in ("000", "045", "090", "135")]
+    touch(tmp_path, *names, "b/mosaic.png")
+    sources = [str(tmp_path / name) for name in (*names, "b/mosaic.png")]
+    (photographs, mosaic) = group_sources(sources, ANGLES, output=tmp_path / "out").groups
+    assert (photographs.name, len(photographs.files), photographs.problem) == ("a/x", 4, "")
+    assert (mosaic.name, len(mosaic.files)) == ("b/mosaic", 1)
+
+
+def test_names_differ(tmp_path: Path) -> None:
+    touch(tmp_path, "a.png", "a.tif", "A.npz")
+    assert sorted(found(grouped(tmp_path))) == ["A", "a-2", "a-3"]
+
+
+def test_patterns_of_files(tmp_path: Path) -> None:
+    touch(tmp_path, "x/a.png", "x/b.tif", "y/a.png")
+    pattern = str(tmp_path / "*" / "*.png")
+    assert list(found(group_sources([pattern], ANGLES, output=tmp_path / "out"))) == ["x/a", "y/a"]
+
+
+@pytest.mark.parametrize(
+    ("source", "rule", "words"),
+    [
+        ("nothing", None, "no such file"),
+        ("*.xyz", None, "no file has such a name"),
+        ("empty", None, "no photographs"),
+        (".", "{name}.png", "give a pattern with {name} and {angle}"),
+    ],
+)
+def test_wrong_sources_and_rules_are_refused(tmp_path: Path, source: str, rule: str | None, words: str) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=words.replace("{", r"\{")):
+        group_sources([str(tmp_path / source)], ANGLES, rule, output=tmp_path / "out")
+
+
+def test_a_table_names_files_and_options(tmp_path: Path) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text("name,files,incidence,black-level\none,a.png;b.png;c.png;d.png,60,\n,m.png,,64\n\n")
+    first, second = read_table(table, {"incidence", "black_level"})
+    assert (first.group.name, len(first.group.files), first.options) == ("one", 4, {"incidence": "60"})
+    assert (second.group.name, second.group.files, second.options) == (
+        "m",
+        (tmp_path / "m.png",),
+        {"black_level": "64"},
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name\nx\n", "has no column 'files'"),
+        ("files,colour\na.png,red\n", "there is no column 'colour'"),
+        ("files\n", "holds no captures"),
+        ("files\na.png,b.png\n", "line 2: holds more fields"),
+        ("name,files\n../x,a.png\n", "leaves the output folder"),
+        ("name,files\nx,\n", "line 2: names no file"),
+    ],
+)
+def test_wrong_tables_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_table(table, {"incidence"})

@@ -1,0 +1,72 @@
+"""Captures in memory and Dask arrays come out as each alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from polaropt import Capture, InputError, SceneParameters, separate, separate_many, simulate
+from polaropt.batch.cluster import local_cluster
+
+PANE = SceneParameters(60.0, 20.0, 4.0)
+
+
+def captures(n: int = 3) -> Iterator[Capture]:
+    from skimage.data import astronaut, coffee
+
+    for seed in range(n):
+        row = 150 + 20 * seed
+        behind, before = coffee()[row : row + 64, 200:264], astronaut()[row - 120 : row - 56, 160:224]
+        yield simulate(behind, before, PANE, noise=0.005, seed=seed)
+
+
+def test_each_is_separated_as_alone_and_only_when_asked_for() -> None:
+    taken = []
+
+    def watched() -> Iterator[Capture]:
+        for i, capture in enumerate(captures()):
+            taken.append(i)
+            yield capture
+
+    results = separate_many(watched(), PANE)
+    first = next(results)
+    assert taken == [0]
+    np.testing.assert_array_equal(first.layers, separate(next(captures()), PANE).layers)
+    assert len(list(results)) == 2
+
+
+def test_a_shared_scene_is_the_same_for_all() -> None:
+    results = list(separate_many(captures(), "shared", model="ghosts"))
+    assert len({result.scene for result in results}) == 1
+    assert results[0].errors.incidence_deg is not None
+
+
+@pytest.mark.filterwarnings("default")
+def test_workers_of_a_client_do_the_same() -> None:
+    with local_cluster(2, 1, None) as client:
+        there = list(separate_many(captures(), PANE, client=client))
+    for result, capture in zip(there, captures(), strict=True):
+        np.testing.assert_array_equal(result.layers, separate(capture, PANE).layers)
+        assert result.uncertainty.shape == result.layers.shape
+
+
+@pytest.mark.parametrize("color", [False, True])
+def test_arrays_along_time(color: bool) -> None:
+    array = pytest.importorskip("dask.array")
+    frames = [np.moveaxis(capture.intensities, 1, -1) for capture in captures()]
+    photographs = np.stack(frames if color else [frame[..., 1] for frame in frames])
+    lazy = array.from_array(photographs, chunks=(2, 4, 32, *photographs.shape[3:]))
+    layers = separate_many(lazy, PANE)
+    assert layers.shape == (3, 2, *photographs.shape[2:])
+    assert layers.chunks[0] == (2, 1)
+    computed = layers.compute(scheduler="synchronous")
+    alone = separate(Capture(photographs[2]), PANE)
+    np.testing.assert_array_equal(computed[2], np.stack([alone.transmission, alone.reflection]))
+
+
+def test_arrays_of_another_shape_are_refused() -> None:
+    array = pytest.importorskip("dask.array")
+    with pytest.raises(InputError, match="4 angles"):
+        separate_many(array.zeros((3, 5, 32, 32)))

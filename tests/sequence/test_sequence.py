@@ -1,0 +1,158 @@
+"""Frames through one pane: read one by one, the pane followed, layers that change no more than the noise does."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from polaropt import Capture, InputError, SceneParameters, separate, separate_sequence, simulate
+from polaropt.capture.files.decode import PIXEL_FORMATS
+from polaropt.cli.app import main
+from polaropt.sequence.averaging import averaged
+from polaropt.sequence.follow import flicker
+from polaropt.sequence.frames import open_frames
+from tests.captured import mono_mosaic, scene_intensities
+from tests.command_line import QUICK
+
+PANE = SceneParameters(60.0, 20.0, 4.0)
+
+
+def film(n: int, pane: SceneParameters = PANE, noise: float = 0.005) -> Iterator[Capture]:
+    from skimage.data import astronaut, coffee
+
+    for seed in range(n):
+        yield simulate(coffee()[150:246, 200:296], astronaut()[30:126, 160:256], pane, noise=noise, seed=seed)
+
+
+def test_a_still_scene_flickers_no_more_than_its_noise() -> None:
+    results = list(separate_sequence(film(5), pane="still", first=2, model="ghosts"))
+    assert len({result.scene.values() for result in results}) == 1
+    alone = [separate(capture, results[0].scene) for capture in film(3)]
+    together, apart = flicker(results[2:]), flicker(alone)
+    # Started from the frame before, layers change less than where each starts anew.
+    assert together[0] <= 1.05 * apart[0]
+    assert together[1] <= 1.05 * apart[1]
+    # What noise leaves to the transmission of a frame, twice for a difference.
+    assert together[0] <= 2**0.5 * 2 * 0.005
+
+
+def test_results_come_as_frames_do() -> None:
+    taken = []
+
+    def live() -> Iterator[Capture]:
+        for i, capture in enumerate(film(6)):
+            taken.append(i)
+            yield capture
+
+    results = separate_sequence(live(), PANE)
+    next(results)
+    assert taken == [0]
+    next(results)
+    assert taken == [0, 1]
+
+
+def test_a_pane_that_moves_is_followed() -> None:
+    def moving() -> Iterator[Capture]:
+        for seed in range(5):
+            yield from film(1, PANE.replace(incidence_deg=60.0 + 1.5 * seed), noise=0.002)
+
+    results = list(separate_sequence(moving(), first=2, every=2, model="ghosts"))
+    assert results[-1].scene.values()[0] > results[0].scene.values()[0] + 1
+    assert results[-1].errors.incidence_deg is not None
+
+
+def test_frames_without_polarization_come_as_they_are() -> None:
+    flat = list(film(2, PANE.replace(incidence_deg=0.0)))
+    results = list(separate_sequence([*flat, *film(2)], first=2, model="ghosts"))
+    assert [result.scene.signal for result in results] == [False, False, True, True]
+
+
+@pytest.mark.parametrize("wrong", [{"pane": "gone"}, {"first": 0}, {"every": 0}])
+def test_wrong_arguments_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        next(separate_sequence(film(1), **wrong))  # type: ignore[arg-type]
+
+
+def mosaics(n: int, shape: tuple[int, int] = (64, 64)) -> np.ndarray:
+    """Frames (n, h, w) of 12 bits in 16."""
+    random = np.random.default_rng(0)
+    clean = mono_mosaic(scene_intensities(shape))
+    noisy = clean + 0.005 * random.standard_normal((n, *shape))
+    return np.round(4095 * np.clip(noisy, 0, 1)).astype(np.uint16)
+
+
+def test_all_ways_to_store_frames_are_read(tmp_path: Path) -> None:
+    frames = mosaics(11)
+    np.save(tmp_path / "film.npy", frames)
+    tifffile.imwrite(tmp_path / "film.tiff", frames, photometric="minisblack")
+    (tmp_path / "film.raw").write_bytes(frames.tobytes())
+    (tmp_path / "numbered").mkdir()
+    for i, frame in enumerate(frames):
+        tifffile.imwrite(tmp_path / "numbered" / f"f{i}.tif", frame, photometric="minisblack")
+    for name in ("film.npy", "film.tiff", "numbered"):
+        np.testing.assert_array_equal(list(open_frames([str(tmp_path / name)])), frames)
+    raw = open_frames([str(tmp_path / "film.raw")], (64, 64), "Mono12")
+    assert raw.bits == PIXEL_FORMATS["Mono12"].bits
+    np.testing.assert_array_equal(list(raw), frames)
+    for source, shape, words in (
+        ("film.raw", (60, 64), "no whole number of frames"),
+        ("nothing", None, "no such file"),
+        ("numbered/f0.tif", None, ""),
+    ):
+        if words:
+            with pytest.raises(InputError, match=words):
+                open_frames([str(tmp_path / source)], shape, "Mono12" if shape else None)
+
+
+def test_means_take_frames_that_lie_on_each_other() -> None:
+    frames = mosaics(6)
+    means = list(averaged(frames, 3))
+    assert len(means) == 2
+    np.testing.assert_allclose(means[0], frames[:3].mean(axis=0))
+    moved = np.concatenate([frames[:2], np.roll(frames[2:4], (0, 4), axis=(1, 2)), np.roll(frames[4:], 2, axis=2)])
+    first, second = averaged(moved, 6)
+    np.testing.assert_allclose(first[:, :-4], frames[:4].mean(axis=0)[:, :-4])
+    np.testing.assert_allclose(second, moved[4:].mean(axis=0))
+
+
+def test_the_command_writes_layers_along_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tifffile.imwrite(tmp_path / "film.tiff", mosaics(4), photometric="minisblack")
+    command = ["sequence", str(tmp_path / "film.tiff"), "--resolution", "cell", "--white-level", "4095"]
+    command += ["--model", "pixelwise", *QUICK]
+    assert main([*command, "-o", str(tmp_path / "tiff"), "--format", "tiff", "--json", "--first", "2"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["frames"] == 4
+    assert tifffile.imread(tmp_path / "tiff" / "transmission.tiff").shape == (4, 32, 32)
+    with (tmp_path / "tiff" / "frames.csv").open(encoding="utf-8") as file:
+        assert [row["frame"] for row in csv.DictReader(file)] == ["0", "1", "2", "3"]
+    zarr = pytest.importorskip("zarr")
+    pytest.importorskip("imageio_ffmpeg")
+    options = ["--pane-still", "--average", "2", "--video", "-q"]
+    for _ in range(2):  # the second time in the place of the first
+        assert main([*command, *options, "-o", str(tmp_path / "zarr")]) == 0
+    layers = zarr.open_group(tmp_path / "zarr" / "layers.zarr", mode="r")
+    assert layers["reflection"].shape == (2, 32, 32)
+    assert layers["reflection"].chunks == (1, 32, 32)
+    assert (tmp_path / "zarr" / "side_by_side.mp4").stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--average", "0"], "--average is 0"),
+        (["--frames-per-second", "0"], "--frames-per-second"),
+        (["--align"], "leave --align"),
+    ],
+)
+def test_wrong_options_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    assert main(["sequence", "film.tiff", "-o", str(tmp_path / "out"), *arguments]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
