@@ -35,6 +35,7 @@ class Study:
 
 PACKAGES = {
     "studies": ("bokeh", "cv2", "distributed", "markdown_it", "matplotlib", "pandas", "polanalyser", "sklearn"),
+    "batch": ("cryptography", "dask", "distributed"),
     "torch": ("kornia", "safetensors", "torch"),
 }
 """What the extras that a study may need bring, as it is imported."""
@@ -69,11 +70,18 @@ STUDIES = (
     ),
     Study("coverage", "Do the stated standard errors of the layers hold?"),
     Study("parameter_errors", "Do the stated standard errors of the scene's parameters hold?"),
+    Study("shared_scene", "How much better do several captures tell their pane together?"),
     Study("real_captures", "What does a separation make of real captures and of measured layers?", inputs=("--data",)),
     Study(
         "speed_accuracy",
         "What do other solvers, starts, models and tolerances cost and gain against the defaults?",
         timed=True,
+    ),
+    Study(
+        "many_captures",
+        "What do many captures cost, and what do they ask of a cluster?",
+        timed=True,
+        extras=("studies", "batch"),
     ),
     Study(
         "benchmark",
