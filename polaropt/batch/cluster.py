@@ -253,12 +253,11 @@ def _check_versions(client: Any, name: str) -> None:
 
     def installed() -> str | None:
         # A function of a module would be looked for in a polaropt that may not be there.
-        from importlib.metadata import PackageNotFoundError, version
-
         try:
-            return version("polaropt")
-        except PackageNotFoundError:
+            import polaropt as theirs
+        except ImportError:
             return None
+        return theirs.__version__
 
     for worker, version in client.run(installed).items():
         if version != polaropt.__version__:
