@@ -70,8 +70,7 @@ def _of_captures(
 ) -> Iterator[Separation]:
     if scene == SHARED:
         captures = list(captures)
-        shared = shared_scene_of(captures, client=client, **options)
-        chosen = {**options, "scene": shared.scene, "scene_errors": shared.errors, "thickness_px": None}
+        chosen = {**options, **_known(shared_scene_of(captures, client=client, **options))}
     else:
         chosen = {**options, "scene": scene}
     yield from _each(partial(separate, **chosen), captures, client)
@@ -88,8 +87,18 @@ def shared_scene_of(captures: Iterable[Capture], *, client: Any = None, **option
     **options
         As of `separate`; those of the solve do not matter.
     """
-    chosen = {name: options[name] for name in _OF_ESTIMATE if name in options}
+    chosen = _of_estimate(options)
     return combine_scenes(list(_each(partial(_estimate, **chosen), captures, client)))
+
+
+def _of_estimate(options: dict[str, Any]) -> dict[str, Any]:
+    """Those of the options of `separate` that its estimate of the scene takes."""
+    return {name: options[name] for name in _OF_ESTIMATE if name in options}
+
+
+def _known(shared: SharedScene) -> dict[str, Any]:
+    """Options of `separate` behind a pane that is known; a thickness, which it was found with, no longer counts."""
+    return {"scene": shared.scene, "scene_errors": shared.errors, "thickness_px": None}
 
 
 def _estimate(capture: Capture, **chosen: Any) -> Estimate:
@@ -133,7 +142,7 @@ def _of_array(
     if scene == SHARED:
         found = [dask.delayed(_estimates_of)(block, angles_deg, options) for block in whole.to_delayed().ravel()]
         shared = combine_scenes([one for part in dask.compute(*found) for one in part])
-        chosen |= {"scene": shared.scene, "scene_errors": shared.errors, "thickness_px": None}
+        chosen |= _known(shared)
     return dask.array.map_blocks(
         _layers_of,
         whole,
@@ -146,7 +155,7 @@ def _of_array(
 
 
 def _estimates_of(block: NDArray[Any], angles_deg: tuple[float, ...], options: dict[str, Any]) -> list[Estimate]:
-    chosen = {name: options[name] for name in _OF_ESTIMATE if name in options}
+    chosen = _of_estimate(options)
     return [_estimate(Capture(photographs, angles_deg), **chosen) for photographs in block]
 
 
