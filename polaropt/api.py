@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt import batch, separation, sequence
-from polaropt.capture import ANGLES_DEG, Capture, noise_level, result_folder
+from polaropt.capture import ANGLES_DEG, Capture, result_folder
 from polaropt.errors import InputError, ResultWarning
-from polaropt.estimation import LadderResult, find_scene, still_photographs
+from polaropt.estimation import LadderResult
 from polaropt.optics import GLASS_INDEX, SceneErrors, SceneParameters
 from polaropt.progress import Progress
 from polaropt.reporting import (
@@ -398,6 +398,8 @@ def estimate(
     model: str = "auto",
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
+    index_known: bool = False,
+    progress: Progress | None = None,
 ) -> LadderResult:
     """Estimate how the pane stands, without separating.
 
@@ -406,7 +408,7 @@ def estimate(
     capture : Capture
     scene : SceneParameters or path, optional
         As for `separate`. Default: a pane of glass of which nothing else is known.
-    model, thickness_px, thickness_kind
+    model, thickness_px, thickness_kind, index_known, progress
         As for `separate`.
 
     Returns
@@ -429,17 +431,14 @@ def estimate(
     >>> found.scene.rung, abs(found.scene.azimuth_deg - 20) < 1
     ('ghosts', True)
     """
-    still = still_photographs(_checked(capture))
-    asked = _scene_of(scene, capture) or SceneParameters(
-        None, None, None, n_panes=None, gap_shift=None, absorption=None
-    )
-    return find_scene(
-        still.capture,
-        asked,
-        noise_level(still.capture),
-        model,
+    return separation.estimate(
+        _checked(capture),
+        _scene_of(scene, capture),
+        model=model,
         thickness_px=thickness_px,
         thickness_kind=thickness_kind,
+        index_known=index_known,
+        progress=progress,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -285,13 +285,26 @@ def separate(
     asked = scene or _blind(refractive_index, single_surface)
     if start is not None and start.shape != (2, *capture.shape):
         raise InputError(f"the start has shape {start.shape}, the layers {(2, *capture.shape)}; make them equal")
-    assumed = not index_known and asked.refractive_index == GLASS_INDEX
     return _separate(
-        capture, asked, settings, Stages(progress), scene_errors=scene_errors, start=start, index_assumed=assumed
+        capture,
+        asked,
+        settings,
+        Stages(progress),
+        scene_errors=scene_errors,
+        start=start,
+        index_assumed=_index_assumed(asked, index_known),
     )
 
 
-def estimate(
+def estimate(capture: Capture, scene: SceneParameters | None = None, **options: Any) -> LadderResult:
+    """Find the scene of a capture as `separate` does, and nothing else; parameters are those of `scene_case`.
+
+    The scene's `signal` is False where nothing is polarized.
+    """
+    return scene_case(capture, scene, **options).found
+
+
+def scene_case(
     capture: Capture,
     scene: SceneParameters | None = None,
     *,
@@ -299,27 +312,34 @@ def estimate(
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
     index_known: bool = False,
-) -> LadderResult:
-    """Find the scene of a capture as `separate` does, and nothing else.
+    progress: Progress | None = None,
+) -> Case:
+    """A capture with all that `separate` finds before it solves.
 
     Parameters
     ----------
-    capture, scene, model, thickness_px, thickness_kind, index_known
+    capture, scene, model, thickness_px, thickness_kind, index_known, progress
         As of `separate`.
 
     Returns
     -------
-    LadderResult
-        With `scene` and its standard `errors`. The scene's `signal` is False where nothing is polarized.
+    Case
     """
     from threadpoolctl import threadpool_limits
 
     settings = Settings(model=model, thickness_px=thickness_px, thickness_kind=thickness_kind)
     _check(settings)
     asked = scene or _blind(GLASS_INDEX, False)
-    assumed = not index_known and asked.refractive_index == GLASS_INDEX
+    stages = Stages(progress)
     with threadpool_limits(1, "blas"):
-        return _case_of(capture, asked, settings, Stages(), index_assumed=assumed).found
+        case = _case_of(capture, asked, settings, stages, index_assumed=_index_assumed(asked, index_known))
+    stages.end()
+    return case
+
+
+def _index_assumed(asked: SceneParameters, known: bool) -> bool:
+    """Whether the index is what glass usually has, not one that somebody knows."""
+    return not known and asked.refractive_index == GLASS_INDEX
 
 
 def _blind(refractive_index: float | None, single_surface: bool) -> SceneParameters:
@@ -377,7 +397,7 @@ def _separate(
 
 def _case_of(
     capture: Capture, asked: SceneParameters, settings: Settings, stages: Stages, *, index_assumed: bool
-) -> _Case:
+) -> Case:
     """All that is known of a capture before it is solved."""
     stages.begin("Measuring the noise", 0.0)
     still = still_photographs(capture)
@@ -411,11 +431,11 @@ def _case_of(
     sense_only = settings.thickness_px is not None
     stages.advance(_INDEX_CHECKED)
     found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
-    return _Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)
+    return Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)
 
 
 @dataclass(frozen=True)
-class _Case:
+class Case:
     """A capture with what was asked of it, and all that is known before it is solved."""
 
     capture: Capture
@@ -434,7 +454,7 @@ class _Case:
         return self.found.errors if self.given_errors is None else self.given_errors
 
 
-def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
+def _separated(case: Case, solution: Solution, stages: Stages) -> Separation:
     still, found = case.still, case.found
     capture, noise = still.capture, still.noise
     diagnostics = diagnose(
@@ -483,7 +503,7 @@ def _separated(case: _Case, solution: Solution, stages: Stages) -> Separation:
     )
 
 
-def _unseparated(case: _Case, estimate: SceneEstimate, stages: Stages) -> Separation:
+def _unseparated(case: Case, estimate: SceneEstimate, stages: Stages) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells, and the better guess in doubt."""
     capture, still, found = case.capture, case.still, case.found
     noise = still.noise

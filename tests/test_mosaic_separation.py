@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from polaropt import SceneParameters, read_capture, separate
+from polaropt import SceneParameters, estimate, read_capture, separate
 from polaropt.capture import swapped_photographs
 from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
@@ -66,6 +66,18 @@ def test_blind_the_pane_is_found_in_the_pixels_of_the_result(tmp_path, resolutio
     assert incidence == pytest.approx(60, abs=4)
     assert (azimuth - 30 + 90) % 180 - 90 == pytest.approx(0, abs=2)
     assert abs(shift) * (2 if resolution == "cell" else 1) == pytest.approx(4, abs=2.5)
+    told = estimate(capture)
+    assert told.scene == result.scene
+    assert told.errors == result.errors
+
+
+def test_the_command_estimate_tells_what_a_separation_finds(tmp_path, capsys):
+    path, _ = mosaic_file(tmp_path, False)
+    assert main(["estimate", str(path), "--sensor", "mono", "--json"]) == 0
+    found = separate(read_capture(path, sensor="mono")).scene
+    told = json.loads(capsys.readouterr().out)
+    assert told["scene"]["ghost_shift"] == pytest.approx(found.ghost_shift)
+    assert told["scene"]["incidence_deg"] == pytest.approx(found.incidence_deg)
 
 
 @pytest.mark.parametrize(

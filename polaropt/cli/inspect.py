@@ -72,8 +72,6 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
 
     Nothing is separated. What is given with an option stays as it is.
     """
-    from polaropt.capture import noise_level
-    from polaropt.estimation import find_scene, still_photographs
     from polaropt.reporting import (
         cell_order_attention,
         estimate_sentences,
@@ -89,18 +87,22 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
     with watched(not output.json) as stages:
         photographs = capture.read(stages, 0.3)
         scene = pane.scene(photographs)
-        stages.begin("Measuring the noise", 0.3)
-        still = still_photographs(photographs)
-        stages.begin("Estimating the scene", 0.4)
-        found = find_scene(
-            still.capture,
+        from polaropt.separation import scene_case  # after reading, so that an error in the files is told at once
+
+        case = scene_case(
+            photographs,
             scene,
-            noise_level(still.capture),
-            ladder.model,
+            model=ladder.model,
             thickness_px=pane.thickness_px,
             thickness_kind=pane.thickness_kind,
+            index_known=pane.index is not None,
+            progress=stages.part(0.3, 1.0),
         )
-    hint, doubts = photographs.focal_px, [*cell_order_attention(photographs), *motion_attention(still.moving_share)]
+    found, scene = case.found, case.asked
+    hint, doubts = (
+        photographs.focal_px,
+        [*cell_order_attention(photographs), *motion_attention(case.still.moving_share)],
+    )
     if output.json:
         polarized = found.estimate is None or found.estimate.polarized
         basis = {"errors": json_values(found.errors), "rungs": json_values(found.tried), "polarized": polarized}

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters, SeparationWarning, StoppingRule, separate
+from polaropt import SceneParameters, SeparationWarning, StoppingRule, estimate, separate
 from polaropt.capture import Capture, noise_level
 from polaropt.errors import InputError
 from polaropt.estimation import estimate_scene, find_scene, likelier_index, with_index
@@ -124,13 +124,11 @@ def test_a_wrong_index_is_warned_of(index: float) -> None:
 
 
 def test_an_index_that_is_only_assumed_makes_way_for_a_likelier_one() -> None:
-    capture = blend(75.0, 128, refractive_index=1.8).capture
-    assumed, known = (
-        separate(capture, TOLD.replace(refractive_index=GLASS_INDEX), stopping=QUICK, index_known=known)
-        for known in (False, True)
-    )
+    capture, asked = blend(75.0, 128, refractive_index=1.8).capture, TOLD.replace(refractive_index=GLASS_INDEX)
+    assumed, known = (separate(capture, asked, stopping=QUICK, index_known=known) for known in (False, True))
     assert abs(assumed.scene.index - 1.8) < 2 * assumed.errors.refractive_index
     assert assumed.asked.refractive_index is None
+    assert estimate(capture, asked).scene == assumed.scene
     assert assumed.diagnostics.likelier_index is None
     assert (known.scene.index, known.errors.refractive_index) == (GLASS_INDEX, None)
     water = separate(capture, TOLD.replace(refractive_index=1.33), stopping=QUICK)
