@@ -395,6 +395,8 @@ def estimate(
     capture: Capture,
     scene: SceneLike | None = None,
     *,
+    refractive_index: float | None = GLASS_INDEX,
+    single_surface: bool = False,
     model: str = "auto",
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
@@ -408,7 +410,7 @@ def estimate(
     capture : Capture
     scene : SceneParameters or path, optional
         As for `separate`. Default: a pane of glass of which nothing else is known.
-    model, thickness_px, thickness_kind, index_known, progress
+    refractive_index, single_surface, model, thickness_px, thickness_kind, index_known, progress
         As for `separate`.
 
     Returns
@@ -434,6 +436,8 @@ def estimate(
     return separation.estimate(
         _checked(capture),
         _scene_of(scene, capture),
+        refractive_index=refractive_index,
+        single_surface=single_surface,
         model=model,
         thickness_px=thickness_px,
         thickness_kind=thickness_kind,

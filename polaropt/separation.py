@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Literal
@@ -61,6 +61,7 @@ from solvers.registry import get_solver
 
 Images = NDArray[np.float32]
 Tell = Callable[[float], None]
+_OF_SCENE = ("refractive_index", "single_surface", "model", "thickness_px", "thickness_kind", "index_known")
 
 # How far the estimation has come, in parts of the whole separation, for the progress alone: set by hand.
 _INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
@@ -100,18 +101,6 @@ class Separation:
         Makes `components`.
     judge : callable
         Makes `uncertainty` and `reflection_known`; takes `tell` as `uncertainty_strips` does.
-
-    Examples
-    --------
-    >>> from skimage.data import astronaut, coffee
-    >>> from polaropt import SceneParameters, separate, simulate
-    >>> pane = SceneParameters(60.0, 20.0, 4.0)
-    >>> capture = simulate(coffee()[120:248, 200:328], astronaut()[30:158, 160:288], pane)
-    >>> result = separate(capture, pane)
-    >>> result.reflection.shape, result.layers.shape, result.uncertainty.shape, result.reflection_known.shape
-    ((128, 128, 3), (2, 3, 128, 128), (2, 3, 128, 128), (128, 128))
-    >>> sorted(name for name, term in result.terms.items() if term.weight)
-    ['edge_independence', 'gradient_sparsity', 'misfit', 'natural_image', 'nonnegativity']
     """
 
     layers: Images = field(repr=False)
@@ -204,71 +193,7 @@ def separate(
     progress: Progress | None = None,
     index_known: bool = False,
 ) -> Separation:
-    """Separate the transmitted from the reflected scene.
-
-    Parameters
-    ----------
-    capture : Capture
-    scene : SceneParameters, optional
-        Fields that are None are estimated, the others stay fixed. Default: all is found blind, with the two
-        parameters below.
-    solver : str
-        Name of a minimizer, see `solvers.registry.solver_names`.
-    init : str
-        Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it),
-        "per-pixel" or "cold" (the plain intensity); see `initializers`. The layers are those where the solve ends.
-    refractive_index : float or None
-        Index of the pane, where no scene is given. None: it is found, as far as the photographs tell it.
-    single_surface : bool
-        No back face (water), where no scene is given.
-    weights : Weights
-        Factors on the terms of the objective.
-    stopping : StoppingRule
-    model : str
-        Rung of the ladder of scene models, where the scene is not given: "auto" takes the lowest one that explains
-        the capture, "none" returns the intensity; all names: `polaropt.estimation.ladder.model_names`.
-    thickness_px : float, optional
-        Thickness of the pane in pixels: ties the ghost shift to the incidence.
-    thickness_kind : {"paper", "plate"}
-        Formula of the ghost step, see `ghost_step`.
-    keep_start : float
-        Pull the layers so far back to the start once the solve has ended, 0 (not at all) to 1 (all the way): a mean of
-        two estimates, which no longer minimizes the objective.
-    robust : bool
-        Residuals of the photographs beyond three sigma count linearly.
-    device : str, optional
-        Where the torch solver works, as torch names it: "cpu" or "cuda".
-    scene_errors : SceneErrors, optional
-        Standard errors of a scene that is given complete and was estimated elsewhere: reported, and part of the
-        layers' own.
-    start : ndarray, shape (2, [channel,] h, w), optional
-        Layers to start from instead of those that `init` names, such as those of the frame before.
-    progress : callable, optional
-        Called with what is being done and the fraction done, 0..1.
-    index_known : bool
-        Whether an index of 1.5 is known. Otherwise it is what glass usually has, and where one clear pane of another
-        index explains the photographs clearly better, that is taken. Any other index is kept as it is.
-
-    Returns
-    -------
-    Separation
-
-    Raises
-    ------
-    ValueError
-        Unknown solver or start (the message lists the names), a solver that cannot take so large an image, or a
-        parameter outside its range (`InputError`).
-
-    Examples
-    --------
-    >>> from skimage.data import astronaut, coffee
-    >>> from polaropt import SceneParameters, separate, simulate
-    >>> pane = SceneParameters(60.0, 20.0, 4.0)
-    >>> capture = simulate(coffee()[120:248, 200:328], astronaut()[30:158, 160:288], pane)
-    >>> result = separate(capture)
-    >>> result.transmission.shape, abs(result.scene.incidence_deg - 60) < 2
-    ((128, 128, 3), True)
-    """
+    """`polaropt.separate`, which adds what shows the result; the scene is given as parameters, never as a file."""
     settings = Settings(
         model=model,
         solver=solver,
@@ -308,6 +233,8 @@ def scene_case(
     capture: Capture,
     scene: SceneParameters | None = None,
     *,
+    refractive_index: float | None = GLASS_INDEX,
+    single_surface: bool = False,
     model: str = "auto",
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
@@ -318,7 +245,7 @@ def scene_case(
 
     Parameters
     ----------
-    capture, scene, model, thickness_px, thickness_kind, index_known, progress
+    capture, scene, refractive_index, single_surface, model, thickness_px, thickness_kind, index_known, progress
         As of `separate`.
 
     Returns
@@ -329,12 +256,17 @@ def scene_case(
 
     settings = Settings(model=model, thickness_px=thickness_px, thickness_kind=thickness_kind)
     _check(settings)
-    asked = scene or _blind(GLASS_INDEX, False)
+    asked = scene or _blind(refractive_index, single_surface)
     stages = Stages(progress)
     with threadpool_limits(1, "blas"):
         case = _case_of(capture, asked, settings, stages, index_assumed=_index_assumed(asked, index_known))
     stages.end()
     return case
+
+
+def scene_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of the options of `separate` that `estimate` takes beside the scene."""
+    return {name: options[name] for name in _OF_SCENE if name in options}
 
 
 def _index_assumed(asked: SceneParameters, known: bool) -> bool:

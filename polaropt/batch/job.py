@@ -240,11 +240,10 @@ def _separated(job: Job, capture: Capture) -> Row:
 
 
 def _estimated(job: Job, capture: Capture) -> Row:
-    from polaropt.separation import estimate
+    from polaropt.separation import estimate, scene_options
 
-    wanted = ("scene", "model", "thickness_px", "thickness_kind", "index_known")
-    chosen = {name: value for name, value in job.options.chosen(capture).items() if name in wanted}
-    found = estimate(capture, **chosen)
+    chosen = job.options.chosen(capture)
+    found = estimate(capture, chosen.get("scene"), **scene_options(chosen))
     return Row(job.name, job.files, ESTIMATED, scene=json_values(found.scene), errors=json_values(found.errors))
 
 

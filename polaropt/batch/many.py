@@ -14,12 +14,11 @@ from polaropt.batch.shared_scene import Estimate, SharedScene, combine_scenes
 from polaropt.capture import ANGLES_DEG, Capture
 from polaropt.errors import InputError
 from polaropt.optics import SceneParameters
-from polaropt.separation import Separation, estimate, separate
+from polaropt.separation import Separation, estimate, scene_options, separate
 
 SHARED = "shared"
 _AHEAD = 2
 """Captures for each thread that are on their way to the workers: enough that none waits; set by hand."""
-_OF_ESTIMATE = ("model", "thickness_px", "thickness_kind", "index_known")
 
 Result = TypeVar("Result")
 
@@ -32,34 +31,7 @@ def separate_many(
     angles_deg: Sequence[float] = ANGLES_DEG,
     **options: Any,
 ) -> Any:
-    """Separate many captures; `polaropt.separate_many` adds what shows the results.
-
-    Parameters
-    ----------
-    captures : iterable of Capture, or dask.array.Array
-        An array is photographs along time, (time, angle, height, width) or (time, angle, height, width, 3), white = 1.
-    scene : SceneParameters or "shared", optional
-        As of `separate`, the same for all. "shared": the pane stands still against the camera, and one scene is
-        estimated from all captures together.
-    client : distributed.Client, optional
-        Whose workers separate; captures and results go to and from them directly. Default: this process. Arrays are
-        computed by whoever computes the result.
-    angles_deg : sequence of float
-        Polarizer angles of an array.
-    **options
-        As of `separate`.
-
-    Returns
-    -------
-    iterator of Separation, or dask.array.Array
-        In the order of the captures, made one by one as they are asked for. Of an array: both layers along time,
-        (time, 2, height, width[, 3]) in its chunks of time, [:, 0] the transmission.
-
-    Raises
-    ------
-    InputError
-        As `separate`; an array of another shape.
-    """
+    """`polaropt.separate_many`, which adds what shows the results."""
     if hasattr(captures, "dask"):
         return _of_array(captures, scene, tuple(angles_deg), options)
     return _of_captures(captures, scene, client, options)
@@ -87,13 +59,8 @@ def shared_scene_of(captures: Iterable[Capture], *, client: Any = None, **option
     **options
         As of `separate`; those of the solve do not matter.
     """
-    chosen = _of_estimate(options)
+    chosen = scene_options(options)
     return combine_scenes(list(_each(partial(_estimate, **chosen), captures, client)))
-
-
-def _of_estimate(options: dict[str, Any]) -> dict[str, Any]:
-    """Those of the options of `separate` that its estimate of the scene takes."""
-    return {name: options[name] for name in _OF_ESTIMATE if name in options}
 
 
 def _known(shared: SharedScene) -> dict[str, Any]:
@@ -155,7 +122,7 @@ def _of_array(
 
 
 def _estimates_of(block: NDArray[Any], angles_deg: tuple[float, ...], options: dict[str, Any]) -> list[Estimate]:
-    chosen = _of_estimate(options)
+    chosen = scene_options(options)
     return [_estimate(Capture(photographs, angles_deg), **chosen) for photographs in block]
 
 

@@ -14,7 +14,7 @@ from polaropt.batch import Estimate, SharedScene, combine_scenes
 from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.optics import SceneErrors, SceneParameters
-from polaropt.separation import Separation, estimate, separate
+from polaropt.separation import Separation, estimate, scene_options, separate
 
 FIRST = 5
 """Frames that the pane is found from; set by hand."""
@@ -31,7 +31,6 @@ _DRIFT = {
 }
 _OPEN = 1e3
 """Standard errors, as multiples of those that are known, of what a frame does not tell."""
-_OF_ESTIMATE = ("thickness_px", "thickness_kind", "index_known")
 
 
 def separate_sequence(
@@ -43,38 +42,7 @@ def separate_sequence(
     every: int = EVERY,
     **options: Any,
 ) -> Iterator[Separation]:
-    """Separate frames one after another, as they come; `polaropt.separate_sequence` adds what shows the results.
-
-    The pane is found from the first frames together and followed: now and then a frame tells it again, and what it says
-    is weighed against what is known by the standard errors of both. Each solve starts from the layers of the frame
-    before.
-
-    Parameters
-    ----------
-    captures : iterable of Capture
-        Such as frames that a camera gives; no more of them is taken than `first` before the first result comes.
-    scene : SceneParameters, optional
-        As of `separate`. A complete one is not looked for, nor followed.
-    pane : {"follow", "still"}
-        Whether the pane may move against the camera.
-    first : int
-        Frames that the pane is found from.
-    every : int
-        Frames after which one that is followed is looked at again.
-    **options
-        As of `separate`.
-
-    Yields
-    ------
-    Separation
-        Of each capture, in their order. Frames before the first one that is polarized have the intensity as
-        transmission.
-
-    Raises
-    ------
-    InputError
-        As `separate`.
-    """
+    """`polaropt.separate_sequence`, which adds what shows the results."""
     if pane not in ("follow", "still"):
         raise InputError(f"unknown pane {pane!r}; there are: follow, still")
     if first < 1 or every < 1:
@@ -107,8 +75,7 @@ def _found(
     captures: list[Capture], asked: SceneParameters | None, options: dict[str, Any], every: float
 ) -> _Pane | None:
     """The pane of the first frames; None where none of them is polarized."""
-    chosen = {name: options[name] for name in ("model", *_OF_ESTIMATE) if name in options}
-    found = [estimate(capture, asked, **chosen) for capture in captures]
+    found = [estimate(capture, asked, **scene_options(options)) for capture in captures]
     estimates = [Estimate(one.scene, one.errors) for one in found]
     if not any(one.scene.signal for one in estimates):
         return None
@@ -134,11 +101,10 @@ class _Pane:
         self._age += 1
         if self._age < self._every:
             return
-        chosen = {name: self._options[name] for name in _OF_ESTIMATE if name in self._options}
         model = self._options.get("model", "auto")
         # The rung stays: a frame that shows no double images does not make the pane another one.
         rung = self._shared.scene.rung if model == "auto" else model
-        found = estimate(capture, self._asked, model=rung, **chosen)
+        found = estimate(capture, self._asked, **{**scene_options(self._options), "model": rung})
         self._see(Estimate(found.scene, found.errors))
 
     def _see(self, told: Estimate) -> None:

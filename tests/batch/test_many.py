@@ -43,6 +43,11 @@ def test_a_shared_scene_is_the_same_for_all() -> None:
     assert results[0].errors.incidence_deg is not None
 
 
+def test_a_shared_scene_is_looked_for_as_it_was_asked() -> None:
+    results = list(separate_many(captures(2), "shared", refractive_index=1.33, single_surface=True))
+    assert {(result.scene.refractive_index, result.scene.single_surface) for result in results} == {(1.33, True)}
+
+
 @pytest.mark.filterwarnings("default")
 def test_workers_of_a_client_do_the_same() -> None:
     with local_cluster(2, 1, None) as client:
