@@ -1,4 +1,4 @@
-"""The one error that a person's input can cause."""
+"""The one error that a person's input can cause, and how errors are told."""
 
 from __future__ import annotations
 
@@ -33,3 +33,9 @@ class InputError(ValueError):
     ...     print(error)
     nowhere.png: no such file; check the name
     """
+
+
+def one_line(error: Exception) -> str:
+    """An error's own words, on one line."""
+    words = " ".join(str(error).split()) or type(error).__name__
+    return words if len(words) <= 120 else words[:117] + "..."

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.capture.files.decode import GAMMA_RANGE
+from polaropt.capture.files.encoding import GAMMA_RANGE
 from polaropt.capture.pair_gain import Floats, orthogonal_pairs, redundancy_residual, trusted_blocks
 from polaropt.capture.registration import (
     FEWEST_PIXELS,

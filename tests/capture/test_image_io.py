@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from polaropt import Capture, InputError, read_capture
-from polaropt.capture.files.decode import linearize, parse_gamma, read_file
+from polaropt.capture.files.decode import read_file
+from polaropt.capture.files.encoding import linearize, parse_gamma
 from polaropt.capture.files.write import encode_srgb, write_capture, write_png, write_png_view, write_tiff
 from tests.captured import photographed
 

@@ -12,7 +12,7 @@ import pytest
 import tifffile
 
 from polaropt import Capture, InputError, SceneParameters, separate, separate_sequence, simulate
-from polaropt.capture.files.decode import PIXEL_FORMATS
+from polaropt.capture.files.headless import PIXEL_FORMATS
 from polaropt.cli.app import main
 from polaropt.sequence.averaging import averaged
 from polaropt.sequence.follow import flicker

@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 import polaropt
 from polaropt.capture.capture import Capture, FloatImages, planes_last
-from polaropt.capture.files.decode import AnyPath
 from polaropt.capture.files.exif import CameraFacts
+from polaropt.capture.files.opening import AnyPath
 from polaropt.capture.mosaic import WHITE_16
 from polaropt.errors import InputError
 from polaropt.numerics import strips

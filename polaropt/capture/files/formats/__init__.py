@@ -1,0 +1,1 @@
+"""Kinds of files: bytes to pixels as stored."""

@@ -1,0 +1,63 @@
+"""PNG and JPEG: one picture a file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from polaropt.capture.capture import EncodingHint, FileContent
+from polaropt.capture.files.exif import facts_of_picture
+from polaropt.capture.files.focal_length import exif_of_picture, focal_from_exif
+from polaropt.capture.files.jpeg import jpeg_facts
+from polaropt.errors import InputError
+
+Pixels = NDArray[Any]
+
+_JPEG_END = b"\xff\xd9"
+
+
+def _picture(pixels: Pixels, data: bytes, hint: EncodingHint) -> FileContent:
+    focal = focal_from_exif(exif_of_picture(data), (pixels.shape[1], pixels.shape[0]))
+    jpeg = jpeg_facts(data) if hint is EncodingHint.JPEG else None
+    camera = facts_of_picture(data)
+    return FileContent(without_alpha(pixels), encoding_hint=hint, focal_px=focal, camera=camera, jpeg=jpeg)
+
+
+def without_alpha(pixels: Pixels) -> Pixels:
+    """Drop the last of 2 or 4 channels (..., channel); a single channel becomes none."""
+    if pixels.ndim < 3:
+        return pixels
+    channels = pixels.shape[-1]
+    if channels in (2, 4):
+        pixels = pixels[..., : channels - 1]
+    return pixels[..., 0] if pixels.shape[-1] == 1 else pixels
+
+
+def _png_hint(data: bytes) -> EncodingHint:
+    head = data[:4096]
+    if b"sRGB" in head:
+        return EncodingHint.SRGB_PNG
+    return EncodingHint.SHALLOW_PNG if data[24:25] == b"\x08" else EncodingHint.NONE
+
+
+def decode_png(data: bytes) -> FileContent:
+    import imagecodecs
+
+    return _picture(imagecodecs.png_decode(data), data, _png_hint(data))
+
+
+def decode_jpeg(data: bytes) -> FileContent:
+    import imagecodecs
+
+    if _JPEG_END not in data[_jpeg_scan(data) :]:
+        raise InputError("the JPEG ends too early; it is incomplete, copy it again")
+    return _picture(imagecodecs.jpeg8_decode(data), data, EncodingHint.JPEG)
+
+
+def _jpeg_scan(data: bytes) -> int:
+    """Where the picture's own data begin: after all header segments, whose thumbnail has an end mark of its own."""
+    position = 2
+    while position + 4 <= len(data) and data[position] == 0xFF and data[position + 1] != 0xDA:
+        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+    return position

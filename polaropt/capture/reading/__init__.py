@@ -1,0 +1,1 @@
+"""From pixels as stored to a capture."""

@@ -1,0 +1,59 @@
+"""Photographs, one for each angle, to a capture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture.capture import ANGLES_DEG, Capture, FileContent, Origin
+from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs
+from polaropt.capture.reading.levels import Levels
+from polaropt.capture.reading.options import ReaderOptions, origin_of
+from polaropt.errors import InputError
+
+Mask = NDArray[np.bool_]
+Images = NDArray[np.float32]
+
+
+def from_photographs(content: FileContent, levels: Levels, options: ReaderOptions, told: tuple[float, ...]) -> Capture:
+    if options.analyzer is not None:
+        raise InputError("an analyzer's calibration is for one raw mosaic; leave it out")
+    if options.sensor != "auto" or options.resolution != "sensor":
+        asked = "resolution 'cell'" if options.resolution != "sensor" else f"sensor {options.sensor!r}"
+        raise InputError(f"{asked} is for one raw mosaic, not for {len(content.pixels)} photographs; leave it out")
+    if len(content.pixels) < 3:
+        raise InputError(f"holds {len(content.pixels)} photograph(s); at least 3 polarizer angles are needed")
+    stored = content.angles_deg if options.angles_deg == ANGLES_DEG else None
+    angles = options.counted(stored or options.angles_deg)
+    colored = content.pixels.ndim == 4
+    intensities, valid = levels.apply(np.moveaxis(content.pixels, -1, 1) if colored else content.pixels, options.gamma)
+    if content.valid is not None:
+        valid = np.moveaxis(content.valid, -1, 1) if colored else content.valid
+    exposures = _exposures_of(len(intensities), options.exposures, told)
+    if exposures:
+        relative = np.array(exposures, dtype=np.float32) / np.float32(min(exposures))
+        intensities /= relative.reshape(-1, *[1] * (intensities.ndim - 1))
+    origin = replace(
+        origin_of("stack", content, levels, options),
+        exposures=exposures,
+        exposures_given=options.exposures is not None,
+        orientation=content.camera.orientation,
+    )
+    return _finished(intensities, valid, angles, origin, options.pair_gain or 1.0)
+
+
+def _exposures_of(n: int, given: tuple[float, ...] | None, told: tuple[float, ...]) -> tuple[float, ...]:
+    """Exposures of n photographs: as given, or as the files tell them."""
+    if given is None:
+        return told
+    if len(given) != n:
+        raise InputError(f"{len(given)} exposures are given for {n} photographs; give one for each")
+    return given
+
+
+def _finished(images: Images, valid: Mask, angles: tuple[float, ...], origin: Origin, gain: float) -> Capture:
+    if gain != 1 and orthogonal_pairs(angles) is None:
+        raise InputError("a pair gain needs four angles in two orthogonal pairs, such as 0,45,90,135; leave it out")
+    return Capture.of_planes(divide_out_gain(images, angles, gain), angles, valid, replace(origin, pair_gain=gain))
