@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from polaropt.capture.capture import FileContent
-from polaropt.capture.files.formats.arrays import decode_npy, decode_npz
+from polaropt.capture.files.formats.arrays import decode_array, decode_npz
 from polaropt.capture.files.formats.camera_raw import CAMERA_RAW, decode_camera_raw
 from polaropt.capture.files.formats.pictures import decode_jpeg, decode_png
 from polaropt.capture.files.formats.tiff import decode_tiff
@@ -72,7 +72,7 @@ DECODERS = (
     Decoder("TIFF", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), decode_tiff),
     Decoder("JPEG", (b"\xff\xd8",), decode_jpeg),
     Decoder("npz", (b"PK",), decode_npz),
-    Decoder("npy", (b"\x93NUMPY",), decode_npy),
+    Decoder("npy", (b"\x93NUMPY",), decode_array),
 )
 
 

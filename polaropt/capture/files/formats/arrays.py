@@ -42,7 +42,7 @@ def _npz_content(arrays: dict[str, Pixels]) -> FileContent:
     return FileContent(intensities, stack=intensities.ndim > 2, angles_deg=angles_deg, valid=mask)
 
 
-def decode_npy(data: bytes) -> FileContent:
+def decode_array(data: bytes) -> FileContent:
     try:
         array = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError) as error:
