@@ -7,7 +7,10 @@ Run ``polaropt study many_captures -o OUT``; without ``--photos`` it uses photog
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import os
+import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -21,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from pandas import DataFrame
+from tifffile import imread
 
 from polaropt.batch import Job as Capture
 from polaropt.batch import Options, Place, place_for, run_batch
@@ -37,12 +41,16 @@ SIZE, MARGIN = 256, 0
 NUMBERS = {"quick": (4, 8), "default": (100, 300), "full": (100, 1000)}
 BROKEN_EVERY = 10
 """One capture of so many is broken."""
-WAYS = ("bare", "layers only", "all files", "cluster")
+WAYS = ("bare", "layers only", "all files", "cluster", "killed")
+KILLS = 10
+"""Processes that are killed while they work, one after another at random times."""
 CLUSTER = (100_000, 200)
 """Captures and workers that are told of, beyond what is measured."""
 _WORKERS = 2
 _ASK_SECONDS = 0.5
 _START_SECONDS = 120
+# Seconds between two kills: long enough for the process that replaces one to begin, short enough for ten in a batch.
+_BETWEEN_KILLS = (3.0, 9.0)
 
 
 @dataclass(frozen=True)
@@ -67,6 +75,8 @@ class Row:
         Of them; all that are broken, and no other.
     seconds : float
         Of the whole, the start of processes included.
+    cpu_seconds : float
+        The same of all cores and processes together: what other work on the machine changes little.
     memory_early, memory_late : float
         Most bytes of this process and its children together, in the first and in the second half.
     through_scheduler : float
@@ -77,18 +87,25 @@ class Row:
         That were written.
     entries : float
         Most in one folder.
+    kills : float
+        Processes that were killed at their work.
+    differing : float
+        Captures whose layers are not, to the last bit, those of the others of the same content.
     """
 
     way: str
     number: int
     failed: int
     seconds: float
+    cpu_seconds: float
     memory_early: float
     memory_late: float
     through_scheduler: float
     tasks: float
     files: float
     entries: float
+    kills: float
+    differing: float
 
 
 def run(job: Job) -> list[Row]:
@@ -96,19 +113,25 @@ def run(job: Job) -> list[Row]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         sources = _captures(job, folder / "in")
-        with _memory() as memory:
+        with _memory() as memory, _cpu_seconds() as cpu:
             began = time.perf_counter()
             if job.way == "bare":
-                return [Row(job.way, job.number, 0, *_bare(sources, began), *memory(), *[np.nan] * 4)]
+                reading = _bare(sources)
+                bare = (time.perf_counter() - began - reading[0], cpu() - reading[1])
+                return [Row(job.way, job.number, 0, *bare, *memory(), *[np.nan] * 6)]
             options = Options(layers_only=job.way != "all files")
             out = folder / "out"
             jobs = [Capture(path.stem, (str(path),), str(out / path.stem), options) for path in sources]
-            through = tasks = np.nan
+            through = tasks = kills = np.nan
             if job.way == "cluster":
                 with _cluster(folder) as (address, told):
                     outcome = run_batch(jobs, out, Place(scheduler=address))
                     seconds = time.perf_counter() - began
                     through, tasks = told()
+            elif job.way == "killed":
+                with _killing(KILLS) as killed:
+                    outcome = run_batch(jobs, out, place_for(_WORKERS, None, None, False))
+                seconds, kills = time.perf_counter() - began, float(killed())
             else:
                 outcome = run_batch(jobs, out, place_for(None, None, None, False))
                 seconds = time.perf_counter() - began
@@ -116,8 +139,9 @@ def run(job: Job) -> list[Row]:
             broken = sum(path.stat().st_size == 0 for path in sources)
             assert len(outcome.rows) == job.number
             assert len(outcome.failed) == broken, [row.message for row in outcome.failed]
-            of_job = (job.way, job.number, len(outcome.failed), seconds)
-            return [Row(*of_job, *memory(), through, tasks, files, entries)]
+            took, used = (seconds, cpu()), memory()
+            told_of = (through, tasks, files, entries, kills, differing_layers(sources, out))
+            return [Row(job.way, job.number, len(outcome.failed), *took, *used, *told_of)]
 
 
 def _captures(job: Job, folder: Path) -> list[Path]:
@@ -138,16 +162,29 @@ def _captures(job: Job, folder: Path) -> list[Path]:
     return paths
 
 
-def _bare(sources: list[Path], began: float) -> tuple[float]:
-    """Seconds of reading aside, as one process separates them one after another."""
-    reading = 0.0
+def _bare(sources: list[Path]) -> tuple[float, float]:
+    """Separate captures one after another in this process; seconds and processor seconds of reading them."""
+    reading = [0.0, 0.0]
     for path in sources:
         if path.stat().st_size:
-            start = time.perf_counter()
+            start = time.perf_counter(), time.process_time()
             capture = read_capture(path)
-            reading += time.perf_counter() - start
+            reading[0] += time.perf_counter() - start[0]
+            reading[1] += time.process_time() - start[1]
             separate(capture)
-    return (time.perf_counter() - began - reading,)
+    return reading[0], reading[1]
+
+
+def differing_layers(sources: list[Path], out: Path) -> float:
+    """Captures whose layers differ from those of the first one of the same content."""
+    seen: dict[int, bytes] = {}
+    differing = 0
+    for path in sources:
+        if path.stat().st_size:
+            files = (out / path.stem / f"{name}.tiff" for name in ("transmission", "reflection"))
+            digest = hashlib.sha256(b"".join(np.ascontiguousarray(imread(file)).tobytes() for file in files)).digest()
+            differing += digest != seen.setdefault(path.stat().st_ino, digest)
+    return float(differing)
 
 
 def _sizes(out: Path) -> tuple[float, float]:
@@ -188,6 +225,42 @@ def _memory() -> Iterator[Callable[[], tuple[float, float]]]:
 
 
 @contextmanager
+def _cpu_seconds() -> Iterator[Callable[[], float]]:
+    """Tells the processor seconds of this process and of children that have ended, since it began."""
+
+    def now() -> float:
+        both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+        return sum(usage.ru_utime + usage.ru_stime for usage in both)
+
+    began = now()
+    yield lambda: now() - began
+
+
+@contextmanager
+def _killing(number: int) -> Iterator[Callable[[], int]]:
+    """Kills processes that work for this one, so many, one after another; tells how many it has killed."""
+    import psutil
+
+    random, ended, killed = np.random.default_rng(0), threading.Event(), [0]
+
+    def kill() -> None:
+        while killed[0] < number and not ended.wait(random.uniform(*_BETWEEN_KILLS)):
+            # The one that tracks resources is no worker.
+            workers = [child for child in psutil.Process().children() if "resource_tracker" not in " ".join(child.cmdline())]
+            if workers:
+                workers[int(random.integers(len(workers)))].send_signal(signal.SIGKILL)
+                killed[0] += 1
+
+    thread = threading.Thread(target=kill, daemon=True)
+    thread.start()
+    try:
+        yield lambda: killed[0]
+    finally:
+        ended.set()
+        thread.join()
+
+
+@contextmanager
 def _cluster(folder: Path) -> Iterator[tuple[str, Callable[[], tuple[float, float]]]]:
     """Address of a scheduler with workers, all processes of their own, and what went through it.
 
@@ -202,11 +275,13 @@ def _cluster(folder: Path) -> Iterator[tuple[str, Callable[[], tuple[float, floa
         while not file.is_file():
             assert time.monotonic() < end, "no scheduler"
             time.sleep(0.1)
-        with Client(scheduler_file=str(file), set_as_default=False) as watcher:
-            relay = _Relay(int(watcher.scheduler.address.rpartition(":")[2]))
+        with (
+            Client(scheduler_file=str(file), set_as_default=False) as watcher,
+            Relay(int(watcher.scheduler.address.rpartition(":")[2])) as relay,
+        ):
             address = f"tcp://127.0.0.1:{relay.port}"
             worker = ("worker", address, "--nthreads", "1", "--nworkers", str(_WORKERS), "--no-dashboard")
-            with _started(*worker), relay:
+            with _started(*worker):
                 watcher.wait_for_workers(_WORKERS, timeout=_START_SECONDS)
                 relay.count = 0
                 most = _most_tasks(watcher)
@@ -235,24 +310,46 @@ def _most_tasks(watcher: Any) -> Callable[[], int]:
     return told
 
 
-class _Relay:
-    """Passes connections on to a port of this machine and counts the bytes of both ways."""
+class Relay:
+    """Passes connections on to a port of this machine and counts the bytes of both ways.
+
+    Parameters
+    ----------
+    port : int
+
+    Attributes
+    ----------
+    port : int
+        Its own.
+    count : int
+        Bytes that were passed on.
+    """
 
     def __init__(self, port: int) -> None:
         self.count = 0
         self._target = port
         self._loop = asyncio.new_event_loop()
-        server = self._loop.run_until_complete(asyncio.start_server(self._connected, "127.0.0.1", 0))
-        self.port = int(server.sockets[0].getsockname()[1])
+        self._server = self._loop.run_until_complete(asyncio.start_server(self._connected, "127.0.0.1", 0))
+        self.port = int(self._server.sockets[0].getsockname()[1])
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> _Relay:
+    def __enter__(self) -> Relay:
         return self
 
     def __exit__(self, *error: object) -> None:
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
+        self._loop.close()
+
+    async def _end(self) -> None:
+        """Let no connection outlive the loop: whoever closes it later would find the loop closed."""
+        self._server.close()
+        passing = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in passing:
+            task.cancel()
+        await asyncio.gather(*passing, return_exceptions=True)
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         there, back = await asyncio.open_connection("127.0.0.1", self._target)
@@ -284,16 +381,20 @@ def _started(*arguments: str) -> Iterator[None]:
 
 def tables(frame: DataFrame) -> str:
     """What each way took, and what the growth from the fewer to the more captures says of many more."""
-    bare = frame[frame.way == "bare"].set_index("number").seconds
+    bare = frame[frame.way == "bare"].set_index("number")
 
-    def against_bare(part: DataFrame) -> str:
-        good = part.number.iloc[0] - part.failed.iloc[0]
-        known = bare.get(part.number.iloc[0])
-        return "" if known is None or not good else f"{part.seconds.iloc[0] / known:.2f}"
+    def against_bare(what: str) -> Callable[[DataFrame], str]:
+        def ratio(part: DataFrame) -> str:
+            known = bare[what].get(part.number.iloc[0])
+            return "" if known is None else f"{part[what].iloc[0] / known:.2f}"
+
+        return ratio
 
     cells: dict[str, Callable[[DataFrame], str]] = {
         "seconds": lambda part: f"{part.seconds.iloc[0]:.1f}",
-        "against bare": against_bare,
+        "against bare": against_bare("seconds"),
+        "processor seconds": lambda part: f"{part.cpu_seconds.iloc[0]:.1f}",
+        "of them against bare": against_bare("cpu_seconds"),
         "failed": lambda part: f"{part.failed.iloc[0]}",
         "GB, first half": lambda part: f"{part.memory_early.iloc[0] / 1e9:.2f}",
         "GB, second half": lambda part: f"{part.memory_late.iloc[0] / 1e9:.2f}",
@@ -303,6 +404,8 @@ def tables(frame: DataFrame) -> str:
         "tasks at a time": lambda part: _number(part.tasks.iloc[0]),
         "files per capture": lambda part: _number(part.files.iloc[0] / part.number),
         "entries of the fullest folder": lambda part: _number(part.entries.iloc[0]),
+        "processes killed": lambda part: _number(part.kills.iloc[0]),
+        "layers that differ": lambda part: _number(part.differing.iloc[0]),
     }
     return f"{markdown(summary(frame, {'way': 'way', 'captures': 'number'}, cells))}\n\n{_beyond(frame)}"
 

@@ -21,6 +21,8 @@ CAPTIONS = {
     "random_windows": "How many dB each random scene, found blind, is behind the same scene with the pane known.",
     "random_windows_errors": "Stated errors of the pane's numbers against true ones; on the line they agree.",
     "real_mosaics": "Layers of real raw mosaics: the middle of each capture as it was separated.",
+    "shared_scene": "Errors of the pane's numbers that captures tell together, true and stated, over how many there "
+    "are; grey: as the root of their number.",
     "speed_memory": "Memory beyond the photographs against accuracy, one setting changed at a time.",
     "speed_profiles": "Share of scenes that each setting solves within so many times the least seconds.",
     "stability_map": "PSNR of both layers over incidence and noise; framed where a pair fails, dashed where that was "
