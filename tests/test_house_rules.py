@@ -44,12 +44,13 @@ BELOW = {
     "reporting": _SEPARATION | {"separation"},
     "batch": _SEPARATION | {"separation", "reporting"},
     "sequence": _SEPARATION | {"separation", "reporting", "batch"},
+    "web": _SEPARATION | {"separation", "reporting", "batch"},
     "training": _SOLVING | {"simulation", "solving"},
     "api": _SEPARATION | {"separation", "reporting", "batch", "sequence"},
 }
 INSIDE_ESTIMATION = ("flat", "wide", "polarized")
 HEAVY = ("torch", "casadi", "nlopt", "kornia", "matplotlib", "scipy", "skimage", "cv2", "sklearn", "pandas", "zarr")
-HEAVY += ("dask", "distributed")
+HEAVY += ("dask", "distributed", "starlette", "uvicorn")
 MOST_LINES, MOST_LINES_OF_A_FUNCTION, MOST_MODULES = 800, 100, 12
 
 every_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -259,10 +259,9 @@ def _found(files: list[Path], angles_deg: Sequence[float], stacks: Sequence[str]
     single: list[Path] = []
     wanted = {angle % 180 for angle in angles_deg}
     for file in files:
-        match = re.search(_ANGLE, file.stem, re.IGNORECASE)
-        if match is not None and file.suffix.lower() in _PHOTOGRAPHS:
-            key = file.stem[: match.start()].rstrip(_MARKS), file.suffix.lower()
-            turned.setdefault(key, {})[float(match["angle"])] = file
+        called = angle_in_name(file)
+        if called is not None and file.suffix.lower() in _PHOTOGRAPHS:
+            turned.setdefault((called[0], file.suffix.lower()), {})[called[1]] = file
         else:
             single.append(file)
     for (name, _), found in turned.items():
@@ -281,6 +280,12 @@ def _found(files: list[Path], angles_deg: Sequence[float], stacks: Sequence[str]
         else:
             leftovers.append(Leftover(file, _no_capture(file, angles_deg)))
     return groups, leftovers
+
+
+def angle_in_name(file: Path) -> tuple[str, float] | None:
+    """What a photograph's name is beside the angle that it ends in, and the angle; None where it ends in none."""
+    match = re.search(_ANGLE, file.stem, re.IGNORECASE)
+    return None if match is None else (file.stem[: match.start()].rstrip(_MARKS), float(match["angle"]))
 
 
 def _no_capture(file: Path, angles_deg: Sequence[float]) -> str:

@@ -14,6 +14,7 @@ from polaropt.cli.demo import demo_command
 from polaropt.cli.inspect import estimate_command, inspect_command
 from polaropt.cli.many.batch import batch_command
 from polaropt.cli.many.sequence import sequence_command
+from polaropt.cli.page import app_command
 from polaropt.cli.separate import separate_command
 from polaropt.cli.simulate import simulate_command
 from polaropt.cli.study import add_study_command
@@ -35,6 +36,7 @@ add_command(app, estimate_command, f"polaropt estimate {_FOUR}")
 add_command(app, separate_command, f"polaropt separate {_FOUR} -o out")
 add_command(app, batch_command, "polaropt batch shots -o out --layers-only")
 add_command(app, sequence_command, "polaropt sequence film.tiff -o out --resolution cell --video")
+add_command(app, app_command, "polaropt app")
 add_command(app, calibrate_command, "polaropt calibrate flat_*.png -o analyzer.json")
 add_command(app, train_command, "polaropt train --quick -o training")
 add_study_command(app)

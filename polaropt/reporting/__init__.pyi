@@ -4,6 +4,7 @@ __all__ = [
     "Inspection",
     "Picture",
     "alignment_sentence",
+    "capture_findings",
     "cell_order_attention",
     "estimate_sentences",
     "inspect_capture",
@@ -12,12 +13,15 @@ __all__ = [
     "json_values",
     "marked",
     "motion_attention",
+    "motion_sentences",
+    "page_template",
     "plot_layers",
     "reduced_intensity",
     "report_attention",
     "report_sentences",
     "result_html",
     "result_lines",
+    "result_sentences",
     "scene_of_report",
     "scene_report",
     "side_by_side",
@@ -36,6 +40,7 @@ from .notebook import plot_layers as plot_layers
 from .notebook import result_html as result_html
 from .notebook import result_lines as result_lines
 from .notebook import scene_of_report as scene_of_report
+from .page import page_template as page_template
 from .pictures import LAYERS as LAYERS
 from .pictures import Picture as Picture
 from .pictures import inspection_picture as inspection_picture
@@ -46,12 +51,15 @@ from .pictures import viewing_exposure as viewing_exposure
 from .report import json_values as json_values
 from .report import scene_report as scene_report
 from .words import alignment_sentence as alignment_sentence
+from .words import capture_findings as capture_findings
 from .words import cell_order_attention as cell_order_attention
 from .words import estimate_sentences as estimate_sentences
 from .words import inspection_sentences as inspection_sentences
 from .words import marked as marked
 from .words import motion_attention as motion_attention
+from .words import motion_sentences as motion_sentences
 from .words import report_attention as report_attention
 from .words import report_sentences as report_sentences
+from .words import result_sentences as result_sentences
 from .words import start_sentence as start_sentence
 from .words import time_sentence as time_sentence

@@ -304,7 +304,8 @@ def _label(value: float) -> str:
     return f"{value:,.0f}" if 1000 <= abs(value) < 1e8 else f"{value:.4g}"
 
 
-_TEMPLATE = "report_template.html"
+_HERE, _TEMPLATE = "polaropt.reporting", "report_template.html"
+_PIECES = ("look.css", "compare.html", "compare.css", "compare.js")
 _RUNGS = {
     "none": "no polarization: nothing to separate by",
     "pixelwise": "a flat pane seen from afar, all bounces in place",
@@ -342,7 +343,7 @@ def write_html_report(
     pictures : sequence of PagePicture
     """
     names = [Path(name).name for name in report["input"].get("files", ())]
-    page = _template().render(
+    page = page_template(_HERE, _TEMPLATE).render(
         title=_title(names),
         names=names,
         report=report,
@@ -351,6 +352,7 @@ def write_html_report(
         unseen=motion_sentences(report),
         pictures=pictures,
         comparable=[picture for picture in pictures if picture.comparable],
+        full_width=report["input"]["width"],
         parameters=parameters(report),
         chart=convergence_chart([point.value for point in result.solver.trace]),
         solver=solver_sentence(report["solver"]),
@@ -396,10 +398,24 @@ def _error(component: Component, error: float) -> str:
     return f"± {error:.2g} {component.unit}".rstrip()
 
 
-@lru_cache(maxsize=1)
-def _template() -> Template:
-    from jinja2 import Environment, StrictUndefined
+@lru_cache(maxsize=4)
+def page_template(package: str, name: str) -> Template:
+    """Template of a page in a package; it may include the pieces that all pages share.
+
+    Parameters
+    ----------
+    package, name : str
+        Where it is: a package of polaropt and the name of a file in it. The pieces are ``look.css``, and
+        ``compare.html``, ``compare.css`` and ``compare.js``, two pictures under a slider.
+    """
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    def source(wanted: str) -> str:
+        place = files(_HERE if wanted in _PIECES else package)
+        return place.joinpath(wanted).read_text(encoding="utf-8")
 
     # File names and sentences are text, not markup.
-    page = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
-    return page.from_string(files("polaropt.reporting").joinpath(_TEMPLATE).read_text(encoding="utf-8"))
+    pages = Environment(
+        loader=FunctionLoader(source), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+    )
+    return pages.get_template(name)

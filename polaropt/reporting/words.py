@@ -469,12 +469,9 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
     folder : Path
         Where the files are.
     """
-    solver = report["solver"]
     exposures = " and ".join(f"{report['view']['exposure'][name]:.3g}" for name in LAYERS)
     lines = [
-        pane_sentence(report),
-        f"Solver: {solver_sentence(solver)}",
-        time_sentence(report["seconds"]),
+        *result_sentences(report),
         *marked(report_attention(report)),
         *motion_sentences(report),
         f"Written to {folder}:",
@@ -496,6 +493,11 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
     if "report.html" in report["written"]:
         lines.append("  report.html                         the result as a page, with pictures and warnings")
     return lines
+
+
+def result_sentences(report: dict[str, Any]) -> list[str]:
+    """The pane, the solve and the time that all took, of ``report.json``."""
+    return [pane_sentence(report), f"Solver: {solver_sentence(report['solver'])}", time_sentence(report["seconds"])]
 
 
 # Share of the whole from which a stage is told by itself; set by hand.

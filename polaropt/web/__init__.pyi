@@ -1,0 +1,7 @@
+__all__ = [
+    "EXTRA",
+    "serve",
+]
+
+from .server import EXTRA as EXTRA
+from .server import serve as serve

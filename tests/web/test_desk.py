@@ -1,0 +1,44 @@
+"""Files of a capture as the page takes them: their order, their angles, their names."""
+
+from __future__ import annotations
+
+import pytest
+
+from polaropt.web.desk import names_in_order, safe_name
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["p_135.png", "p_000.png", "p_090.png", "p_045.png"], [0, 45, 90, 135]),
+        (["b120deg.tif", "b_60deg.tif", "b_0deg.tif"], [0, 60, 120]),
+        # Numbers that count files are no angles.
+        (["i_003.png", "i_001.png", "i_002.png", "i_004.png"], [0, 45, 90, 135]),
+        (["DSC_0123.NEF", "DSC_0121.NEF", "DSC_0122.NEF", "DSC_0124.NEF"], [0, 45, 90, 135]),
+        (["c", "a", "b"], [0, 60, 120]),
+        (["e", "d", "c", "b", "a"], [None] * 5),
+        (["raw_045.png"], [None]),
+    ],
+)
+def test_angles_are_those_of_the_names(names: list[str], expected: list[float | None]) -> None:
+    ordered = names_in_order(names)
+    assert sorted(name for name, _ in ordered) == sorted(names)
+    if expected != [0, 60, 120] or "b_0deg.tif" not in names:
+        assert [angle for _, angle in ordered] == expected
+
+
+def test_photographs_of_one_name_are_all_kept() -> None:
+    assert [name for name, _ in names_in_order(["a.png", "a.png", "a.png"])] == ["a.png"] * 3
+
+
+@pytest.mark.parametrize("name", ["../evil", "/etc/passwd", "..", "", "a\x00b", "a\nb", "\\\\server\\x.png", "<b>.png"])
+def test_a_name_keeps_nothing_that_leads_elsewhere(name: str) -> None:
+    kept = safe_name(name)
+    assert kept
+    assert not kept.startswith(".")
+    assert not set(kept) & set("/\\\0\n<>:")
+
+
+def test_the_end_of_a_long_name_stays() -> None:
+    assert safe_name("x" * 300 + ".tiff").endswith(".tiff")
+    assert len(safe_name("x" * 300 + ".tiff")) < 255
