@@ -246,7 +246,9 @@ def _killing(number: int) -> Iterator[Callable[[], int]]:
     def kill() -> None:
         while killed[0] < number and not ended.wait(random.uniform(*_BETWEEN_KILLS)):
             # The one that tracks resources is no worker.
-            workers = [child for child in psutil.Process().children() if "resource_tracker" not in " ".join(child.cmdline())]
+            workers = [
+                child for child in psutil.Process().children() if "resource_tracker" not in " ".join(child.cmdline())
+            ]
             if workers:
                 workers[int(random.integers(len(workers)))].send_signal(signal.SIGKILL)
                 killed[0] += 1
