@@ -1,7 +1,8 @@
 """What each part of the separation is worth: the whole, and without each part, on the paper's six incidences.
 
 Run ``polaropt study ablation -o OUT``. Differences are to the whole on the same scenes; their intervals come from
-resampling the pairs of photographs. The learned start is no part of the whole: there it is put in.
+resampling the pairs of photographs. The learned start is no part of the whole: there it is put in. A second table has
+every term of the objective at several times its weight, beside the other terms and without the one nearest to it.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from polaropt.capture import noise_level, planes_last
 from polaropt.errors import InputError
 from polaropt.optics import SceneParameters
+from polaropt.solving import Weights
 from studies.camera import Sample, SceneJob
 from studies.kit.charts import BLUE, ORANGE, Fill, crops, new_figure
 from studies.kit.frames import across, joined, markdown, mean, median, summary, values_of, where
@@ -35,6 +37,16 @@ SHOWN_DEG = 60.0
 """Incidence of the crops."""
 WORTH_DB = 0.05
 """A part earns its place if the mean of either layer is better by this with it than without."""
+FACTORS = (0.0, 1.0, 10.0, 100.0)
+"""On a term's weight."""
+NEIGHBOURS = {
+    "misfit": "natural_image",
+    "edge_independence": "gradient_sparsity",
+    "gradient_sparsity": "edge_independence",
+    "nonnegativity": "natural_image",
+    "natural_image": "gradient_sparsity",
+}
+"""Of each term of the objective the one that does most nearly the same: edges, or what is expected of a layer."""
 FEWEST_PAIRS = 4
 """An interval over fewer says nothing."""
 _SEED = 0
@@ -59,8 +71,38 @@ class Row:
     not_run: str = ""
 
 
+@dataclass(frozen=True)
+class Weighting:
+    """A term of the objective at so many times its weight, with its neighbour or without."""
+
+    term: str
+    factor: float
+    alone: bool
+
+    @property
+    def weights(self) -> Weights:
+        """Of the objective."""
+        neighbour = {NEIGHBOURS[self.term]: 0.0} if self.alone else {}
+        return Weights(**{self.term: self.factor, **neighbour})
+
+    @property
+    def part(self) -> Part:
+        """As a variant of the whole, of a name of its own."""
+        without = f" without {_words(NEIGHBOURS[self.term])}" if self.alone else ""
+        return Part(f"{_words(self.term)} x{self.factor:g}{without}", "", self.weights)
+
+
+WEIGHTINGS = tuple(
+    Weighting(term, factor, alone) for term in NEIGHBOURS for alone in (False, True) for factor in FACTORS
+)
+
+
+def _words(term: str) -> str:
+    return {"natural_image": "natural-image prior"}.get(term, term.replace("_", " "))
+
+
 def run(job: SceneJob) -> list[Row]:
-    """Solve one scene without each part; those that ask the same of the estimate share it."""
+    """Solve one scene without each part and with each weighting; those that ask the same share the estimate."""
     sample = job.sample()
     noise = noise_level(sample.capture)
     estimates: dict[SceneParameters, SceneParameters] = {}
@@ -70,7 +112,19 @@ def run(job: SceneJob) -> list[Row]:
             if part.hint not in estimates:
                 estimates[part.hint] = part.estimate(sample.capture, noise)
             rows.append(_row(job, part, sample, estimates[part.hint]))
+        # Several weightings are the same objective, such as all that leave every factor at 1.
+        made: dict[Weights, Row] = {}
+        for weighting in WEIGHTINGS:
+            weights, part = _plain(weighting.weights), weighting.part
+            if weights not in made:
+                made[weights] = _row(job, part, sample, estimates[part.hint])
+            rows.append(replace(made[weights], variant=part.name))
     return rows
+
+
+def _plain(weights: Weights) -> Weights:
+    """The same weights, a factor of 1 as the default."""
+    return Weights(**{term: None if weights.factor(term) == 1 else weights.factor(term) for term in NEIGHBOURS})
 
 
 def _row(job: SceneJob, part: Part, sample: Sample, estimate: SceneParameters) -> Row:
@@ -111,7 +165,9 @@ _WORK = (median("evaluations", ".0f"), median("seconds"))
 
 
 def tables(frame: DataFrame) -> str:
-    """Means over all scenes and the worth of every part; PSNR of both layers per incidence."""
+    """Means over all scenes and the worth of every part; PSNR of both layers per incidence, and by the weights."""
+    weighed = frame.variant.isin({weighting.part.name for weighting in WEIGHTINGS})
+    by_weight, frame = frame[weighed], frame[~weighed]
     worth = DataFrame([_line(frame, part) for part in PARTS], columns=_HEADS, dtype=object)
     both = joined(*_MEANS[:2])
     by_incidence = across(
@@ -121,7 +177,25 @@ def tables(frame: DataFrame) -> str:
         "{:g} deg".format,
     )
     named = frame.assign(change=frame.variant.map({part.name: part.change for part in PARTS}))
-    return f"{markdown(worth)}\n\n{markdown(summary(named, {'part': 'change'}, by_incidence))}"
+    parts = [worth, summary(named, {"part": "change"}, by_incidence)]
+    if len(by_weight):
+        parts.append(_by_weight(by_weight))
+    return "\n\n".join(map(markdown, parts))
+
+
+def _by_weight(frame: DataFrame) -> DataFrame:
+    """PSNR of both layers, mean over all scenes, for every term at each factor on its weight."""
+    both = joined(*_MEANS[:2])
+    lines = [
+        [
+            _words(term),
+            f"without {_words(NEIGHBOURS[term])}" if alone else "",
+            *(both(where(frame, variant=Weighting(term, factor, alone).part.name)) for factor in FACTORS),
+        ]
+        for term in NEIGHBOURS
+        for alone in (False, True)
+    ]
+    return DataFrame(lines, columns=["term", "", *(f"x{factor:g}" for factor in FACTORS)], dtype=object)
 
 
 def _line(frame: DataFrame, part: Part) -> list[str]:

@@ -10,7 +10,9 @@ import pytest
 from polaropt import separate
 from polaropt.capture.noise import noise_level
 from polaropt.simulation.metrics import psnr_db
-from studies.ablation import Row, difference, run, tables
+from polaropt.solving import Weights
+from polaropt.solving.objective import term_names
+from studies.ablation import FACTORS, NEIGHBOURS, WEIGHTINGS, Row, difference, run, tables
 from studies.camera import SceneJob
 from studies.kit.frames import frame_of
 from studies.scenes import protocol
@@ -89,6 +91,7 @@ def test_the_learned_start_is_what_separate_does(example):
 def test_without_torch_the_learned_start_is_not_run(monkeypatch):
     monkeypatch.setattr("polaropt.solving.starts.find_spec", lambda package: None)
     monkeypatch.setattr("studies.ablation.PARTS", (named(WHOLE), named("learned start")))
+    monkeypatch.setattr("studies.ablation.WEIGHTINGS", ())
     made = run(SceneJob(protocol(60.0), 0, size=48))
     assert [bool(row.not_run) for row in made] == [False, True]
     text = tables(frame_of(Row, made))
@@ -104,3 +107,23 @@ def test_few_pairs_have_none():
 
 def test_parts_have_names_of_their_own():
     assert len({part.name for part in PARTS}) == len(PARTS)
+
+
+def test_every_term_stands_at_every_factor_with_and_without_its_neighbour(monkeypatch):
+    assert set(NEIGHBOURS) == set(term_names())
+    assert (
+        len({weighting.part.name for weighting in WEIGHTINGS}) == len(WEIGHTINGS) == 2 * len(FACTORS) * len(NEIGHBOURS)
+    )
+    (heavy,) = [one for one in WEIGHTINGS if one.part.name == "edge independence x100 without gradient sparsity"]
+    assert heavy.weights == Weights(edge_independence=100.0, gradient_sparsity=0.0)
+    monkeypatch.setattr("studies.ablation.PARTS", (named(WHOLE),))
+    shown = tuple(one for one in WEIGHTINGS if one.term == "nonnegativity")
+    monkeypatch.setattr("studies.ablation.WEIGHTINGS", shown)
+    monkeypatch.setattr("studies.ablation.NEIGHBOURS", {"nonnegativity": NEIGHBOURS["nonnegativity"]})
+    made = run(SceneJob(protocol(60.0), 0, size=48))
+    whole, *weighed = made
+    at_one = next(row for row in weighed if row.variant == "nonnegativity x1")
+    assert at_one.transmission == whole.transmission
+    text = tables(frame_of(Row, made))
+    assert "| term |  | x0 | x1 | x10 | x100 |" in text
+    assert "| nonnegativity | without natural-image prior |" in text
