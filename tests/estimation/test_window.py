@@ -12,7 +12,8 @@ from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.window import WindowSearch, equivalent_incidences
-from polaropt.estimation.flat.window_likelihood import Window, WindowLikelihood
+from polaropt.estimation.flat.windows.gaps import GapMap
+from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
 from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.optics import in_place_reflectance
 from polaropt.simulation import Camera, photograph_pair
@@ -43,7 +44,8 @@ def likelihood(capture: Capture) -> WindowLikelihood:
 def test_a_start_beyond_what_is_searched_stays_there() -> None:
     capture = Capture.of_planes(np.random.default_rng(0).uniform(0.2, 0.8, (4, 1, 64, 64)), (0.0, 45.0, 90.0, 135.0))
     beyond = Window(60.0, -6.0, 27.0, n_panes=2)
-    assert WindowSearch(likelihood(capture), 20.0, 1.5, {}).refined(beyond, 1).window.gap_along == 27.0
+    gaps = GapMap(cross_spectra(plate_frame(stokes_images(capture, NOISE), 25.0)), 1.5, 20.0)
+    assert WindowSearch(likelihood(capture), gaps, 20.0, 1.5, {}).refined(beyond, 1).window.gap_along == 27.0
 
 
 def test_the_true_window_is_likeliest() -> None:
@@ -93,9 +95,22 @@ def test_two_panes_are_found_blind_and_one_is_left_alone() -> None:
     assert (single.n_panes, single.gap_shift) == (1, 0)
 
 
-@pytest.mark.parametrize(("number", "n_panes"), [(36, 1), (184, 3), (216, 2)])
+@pytest.mark.parametrize("gap", [(9.0, 0.0), (-12.0, 5.0)])
+def test_a_map_of_gaps_holds_the_true_one(gap: tuple[float, float]) -> None:
+    """Though it is made a few degrees off, and no scan along the azimuth would meet the second."""
+    turned = float(np.degrees(np.arctan2(gap[1], gap[0])))
+    capture = taken(TWO.replace(gap_shift=float(np.hypot(*gap)), gap_azimuth_deg=25.0 - turned))
+    gaps = GapMap(cross_spectra(plate_frame(stokes_images(capture, NOISE), 25.0)), 1.5, 24.0)
+    likely = gaps.likely(Window(64.0, 2.0, n_panes=2), 4)
+    assert min(np.hypot(along - gap[0], across - gap[1]) for along, across in likely) <= 1
+
+
+@pytest.mark.parametrize(("number", "n_panes"), [(36, 1), (184, 3), (216, 2), (664, 2), (472, 3), (88, 3)])
 def test_panes_are_counted(number: int, n_panes: int) -> None:
-    """One in strong noise whose edges suit two, three that no two resemble, two that a likelier wrong window hides."""
+    """One in strong noise whose edges suit two, three that no two resemble, two that a likelier wrong window hides.
+
+    Two whose gap shifts to the side, three whose layers have edges in common, three that are hardly likelier than two.
+    """
     assert found_at_random(number).n_panes == n_panes
 
 

@@ -27,13 +27,13 @@ from polaropt.optics import SceneParameters, window_orders
 from solvers.kernels import in_blocks
 
 if TYPE_CHECKING:
-    from polaropt.estimation.flat.window_kernels import Seen
+    from polaropt.estimation.flat.windows.kernels import Seen
 
 Values = NDArray[np.float64]
 
 # Orders of images that are looked at, and the weight of those that count. By trial.
 _ORDERS, _LEAST_WEIGHT = 10, 2e-3
-_DETAIL = (5, 4)
+DETAIL = (5, 4)
 """Radii and directions into which the layers' spectra are split: with fewer, edges pass for further panes. By trial."""
 _ROUNDS = 8
 """In which each trial's spectra are fitted. By trial."""
@@ -81,7 +81,7 @@ class WindowLikelihood:
 
     def misfit(self, windows: Sequence[Window], rounds: int = _ROUNDS) -> Values:
         """Minus log likelihood per frequency of trial windows, up to a constant, (window,)."""
-        from polaropt.estimation.flat.window_kernels import Lags, window_misfits
+        from polaropt.estimation.flat.windows.kernels import Lags, window_misfits
 
         glass = [(round(w.incidence_deg, _DIGITS), w.n_panes, round(w.absorption, _DIGITS)) for w in windows]
         different = list(dict.fromkeys(glass))
@@ -113,13 +113,20 @@ class WindowLikelihood:
         return (hann_autocorrelation(columns / tile) * hann_autocorrelation(rows / tile)).astype(np.float32)
 
 
+def lags_of(window: Window, refractive_index: float) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Orders (2, lag, 2) and weights (2, lag, 4) of a window's kind, as `kernels.Lags`."""
+    return _lags(
+        round(window.incidence_deg, _DIGITS), window.n_panes, round(window.absorption, _DIGITS), refractive_index
+    )
+
+
 def _seen(spectra: CrossSpectra) -> Seen:
-    from polaropt.estimation.flat.window_kernels import Seen
+    from polaropt.estimation.flat.windows.kernels import Seen
 
     (par, cross), (_, perp) = spectra.covariance
     data = np.stack([spectra.par, spectra.perp, spectra.cross.real, spectra.cross.imag])
     parts = (spectra.along, spectra.across_azimuth, spectra.multiplicity)
-    shapes = spectral_shapes(spectra.along, spectra.across_azimuth, *_DETAIL)
+    shapes = spectral_shapes(spectra.along, spectra.across_azimuth, *DETAIL)
     arrays = (*parts, shapes, data, np.array([par, perp, cross]))
     return Seen(*(np.ascontiguousarray(part, dtype=np.float32) for part in arrays))
 
@@ -128,7 +135,7 @@ def _seen(spectra: CrossSpectra) -> Seen:
 def _lags(
     incidence_deg: float, n_panes: int, absorption: float, refractive_index: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Orders (2, lag, 2) and weights (2, lag, 4) of a kind of window, as `window_kernels.Lags`."""
+    """Orders (2, lag, 2) and weights (2, lag, 4) of a kind of window, as `kernels.Lags`."""
     scene = SceneParameters(
         incidence_deg, 0.0, 1.0, refractive_index, n_panes=n_panes, gap_shift=1.0, absorption=absorption
     )
