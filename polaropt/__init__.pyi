@@ -2,6 +2,7 @@ __version__: str
 __all__ = [
     "PSE",
     "Capture",
+    "FrameReader",
     "Initializer",
     "InputError",
     "ResultWarning",
@@ -30,6 +31,7 @@ from .api import separate as separate
 from .api import separate_many as separate_many
 from .api import separate_sequence as separate_sequence
 from .capture import Capture as Capture
+from .capture import FrameReader as FrameReader
 from .capture import align as align
 from .capture import read_capture as read_capture
 from .errors import InputError as InputError

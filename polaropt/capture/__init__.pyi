@@ -13,6 +13,7 @@ __all__ = [
     "EncodingHint",
     "FileContent",
     "FloatImages",
+    "FrameReader",
     "GammaFit",
     "JpegFacts",
     "Mistakes",
@@ -133,3 +134,4 @@ from .polarization import stokes_images as stokes_images
 from .read import mosaic_capture as mosaic_capture
 from .read import read_capture as read_capture
 from .reading.fields import field_means as field_means
+from .reading.frames import FrameReader as FrameReader

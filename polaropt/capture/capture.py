@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
+from functools import cached_property, partial
+from operator import methodcaller
 from typing import Any
 
 import numpy as np
@@ -241,20 +243,39 @@ class RegisteredCells:
 
     Attributes
     ----------
-    capture : Capture
-        All samples referred to the middle of their pattern by one low pass, see `polaropt.capture.mosaic`.
     scale : int
         Pixels of the capture that these belong to per pixel of theirs.
     noise_share : float
         Standard deviation of their noise in units of a raw sample's.
-    samples : RawSamples
-        What they were made of.
+    make : callable
+        Makes `capture` and `samples` when one of them is first asked for: frames of a sequence hardly ever need them.
     """
 
-    capture: Capture
     scale: int
     noise_share: float
-    samples: RawSamples
+    make: Callable[[], tuple[Capture, RawSamples]]
+
+    @cached_property
+    def _made(self) -> tuple[Capture, RawSamples]:
+        return self.make()
+
+    @property
+    def capture(self) -> Capture:
+        """All samples referred to the middle of their pattern by one low pass, see `polaropt.capture.mosaic`."""
+        return self._made[0]
+
+    @property
+    def samples(self) -> RawSamples:
+        """What they were made of."""
+        return self._made[1]
+
+    def changed(self, change: Callable[[Capture], Capture]) -> RegisteredCells:
+        """The same cells with what `change` makes of their capture."""
+        return replace(self, make=partial(_changed_cells, self, change))
+
+
+def _changed_cells(cells: RegisteredCells, change: Callable[[Capture], Capture]) -> tuple[Capture, RawSamples]:
+    return change(cells.capture), cells.samples
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -407,7 +428,7 @@ class Capture:
         """
         cells = self.cells
         if cells is not None and angles_deg is not None:
-            cells = replace(cells, capture=cells.capture.replace(angles_deg=angles_deg))
+            cells = cells.changed(methodcaller("replace", angles_deg=angles_deg))
         return self._with(
             intensities=self.intensities if intensities is None else intensities,
             angles_deg=self.angles_deg if angles_deg is None else _angles(angles_deg),
@@ -436,7 +457,7 @@ class Capture:
             return other
         if changes.get("focal_px") is not None:
             changes["focal_px"] /= self.cells.scale
-        return other._with(cells=replace(self.cells, capture=self.cells.capture.with_origin(**changes)))
+        return other._with(cells=self.cells.changed(methodcaller("with_origin", **changes)))
 
     @property
     def registered(self) -> Capture:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -213,7 +214,7 @@ def _filtered(images: Images, kernels: tuple[Floats, Floats]) -> Images:
     return np.asarray(correlate1d(down, kernels[1], axis=1, mode="nearest"), dtype=np.float32)
 
 
-_MARGIN = 16
+MARGIN = 16
 """Pixels around a frame in which its mirror image fades: a multiple of all periods. Set by hand."""
 _TURNS = 6
 """Turns of expectation maximization; more hardly change the photographs."""
@@ -254,39 +255,31 @@ def wiener_photographs(
         Rows of the analyzers that the samples were taken by. Default: ideal ones at the angles, as which the
         photographs are shown.
     """
-    from scipy.fft import irfft2, rfft2
+    from scipy.fft import irfft2
 
-    period, colors = sampling.period, sampling.n_channels
-    shown, basis = analyzer_matrix(angles_deg), opponent_basis(colors)
+    shown = analyzer_matrix(angles_deg)
     analyzer = shown if analyzer is None else analyzer
     level = np.linalg.pinv(analyzer) @ expected.mean(axis=(-1, -2), dtype=np.float64)
-    samples = raw if valid.all() else np.where(valid | (raw >= 1), raw, sampling.laid_out(expected, raw.shape))
-    samples = samples - sampling.laid_out(analyzer @ level, raw.shape)
-    rows, columns = (_mirrored(side, period) for side in raw.shape)
-    window = [
-        tukey_window(side, _MARGIN, index.size - side - _MARGIN)
-        for side, index in zip(raw.shape, (rows, columns), strict=True)
-    ]
-    framed = samples[rows][:, columns] * np.outer(*window).astype(np.float32)
-    data = np.asarray(rfft2(framed, norm="ortho"), dtype=np.complex64)
-    groups = AliasGroups(framed.shape[0], framed.shape[1], period)
-    combs = groups.combs(sampling.weights(analyzer, basis))
-    law = _law(*framed.shape)
-    powers = _fitted_powers(groups, combs, law, data, noise, _initial_powers(expected, analyzer, basis))
+    samples = filled_samples(raw, valid, sampling, expected)
+    framed = framed_samples(samples, sampling, analyzer @ level)
+    prior = fitted_prior(framed, sampling, noise, expected, analyzer)
+    colors, basis = sampling.n_channels, prior.basis
 
     def system(members: Members) -> tuple[NDArray[Any], Callable[[NDArray[Any]], NDArray[Any]]]:
-        of_law = members.of(law)
+        of_law = members.of(prior.law)
 
         def stokes(mean: NDArray[Any]) -> NDArray[Any]:
-            return np.asarray(np.einsum("bst,btag,ag->bsag", powers.astype(np.float32), mean, of_law, optimize=True))
+            return np.asarray(
+                np.einsum("bst,btag,ag->bsag", prior.powers.astype(np.float32), mean, of_law, optimize=True)
+            )
 
-        return np.multiply.outer(powers, of_law).astype(np.complex64), stokes
+        return prior.covariance(of_law), stokes
 
-    spectra = wiener_spectra(groups, combs, system, noise**2, data, 3)
+    spectra = wiener_spectra(prior.groups, prior.combs, system, noise**2, prior.data, 3)
     images = np.empty((colors, 3, *raw.shape), np.float32)
     for where in np.ndindex(colors, 3):
         whole = irfft2(spectra[where], s=framed.shape, norm="ortho", overwrite_x=True)
-        images[where] = whole[_MARGIN : _MARGIN + raw.shape[0], _MARGIN : _MARGIN + raw.shape[1]]
+        images[where] = whole[MARGIN : MARGIN + raw.shape[0], MARGIN : MARGIN + raw.shape[1]]
     del spectra
     images += (basis @ level.T)[..., None, None].astype(np.float32)
     photographs = np.empty((len(angles_deg), colors, *raw.shape), np.float32)
@@ -296,16 +289,88 @@ def wiener_photographs(
     return photographs
 
 
-def _mirrored(side: int, period: int) -> NDArray[np.intp]:
-    """Samples of a side with mirrored patterns beyond its ends, as many as the Fourier transform likes."""
+@dataclass(frozen=True)
+class StokesPrior:
+    """What is expected of the Stokes images of a mosaic's frame, fitted to it.
+
+    Attributes
+    ----------
+    groups : AliasGroups
+    combs : ndarray of complex64, shape (color, 3, alias, alias)
+    basis : ndarray, shape (color, channel)
+        The colour basis.
+    law : ndarray, shape (H, W // 2 + 1)
+        How power falls with frequency.
+    powers : ndarray, shape (color, 3, 3)
+        Covariance of s0, s1 and s2 per unit of the law.
+    data : ndarray of complex64, shape (H, W // 2 + 1)
+        Spectrum of the samples that it was fitted to.
+    """
+
+    groups: AliasGroups
+    combs: NDArray[Any]
+    basis: Floats
+    law: Images
+    powers: Floats
+    data: NDArray[np.complex64]
+
+    def covariance(self, of_law: NDArray[Any]) -> NDArray[np.complex64]:
+        """Of the Stokes images (color, 3, 3, alias, group) at members with this power law (alias, group)."""
+        return np.asarray(np.multiply.outer(self.powers, of_law), dtype=np.complex64)
+
+
+def fitted_prior(framed: Images, sampling: Sampling, noise: float, expected: Images, analyzer: Floats) -> StokesPrior:
+    """The covariance of Stokes images under which samples of a whole frame are likeliest.
+
+    Parameters
+    ----------
+    framed : ndarray, shape (H, W)
+        Samples off their level, mirrored around the frame and fading there.
+    sampling : Sampling
+    noise : float
+    expected : ndarray, shape (k, channel, h / period, w / period)
+        Photographs of `registered_cells`: where the fit starts.
+    analyzer : ndarray, shape (k, 3)
+    """
+    from scipy.fft import rfft2
+
+    data = np.asarray(rfft2(framed, norm="ortho"), dtype=np.complex64)
+    basis = opponent_basis(sampling.n_channels)
+    groups = AliasGroups(framed.shape[0], framed.shape[1], sampling.period)
+    combs = groups.combs(sampling.weights(analyzer, basis))
+    law = _law(*framed.shape)
+    powers = _fitted_powers(groups, combs, law, data, noise, _initial_powers(expected, analyzer, basis))
+    return StokesPrior(groups, combs, basis, law, powers, data)
+
+
+def filled_samples(raw: Images, valid: Mask, sampling: Sampling, expected: Images) -> Images:
+    """Samples (h, w), and what is expected (k, channel, h / period, w / period) where they cannot be trusted."""
+    return raw if valid.all() else np.where(valid | (raw >= 1), raw, sampling.laid_out(expected, raw.shape))
+
+
+def framed_samples(samples: Images, sampling: Sampling, level: Floats) -> Images:
+    """Samples less the level (k, channel) of their photographs, mirrored around the frame and fading there."""
+    period, inside = sampling.period, np.arange(sampling.period)
+    rows, columns = (
+        (mirrored_patterns(side // period, period)[:, None] * period + inside).ravel() for side in samples.shape
+    )
+    off_level = samples - sampling.laid_out(level, samples.shape)
+    return np.asarray(off_level[rows][:, columns] * frame_window(samples.shape, (rows.size, columns.size)))
+
+
+def frame_window(shape: tuple[int, ...], framed: tuple[int, ...]) -> Images:
+    """Weights of a frame of this shape within what is mirrored around it."""
+    sides = [tukey_window(side, MARGIN, whole - side - MARGIN) for side, whole in zip(shape, framed, strict=True)]
+    return np.outer(*sides).astype(np.float32)
+
+
+def mirrored_patterns(n: int, period: int) -> NDArray[np.intp]:
+    """The n patterns of a side with mirrored ones beyond its ends, as many as the Fourier transform likes."""
     from scipy.fft import next_fast_len
 
-    patterns = next_fast_len((side + 2 * _MARGIN) // period, real=True)
-    order = np.arange(patterns) - _MARGIN // period
-    n = side // period
-    folded = order % (2 * n)
-    folded = np.where(folded < n, folded, 2 * n - 1 - folded)
-    return np.asarray((folded[:, None] * period + np.arange(period)).ravel())
+    patterns = next_fast_len(n + 2 * MARGIN // period, real=True)
+    folded = (np.arange(patterns) - MARGIN // period) % (2 * n)
+    return np.asarray(np.where(folded < n, folded, 2 * n - 1 - folded))
 
 
 def _law(height: int, width: int) -> Images:

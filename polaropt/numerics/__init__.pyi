@@ -12,6 +12,7 @@ __all__ = [
     "each_plane",
     "explained_groups",
     "fill_gaps",
+    "filter_of_groups",
     "frequencies",
     "gap_values",
     "grid_minimum",
@@ -25,6 +26,7 @@ __all__ = [
     "local_minimum",
     "middle_part",
     "minimum_error",
+    "mixed_spectra",
     "natural_frequencies",
     "opponent_basis",
     "principal_colors",
@@ -43,6 +45,8 @@ __all__ = [
 from .aliases import AliasGroups as AliasGroups
 from .aliases import Members as Members
 from .aliases import explained_groups as explained_groups
+from .aliases import filter_of_groups as filter_of_groups
+from .aliases import mixed_spectra as mixed_spectra
 from .aliases import wiener_spectra as wiener_spectra
 from .blocks import GAP_STRIP as GAP_STRIP
 from .blocks import block_mean as block_mean

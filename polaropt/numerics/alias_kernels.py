@@ -161,3 +161,65 @@ def explained(combs: Array, power: Array, noise: Any, data: Array, out: Array, t
                                 of_re += w_re[e, m, x] * w_re[f, m, x] + w_im[e, m, x] * w_im[f, m, x]
                                 of_im += w_re[e, m, x] * w_im[f, m, x] - w_im[e, m, x] * w_re[f, m, x]
                             told[c, e, f, t, first + x] = complex(of_re, of_im)
+
+
+@compiled
+def filter_rows(combs: Array, power: Array, noise: Any, seen: Array, out: Array) -> None:
+    """Wiener's filter itself: what each sample of a group counts in sums over the images' frequencies.
+
+    Shapes: combs, power as of `explained`; seen (true, group): the weight of each frequency in the sums; out (color,
+    entry, measured, group). Groups are a multiple of the lanes.
+    """
+    n_colors, n_entries, n = combs.shape[0], combs.shape[1], combs.shape[2]
+    lanes = LANES
+    re, im = np.empty((n, n, lanes), np.float32), np.empty((n, n, lanes), np.float32)
+    inverse = np.empty((n, lanes), np.float32)
+    v_re, v_im = np.empty((n, lanes), np.float32), np.empty((n, lanes), np.float32)
+    p_re, p_im = np.empty(lanes, np.float32), np.empty(lanes, np.float32)
+    for first in range(0, seen.shape[1], lanes):
+        _covariance(combs, power, first, noise, re, im)
+        _factorize(re, im, inverse)
+        for c in range(n_colors):
+            for s in range(n_entries):
+                # The covariance of samples is its own conjugate transpose: what is solved for is the conjugate.
+                v_re[:] = 0
+                v_im[:] = 0
+                for t in range(n):
+                    for e in range(n_entries):
+                        for x in range(lanes):
+                            of, at = power[c, s, e, t, first + x], seen[t, first + x]
+                            p_re[x] = of.real * at.real - of.imag * at.imag
+                            p_im[x] = -(of.real * at.imag + of.imag * at.real)
+                        for m in range(n):
+                            a, b = combs[c, e, m, t].real, combs[c, e, m, t].imag
+                            for x in range(lanes):
+                                v_re[m, x] += a * p_re[x] - b * p_im[x]
+                                v_im[m, x] += a * p_im[x] + b * p_re[x]
+                _substitute(re, im, inverse, v_re, v_im)
+                _substitute_back(re, im, inverse, v_re, v_im)
+                for m in range(n):
+                    for x in range(lanes):
+                        out[c, s, m, first + x] = complex(v_re[m, x], -v_im[m, x])
+
+
+@compiled
+def mixed_rows(gain_re: Array, gain_im: Array, spectra: Array, out: Array, start: int, stop: int) -> None:
+    """Sums of spectra (place, row, column) with gains (row, image, place, column), rows start..stop of (image, ...)."""
+    n_images, n_places, width = gain_re.shape[1], gain_re.shape[2], gain_re.shape[3]
+    s_re, s_im = np.empty((n_places, width), np.float32), np.empty((n_places, width), np.float32)
+    t_re, t_im = np.empty(width, np.float32), np.empty(width, np.float32)
+    for y in range(start, stop):
+        for p in range(n_places):
+            for x in range(width):
+                s_re[p, x] = spectra[p, y, x].real
+                s_im[p, x] = spectra[p, y, x].imag
+        for o in range(n_images):
+            t_re[:] = 0
+            t_im[:] = 0
+            for p in range(n_places):
+                a, b, c, d = gain_re[y, o, p], gain_im[y, o, p], s_re[p], s_im[p]
+                for x in range(width):
+                    t_re[x] += a[x] * c[x] - b[x] * d[x]
+                    t_im[x] += a[x] * d[x] + b[x] * c[x]
+            for x in range(width):
+                out[o, y, x] = complex(t_re[x], t_im[x])

@@ -173,6 +173,46 @@ def explained_groups(
     return Explained(mean[..., :n], told[..., :n])
 
 
+def filter_of_groups(combs: Spectrum, power: Spectrum, noise_power: float, seen: Spectrum) -> Spectrum:
+    """Wiener's filter at some groups: what each sample counts in a sum over an image's frequencies.
+
+    Parameters
+    ----------
+    combs, power, noise_power
+        As for `explained_groups`.
+    seen : ndarray, shape (alias, group)
+        Weight of each frequency in the sum.
+
+    Returns
+    -------
+    ndarray of complex64, shape (color, entry, alias, group)
+        The sum of an entry is that of these times the samples' spectrum.
+    """
+    from polaropt.numerics.alias_kernels import LANES, filter_rows
+
+    n = seen.shape[1]
+    power, seen = (_filled_up(values, -n % LANES) for values in (power, seen))
+    found = np.empty((*combs.shape[:2], *seen.shape), np.complex64)
+    filter_rows(combs, power, np.float32(noise_power), seen, found)
+    return found[..., :n]
+
+
+def mixed_spectra(gains: tuple[Array, Array], spectra: Spectrum) -> Spectrum:
+    """Sums (image, row, column) of spectra (place, row, column), a row of them at a time.
+
+    Parameters
+    ----------
+    gains : (ndarray, ndarray)
+        Real and imaginary parts of each spectrum's share, float32, (row, image, place, column).
+    spectra : ndarray of complex64
+    """
+    from polaropt.numerics.alias_kernels import mixed_rows
+
+    mixed = np.empty((gains[0].shape[1], *spectra.shape[1:]), np.complex64)
+    in_blocks(lambda start, stop: mixed_rows(*gains, spectra, mixed, start, stop), spectra.shape[1], 16)
+    return mixed
+
+
 def _filled_up(values: Array, n: int) -> Array:
     """More groups at the end, like the last one, so that lanes are full."""
     filled = np.concatenate([values, np.repeat(values[..., -1:], n, axis=-1)], axis=-1) if n else values

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from polaropt.capture.files.encoding import linearize
 from polaropt.capture.mosaic import (
     SONY_CELL,
     exchanged_order,
+    filled_samples,
     looks_color,
     registered_cells,
     sampling_of,
@@ -33,43 +35,118 @@ from polaropt.capture.mosaic import (
 )
 from polaropt.capture.noise import noise_level, noise_of_color_samples
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
+from polaropt.capture.reading.cell_filter import CellFilter
 from polaropt.capture.reading.levels import Levels
 from polaropt.capture.reading.options import ReaderOptions, origin_of
 from polaropt.errors import InputError
-from polaropt.numerics import block_mean, quantization_step
-from polaropt.optics import Analyzer, analyzer_matrix
+from polaropt.numerics import quantization_step
+from polaropt.optics import Analyzer, Sampling, analyzer_matrix
 
 Mask = NDArray[np.bool_]
 Images = NDArray[np.float32]
 
 
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """What is known of a polarization camera once a frame of it has been read.
+
+    Attributes
+    ----------
+    origin : Origin
+        Of that frame.
+    angles : tuple of float
+        Of the photographs, ascending, as the cell order counts them.
+    sampling : Sampling
+    noise : float
+        Standard deviation of a sample's noise (white = 1).
+    cell_filter : CellFilter or None
+        What makes photographs of the patterns; None where they are made at the sensor's resolution.
+    """
+
+    origin: Origin
+    angles: tuple[float, ...]
+    sampling: Sampling
+    noise: float
+    cell_filter: CellFilter | None
+
+    def gains(self, analyzer: Analyzer | None) -> list[float]:
+        """What each photograph's samples are divided by."""
+        of_analyzer = [1.0] * len(self.angles) if analyzer is None else list(analyzer.gains)
+        if self.origin.pair_gain == 1:
+            return of_analyzer
+        pairs = orthogonal_pairs(self.angles)
+        assert pairs is not None
+        gain = self.origin.pair_gain
+        return [own * (gain if i in pairs[1] else 1.0) for i, own in enumerate(of_analyzer)]
+
+
 def from_mosaic(content: FileContent, levels: Levels, options: ReaderOptions) -> Capture:
-    raw = single_plane(content.pixels)
+    """The photographs of a mosaic, with what a scene is estimated from."""
+    return first_frame(content, levels, options)[0]
+
+
+def first_frame(content: FileContent, levels: Levels, options: ReaderOptions) -> tuple[Capture, Sensor]:
+    """The same, and what other frames of the camera have in common with it."""
     if options.exposures is not None:
         raise InputError("exposures are for several photographs; a mosaic's are taken at once, leave them out")
     cell_order = options.cell_order or SONY_CELL
     if options.angles_deg != ANGLES_DEG and sorted(options.angles_deg) != sorted(cell_order):
         raise InputError("one single image is taken as a mosaic; give its angles as the cell order")
+    raw = single_plane(content.pixels)
     intensities, valid = levels.apply(raw)
     color = looks_color(intensities) if options.sensor == "auto" else options.sensor == "color"
     sampling, angles = sampling_of(color, cell_order)
-    height, width = (side // sampling.period * sampling.period for side in raw.shape)
-    if min(height, width) < SMALLEST_SIDE * sampling.period:
-        raise InputError(
-            f"the mosaic is {raw.shape[1]}x{raw.shape[0]} px; at least {SMALLEST_SIDE * sampling.period} px a side, "
-            f"{SMALLEST_SIDE} cells, are needed"
-        )
-    samples = RawSamples(
-        np.ascontiguousarray(linearize(intensities, options.gamma)[:height, :width]),
-        np.ascontiguousarray(valid[:height, :width]),
-        sampling,
-    )
+    samples = _whole_patterns(intensities, valid, sampling, options)
+    height, width = samples.values.shape
     origin = origin_of("color mosaic" if color else "mono mosaic", content, levels, options)
     origin = replace(origin, cell_order=cell_order, left_out_px=(raw.shape[0] - height, raw.shape[1] - width))
     return _of_samples(samples, angles, origin, options)
 
 
-def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, options: ReaderOptions) -> Capture:
+def next_frame(content: FileContent, levels: Levels, options: ReaderOptions, sensor: Sensor) -> Capture:
+    """Another frame of a camera whose photographs are those of patterns: gains, noise and filter are known."""
+    assert sensor.cell_filter is not None
+    intensities, good = levels.apply(single_plane(content.pixels))
+    samples = _whole_patterns(intensities, good, sensor.sampling, options)
+    samples = _without_gains(samples, sensor.gains(options.analyzer))
+    cells = partial(_cells_of, samples, sensor, options)
+    color, k = sensor.sampling.n_channels > 1, len(sensor.angles)
+    if samples.valid.all():
+        valid = np.ones((k, sensor.sampling.n_channels, *_patterns(samples)), dtype=bool)
+        values = samples.values
+    else:
+        expected, valid = registered_cells(samples.values, samples.valid, sensor.sampling, k)
+        values = filled_samples(samples.values, samples.valid, sensor.sampling, expected)
+    full = sensor.cell_filter.photographs(values)
+    registered = RegisteredCells(1, share_of_noise(sensor.sampling), cells)
+    origin = replace(sensor.origin, raw_noise=sensor.noise)
+    planes = (full, valid) if color else (full[:, 0], valid[:, 0])
+    return Capture.of_planes(planes[0], options.counted(sensor.angles), planes[1], origin, None, registered)
+
+
+def _patterns(samples: RawSamples) -> tuple[int, int]:
+    height, width = (side // samples.sampling.period for side in samples.values.shape)
+    return height, width
+
+
+def _whole_patterns(intensities: Images, valid: Mask, sampling: Sampling, options: ReaderOptions) -> RawSamples:
+    """Linear samples of the patterns that are whole."""
+    height, width = (side // sampling.period * sampling.period for side in intensities.shape)
+    if min(height, width) < SMALLEST_SIDE * sampling.period:
+        raise InputError(
+            f"the mosaic is {intensities.shape[1]}x{intensities.shape[0]} px; at least "
+            f"{SMALLEST_SIDE * sampling.period} px a side, {SMALLEST_SIDE} cells, are needed"
+        )
+    return RawSamples(
+        np.ascontiguousarray(linearize(intensities, options.gamma)[:height, :width]),
+        np.ascontiguousarray(valid[:height, :width]),
+        sampling,
+    )
+
+
+def _of_samples(
+    samples: RawSamples, angles: tuple[float, ...], origin: Origin, options: ReaderOptions
+) -> tuple[Capture, Sensor]:
     """The photographs of a mosaic whose values are linear, with what a scene is estimated from."""
     k, analyzer = len(angles), options.analyzer
     step = quantization_step(samples.values[None])
@@ -83,34 +160,73 @@ def _of_samples(samples: RawSamples, angles: tuple[float, ...], origin: Origin, 
     sampling = samples.sampling
     gain = options.pair_gain or _sensor_gain(photographs, angles, valid)
     photographs = divide_out_gain(photographs, angles, gain)
-    if gain != 1:
-        pairs = orthogonal_pairs(angles)
-        assert pairs is not None
-        samples = _without_gains(samples, [gain if i in pairs[1] else 1.0 for i in range(k)])
-    origin, counted = replace(origin, pair_gain=gain, grey_levels=grey_levels(step, origin)), options.counted(angles)
-    if analyzer is not None:
-        photographs += _seen_by(analyzer.missing, photographs, analyzer.matrix)
+    origin = replace(origin, pair_gain=gain, grey_levels=grey_levels(step, origin))
+    sensor = Sensor(origin, angles, sampling, 0.0, None)
+    samples = _without_gains(samples, sensor.gains(None))
+    cells = _cells_capture(photographs, valid, sensor, options)
     color = sampling.n_channels > 1
-    planes = (photographs, valid) if color else (photographs[:, 0], valid[:, 0])
-    cells = Capture.of_planes(planes[0], counted, planes[1], replace(origin, low_passed=True))
     noise_share = share_of_noise(sampling)
     at_sensor = options.resolution == "sensor"
     level = (noise_of_color_samples(samples) if color else None) or noise_level(cells) / noise_share
     noise = max(level, step / math.sqrt(12))
     rows = None if analyzer is None else analyzer.matrix
-    full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs, rows)
-    if analyzer is not None:
-        beyond = _seen_by(analyzer.missing, full, analyzer_matrix(angles))
-        samples = replace(samples, values=samples.values + sampling.sample(beyond))
-    registered = RegisteredCells(cells, sampling.period if at_sensor else 1, noise_share, samples)
     if at_sensor:
-        every = np.repeat(np.repeat(planes[1], sampling.period, axis=-2), sampling.period, axis=-1)
+        full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs, rows)
+        samples, period = _with_missing(samples, full, angles, analyzer), sampling.period
+        of_cells: Any = partial(_both, cells, samples)
+        every = np.repeat(np.repeat(valid, period, axis=-2), period, axis=-1)
     else:
-        full, every = block_mean(full, sampling.period), planes[1]
-    full = full if color else full[:, 0]
-    return Capture.of_planes(
-        full, counted, every, replace(origin, raw_noise=noise), samples if at_sensor else None, registered
+        values = filled_samples(samples.values, samples.valid, sampling, photographs)
+        cell_filter = CellFilter.fitted(values, sampling, angles, noise, photographs, rows)
+        full, every, period = cell_filter.photographs(values), valid, 1
+        sensor = replace(sensor, cell_filter=cell_filter)
+        of_cells = partial(_both, cells, samples) if analyzer is None else partial(_cells_of, samples, sensor, options)
+    registered = RegisteredCells(period, noise_share, of_cells)
+    planes = (full, every) if color else (full[:, 0], every[:, 0])
+    capture = Capture.of_planes(
+        planes[0],
+        options.counted(angles),
+        planes[1],
+        replace(origin, raw_noise=noise),
+        samples if at_sensor else None,
+        registered,
     )
+    return capture, replace(sensor, noise=noise)
+
+
+def _cells_capture(photographs: Images, valid: Mask, sensor: Sensor, options: ReaderOptions) -> Capture:
+    """Registered cells (k, channel, ...), gains divided out, as a capture."""
+    analyzer = options.analyzer
+    if analyzer is not None:
+        photographs += _seen_by(analyzer.missing, photographs, analyzer.matrix)
+    planes = (photographs, valid) if sensor.sampling.n_channels > 1 else (photographs[:, 0], valid[:, 0])
+    origin = replace(sensor.origin, low_passed=True)
+    return Capture.of_planes(planes[0], options.counted(sensor.angles), planes[1], origin)
+
+
+def _cells_of(samples: RawSamples, sensor: Sensor, options: ReaderOptions) -> tuple[Capture, RawSamples]:
+    """What a scene is estimated from, of samples whose gains are divided out."""
+    k, analyzer = len(sensor.angles), options.analyzer
+    photographs, valid = registered_cells(samples.values, samples.valid, sensor.sampling, k)
+    if analyzer is not None:
+        of_samples = (samples.values, samples.valid, sensor.sampling, sensor.angles, sensor.noise)
+        full = wiener_photographs(*of_samples, photographs, analyzer.matrix)
+        samples = _with_missing(samples, full, sensor.angles, analyzer)
+    return _cells_capture(photographs, valid, sensor, options), samples
+
+
+def _with_missing(
+    samples: RawSamples, photographs: Images, angles: tuple[float, ...], analyzer: Analyzer | None
+) -> RawSamples:
+    """Samples as ideal analyzers would have measured them; what these add follows from the photographs."""
+    if analyzer is None:
+        return samples
+    beyond = _seen_by(analyzer.missing, photographs, analyzer_matrix(angles))
+    return replace(samples, values=samples.values + samples.sampling.sample(beyond))
+
+
+def _both(cells: Capture, samples: RawSamples) -> tuple[Capture, RawSamples]:
+    return cells, samples
 
 
 def _in_closing_order(
@@ -137,6 +253,8 @@ def _check_angles_of(analyzer: Analyzer, angles: tuple[float, ...]) -> None:
 
 def _without_gains(samples: RawSamples, gains: Sequence[float]) -> RawSamples:
     """Samples less the gain of each photograph's analyzer."""
+    if all(gain == 1 for gain in gains):
+        return samples
     of_channels = np.repeat(np.array(gains)[:, None], samples.sampling.n_channels, axis=1)
     return replace(samples, values=samples.values / samples.sampling.laid_out(of_channels, samples.values.shape))
 

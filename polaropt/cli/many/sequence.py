@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -17,7 +18,7 @@ from polaropt.cli.separate import OutputOptions, SolveOptions, separating
 from polaropt.errors import InputError
 
 if TYPE_CHECKING:
-    from polaropt.capture import Capture
+    from polaropt.capture import Capture, FrameReader
     from polaropt.sequence import Frames
 
 
@@ -181,29 +182,44 @@ def _separated(
 
 def _captures(frames: Frames, sequence: SequenceOptions, reading: dict[str, Any]) -> Iterator[Capture]:
     """Frames as captures, all read as the first one is."""
+    from polaropt.capture import FrameReader
+
+    arguments = {name: value for name, value in reading.items() if name != "angles_deg"}
+    reader = FrameReader(bits=frames.bits, **arguments)
+    raws: Iterator[Any] = iter(frames)
+    read: Callable[[Any], Capture] = reader.read
+    if sequence.average > 1:
+        raws, read = _averaged(frames, sequence.average, reader, arguments)
+    for i, raw in enumerate(raws):
+        try:
+            capture = read(raw)
+        except InputError as error:
+            raise InputError(f"{frames.name}, frame {i}: {error}") from None
+        yield capture
+
+
+def _averaged(
+    frames: Frames, number: int, reader: FrameReader, arguments: dict[str, Any]
+) -> tuple[Iterator[Any], Callable[[Any], Capture]]:
+    """Means of frames, and what reads them: their noise is another one in each."""
     import numpy as np
 
     from polaropt.capture import mosaic_capture
     from polaropt.sequence import averaged
 
-    arguments = {name: value for name, value in reading.items() if name != "angles_deg"}
-
-    def taken(i: int, raw: Any) -> Capture:
-        try:
-            return mosaic_capture(raw, bits=frames.bits, **arguments)
-        except InputError as error:
-            raise InputError(f"{frames.name}, frame {i}: {error}") from None
-
-    first = taken(0, frames.read(0))
+    try:
+        first = reader.read(frames.read(0))
+    except InputError as error:
+        raise InputError(f"{frames.name}, frame 0: {error}") from None
     assert first.origin is not None
-    arguments["white_level"] = first.origin.white_level
-    arguments["pair_gain"] = first.origin.pair_gain
-    arguments["sensor"] = "color" if first.color else "mono"
-    arguments["cell_order"] = arguments["cell_order"] or first.origin.cell_order
-    raws: Iterator[Any] = iter(frames)
-    if sequence.average > 1:
-        raws = (mean.astype(np.float32) for mean in averaged(frames, sequence.average))
-    yield from (taken(i, raw) for i, raw in enumerate(raws))
+    like_first = {
+        "white_level": first.origin.white_level,
+        "pair_gain": first.origin.pair_gain,
+        "sensor": "color" if first.color else "mono",
+        "cell_order": arguments["cell_order"] or first.origin.cell_order,
+    }
+    means = (mean.astype(np.float32) for mean in averaged(frames, number))
+    return means, partial(mosaic_capture, **{**arguments, **like_first})
 
 
 def _sentences(document: dict[str, Any], output: Path, sequence: SequenceOptions) -> list[str]:
