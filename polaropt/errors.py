@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+LONGEST_LINE = 1000
+"""Characters of an error; set by hand, several usual paths long."""
+_LONGEST_REASON = 120
+"""Characters of what a library says; set by hand."""
+_LEFT_OUT = " ... "
+
 
 class ResultWarning(UserWarning):
     """A result that is not to be trusted as it is; its text is what `SeparationWarning` says of it.
@@ -22,7 +28,9 @@ class ResultWarning(UserWarning):
 class InputError(ValueError):
     """What came from a file or a person cannot be used; its text is one line: what is wrong, and what to do.
 
-    The command line prints that line and ends with exit code 2.
+    The command line prints that line and ends with exit code 2. Characters that a terminal would obey are written as
+    escapes, and a line of thousands of characters is shortened in its middle: names of files, and of what is in them,
+    come from strangers.
 
     Examples
     --------
@@ -34,8 +42,21 @@ class InputError(ValueError):
     nowhere.png: no such file; check the name
     """
 
+    def __init__(self, sentence: str) -> None:
+        super().__init__(in_one_line(sentence))
+
+
+def in_one_line(text: str, most: int = LONGEST_LINE) -> str:
+    """A text without breaks, control characters and lone surrogates, shortened in its middle to `most` characters."""
+    line = " ".join(text.split())
+    if not line.isprintable():
+        line = "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in line)
+    kept = (most - len(_LEFT_OUT)) // 2
+    return line if len(line) <= most else line[:kept] + _LEFT_OUT + line[-kept:]
+
 
 def one_line(error: Exception) -> str:
-    """An error's own words, on one line."""
-    words = " ".join(str(error).split()) or type(error).__name__
-    return words if len(words) <= 120 else words[:117] + "..."
+    """An error's own words, on one short line; those of a library may be anything."""
+    if isinstance(error, MemoryError):
+        return "it needs more memory than there is"
+    return in_one_line(str(error), _LONGEST_REASON) or type(error).__name__

@@ -57,6 +57,7 @@ __all__ = [
     "sampling_of",
     "stokes_images",
     "swapped_photographs",
+    "tiff_frames",
     "tiff_rows",
     "uneven_gains",
     "visible_shift",
@@ -96,6 +97,7 @@ from .files.encoding import linearize as linearize
 from .files.encoding import parse_gamma as parse_gamma
 from .files.exif import CameraFacts as CameraFacts
 from .files.formats.camera_raw import CAMERA_RAW as CAMERA_RAW
+from .files.formats.tiff import tiff_frames as tiff_frames
 from .files.headless import headless_frames as headless_frames
 from .files.headless import read_headless as read_headless
 from .files.jpeg import JpegFacts as JpegFacts

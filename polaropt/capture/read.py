@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import ANGLES_DEG, Capture, FileContent
+from polaropt.capture.files.limits import MAX_PIXELS
 from polaropt.capture.files.opening import AnyPath
 from polaropt.capture.reading.contents import OPENED, content_of, focal_px_of, listed_files, tell
 from polaropt.capture.reading.levels import find_levels
@@ -37,6 +38,7 @@ def read_capture(
     pixel_format: str | None = None,
     analyzer: AnyPath | Analyzer | None = None,
     exposures: Sequence[float] | None = None,
+    max_pixels: int = MAX_PIXELS,
     progress: Progress | None = None,
 ) -> Capture:
     """Read photographs taken through a polarizer.
@@ -90,6 +92,8 @@ def read_capture(
     exposures : sequence of float, optional
         How long each photograph was exposed, in any unit: they are divided out. Default: what the files tell (EXIF:
         time, aperture and speed); nothing is done where one of them tells nothing.
+    max_pixels : int
+        Pixels that a file may hold, all its photographs together: the header is asked before anything is decoded.
     progress : callable, optional
         Called with what is being done and the fraction done, 0..1.
 
@@ -132,8 +136,9 @@ def read_capture(
         field_of_view_deg=field_of_view_deg,
         analyzer=analyzer,
         exposures=exposures,
+        max_pixels=max_pixels,
     )
-    content, told = content_of(files, shape, pixel_format, progress)
+    content, told = content_of(files, shape, pixel_format, options.max_pixels, progress)
     tell(progress, OPENED)
     name = files[0] if len(files) == 1 else f"{files[0]} and the others"
     try:

@@ -429,6 +429,14 @@ class ReadingOptions:
             rich_help_panel=_FILES,
         ),
     ] = None
+    max_pixels: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Pixels that one file may hold, all its photographs together. Default: 200 million.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None
     align: Annotated[
         bool,
         typer.Option(
@@ -467,6 +475,7 @@ class ReadingOptions:
             "pixel_format": self.pixel_format,
             "analyzer": self.analyzer,
             "exposures": None if self.exposures is None else numbers(self.exposures, "--exposures"),
+            **({} if self.max_pixels is None else {"max_pixels": self.max_pixels}),
         }
 
     def check(self, pane: PaneOptions) -> None:

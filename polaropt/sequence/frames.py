@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import headless_frames, read_file, read_headless
-from polaropt.errors import InputError
+from polaropt.capture import headless_frames, read_file, read_headless, tiff_frames
+from polaropt.errors import InputError, one_line
 
 _FRAMES = (".png", ".tif", ".tiff", ".npy")
 _HEADLESS = (".raw", ".bin")
@@ -118,26 +118,13 @@ def _of_files(files: list[Path], shape: Sequence[int] | None, pixel_format: str 
 def _of_array(path: Path) -> Frames:
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); write it with numpy.save") from None
+    except (ValueError, OSError, EOFError, OverflowError) as error:
+        raise InputError(f"{path}: cannot be read ({one_line(error)}); write it with numpy.save") from None
     if array.ndim != 3:
         raise InputError(f"{path}: holds an array of shape {array.shape}; give (frame, height, width)")
     return Frames(len(array), lambda i: np.array(array[i]), None, str(path))
 
 
 def _of_tiff(path: Path) -> Frames:
-    import tifffile
-
-    try:
-        with tifffile.TiffFile(path) as tiff:
-            pages = [(page.shape, page.dtype) for page in tiff.pages]
-    except (tifffile.TiffFileError, OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); copy it again") from None
-    if len(set(pages)) != 1 or len(pages[0][0]) != 2:
-        raise InputError(f"{path}: its pages are no mosaics of one size; give one grey page a frame")
-
-    def read(i: int) -> Mosaic:
-        with tifffile.TiffFile(path) as tiff:
-            return np.asarray(tiff.pages[i].asarray())
-
-    return Frames(len(pages), read, None, str(path))
+    number, read = tiff_frames(path)
+    return Frames(number, read, None, str(path))

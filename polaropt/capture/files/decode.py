@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from polaropt.capture.capture import FileContent
-from polaropt.capture.files.formats.arrays import decode_array, decode_npz
+from polaropt.capture.files.formats.arrays import declared_array, declared_npz, decode_array, decode_npz
 from polaropt.capture.files.formats.camera_raw import CAMERA_RAW, decode_camera_raw
-from polaropt.capture.files.formats.pictures import decode_jpeg, decode_png
-from polaropt.capture.files.formats.tiff import decode_tiff
+from polaropt.capture.files.formats.pictures import declared_jpeg, declared_png, decode_jpeg, decode_png
+from polaropt.capture.files.formats.tiff import declared_tiff, decode_tiff
+from polaropt.capture.files.limits import MAX_PIXELS, Declared, check_declared, complaints, most_bytes
 from polaropt.capture.files.opening import AnyPath, bytes_of
 from polaropt.errors import InputError, one_line
 from solvers.entry_points import READERS, loaded, plugged
 
 
-def read_file(path: AnyPath) -> FileContent:
+def read_file(path: AnyPath, max_pixels: int = MAX_PIXELS) -> FileContent:
     """Read a PNG, TIFF (one or several pages), JPEG, npz or npy file, told apart by their first bytes.
 
     Raw files of photographers' cameras are known by their names (`CAMERA_RAW`) and come with one pixel per Bayer cell,
@@ -24,14 +26,23 @@ def read_file(path: AnyPath) -> FileContent:
 
     An alpha channel is dropped: it holds no light. Grey pictures stored as RGB keep their three channels.
 
+    Parameters
+    ----------
+    path : path
+    max_pixels : int
+        Pixels that the file may hold, all its photographs together. Its header is asked before anything is decoded.
+
     Raises
     ------
     InputError
-        Missing, a folder, unreadable, truncated, of another format, or npz without `intensities`.
+        Missing, a folder, unreadable, truncated, too large, of another format, or npz without `intensities`.
     """
-    data = bytes_of(Path(path))
+    data = bytes_of(Path(path), most_bytes(max_pixels))
     try:
-        return decode_camera_raw(data) if Path(path).suffix.lower() in CAMERA_RAW else decode(data)
+        with complaints():
+            if Path(path).suffix.lower() in CAMERA_RAW:
+                return decode_camera_raw(data, max_pixels)
+            return decode(data, max_pixels)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except Exception as error:  # decoders raise whatever they like on damaged data
@@ -40,39 +51,44 @@ def read_file(path: AnyPath) -> FileContent:
         ) from None
 
 
-def decode(data: bytes) -> FileContent:
+def decode(data: bytes, max_pixels: int = MAX_PIXELS) -> FileContent:
     """Pixels of a file of a format in `DECODERS`.
 
     Damaged data raise whatever the decoder raises.
     """
     if not data:
         raise InputError("the file is empty; copy it again")
-    for decoder in DECODERS:
-        if data.startswith(decoder.first_bytes):
-            return decoder.decode(data)
+    own = (decoder for decoder in DECODERS if data.startswith(decoder.first_bytes))
+    plugged_in = (decoder for decoder in _plugged_decoders() if data.startswith(decoder.first_bytes))
+    for decoder in chain(own, plugged_in):
+        if decoder.declared is not None:
+            check_declared(decoder.declared(data), len(data), max_pixels)
+        return decoder.decode(data)
     others = _plugged_decoders()
-    for decoder in others:
-        if data.startswith(decoder.first_bytes):
-            return decoder.decode(data)
     *names, last = (decoder.name for decoder in (*DECODERS, *others))
     raise InputError(f"not a {', '.join(names)} or {last} file; convert it to one of these")
 
 
 @dataclass(frozen=True)
 class Decoder:
-    """A file format: its name, what its files may begin with, and bytes to pixels."""
+    """A file format: its name, what its files may begin with, and bytes to pixels.
+
+    `declared`, where there is one, tells from the header what will be decoded: a file that asks for too much is refused
+    before it is.
+    """
 
     name: str
     first_bytes: tuple[bytes, ...]
     decode: Callable[[bytes], FileContent]
+    declared: Callable[[bytes], Declared] | None = None
 
 
 DECODERS = (
-    Decoder("PNG", (b"\x89PNG",), decode_png),
-    Decoder("TIFF", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), decode_tiff),
-    Decoder("JPEG", (b"\xff\xd8",), decode_jpeg),
-    Decoder("npz", (b"PK",), decode_npz),
-    Decoder("npy", (b"\x93NUMPY",), decode_array),
+    Decoder("PNG", (b"\x89PNG",), decode_png, declared_png),
+    Decoder("TIFF", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), decode_tiff, declared_tiff),
+    Decoder("JPEG", (b"\xff\xd8",), decode_jpeg, declared_jpeg),
+    Decoder("npz", (b"PK",), decode_npz, declared_npz),
+    Decoder("npy", (b"\x93NUMPY",), decode_array, declared_array),
 )
 
 

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 # Tags of EXIF 2.3 (CIPA DC-008) and TIFF 6.
 _MAKE, _MODEL, _ORIENTATION, _DATE = 0x010F, 0x0110, 0x0112, 0x0132
+FACTS = (_MAKE, _MODEL, _ORIENTATION, _DATE)
+"""Tags of a picture that are read beside its EXIF directory."""
 _SECONDS, _F_NUMBER, _SPEED = 0x829A, 0x829D, 0x8827
 _EXIF_DIRECTORY, _PROFILE = 0x8769, 0x8773
 _THUMBNAIL = (0x0201, 0x0202)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import FileContent
+from polaropt.capture.files.limits import MAX_PIXELS, most_bytes
 from polaropt.capture.files.opening import AnyPath, bytes_of
 from polaropt.errors import InputError
 
@@ -79,7 +80,9 @@ _BY_DEPTH = {1.0: "Mono8", 2.0: "Mono16"}
 """What bytes per pixel say of a format where none is named; packed ones are two, and must be named."""
 
 
-def read_headless(path: AnyPath, shape: tuple[int, int], pixel_format: str | None = None) -> FileContent:
+def read_headless(
+    path: AnyPath, shape: tuple[int, int], pixel_format: str | None = None, max_pixels: int = MAX_PIXELS
+) -> FileContent:
     """Read a raw mosaic that a camera wrote without a header.
 
     Parameters
@@ -89,13 +92,15 @@ def read_headless(path: AnyPath, shape: tuple[int, int], pixel_format: str | Non
         Height and width in pixels.
     pixel_format : str, optional
         One of `PIXEL_FORMATS`. Default: 8 or 16 bits, by the file's size.
+    max_pixels : int
+        Pixels that the file may hold.
 
     Raises
     ------
     InputError
         A size that does not fit the shape, or a format that does not exist or must be named.
     """
-    data = bytes_of(Path(path))
+    data = bytes_of(Path(path), most_bytes(max_pixels))
     packing, name = _packing_of(path, len(data), shape, pixel_format)
     height, width = shape
     expected = packing.n_bytes(shape)

@@ -15,6 +15,7 @@ from polaropt.capture.files.decode import read_file
 from polaropt.capture.files.exif import relative_exposures, upright
 from polaropt.capture.files.focal_length import focal_from_view
 from polaropt.capture.files.headless import read_headless
+from polaropt.capture.files.limits import MAX_PIXELS
 from polaropt.capture.files.opening import AnyPath
 from polaropt.capture.reading.options import ReaderOptions
 from polaropt.errors import InputError
@@ -34,17 +35,21 @@ def tell(progress: Progress | None, fraction: float) -> None:
 
 
 def content_of(
-    files: tuple[str, ...], shape: Sequence[int] | None, pixel_format: str | None, progress: Progress | None = None
+    files: tuple[str, ...],
+    shape: Sequence[int] | None,
+    pixel_format: str | None,
+    max_pixels: int = MAX_PIXELS,
+    progress: Progress | None = None,
 ) -> tuple[FileContent, tuple[float, ...]]:
     """What the files hold, and the exposures of photographs where all files tell them."""
     if shape is None:
         if pixel_format is not None:
             raise InputError("a pixel format is for one raw file without a header; give its shape too, or leave it out")
         if len(files) == 1:
-            content = read_file(files[0])
+            content = read_file(files[0], max_pixels)
             # A mosaic stays as it is: turned, its cell would be another one.
             return (_upright(content) if content.stack else content), ()
-        return _one_per_angle(files, progress)
+        return _one_per_angle(files, max_pixels, progress)
     if len(files) != 1:
         raise InputError("a shape is for one raw file without a header; leave it out")
     try:
@@ -54,7 +59,7 @@ def content_of(
         whole, height, width = False, 0, 0
     if not whole or not 0 < min(height, width) <= max(height, width) <= _LONGEST_SIDE:
         raise InputError(f"the shape is {shape!r}; give height and width in pixels, such as 2048,2448")
-    return read_headless(files[0], (height, width), pixel_format), ()
+    return read_headless(files[0], (height, width), pixel_format, max_pixels), ()
 
 
 def focal_px_of(content: FileContent, capture: Capture, options: ReaderOptions) -> float | None:
@@ -84,12 +89,14 @@ def listed_files(paths: AnyPath | Sequence[AnyPath]) -> tuple[str, ...]:
     return tuple(files)
 
 
-def _one_per_angle(files: Sequence[str], progress: Progress | None) -> tuple[FileContent, tuple[float, ...]]:
+def _one_per_angle(
+    files: Sequence[str], max_pixels: int, progress: Progress | None
+) -> tuple[FileContent, tuple[float, ...]]:
     """The photographs of files, upright, and their exposures where all files tell them."""
     contents: list[FileContent] = []
     for i, name in enumerate(files):
         tell(progress, OPENED * i / len(files))
-        content = _upright(read_file(name))
+        content = _upright(read_file(name, max_pixels))
         if i == 0:
             first, stacked = content, np.empty((len(files), *content.pixels.shape), content.pixels.dtype)
         if content.stack:

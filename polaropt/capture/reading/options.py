@@ -13,6 +13,7 @@ import numpy as np
 from polaropt.capture.capture import FileContent, Origin
 from polaropt.capture.files.encoding import parse_gamma
 from polaropt.capture.files.focal_length import check_view
+from polaropt.capture.files.limits import MAX_PIXELS, check_max_pixels
 from polaropt.capture.files.opening import AnyPath
 from polaropt.capture.mosaic import check_cell_order
 from polaropt.capture.reading.levels import Levels
@@ -42,6 +43,7 @@ class ReaderOptions:
     field_of_view_deg: float | None
     analyzer: Analyzer | None
     exposures: tuple[float, ...] | None = None
+    max_pixels: int = MAX_PIXELS
 
     def counted(self, angles_deg: Sequence[float]) -> tuple[float, ...]:
         """Angles counter-clockwise from the image's x axis, given in the sense that was asked for."""
@@ -62,6 +64,7 @@ def checked_options(
     field_of_view_deg: float | None = None,
     analyzer: AnyPath | Analyzer | None = None,
     exposures: Sequence[float] | None = None,
+    max_pixels: int = MAX_PIXELS,
 ) -> ReaderOptions:
     """Check every option of `polaropt.capture.read.read_capture` by itself; InputError with what to give instead."""
     if sensor not in SENSORS:
@@ -96,6 +99,7 @@ def checked_options(
         field_of_view_deg,
         read_analyzer(analyzer),
         None if exposures is None else tuple(_exposure(value) for value in exposures),
+        check_max_pixels(max_pixels),
     )
 
 

@@ -9,12 +9,17 @@ from numpy.typing import NDArray
 from polaropt.capture.capture import EncodingHint, FileContent
 from polaropt.capture.files.exif import facts_of_picture
 from polaropt.capture.files.focal_length import exif_of_picture, focal_from_exif
-from polaropt.capture.files.jpeg import jpeg_facts
+from polaropt.capture.files.jpeg import FRAMES, jpeg_facts, jpeg_segments
+from polaropt.capture.files.limits import Declared
 from polaropt.errors import InputError
 
 Pixels = NDArray[Any]
 
 _JPEG_END = b"\xff\xd9"
+_MOST_SCANS = 100
+"""Scans of a progressive JPEG, each of which is decoded over the whole picture; usual are 10. Set by hand."""
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
+"""Channels that a PNG's colour types become; a chunk of transparency adds one."""
 
 
 def _picture(pixels: Pixels, data: bytes, hint: EncodingHint) -> FileContent:
@@ -53,6 +58,25 @@ def decode_jpeg(data: bytes) -> FileContent:
     if _JPEG_END not in data[_jpeg_scan(data) :]:
         raise InputError("the JPEG ends too early; it is incomplete, copy it again")
     return _picture(imagecodecs.jpeg8_decode(data), data, EncodingHint.JPEG)
+
+
+def declared_png(data: bytes) -> Declared:
+    """What the header of a PNG says."""
+    width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+    depth, kind = data[24], data[25]
+    channels = _PNG_CHANNELS.get(kind, 4) + (b"tRNS" in data)
+    return Declared(height * width, height * width * channels * (2 if depth == 16 else 1))
+
+
+def declared_jpeg(data: bytes) -> Declared:
+    """What the headers of a JPEG say; InputError where it has too many scans."""
+    if data.count(b"\xff\xda") > _MOST_SCANS:
+        raise InputError(f"the JPEG has more than {_MOST_SCANS} scans; save it again")
+    for kind, segment in jpeg_segments(data):
+        if kind in FRAMES and len(segment) >= 6:
+            height, width = (int.from_bytes(segment[at : at + 2], "big") for at in (1, 3))
+            return Declared(height * width, height * width * segment[5])
+    return Declared(0, 0)
 
 
 def _jpeg_scan(data: bytes) -> int:
