@@ -38,9 +38,7 @@ def test_a_filter_of_cells_is_wieners_averaged_over_the_patterns(color: bool) ->
     noise = capture.origin.raw_noise
     assert noise is not None
     values = filled_samples(samples.values, samples.valid, samples.sampling, expected)
-    full = wiener_photographs(
-        samples.values, samples.valid, samples.sampling, capture.angles_deg, noise, expected
-    )
+    full = wiener_photographs(samples.values, samples.valid, samples.sampling, capture.angles_deg, noise, expected)
     cell_filter = CellFilter.fitted(values, samples.sampling, capture.angles_deg, noise, expected)
     found = cell_filter.photographs(values)
     np.testing.assert_allclose(found, block_mean(full, samples.sampling.period), atol=1e-4)
