@@ -182,6 +182,11 @@ def _bent(scene: SceneParameters, i: int, more: float) -> tuple[float, ...]:
 
 # Width of the Gaussian over which a pixel's gradient energy is averaged, in pixels: set by hand.
 _BLUR_PX = 1.5
+# Share of what the photographs do not tell of a gradient's energy that is still to be added where the layers were
+# expected in each place. Of 30 scenes (three pairs, 10 to 85 degrees, noise 0.5 and 2 %) the stated root mean squares
+# are, with all of it, 1.1 to 2.3 times the true ones; with half 1.1 to 1.7 times, and 94 to 99 % lie within two errors;
+# with a quarter only 88 % do at 10 degrees.
+_STILL_OPEN = 0.5
 # Rows that a thread takes at a time; changes nothing.
 _ROWS = 32
 # Precisions of a table, between which is interpolated: set by hand.
@@ -302,7 +307,8 @@ def _add_noise(
     if isinstance(piece.pse, VaryingPSE):
         known, exact = _by_pixel(piece.pse, known, usual, part.shape[-2:])
         exact = exact if precision is None else exact * precision
-    looked_up = _looked_up(layers[..., piece.tile.rows, piece.tile.columns], known, exact)
+    still_open = _STILL_OPEN if piece.expected else 1.0
+    looked_up = _looked_up(layers[..., piece.tile.rows, piece.tile.columns], known, exact, still_open)
     for plane, values in zip(total, looked_up, strict=True):
         plane[:, piece.tile.columns] += piece.tile.weights * values
 
@@ -409,10 +415,10 @@ def assembled(strips: Iterable[UncertaintyStrip], layers: Images) -> Uncertainty
     return Uncertainty(errors, known)
 
 
-def _looked_up(layers: Images, known: Knowledge, precision: Images | None) -> Images:
+def _looked_up(layers: Images, known: Knowledge, precision: Images | None, still_open: float) -> Images:
     """Standard errors (2 channel planes) and the untold share of the reflection's detail of a tile.
 
-    Precisions (1 or 2, h, w) are of both layers, or of each.
+    Precisions (1 or 2, h, w) are of both layers, or of each; `still_open` as `_STILL_OPEN`.
     """
     from polaropt.judging.kernels import interpolated
 
@@ -421,18 +427,26 @@ def _looked_up(layers: Images, known: Knowledge, precision: Images | None) -> Im
         most = max(1.0, float(precision.max()))
         precisions = np.geomspace(min(max(LEAST, float(precision.min())), most / 2), most, _N_PRECISIONS)
     table = variance_table(known.allowed(), precisions)
-    positions = np.zeros((3, *layers.shape[-2:]), dtype=np.float32)
-    for i, scale in enumerate(_local_scales(layers, known, precision, precisions)):
-        positions[1 + i] = _position(scale, SCALES)
-    found = []
-    for of_layer in (None,) if precision is None else precision:
+    measured, not_told = _local_scales(layers, known, precision, precisions)
+    colors = layers.shape[1]
+    exact: Sequence[Images | None] = (None,) if precision is None else tuple(precision)
+
+    def found(values: slice, scales: Images, of_layer: Images | None) -> Images:
+        positions = np.zeros((3, *layers.shape[-2:]), dtype=np.float32)
         if of_layer is not None:
             positions[0] = _position(of_layer, precisions)
-        out = np.empty((table.shape[-1], *layers.shape[-2:]), dtype=np.float32)
-        in_blocks(partial(interpolated, table, positions, out), out.shape[1], _ROWS)
-        found.append(out)
-    colors = layers.shape[1]
-    return np.concatenate([found[0][:colors], found[-1][colors:]])
+        for i, scale in enumerate(scales):
+            positions[1 + i] = _position(scale, SCALES)
+        part = np.ascontiguousarray(table[..., values])
+        out = np.empty((part.shape[-1], *layers.shape[-2:]), dtype=np.float32)
+        in_blocks(partial(interpolated, part, positions, out), out.shape[1], _ROWS)
+        return out
+
+    # How much of the detail is told is asked of all that may be there.
+    scales, whole = measured + np.float32(still_open) * not_told, measured + not_told
+    both = [slice(2 * colors)] if len(exact) == 1 else [slice(colors), slice(colors, 2 * colors)]
+    errors = [found(values, scales, of_layer) for values, of_layer in zip(both, exact, strict=True)]
+    return np.concatenate([*errors, found(slice(-1, None), whole, exact[-1])])
 
 
 def _position(values: Images, grid: NDArray[np.float64]) -> Images:
@@ -443,14 +457,15 @@ def _position(values: Images, grid: NDArray[np.float64]) -> Images:
 
 def _local_scales(
     layers: Images, known: Knowledge, precision: Images | None, precisions: NDArray[np.float64]
-) -> Images:
-    """Gradient energy around a pixel in units of the layer's, (2, h, w), with what is not told as is expected."""
+) -> tuple[Images, Images]:
+    """Gradient energy around a pixel, and what is not told of it, in units of the layer's, both (2, h, w)."""
     from scipy.ndimage import gaussian_filter
 
     from polaropt.solving import Frame, energies
 
     height, width = layers.shape[-2:]
     energy = np.empty((2, height, width), dtype=np.float32)
+    not_told = np.empty_like(energy)
     planes = np.ascontiguousarray(layers)
     chroma = np.float32(CHROMA_WEIGHT if layers.shape[1] > 1 else 1)
     energies(planes, Frame(0, 0, height, width), chroma, energy, 0, height)
@@ -458,11 +473,11 @@ def _local_scales(
     for i, of_layer in enumerate(np.array(unknown, dtype=np.float32).T):
         gaussian_filter(energy[i], _BLUR_PX, mode="nearest", output=energy[i])
         if precision is None:
-            energy[i] += of_layer[0]
+            not_told[i] = of_layer[0]
         else:
-            energy[i] += np.interp(precision[min(i, len(precision) - 1)], precisions, of_layer)
-        energy[i] /= np.float32(usual[i])
-    return energy
+            not_told[i] = np.interp(precision[min(i, len(precision) - 1)], precisions, of_layer)
+    level = np.asarray(usual, dtype=np.float32)[:, None, None]
+    return energy / level, not_told / level
 
 
 def _by_pixel(pse: VaryingPSE, known: Knowledge, noise: float, shape: tuple[int, ...]) -> tuple[Knowledge, Images]:

@@ -47,8 +47,7 @@ _SPECTRAL_OF_MOSAIC = 0.3
 # Strength of the gradients' sparsity around layers that are expected in each place: of 0.15 to 4 times 56 what is best
 # for both layers of ten pairs of photographs behind panes at 40, 60, 75 and 85 degrees (noise 0.5 % and 2 %).
 _SPARSITY_OF_EXPECTED = 40.0
-# How many times what is left open of these their weight counts: by trial on four pairs behind panes at 10 to 75
-# degrees.
+# How many times what is left open of these their weight counts: by trial on four pairs, panes at 10 to 75 degrees.
 _CONFIDENCE = np.float32(4.0)
 # Strength of the edges' independence.
 _INDEPENDENCE = 0.1

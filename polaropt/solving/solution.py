@@ -83,11 +83,21 @@ def _parts(length: int, largest: int) -> Iterator[tuple[slice, NDArray[np.float3
 
 @dataclass(frozen=True)
 class Piece:
-    """A tile of a separation with what is known of its layers."""
+    """A tile of a separation with what is known of its layers.
+
+    Attributes
+    ----------
+    tile : Tile
+    known : Knowledge
+    pse : PSE or VaryingPSE
+    expected : bool
+        Whether its layers were expected in each place (`polaropt.solving.local_spectra`) before they were solved for.
+    """
 
     tile: Tile
     known: Knowledge
     pse: PSE | VaryingPSE
+    expected: bool
 
 
 Images = NDArray[np.float32]
@@ -295,7 +305,7 @@ def _solve_tile(
         pse=problem.pse,
         canvas=problem.canvas,
         canvas_layers=layers,
-        pieces=(Piece(place.tile, problem.known.sampled, problem.pse),),
+        pieces=(Piece(place.tile, problem.known.sampled, problem.pse, problem.expected is not None),),
         n_bounces=problem.n_bounces,
     )
 
