@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from polaropt.capture import noise_level, planes_last
 from polaropt.errors import InputError
 from polaropt.optics import SceneParameters
-from polaropt.solving import Weights
+from polaropt.solving import Weights, check_start
 from studies.camera import Sample, SceneJob
 from studies.kit.charts import BLUE, ORANGE, Fill, crops, new_figure
 from studies.kit.frames import across, joined, markdown, mean, median, summary, values_of, where
@@ -29,7 +29,7 @@ from studies.kit.run import effort_of, publish, run_study, study_parser
 from studies.photographs import N_PAIRS, n_pairs_of
 from studies.scenes import INCIDENCES_DEG, protocol
 from studies.scores import LAYERS, psnr_and_ssim
-from studies.ways import PARTS, WHOLE, Part, weights_digest
+from studies.ways import LEARNED, PARTS, WHOLE, Part, seen_in_training, weights_digest
 
 NAME = "ablation"
 QUICK_INCIDENCES_DEG, QUICK_SIZE, SIZE = (10, 60), 128, 256
@@ -130,9 +130,12 @@ def _plain(weights: Weights) -> Weights:
 def _row(job: SceneJob, part: Part, sample: Sample, estimate: SceneParameters) -> Row:
     began = time.perf_counter()
     try:
+        check_start(part.init)
+        if part.init == LEARNED and (reason := seen_in_training(job.photos)):
+            return Row(part.name, job.pair, job.scene.value, not_run=reason)
         solved = part.solved(sample.capture, estimate, sample.scene)
-    except InputError as reason:
-        return Row(part.name, job.pair, job.scene.value, not_run=str(reason))
+    except InputError as error:
+        return Row(part.name, job.pair, job.scene.value, not_run=str(error))
     seconds = time.perf_counter() - began
     quality = psnr_and_ssim(solved.layers, sample.layers)
     return Row(part.name, job.pair, job.scene.value, *quality, solved.solver.n_evaluations, seconds)
@@ -264,6 +267,8 @@ def _solved(job: SceneJob, parts: Sequence[Part]) -> dict[str, Sequence[np.ndarr
     estimate = parts[0].estimate(sample.capture, noise_level(sample.capture))
     shown: dict[str, Sequence[np.ndarray]] = {"truth": job.photographs.frames}
     for part in parts:
+        if part.init == LEARNED and seen_in_training(job.photos):
+            continue
         layers = part.solved(sample.capture, estimate, sample.scene).layers
         shown[part.change.replace("without ", "without\n").replace("with ", "with\n")] = [*map(planes_last, layers)]
     return shown

@@ -1,8 +1,9 @@
 """What the learned start is worth: starts alone, where their solves stop, and the minima that they lead to.
 
-Run ``polaropt study learned_init -o OUT`` (``--quick`` for a look, ``--photos DIR`` for other photographs than those
-inside scikit-image). Every scene is found blind, once for all starts; its seconds count for all of them alike. It is
-solved from every start by the default rule, and on to the minimum, with what every evaluation gave.
+Run ``polaropt study learned_init --photos DIR -o OUT`` (``--quick`` for a look). Without photographs it takes those
+inside scikit-image, and leaves the learned start out where its networks were trained on them. Every scene is found
+blind, once for all starts; its seconds count for all of them alike. It is solved from every start by the default rule,
+and on to the minimum, with what every evaluation gave.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from studies.scenes import INCIDENCES_DEG, MAP, START_NOISES, Scene
 from studies.scenes import starts as scenes
 from studies.scores import GAP, LAYERS, NEAR_DB, both_psnr
 from studies.ways import CLOSED_FORM_START as CLOSED_FORM
-from studies.ways import COLD, DEFAULT, LEARNED, starts, weights_digest
+from studies.ways import COLD, DEFAULT, LEARNED, judged_starts, starts, weights_digest
 
 Images = NDArray[np.float32]
 
@@ -177,7 +178,7 @@ class _Estimate:
 def run(job: Job) -> list[Row]:
     """Solve one scene from every start."""
     _warm_up(job.photos, job.size)
-    return rows_of(job.scene, job.photographs, job.most_evaluations)
+    return rows_of(job.scene, job.photographs, job.most_evaluations, judged_starts(job.photos))
 
 
 @lru_cache(maxsize=1)
@@ -193,7 +194,7 @@ def _warm_up(photos: str | None, size: int) -> None:
     rows_of(scenes()[0], pairs_of(photos, size, size // 2)[0], most_evaluations=4)
 
 
-def rows_of(scene: Scene, pair: Pair, most_evaluations: int) -> list[Row]:
+def rows_of(scene: Scene, pair: Pair, most_evaluations: int, names: Sequence[str] | None = None) -> list[Row]:
     """Solve one scene from every start; no rows where the photographs show no polarized light.
 
     Parameters
@@ -202,12 +203,14 @@ def rows_of(scene: Scene, pair: Pair, most_evaluations: int) -> list[Row]:
     pair : Pair
     most_evaluations : int
         Of a solve to the minimum.
+    names : sequence of str, optional
+        Of the starts. Default: all that are installed.
     """
     with threadpool_limits(1, "blas"):
         estimate = _estimate(take(scene, pair))
         if not estimate.scene.signal:
             return []
-        courses = {start: _course(estimate, start, most_evaluations) for start in starts()}
+        courses = {start: _course(estimate, start, most_evaluations) for start in names or starts()}
         lowest = min((course.end for course in courses.values()), key=lambda point: point.value)
         way = courses[COLD].points[0].value - lowest.value
         return [
@@ -649,7 +652,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for pair in range(n_pairs_of(options, N_PAIRS[effort], size))
     ]
     weights = weights_digest()
-    frame = run_study(NAME, run, jobs, Row, options, {"weights": weights, "starts": starts()})
+    frame = run_study(NAME, run, jobs, Row, options, {"weights": weights, "starts": judged_starts(options.photos)})
     publish(NAME, options, tables(frame, weights), figures(frame), dpi=110)
 
 

@@ -30,6 +30,8 @@ GAMMA = 2.2
 """With which measured layers are stored."""
 WHITE_QUANTILE = 0.999
 """Of a measured layer: this value is taken for white, what is brighter clips."""
+SHIPPED = ("astronaut", "coffee", "chelsea", "rocket")
+"""Photographs inside scikit-image that studies are made of where no folder is named; no network is trained on them."""
 _SHIPPED_PAIRS = ((0, 1), (2, 3), (1, 2), (3, 0))
 """Photographs inside scikit-image of each pair: transmission and reflection."""
 
@@ -105,7 +107,7 @@ def shipped_pairs(size: int = SIZE_PX, margin: int = MARGIN_PX) -> list[Pair]:
     """Pairs of the photographs that ship inside scikit-image."""
     from skimage import data
 
-    photographs = [data.astronaut(), data.coffee(), data.chelsea(), data.rocket()]
+    photographs = [getattr(data, name)() for name in SHIPPED]
     frames = [middle(_white_1(photograph), size + 2 * margin) for photograph in photographs]
     return [Pair(number, frames[i], frames[j], margin) for number, (i, j) in enumerate(_SHIPPED_PAIRS)]
 

@@ -41,6 +41,7 @@ from studies.camera import Sample
 from studies.peers import single_image
 from studies.peers.multiscale import separate_in_scales
 from studies.peers.semireflector import correlation, mutual_information, separate_by
+from studies.photographs import SHIPPED
 from studies.scenes import BLIND
 from studies.scores import fitted
 
@@ -180,6 +181,20 @@ def weights_digest() -> str:
 
     record = json.loads((WEIGHTS / "conditioned.json").read_text(encoding="utf-8"))
     return str(record["sha256"])[:12]
+
+
+def seen_in_training(photos: str | None) -> str:
+    """Why the learned start is not judged on a folder's photographs (None: those inside scikit-image), or nothing."""
+    from priors.learned import WEIGHTS
+
+    data = str(json.loads((WEIGHTS / "conditioned.json").read_text(encoding="utf-8"))["data"])
+    seen = [name for name in SHIPPED if name in data] if photos is None else []
+    return f"its networks were trained on {', '.join(seen)}; name others with --photos" if seen else ""
+
+
+def judged_starts(photos: str | None) -> tuple[str, ...]:
+    """`starts` less the learned one, where its networks were trained on these photographs."""
+    return tuple(start for start in starts() if start != LEARNED or not seen_in_training(photos))
 
 
 def tolerances() -> tuple[float, ...]:

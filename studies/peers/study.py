@@ -27,7 +27,7 @@ from studies.photographs import N_PAIRS, Pair, measured_pairs, n_pairs_of
 from studies.scenes import INCIDENCES_DEG, SPECIAL, protocol
 from studies.scenes import SPECIAL_CASES as SPECIAL_SCENES
 from studies.scores import LAYERS, fitted_psnr, psnr, ssim
-from studies.ways import FULL, METHODS, Method, NotRun
+from studies.ways import FULL, METHODS, NETWORKS, Method, NotRun, seen_in_training
 
 NAME = "peers"
 PROTOCOL, SPECIAL_CASES, MEASURED = "paper protocol", "special cases", "measured layers"
@@ -103,6 +103,9 @@ def run(job: Job, methods: Sequence[Method] = tuple(METHODS.values())) -> list[R
 def _row(job: Job, method: Method, sample: Sample) -> Row:
     began = time.perf_counter()
     try:
+        # Measured layers are of no one's training.
+        if method.name == NETWORKS and job.group != MEASURED and (seen := seen_in_training(job.photos)):
+            raise NotRun(seen)
         layers = method.run(sample)
     except NotRun as reason:
         return Row(job.group, job.column, job.pair, method.name, not_run=str(reason))

@@ -16,7 +16,7 @@ from studies.ablation import FACTORS, NEIGHBOURS, WEIGHTINGS, Row, difference, r
 from studies.camera import SceneJob
 from studies.kit.frames import frame_of
 from studies.scenes import protocol
-from studies.ways import PARTS, WHOLE
+from studies.ways import PARTS, WHOLE, judged_starts, seen_in_training
 from tests.blends import blend
 
 
@@ -97,6 +97,16 @@ def test_without_torch_the_learned_start_is_not_run(monkeypatch):
     text = tables(frame_of(Row, made))
     assert "| not run: the start 'learned' needs torch" in text
     assert "| with learned start | not run |" in text
+
+
+def test_networks_are_not_judged_on_photographs_that_they_were_trained_on(monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.setattr("studies.ablation.PARTS", (named("learned start"),))
+    monkeypatch.setattr("studies.ablation.WEIGHTINGS", ())
+    (row,) = run(SceneJob(protocol(60.0), 0, size=48))
+    assert row.not_run == seen_in_training(None) != ""
+    assert seen_in_training("a folder") == ""
+    assert "learned" not in judged_starts(None)
 
 
 def test_few_pairs_have_none():

@@ -135,7 +135,7 @@ def refuses(sample):
 def test_what_a_method_does_not_show_is_not_scored():
     plain = METHODS[PLAIN]
     job = Job(protocol(60), 0, size=64)
-    shown, not_run = run(job, (plain, Method(NETWORKS, refuses, ours=True)))
+    shown, not_run = run(job, (plain, Method("refused", refuses, ours=True)))
     assert shown.transmission > 10
     assert 0 < shown.transmission_ssim < 1
     assert shown.transmission_fitted >= shown.transmission

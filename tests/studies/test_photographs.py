@@ -7,7 +7,8 @@ import pytest
 from skimage.io import imsave
 
 from polaropt.errors import InputError
-from studies.photographs import Photographs, Size, folder_pairs, measured_pairs, shipped_pairs, sized_pair
+from polaropt.training.pictures import FROM_SKIMAGE, FROM_SKLEARN
+from studies.photographs import SHIPPED, Photographs, Size, folder_pairs, measured_pairs, shipped_pairs, sized_pair
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +27,10 @@ def test_pairs_are_every_second_photograph_with_the_eleventh_after_it(photos):
         assert behind.shape == (16, 16, 3)
         assert behind[0, 0, 0] * 255 == pytest.approx(10 * 2 * i)
         assert mirrored[0, 0, 0] * 255 == pytest.approx(10 * ((2 * i + 11) % 24))
+
+
+def test_no_network_is_trained_on_the_photographs_that_studies_are_made_of():
+    assert not set(SHIPPED) & {*FROM_SKIMAGE, *FROM_SKLEARN}
 
 
 def test_photographs_are_mirrored_where_they_end(tmp_path):
