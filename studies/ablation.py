@@ -102,7 +102,12 @@ def _words(term: str) -> str:
 
 
 def run(job: SceneJob) -> list[Row]:
-    """Solve one scene without each part and with each weighting; those that ask the same share the estimate."""
+    """Solve one scene without each part and with each weighting."""
+    return [*rows_of_parts(job), *rows_of_weightings(job)]
+
+
+def rows_of_parts(job: SceneJob) -> list[Row]:
+    """Solve one scene without each part; those that ask the same of the estimate share it."""
     sample = job.sample()
     noise = noise_level(sample.capture)
     estimates: dict[SceneParameters, SceneParameters] = {}
@@ -112,12 +117,20 @@ def run(job: SceneJob) -> list[Row]:
             if part.hint not in estimates:
                 estimates[part.hint] = part.estimate(sample.capture, noise)
             rows.append(_row(job, part, sample, estimates[part.hint]))
-        # Several weightings are the same objective, such as all that leave every factor at 1.
-        made: dict[Weights, Row] = {}
+    return rows
+
+
+def rows_of_weightings(job: SceneJob) -> list[Row]:
+    """Solve one scene with each weighting; several are the same objective, as all that leave every factor at 1."""
+    sample = job.sample()
+    rows: list[Row] = []
+    made: dict[Weights, Row] = {}
+    with threadpool_limits(1, "blas"):
+        estimate = PARTS[0].estimate(sample.capture, noise_level(sample.capture))
         for weighting in WEIGHTINGS:
             weights, part = _plain(weighting.weights), weighting.part
             if weights not in made:
-                made[weights] = _row(job, part, sample, estimates[part.hint])
+                made[weights] = _row(job, part, sample, estimate)
             rows.append(replace(made[weights], variant=part.name))
     return rows
 
