@@ -8,8 +8,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import logging
-import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -220,35 +218,23 @@ def _finished(run: Run, left: Sequence[tuple[str, Any]], workers: Workers) -> It
         from distributed import as_completed
 
         futures = {client.submit(run, job, pure=False): key for key, job in left}
-        for future, rows in as_completed(futures, with_results=True):
+        for future, rows in as_completed(futures, loop=client.loop, with_results=True):
             yield futures[future], rows
 
 
 @contextmanager
 def _client(workers: Workers) -> Iterator[Any]:
-    """A Dask client; its own processes have one thread each, so that they share the cores."""
-    from distributed import Client, LocalCluster
-
+    """A Dask client; its own processes have one thread each, so that they share the cores, and obey nobody else."""
     if workers.scheduler is not None:
+        from distributed import Client
+
         with Client(workers.scheduler) as client:
             yield client
         return
-    import dask
+    from polaropt.batch import local_cluster
 
-    with (
-        dask.config.set({"distributed.nanny.pre-spawn-environ.OMP_NUM_THREADS": 1}),
-        LocalCluster(
-            n_workers=workers.processes, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        client.run(_leave_interruptions)
+    with local_cluster(workers.processes, threads=1, memory=None) as client:
         yield client
-
-
-def _leave_interruptions() -> None:
-    """Do not mind an interruption from the keyboard: who started this process does, and ends it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 # What is shown beside the bar of the jobs that this process works on.

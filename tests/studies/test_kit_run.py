@@ -7,10 +7,11 @@ import math
 from dataclasses import dataclass
 
 import pytest
+from distributed import Client
 
 from studies.kit.frames import frame_of
 from studies.kit.records import row_of
-from studies.kit.run import Workers, job_key, publish, run_jobs, run_study, study_parser
+from studies.kit.run import Workers, _client, job_key, publish, run_jobs, run_study, study_parser
 
 
 @dataclass(frozen=True)
@@ -95,3 +96,13 @@ def test_a_study_is_run_and_published(tmp_path, capsys):
     assert (tmp_path / "squares.md").read_text() == "| a |\n"
     assert (tmp_path / "squares.csv").read_text().splitlines()[0] == "job,number,square,names"
     assert json.loads((tmp_path / "squares.json").read_text())["metadata"]["threads"]["processes"] == "1"
+
+
+@pytest.mark.filterwarnings("default")
+def test_processes_of_a_study_obey_nobody_else():
+    """Any user of the machine could run code in them: they listened without authentication."""
+    with _client(Workers(2)) as client:
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1")
+        with pytest.raises((OSError, TypeError)):
+            Client(address.replace("tls", "tcp"), timeout=2)
