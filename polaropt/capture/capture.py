@@ -66,12 +66,13 @@ class EncodingHint(StrEnum):
     NONE = ""
     SRGB_PNG = "the PNG says it is sRGB"
     JPEG = "JPEG files nearly always are"
+    PROFILE = "its colour profile says that they are"
     SHALLOW_PNG = "8-bit PNG files often are"
 
     @property
     def decides(self) -> bool:
         """Whether values are taken for encoded by it where the photographs do not tell."""
-        return self in (EncodingHint.SRGB_PNG, EncodingHint.JPEG)
+        return self in (EncodingHint.SRGB_PNG, EncodingHint.JPEG, EncodingHint.PROFILE)
 
 
 _UNTOLD = CameraFacts()
@@ -463,6 +464,11 @@ class Capture:
     def registered(self) -> Capture:
         """The photographs as a scene is estimated from them: the cells of a mosaic, else these."""
         return self if self.cells is None else self.cells.capture
+
+    @property
+    def camera(self) -> CameraFacts | None:
+        """What the files tell of how they were taken; None for a capture made in memory."""
+        return None if self.origin is None else self.origin.camera
 
     @property
     def scale(self) -> int:

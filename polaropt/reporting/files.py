@@ -87,7 +87,7 @@ def write_separation(
         begun.begin("Error maps", reached)
         told, errors = write_uncertainty(folder, result, lambda fraction: begun.advance(span * fraction))
     stages.begin("Writing", judged)
-    camera = None if capture.origin is None else capture.origin.camera
+    camera = capture.camera
     exposures = {}
     for name in LAYERS:
         layer = result.layers[LAYERS.index(name)]

@@ -103,6 +103,10 @@ class Inspection:
         How the camera was held, as EXIF has it: the photographs were turned upright.
     profile : str
         Name of the files' colour profile; empty for none or sRGB.
+    profile_exponent : float or None
+        Of its encoding: 1 where it says that values are linear; None where it tells none.
+    shown_in_srgb : bool
+        Whether pictures to look at are converted from it to sRGB.
     jpeg : JpegFacts or None
         How strongly JPEG files were compressed.
     uneven_gains : tuple of (float, float)
@@ -145,6 +149,8 @@ class Inspection:
     exposures_given: bool = False
     orientation: int = 1
     profile: str = ""
+    profile_exponent: float | None = None
+    shown_in_srgb: bool = False
     jpeg: JpegFacts | None = None
     uneven_gains: tuple[tuple[float, float], ...] = ()
     moving_share: float | None = None
@@ -227,7 +233,9 @@ def _as_taken(origin: Origin) -> dict[str, Any]:
         "exposures": origin.exposures,
         "exposures_given": origin.exposures_given,
         "orientation": origin.orientation,
-        "profile": origin.camera.profile,
+        "profile": origin.camera.colors.name,
+        "profile_exponent": origin.camera.colors.exponent,
+        "shown_in_srgb": origin.camera.colors.to_srgb is not None,
         "jpeg": origin.jpeg,
     }
 

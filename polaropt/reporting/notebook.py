@@ -94,7 +94,9 @@ def plot_layers(result: Separation, capture: Capture) -> Figure:
     shown = [("photograph", light), *zip(LAYERS, map(planes_last, result.layers), strict=True)]
     figure, axes = pyplot.subplots(1, len(shown), figsize=(4 * len(shown), 4), layout="constrained")
     for axis, (title, image) in zip(axes, shown, strict=True):
-        axis.imshow(encode_srgb(image * np.float32(viewing_exposure(image))), cmap="gray", vmin=0, vmax=1)
+        axis.imshow(
+            encode_srgb(image * np.float32(viewing_exposure(image)), capture.camera), cmap="gray", vmin=0, vmax=1
+        )
         axis.set_title(title)
         axis.set_axis_off()
     return figure

@@ -140,7 +140,7 @@ def _layers(result: Separation, capture: Capture, exposures: Mapping[str, float]
     for name, title, what, image in shown:
         exposure = exposures.get(name) or viewing_exposure(image)
         caption = f"{what[0].upper()}{what[1:]}; {exposure:.3g} times the linear values, in sRGB."
-        pixels = np.round(255 * encode_srgb(image * np.float32(exposure))).astype(np.uint8)
+        pixels = np.round(255 * encode_srgb(image * np.float32(exposure), capture.camera)).astype(np.uint8)
         pictures.append(_picture(name, title, caption, f"{title}: {what}.", pixels, comparable=True))
     return pictures
 

@@ -208,7 +208,9 @@ def thumbnail_strip(result: Separation, capture: Capture) -> bytes:
     shown = (reduced_intensity(capture, block), *(block_mean(layer, block) for layer in result.layers))
     parts = [planes_last(np.asarray(part * np.float32(viewing_exposure(part)), dtype=np.float32)) for part in shown]
     strip = np.concatenate(parts, axis=1)
-    return bytes(jpeg_encode(np.round(255 * encode_srgb(strip)).astype(np.uint8), level=_THUMBNAIL_QUALITY))
+    return bytes(
+        jpeg_encode(np.round(255 * encode_srgb(strip, capture.camera)).astype(np.uint8), level=_THUMBNAIL_QUALITY)
+    )
 
 
 def grey_means(capture: Capture, block: int) -> Image:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from polaropt.capture import PLAUSIBLE_GAIN, Capture
+from polaropt.capture import PLAUSIBLE_GAIN, Capture, EncodingHint
 from polaropt.judging import SeparationWarning
 from polaropt.optics import FIELDS, Field, SceneParameters, largest_turn
 from polaropt.reporting.inspection import Inspection
@@ -144,7 +144,11 @@ def _held(it: Inspection) -> str:
 def _colors(it: Inspection) -> str:
     if not it.profile:
         return ""
-    return f" Their colours are in {it.profile}, which is kept in the linear values; pictures show them as if in sRGB."
+    if not it.shown_in_srgb:
+        return (
+            f" Their colours are in {it.profile}, which is kept in the linear values; pictures show them as if in sRGB."
+        )
+    return f" Their colours are those of {it.profile}: the layers keep them and say so, pictures show them in sRGB."
 
 
 def _jpeg(it: Inspection) -> Finding:
@@ -245,6 +249,8 @@ def _gain(it: Inspection) -> Finding:
 def _encoding(it: Inspection) -> Finding:
     measured = "" if it.gamma_exponent is None else f"measured exponent {it.gamma_exponent:.2f} +- {it.gamma_error:.2f}"
     hint = f"file format: {it.encoding_hint}" if it.encoding_hint else ""
+    if it.encoding_hint is EncodingHint.PROFILE and it.profile_exponent is not None:
+        hint += f", with an exponent of {it.profile_exponent:.2g}"
     reasons = "; ".join(filter(None, (measured, hint)))
     if it.looks_encoded:
         return Finding(

@@ -201,7 +201,7 @@ def separated(folder: Path, files: Sequence[Path], asked: Asked, tell: Progress)
     )
     stages.begin("Packing", _WRITTEN)
     intensity = reduced_intensity(capture, 1)
-    write_png_view(folder / PHOTOGRAPH, intensity, viewing_exposure(intensity))
+    write_png_view(folder / PHOTOGRAPH, intensity, viewing_exposure(intensity), capture.camera)
     # TIFF and PNG are compressed already.
     with zipfile.ZipFile(folder / ARCHIVE, "w", zipfile.ZIP_STORED) as archive:
         for name in report["written"]:

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.capture.files.colors import ColorProfile, color_profile
+
 # Tags of EXIF 2.3 (CIPA DC-008) and TIFF 6.
 _MAKE, _MODEL, _ORIENTATION, _DATE = 0x010F, 0x0110, 0x0112, 0x0132
 FACTS = (_MAKE, _MODEL, _ORIENTATION, _DATE)
@@ -50,8 +52,8 @@ class CameraFacts:
         The f-number.
     make, model, taken : str
         Empty where nothing is told.
-    profile : str
-        Name of the colour profile; empty where there is none or it is sRGB.
+    colors : ColorProfile
+        What the numbers stand for.
     exif : bytes
         All tags, as results may carry them on: upright, without thumbnail.
     """
@@ -62,7 +64,7 @@ class CameraFacts:
     make: str = ""
     model: str = ""
     taken: str = ""
-    profile: str = ""
+    colors: ColorProfile = field(default_factory=ColorProfile)
     exif: bytes = field(default=b"", repr=False)
 
 
@@ -78,7 +80,7 @@ def facts_of_picture(data: bytes) -> CameraFacts:
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data)) as picture:
                 tags = picture.getexif()
-                profile = profile_name(picture.info.get("icc_profile"))
+                profile = color_profile(picture.info.get("icc_profile"))
                 facts = facts_of_tags(tags, tags.get_ifd(_EXIF_DIRECTORY), profile)
                 if not len(tags):
                     return facts
@@ -95,7 +97,9 @@ def _has_profile(data: bytes) -> bool:
 
 
 def facts_of_tags(
-    tags: Mapping[int, Any], exif: Mapping[int, Any] | Mapping[str, Any] | None, profile: str = ""
+    tags: Mapping[int, Any],
+    exif: Mapping[int, Any] | Mapping[str, Any] | None,
+    colors: ColorProfile = ColorProfile(),  # noqa: B008 (frozen)
 ) -> CameraFacts:
     """Facts from the tags of a picture and of its EXIF directory, by number or by name."""
     by_number = {_NAMES.get(tag, tag) if isinstance(tag, str) else tag: value for tag, value in (exif or {}).items()}
@@ -108,21 +112,8 @@ def facts_of_tags(
         make=_text(tags.get(_MAKE)),
         model=_text(tags.get(_MODEL)),
         taken=_text(tags.get(_DATE)),
-        profile=profile,
+        colors=colors,
     )
-
-
-def profile_name(profile: bytes | None) -> str:
-    """What a colour profile calls itself; empty for none, and for sRGB, which is what pictures are written in."""
-    if not profile:
-        return ""
-    from PIL import ImageCms
-
-    try:
-        name = str(ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(io.BytesIO(profile)))).strip()
-    except Exception:  # neither is a damaged profile
-        return "a profile that cannot be read"
-    return "" if "srgb" in name.lower().replace(" ", "") else name or "a profile without a name"
 
 
 def _positive(value: Any) -> float | None:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import polaropt
 from polaropt.capture.capture import Capture, FloatImages, planes_last
+from polaropt.capture.files.colors import in_srgb, linear_profile
 from polaropt.capture.files.exif import CameraFacts
 from polaropt.capture.files.opening import AnyPath
 from polaropt.capture.mosaic import WHITE_16
@@ -176,6 +177,7 @@ def _pack(file: BinaryIO, pixels: NDArray[np.float32], camera: CameraFacts | Non
         software=made_by(),
         description=_LINEAR,
         datetime=(camera.taken or None) if camera is not None else None,
+        iccprofile=None if camera is None or camera.colors.to_srgb is None else linear_profile(camera.colors.to_srgb),
         extratags=[(tag, _ASCII, 0, text.encode("ascii", "replace"), True) for tag, text in _names_of(camera)],
     )
 
@@ -206,7 +208,7 @@ def tiff_rows(
     coarse : bool
         Whether three digits are enough, as of standard errors.
     camera : CameraFacts, optional
-        Whose name and date the file carries.
+        Whose name, date and colours the file carries.
 
     Yields
     ------
@@ -238,13 +240,13 @@ def write_png_view(
     exposure : float
         What it is multiplied by.
     camera : CameraFacts, optional
-        Whose EXIF the file carries.
+        Whose EXIF the file carries, and whose colours the values are in.
     """
     *channels, height, width = planes.shape
     pixels = np.empty((height, width, *channels), dtype=np.uint8)
     for rows in strips(height, pixels[0].size):
         part = planes_last(np.asarray(planes[..., rows, :], dtype=np.float32))
-        pixels[rows] = np.round(255 * encode_srgb(part * np.float32(exposure)))
+        pixels[rows] = np.round(255 * encode_srgb(part * np.float32(exposure), camera))
     write_picture(path, pixels, camera)
 
 
@@ -292,9 +294,16 @@ def _opened(path: AnyPath) -> Iterator[BinaryIO]:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
 
 
-def encode_srgb(linear: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
-    """Linear values 0..1 to sRGB values 0..1 (IEC 61966-2-1), clipped."""
-    clipped = np.clip(linear, 0, 1).astype(np.float32)
+def encode_srgb(linear: NDArray[np.floating[Any]], camera: CameraFacts | None = None) -> NDArray[np.float32]:
+    """Linear values 0..1 to sRGB values 0..1 (IEC 61966-2-1), clipped.
+
+    Parameters
+    ----------
+    linear : ndarray, shape (..., 3) or any for grey
+    camera : CameraFacts, optional
+        Whose colours they are in; default: sRGB's primaries.
+    """
+    clipped = np.clip(linear if camera is None else in_srgb(linear, camera.colors.to_srgb), 0, 1).astype(np.float32)
     power = 1.055 * np.power(clipped, np.float32(1 / 2.4)) - 0.055
     return np.asarray(np.where(clipped <= 0.0031308, 12.92 * clipped, power), dtype=np.float32)
 

@@ -7,6 +7,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import EncodingHint, FileContent
+from polaropt.capture.files.colors import encodes
 from polaropt.capture.files.exif import facts_of_picture
 from polaropt.capture.files.focal_length import exif_of_picture, focal_from_exif
 from polaropt.capture.files.jpeg import FRAMES, jpeg_facts, jpeg_segments
@@ -26,6 +27,8 @@ def _picture(pixels: Pixels, data: bytes, hint: EncodingHint) -> FileContent:
     focal = focal_from_exif(exif_of_picture(data), (pixels.shape[1], pixels.shape[0]))
     jpeg = jpeg_facts(data) if hint is EncodingHint.JPEG else None
     camera = facts_of_picture(data)
+    if encodes(camera.colors) and not hint.decides:
+        hint = EncodingHint.PROFILE
     return FileContent(without_alpha(pixels), encoding_hint=hint, focal_px=focal, camera=camera, jpeg=jpeg)
 
 

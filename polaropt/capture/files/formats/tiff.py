@@ -13,9 +13,10 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import FileContent
+from polaropt.capture.capture import EncodingHint, FileContent
 from polaropt.capture.files.child import decoded_in_child
-from polaropt.capture.files.exif import FACTS, facts_of_tags, profile_name
+from polaropt.capture.files.colors import color_profile, encodes
+from polaropt.capture.files.exif import FACTS, facts_of_tags
 from polaropt.capture.files.focal_length import exif_of_names, focal_from_exif
 from polaropt.capture.files.formats.pictures import without_alpha
 from polaropt.capture.files.limits import MAX_PIXELS, Declared, check_declared, complaints
@@ -94,7 +95,7 @@ def decode_tiff(data: bytes) -> FileContent:
         profile = tags.get(_TIFF_PROFILE)
         named = tags.get(_TIFF_EXIF)
         exif = exif_of_names(named)
-        colors = profile_name(profile if isinstance(profile, bytes) else None)
+        colors = color_profile(profile if isinstance(profile, bytes) else None)
         camera = facts_of_tags(tags, named if isinstance(named, dict) else None, colors)
     if not arrays or any("page offset" in text or "first page" in text or "corrupted" in text for text in told):
         raise InputError("the TIFF ends too early; it is incomplete, copy it again")
@@ -104,10 +105,12 @@ def decode_tiff(data: bytes) -> FileContent:
     if len({page.shape for page in pages}) > 1:
         sizes = ", ".join(sorted({f"{page.shape[1]}x{page.shape[0]}" for page in pages}))
         raise InputError(f"its pages differ in size ({sizes}); all photographs must have the same")
+    hint = EncodingHint.PROFILE if encodes(colors) else EncodingHint.NONE
     focal = focal_from_exif(exif, (pages[0].shape[1], pages[0].shape[0]))
     if len(pages) == 1:
-        return FileContent(pages[0], angles_deg=angles_deg, focal_px=focal, camera=camera)
-    return FileContent(np.stack(pages), stack=True, angles_deg=angles_deg, focal_px=focal, camera=camera)
+        return FileContent(pages[0], angles_deg=angles_deg, focal_px=focal, camera=camera, encoding_hint=hint)
+    pixels = np.stack(pages)
+    return FileContent(pixels, stack=True, angles_deg=angles_deg, focal_px=focal, camera=camera, encoding_hint=hint)
 
 
 def pixels_of(series: list[Any]) -> list[tuple[Pixels, bool]]:
