@@ -89,7 +89,7 @@ def test_the_minimum_is_reached(name: str, problem: str) -> None:
 @pytest.fixture(scope="module")
 def separated() -> dict[str, float]:
     """The objective that each solver reaches on a small capture, all with the same rule."""
-    example = blend(60, 32, color=False, ghost_shift=1.5)
+    example = blend(60, 64, color=False, ghost_shift=1.5)
     rule = StoppingRule(max_evaluations=200, relative_change=1e-5)
     results = {name: separate(example.capture, example.scene, solver=name, stopping=rule) for name in SOLVERS}
     return {name: result.solver.value for name, result in results.items()}
