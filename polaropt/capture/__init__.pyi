@@ -102,9 +102,9 @@ from .files.headless import headless_frames as headless_frames
 from .files.headless import read_headless as read_headless
 from .files.jpeg import JpegFacts as JpegFacts
 from .files.opening import AnyPath as AnyPath
+from .files.results import result_file as result_file
+from .files.results import result_folder as result_folder
 from .files.write import encode_srgb as encode_srgb
-from .files.write import result_file as result_file
-from .files.write import result_folder as result_folder
 from .files.write import tiff_rows as tiff_rows
 from .files.write import write_bytes as write_bytes
 from .files.write import write_capture as write_capture

@@ -9,7 +9,7 @@ import typer
 
 import polaropt
 from polaropt.cli.calibrate import calibrate_command
-from polaropt.cli.command import INTERRUPTED, Interrupted, add_command, say
+from polaropt.cli.command import INTERRUPTED, Interrupted, add_command, say, terminations
 from polaropt.cli.demo import demo_command
 from polaropt.cli.inspect import estimate_command, inspect_command
 from polaropt.cli.many.batch import batch_command
@@ -19,7 +19,7 @@ from polaropt.cli.separate import separate_command
 from polaropt.cli.simulate import simulate_command
 from polaropt.cli.study import add_study_command
 from polaropt.cli.train import train_command
-from polaropt.errors import InputError
+from polaropt.errors import InputError, in_one_line
 
 WRONG_INPUT = 2
 
@@ -69,9 +69,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         0 on success; 1 for a result that is warned of, where ``--strict`` asks for it; 2 for wrong options or input,
-        told in one line on standard error; 3 where some of many captures failed; 130 for Ctrl-C. Anything unexpected
-        is raised.
+        told in one line on standard error; 3 where some of many captures failed; 130 for Ctrl-C, 143 where the system
+        asked to end. Anything unexpected is raised.
     """
+    with terminations() as received:
+        outcome = _run(arguments)
+        return 128 + received[-1] if received and outcome == INTERRUPTED else outcome
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     try:
         outcome = app(args=arguments, prog_name="polaropt", standalone_mode=False)
     except InputError as error:
@@ -87,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _refuse(sentence: str) -> int:
-    typer.echo(f"polaropt: {' '.join(sentence.split())}", err=True)
+    typer.echo(f"polaropt: {in_one_line(sentence)}", err=True)
     return WRONG_INPUT
 
 

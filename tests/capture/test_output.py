@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import stat
+import subprocess
+import sys
+import textwrap
 from pathlib import Path
 
 import pytest
 
-from polaropt.capture.files.write import result_file, result_folder
+from polaropt.capture.files import results
+from polaropt.capture.files.results import result_file, result_folder
 from polaropt.errors import InputError
+
+ROOT = Path(__file__).parents[2]
 
 
 def run(target: Path, error: type[BaseException] | None = None, **files: str) -> None:
@@ -129,3 +137,83 @@ def test_one_file(tmp_path: Path) -> None:
     assert contents(tmp_path / "new") == {"picture.png": "picture"}
     with pytest.raises(InputError, match="is a folder"), result_file(tmp_path / "new"):
         pytest.fail("work was begun")
+
+
+def killed(target: Path, program: str) -> None:
+    """Run a program that writes results and kills itself; its folder is then as old as one that counts as left."""
+    text = f"""
+import os, signal, json
+from pathlib import Path
+from polaropt.capture.files import results
+def die(*_): os.kill(os.getpid(), signal.SIGKILL)
+with results.result_folder(Path({str(target)!r}), ("stale", "a", "b", "c")) as work:
+{textwrap.indent(textwrap.dedent(program), "    ")}
+"""
+    assert subprocess.run([sys.executable, "-c", text], check=False, cwd=ROOT).returncode == -signal.SIGKILL
+
+
+@pytest.fixture
+def settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(results, "_SETTLED_SECONDS", -1.0)
+
+
+def test_what_a_killed_run_left_is_cleared_by_the_next(tmp_path: Path, settled: None) -> None:
+    write(tmp_path, mine="old")
+    killed(tmp_path, "(work / 'mine').write_text('half'); die()")
+    assert len(list(tmp_path.glob(".polaropt-*"))) == 1
+    run(tmp_path, other="new")
+    assert contents(tmp_path) == {"mine": "old", "other": "new"}
+
+
+def test_an_exchange_that_was_killed_midway_is_finished(tmp_path: Path, settled: None) -> None:
+    write(tmp_path, a="old", b="old", c="old", stale="old", foreign="kept")
+    killed(
+        tmp_path,
+        """
+        for name in "abcd":
+            (work / name).write_text("new")
+        before = results._exchange
+        results._exchange = lambda new, old, previous: die() if new.name == "c" else before(new, old, previous)
+        """,
+    )
+    there = {path.name for path in tmp_path.iterdir() if path.is_file()}
+    assert {"a", "b", "c", "foreign"} <= there
+    with pytest.raises(RuntimeError):
+        run(tmp_path, RuntimeError, mine="half")
+    assert contents(tmp_path) == {"a": "new", "b": "new", "c": "new", "d": "new", "foreign": "kept"}
+
+
+def test_a_file_is_there_while_it_is_exchanged(tmp_path: Path) -> None:
+    write(tmp_path, picture="old")
+    killed(
+        tmp_path,
+        """
+        (work / "picture").write_text("new")
+        Path.rename = lambda self, to: die() if self.name == "picture" else os.rename(self, to)
+        """,
+    )
+    assert (tmp_path / "picture").read_text() == "old"
+
+
+def test_folders_of_runs_that_live_or_of_others_are_left_alone(tmp_path: Path, settled: None) -> None:
+    (tmp_path / ".polaropt-file").write_text("no folder")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    write(elsewhere, precious="kept")
+    (tmp_path / ".polaropt-link").symlink_to(elsewhere)
+    with result_folder(tmp_path) as first:
+        write(first, one="1")
+        run(tmp_path, two="2")
+        assert contents(first) == {"one": "1"}
+    assert contents(elsewhere) == {"precious": "kept"}
+    assert {path.name for path in tmp_path.iterdir()} == {".polaropt-file", ".polaropt-link", "elsewhere", "one", "two"}
+
+
+def test_names_of_an_exchange_stay_in_their_folder(tmp_path: Path, settled: None) -> None:
+    left = tmp_path / "out" / ".polaropt-left"
+    left.mkdir(parents=True)
+    write(tmp_path, precious="kept")
+    write(left, **{"polaropt-exchange.json": json.dumps({"names": [], "stale": ["../precious"]})})
+    run(tmp_path / "out", one="1")
+    assert (tmp_path / "precious").read_text() == "kept"
+    assert contents(tmp_path / "out") == {"one": "1"}

@@ -7,6 +7,7 @@ import pty
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from polaropt.cli.app import main
+from polaropt.cli.command import terminations
 from tests.command_line import QUICK, spoken
 
 ROOT = Path(__file__).parents[2]
@@ -155,3 +157,29 @@ def test_an_interrupted_study_is_waited_for_and_not_said_to_have_written_nothing
     assert main(["study", "coverage", "-o", "out"]) == 130
     assert capsys.readouterr().err == "polaropt: interrupted; what the study has written stays\n"
     assert len(waits) == (2 if heard else 1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_run_that_is_asked_to_end_leaves_nothing(photographs: list[str], tmp_path: Path, number: int) -> None:
+    command = [sys.executable, "-m", "polaropt", "separate", *photographs, "-o", str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not list(tmp_path.iterdir()):
+            time.sleep(0.01)
+        assert list(tmp_path.glob(".polaropt-*"))
+        process.send_signal(number)
+        out, err = process.communicate()
+    assert process.returncode == 128 + number
+    assert (out, err) == ("", "polaropt: interrupted; nothing was written\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_program_that_minds_its_signals_keeps_them(tmp_path: Path) -> None:
+    minded = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with terminations():
+            assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGTERM, minded)
+    with terminations():
+        assert signal.getsignal(signal.SIGTERM) not in (signal.SIG_DFL, signal.SIG_IGN)
+    assert signal.getsignal(signal.SIGTERM) is minded

@@ -1,0 +1,208 @@
+"""Results that appear all together or not at all.
+
+A run writes into a temporary folder on the same file system and renames what it made when everything is there. A run
+that fails or is interrupted leaves the previous output as it was and nothing of its own. What a killed run has left is
+found by the next one in the same place, as nobody holds its lock any more: an exchange of files that had begun is
+finished, so that all files are of one run, and the folder is removed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import stat
+import tempfile
+import time
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from polaropt.errors import InputError
+
+_PREFIX = ".polaropt-"
+_PREVIOUS = "previous-"
+_EXCHANGE = "polaropt-exchange.json"
+"""File of a temporary folder that names what is exchanged, from when all of it is there."""
+_SETTLED_SECONDS = 10.0
+"""How old a folder is before it can count as left: its run has long taken its lock. Set by hand."""
+
+
+@contextmanager
+def result_folder(target: Path, owned: Collection[str] = ()) -> Iterator[Path]:
+    """Folder to write results into; they appear in `target` together when the block ends without an error.
+
+    Parameters
+    ----------
+    target : Path
+        Made if it does not exist. In an existing folder files of the same names are replaced, all others stay.
+    owned : collection of str
+        Names that belong to the results as a whole, folders included: those that an earlier run has left and this one
+        does not write are removed.
+
+    Yields
+    ------
+    Path
+        A temporary folder, made at once: a place that cannot be written is an error before any work is done.
+
+    Raises
+    ------
+    InputError
+        `target` is a file, or cannot be written.
+    """
+    work = _temporary_folder(target)
+    with _held(work):
+        try:
+            yield work
+            with _failures_of(target):
+                _publish(work, target, owned)
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
+
+
+@contextmanager
+def result_file(target: Path) -> Iterator[Path]:
+    """As `result_folder` for one file: yields a temporary path with the same suffix."""
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; give the name of a file")
+    with result_folder(target.absolute().parent) as work:
+        yield work / target.name
+
+
+def _temporary_folder(target: Path) -> Path:
+    """In `target` if it exists, else in the nearest folder above it that does: the same file system either way."""
+    place = target.absolute()
+    while not os.path.lexists(place):
+        place = place.parent
+    if not place.is_dir():
+        what = "is no folder" if place == target.absolute() else f"cannot be made, {place} is no folder"
+        raise InputError(f"{target}: {what}; choose another output folder")
+    _clear(place)
+    with _failures_of(target):
+        return Path(tempfile.mkdtemp(prefix=_PREFIX, dir=place))
+
+
+@contextmanager
+def _failures_of(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise InputError(f"{target}: cannot be written ({reason}); choose another output folder") from None
+
+
+def _publish(work: Path, target: Path, owned: Collection[str]) -> None:
+    if target.exists():
+        _replace_files(work, target, owned)
+        return
+    target.absolute().parent.mkdir(parents=True, exist_ok=True)
+    # Temporary folders are private; results are as open as any new folder.
+    mask = os.umask(0)
+    os.umask(mask)
+    work.chmod(0o777 & ~mask)
+    work.rename(target)
+
+
+@contextmanager
+def _held(work: Path) -> Iterator[None]:
+    """The lock of a temporary folder, which the system gives back however the process ends."""
+    place = _locked(work)
+    try:
+        yield
+    finally:
+        if place is not None:
+            os.close(place)
+
+
+def _locked(work: Path) -> int | None:
+    """Lock a folder; None where another process has, or where there are no locks."""
+    try:
+        import fcntl
+
+        place = os.open(work, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except (ImportError, OSError):  # Windows, or gone
+        return None
+    try:
+        fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(place)
+        return None
+    return place
+
+
+def _clear(place: Path) -> None:
+    """Finish and remove what runs of ours left in a folder when they were killed."""
+    with suppress(OSError):
+        for left in [entry for entry in os.scandir(place) if entry.name.startswith(_PREFIX)]:
+            told = left.stat(follow_symlinks=False)
+            young = time.time() - told.st_ctime < _SETTLED_SECONDS
+            if young or not stat.S_ISDIR(told.st_mode) or not _is_mine(told.st_uid):
+                continue
+            lock = _locked(Path(left.path))
+            if lock is None:
+                continue
+            try:
+                _finish(Path(left.path), place)
+                shutil.rmtree(left.path, ignore_errors=True)
+            finally:
+                os.close(lock)
+
+
+def _is_mine(user: int) -> bool:
+    return not hasattr(os, "geteuid") or user == os.geteuid()
+
+
+def _finish(work: Path, target: Path) -> None:
+    """Go on with an exchange that was broken off; nothing where it had not begun."""
+    try:
+        exchange = json.loads((work / _EXCHANGE).read_text(encoding="utf-8"))
+        names, stale = ([str(name) for name in exchange[key]] for key in ("names", "stale"))
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    if any(Path(name).name != name for name in (*names, *stale)):
+        return
+    previous = Path(tempfile.mkdtemp(prefix=_PREVIOUS, dir=work))
+    for name in names:
+        if os.path.lexists(work / name):
+            _exchange(work / name, target / name, previous / name)
+    for name in stale:
+        if os.path.lexists(target / name):
+            (target / name).rename(previous / name)
+
+
+def _exchange(new: Path, old: Path, previous: Path) -> None:
+    """Put a file or folder in the place of another, which is kept; a file is there at every moment."""
+    if os.path.lexists(old):
+        try:
+            os.link(old, previous, follow_symlinks=False)
+        except OSError:  # a folder, or a file system without links
+            old.rename(previous)
+    new.rename(old)
+
+
+def _replace_files(work: Path, target: Path, owned: Collection[str]) -> None:
+    """Exchange file by file, and undo everything if one of them fails."""
+    names = [path.name for path in work.iterdir()]
+    stale = [name for name in owned if name not in names and (target / name).exists()]
+    for name in names:
+        if (target / name).is_dir() and name not in owned:
+            raise InputError(f"{target / name}: is a folder where a file must go; choose another output folder")
+    previous = Path(tempfile.mkdtemp(prefix=_PREVIOUS, dir=work))
+    begun = work / f"{_EXCHANGE}.part"
+    begun.write_text(json.dumps({"names": names, "stale": stale}), encoding="utf-8")
+    begun.rename(work / _EXCHANGE)
+    try:
+        for name in names:
+            _exchange(work / name, target / name, previous / name)
+        for name in stale:
+            (target / name).rename(previous / name)
+    except BaseException:
+        for name in stale:
+            if (previous / name).exists():
+                (previous / name).rename(target / name)
+        for name in names:
+            if not (work / name).exists():
+                (target / name).rename(work / name)
+            if (previous / name).exists():
+                (previous / name).rename(target / name)
+        raise
