@@ -57,6 +57,17 @@ def test_with_the_pane_known_the_transmission_gains_much(tmp_path, color):
     assert result.diagnostics.misfit_ratio < 1.5
 
 
+def test_what_is_expected_of_a_color_mosaic_in_each_place_is_nearer_than_the_closed_form(tmp_path):
+    path, truth = mosaic_file(tmp_path, color=True)
+    problem = Problem(read_capture(path, sensor="color"), SCENE, NOISE, Weights())
+    closed, expected = problem.known.layers, problem.expected.in_colors(problem.known.basis)
+    for i in (0, 1):
+        levels = [
+            psnr_db(problem.canvas.crop(part)[i].reshape(truth[i].shape), truth[i], 16) for part in (closed, expected)
+        ]
+        assert levels[1] > levels[0] + 0.1
+
+
 @pytest.mark.parametrize("resolution", ["sensor", "cell"])
 def test_blind_the_pane_is_found_in_the_pixels_of_the_result(tmp_path, resolution):
     path, _ = mosaic_file(tmp_path, False)

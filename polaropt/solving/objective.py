@@ -47,6 +47,10 @@ _SPECTRAL_OF_MOSAIC = 0.3
 # Strength of the gradients' sparsity around layers that are expected in each place: of 0.15 to 4 times 56 what is best
 # for both layers of ten pairs of photographs behind panes at 40, 60, 75 and 85 degrees (noise 0.5 % and 2 %).
 _SPARSITY_OF_EXPECTED = 40.0
+# The same for a colour mosaic's samples, of the transmission and the reflection: by trial on three simulated mosaics of
+# training photographs behind panes at 40, 60 and 75 degrees; three others gained as much.
+_SPARSITY_OF_EXPECTED_MOSAIC = (6.0, 3.0)
+_CONFIDENCE_OF_MOSAIC = np.float32(0.25)
 # How many times what is left open of these their weight counts: by trial on four pairs, panes at 10 to 75 degrees.
 _CONFIDENCE = np.float32(4.0)
 # Strength of the edges' independence.
@@ -299,7 +303,8 @@ def default_penalties(
     known_enough = min(1.0, float(1 - open_share[1]) / _KNOWN_ENOUGH) ** 2
     if mosaic:
         # Samples of few angles leave the reflection's detail open; the transmission's edges they tell all the same.
-        strength = _SPARSITY_OF_MOSAIC * np.array([1.0, known_enough]) * (1 - open_share)
+        sparse = _SPARSITY_OF_MOSAIC if expected is None else np.array(_SPARSITY_OF_EXPECTED_MOSAIC)
+        strength = sparse * np.array([1.0, known_enough]) * (1 - open_share)
         spectral = np.full(2, _SPECTRAL_OF_MOSAIC, np.float32)
     else:
         sparsity = _SPARSITY if expected is None else _SPARSITY_OF_EXPECTED
@@ -312,7 +317,8 @@ def default_penalties(
     if expected is None:
         natural = NaturalImage(spectral[:, None, None, None] / known.prior, known.mean, known.basis)
     else:
-        natural = NaturalImage(_CONFIDENCE / expected.variance, expected.layers, known.basis)
+        confidence = _CONFIDENCE_OF_MOSAIC if mosaic else _CONFIDENCE
+        natural = NaturalImage(confidence / expected.variance, expected.layers, known.basis)
     typical = scale + unknown
     variance = noise**2 + known.variance.mean(axis=1)
     return Penalties(

@@ -160,10 +160,12 @@ class Problem:
     def _fits_windows(self) -> bool:
         """Whether layers can be expected of windows, and of photographs at all.
 
-        Samples of a mosaic tell too little of a window, and a pane that varies another thing in each; ghosts that lie
-        farther apart than windows overlap look like other places.
+        A pane that varies tells another thing in each window; ghosts that lie farther apart than windows overlap look
+        like other places. Around what is expected of a mono mosaic the sparse solve gained on some pairs and lost on
+        others.
         """
-        plain = isinstance(self.pse, PSE) and self.capture.samples is None
+        samples = self.capture.samples
+        plain = isinstance(self.pse, PSE) and (samples is None or samples.sampling.n_channels > 1)
         shifts = (self.scene.ghost_shift, self.scene.transmission_ghost_shift, self.scene.gap_shift)
         near = all(abs(shift or 0.0) <= REACH_PX for shift in shifts)
         return plain and near and self._weights.factor("misfit") > 0
@@ -184,7 +186,10 @@ class Problem:
         weight = valid.reshape(len(valid), -1, *valid.shape[-2:]).astype(np.float32)
         if isinstance(self._pixel_noise, NoiseClasses):
             weight *= np.square(np.float32(self.noise) / self._pixel_noise.images())
-        return np.asarray(weight.mean(axis=(0, 1)))
+        samples = self.capture.samples
+        # Of a mosaic each pixel has one of all values, which the closed form knows.
+        share = 1.0 if samples is None else 1 / (len(self.capture.angles_deg) * samples.sampling.n_channels)
+        return np.asarray(weight.mean(axis=(0, 1)) / np.float32(share))
 
     def _photographed(self, layers: Images) -> Images:
         """Photographs (k, channel, h, w) of canvas layers."""
@@ -252,7 +257,7 @@ class Problem:
 
     def unknown_detail(self) -> float:
         """Share of the reflection's detail, what is finer than about 5 px, that remains open, 0..1."""
-        if self.expected is None:
+        if self.expected is None or self.capture.samples is not None:
             return self.known.sampled.unknown_detail(self.canvas.crop(self.known.layers[1]))
         layers = self.expected.in_colors(self.known.basis)
         return self.expected.unknown_detail(self.canvas.crop(layers[1]), self.canvas.shape[1])

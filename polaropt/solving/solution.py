@@ -305,9 +305,14 @@ def _solve_tile(
         pse=problem.pse,
         canvas=problem.canvas,
         canvas_layers=layers,
-        pieces=(Piece(place.tile, problem.known.sampled, problem.pse, problem.expected is not None),),
+        pieces=(Piece(place.tile, problem.known.sampled, problem.pse, _is_local(problem)),),
         n_bounces=problem.n_bounces,
     )
+
+
+def _is_local(problem: Problem) -> bool:
+    """Whether standard errors are of layers that were expected in each place; of mosaics it was not measured."""
+    return problem.expected is not None and problem.capture.samples is None
 
 
 def _with_progress(objective: Coordinates, advance: Callable[[int], None]) -> Callable[[Any], tuple[float, Any]]:
