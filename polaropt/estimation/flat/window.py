@@ -49,6 +49,8 @@ _EQUIVALENT_STEP_DEG = 1.0
 _LEAST_EQUIVALENT, _EQUIVALENT_SPACING_DEG = 2, 7.0
 _MOST_GAPS, _MOST_LIKELY = 12, 16
 """Likely gaps for each shift of a pane and each incidence, and likely windows of a scan."""
+_CLOSE_PX, _BESIDE_DEG = 3.0, (-9.0, -6.0, -3.0, 0.0, 3.0)
+"""Shifts up to which edges alone tell the incidence, and how far from the likelihood's they are looked at."""
 _MOST_LIKELIEST, _MOST_CANDIDATES = 2, 4
 """How many of these are looked at closely: the likeliest, and those with the best scores, as patterns make many a wrong
 window likelier than the true one."""
@@ -61,13 +63,11 @@ _NAMES = ("incidence_deg", "pane_shift", "gap_along", "gap_across", "absorption"
 _OVERLAP_WEIGHT = 0.5
 """What a unit of log overlap is worth in log likelihood per frequency."""
 _LEAST_GAIN = 0.003
-"""Score that a window of another kind must gain."""
-_SURE = 2.0
-"""The same in standard errors of what is gained."""
-_LEAST_GAIN_OF_IMAGES, _SURE_TOGETHER = 0.005, 3.0
-"""Log likelihood that a further pane must gain, and its standard errors and those of the overlap's gain together: on
-the random windows to fit on (`studies.random_windows`, even seeds to 798) windows of several panes that the photographs
-tell gain 0.008 and more, and single panes seem to gain up to 0.003."""
+"""Score that a window of another kind must gain, and log likelihood that a further pane must."""
+_SURE, _SURE_TOGETHER = 2.0, 3.0
+"""The same in standard errors of what is gained; and those of likelihood and overlap added, by which a pane more shows
+where edges tell little: on the random windows to fit on (`studies.random_windows`, even seeds to 798) windows that the
+photographs tell gain a log likelihood of 0.008 and more, single panes up to 0.0024."""
 _NO_ERROR = 1e-9
 """For none at all, of a frame that is all alike."""
 _LEAST_GAIN_OF_TINT = 0.001
@@ -256,6 +256,11 @@ def _apart(one: Window, other: Window) -> bool:
     return bool(far > 2 * _STEP_PX)
 
 
+def _close(window: Window) -> bool:
+    """Whether images lie so close together that the likelihood hardly tells the incidence."""
+    return max(abs(window.pane_shift), abs(window.gap_along), abs(window.gap_across)) <= _CLOSE_PX
+
+
 def equivalent_incidences(incidence_deg: float, n_panes: int, refractive_index: float) -> list[float]:
     """Incidences between those at which so many panes in place polarize, and mirror, as one does at another."""
 
@@ -363,7 +368,19 @@ class _Axis:
         near.sort(key=lambda found: found.misfit)
         best = sorted(near, key=lambda found: found.misfit + self._edges(found.window))
         kept = dict.fromkeys(found.window for found in (*near[:_MOST_LIKELIEST], *best[:_MOST_CANDIDATES]))
-        return [self.search.refined(window, _ROUGH_SWEEPS) for window in kept]
+        found = [self.search.refined(window, _ROUGH_SWEEPS) for window in kept]
+        return [*found, *(self._turned(one.window) for one in found[:1] if _close(one.window))]
+
+    def _turned(self, window: Window) -> LikelyWindow:
+        """A window of close panes at the incidence at which the layers' edges overlap least."""
+        if "incidence_deg" in self.search.told:
+            return self.search.refined(window, 1)
+        overlap = LayerOverlap(self.frame, self.scene(window), window.incidence_deg)
+        near = np.clip(window.incidence_deg + np.array(_BESIDE_DEG), *INCIDENCE_SEARCH_DEG).tolist()
+        self.search.told["incidence_deg"] = min(near, key=overlap.at)
+        found = self.search.refined(window, _ROUGH_SWEEPS)
+        del self.search.told["incidence_deg"]
+        return found
 
     def _edges(self, window: Window) -> float:
         """What the overlap of the layers' edges adds to a window's score."""
@@ -417,8 +434,8 @@ def _shows_another(window: LikelyWindow, other: LikelyWindow) -> bool:
     gains = other.misfit - window.misfit, other.edges - window.edges
     errors = [jackknife_error(b - a) for a, b in zip(window.parts, other.parts, strict=True)]
     seen, overlap = (gain / max(error, _NO_ERROR) for gain, error in zip(gains, errors, strict=True))
-    shown = gains[0] > _LEAST_GAIN_OF_IMAGES and seen > _SURE and seen + overlap > _SURE_TOGETHER
-    return shown and window.score < other.score
+    together = gains[0] > _LEAST_GAIN and seen + overlap > _SURE_TOGETHER and window.score < other.score
+    return seen > _SURE and (together or window.clearly_better(other, _LEAST_GAIN, _SURE))
 
 
 def _shows_across(single: LikelyWindow, plain: LikelyWindow) -> bool:
@@ -443,7 +460,7 @@ def _with_panes(
     found : LikelyWindow
         It, or a tinted one.
     """
-    taken, likely = axes[0][0], []
+    taken, likely = axes[0][0], list[tuple[_Axis, LikelyWindow]]()
     for axis, incidences in axes:
         told = () if axis is not taken else (plain.window,)
         scans = [axis.scan(n, incidences, *told) for n in range(2, MOST_FOUND + 1)]
@@ -454,11 +471,11 @@ def _with_panes(
             single = axis.best(axis.search.panes(incidences))
             if _shows_across(single, plain) and single.score < found.score:
                 taken, plain, found = axis, single, single
-        windows = axis.candidates(scans[0])
-        if min(window.misfit for window in windows) < plain.misfit - _LEAST_GAIN:
-            two = axis.best(windows)
-            more = axis.best(axis.search.with_another(two.window) + axis.candidates(scans[1]))
-            likely += [(axis, more if more.score < two.score - _LEAST_GAIN else two)]
+        best = axis.best(axis.candidates(scans[0]))
+        if best.score < plain.score - _LEAST_GAIN or scans[1].misfit < plain.misfit:
+            more = axis.best(axis.search.with_another(best.window) + axis.candidates(scans[1]))
+            best = more if more.score < best.score - _LEAST_GAIN else best
+        likely.append((axis, best))
     for axis, window in sorted(likely, key=lambda pair: pair[1].score):
         if axis.shows(window.window) and _shows_another(window, plain) and window.score < found.score:
             return axis, window
