@@ -306,8 +306,10 @@ class _Axis:
 
     def scene(self, window: Window) -> SceneParameters:
         """The scene that a window is."""
-        gap = math.hypot(window.gap_along, window.gap_across)
-        turned = math.degrees(math.atan2(window.gap_across, window.gap_along))
+        # To the same side as the azimuth, as a pane's shift is told; it may be negative.
+        sense = math.copysign(1.0, window.gap_along)
+        gap = sense * math.hypot(window.gap_along, window.gap_across)
+        turned = math.degrees(math.atan2(sense * window.gap_across, abs(window.gap_along)))
         along = window.n_panes == 1 or self._asked.gap_shift is not None
         direction = self._asked.gap_azimuth_deg if along else (self.frame.azimuth_deg - turned) % 360
         return self._asked.replace(
