@@ -10,13 +10,15 @@ DOCS := docs/_build/html
 PEERS := .venv-peers
 # Tests run side by side in so many processes.
 WORKERS ?= 2
+MINUTES ?= 10
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint package docs linkcheck peers clean
+.PHONY: help setup demo test fuzz lint package docs linkcheck peers clean
 
 help:
 	@echo "make demo   set up, separate an example and name the pictures to look at"
 	@echo "make test   set up and run the tests"
+	@echo "make fuzz   attack it with damaged files and random command lines on fresh seeds, for MINUTES=10"
 	@echo "make lint   set up and run ruff and mypy"
 	@echo "make package  build wheel and source distribution, and try them on every Python there is"
 	@echo "make docs   set up and build the documentation: $(DOCS)/index.html"
@@ -44,6 +46,9 @@ demo: $(PLAIN)
 
 test: setup
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal $(PYTEST_OPTIONS)
+
+fuzz: setup
+	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --keep fuzz-output
 
 lint: setup
 	$(BIN)/ruff check .
@@ -74,5 +79,5 @@ $(PEERS)/.installed: studies/peers/requirements.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(PEERS) demo-output build dist docs/_build docs/auto_gallery docs/api/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(PEERS) demo-output fuzz-output build dist docs/_build docs/auto_gallery docs/api/generated .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -34,7 +34,18 @@ class Study:
 
 
 PACKAGES = {
-    "studies": ("bokeh", "cv2", "distributed", "markdown_it", "matplotlib", "pandas", "polanalyser", "sklearn"),
+    "studies": (
+        "bokeh",
+        "cryptography",
+        "cv2",
+        "dask",
+        "distributed",
+        "markdown_it",
+        "matplotlib",
+        "pandas",
+        "polanalyser",
+        "sklearn",
+    ),
     "batch": ("cryptography", "dask", "distributed"),
     "torch": ("kornia", "safetensors", "torch"),
 }

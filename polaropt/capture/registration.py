@@ -399,7 +399,9 @@ def _correlation_peaks(bands: Images, pairs: list[tuple[int, int]]) -> Matrix:
     faded = bands * np.outer(np.hanning(height), np.hanning(width))
     # Without normalization: whitened phases give noise the weight of the scene (errors of 0.05 instead of 0.02 px).
     correlate: Any = partial(phase_cross_correlation, normalization=None, upsample_factor=10)
-    peaks = [correlate(faded[b], faded[a])[0] for a, b in pairs]
+    # A photograph without any detail, such as a black one, lies nowhere.
+    shows = [bool(band.any()) for band in faded]
+    peaks = [correlate(faded[b], faded[a])[0] if shows[a] and shows[b] else np.zeros(2) for a, b in pairs]
     return np.asarray(peaks, dtype=np.float64)
 
 

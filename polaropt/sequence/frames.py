@@ -120,6 +120,8 @@ def _of_array(path: Path) -> Frames:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, OSError, EOFError, OverflowError) as error:
         raise InputError(f"{path}: cannot be read ({one_line(error)}); write it with numpy.save") from None
+    if not isinstance(array, np.ndarray):
+        raise InputError(f"{path}: holds several arrays; write one with numpy.save")
     if array.ndim != 3:
         raise InputError(f"{path}: holds an array of shape {array.shape}; give (frame, height, width)")
     return Frames(len(array), lambda i: np.array(array[i]), None, str(path))

@@ -22,6 +22,8 @@ INCIDENCES_DEG = (10.0, 85.0)
 """Incidences of random panes: below, they hardly polarize; above, they pass hardly any light."""
 THICKNESSES_PX = (0.0, 12.0)
 """Thicknesses of random panes: up to a little more than the 10 px of the paper's protocol; set by hand."""
+_MOST_PAIRS = 1_000_000
+"""Pairs in a folder; set by hand."""
 _LARGEST_SIDE = 8192
 """Side of a frame in pixels: four photographs in colour take 3 GB; set by hand."""
 
@@ -112,6 +114,8 @@ def write_dataset(
     """
     if n_pairs < 1:
         raise InputError(f"{n_pairs} pairs; give 1 or more")
+    if n_pairs > _MOST_PAIRS:
+        raise InputError(f"{n_pairs} pairs; give {_MOST_PAIRS} at most, in several folders if more are wanted")
     if not SMALLEST_SIDE <= size <= _LARGEST_SIDE:
         raise InputError(f"frames of {size} px; give a size from {SMALLEST_SIDE} to {_LARGEST_SIDE}")
     pairs = []

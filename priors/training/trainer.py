@@ -289,13 +289,16 @@ class Training:
             raise WrongState(f"{path}: is no state of this training; resume with the options it was begun with")
         if state["seed"] != self.options.seed:
             raise WrongState(f"{path}: was begun with seed {state['seed']}, not {self.options.seed}")
-        self.network.load_state_dict(state["network"])
-        self._averaged.load_state_dict(state["averaged"])
-        self._optimizer.load_state_dict(state["optimizer"])
-        for critic, saved in zip(critics, state["critics"], strict=True):
-            if critic is not None:
-                critic.load_state_dict(saved)
-        self.step = state["step"]
+        try:
+            self.network.load_state_dict(state["network"])
+            self._averaged.load_state_dict(state["averaged"])
+            self._optimizer.load_state_dict(state["optimizer"])
+            for critic, saved in zip(critics, state["critics"], strict=True):
+                if critic is not None:
+                    critic.load_state_dict(saved)
+            self.step = int(state["step"])
+        except (KeyError, ValueError, RuntimeError) as error:
+            raise WrongState(f"{path}: is damaged; leave --resume out to begin anew") from error
 
     def _fits(self, state: dict[str, Any]) -> bool:
         """Whether a state is of networks and losses like these."""
@@ -308,7 +311,14 @@ class Training:
 
 def _is_state(state: Any) -> bool:
     """Whether what a file holds is what `Training.save` writes."""
-    return isinstance(state, dict) and {"step", "seed", "network", "averaged", "optimizer", "critics"} <= state.keys()
+    if (
+        not isinstance(state, dict)
+        or not {"step", "seed", "network", "averaged", "optimizer", "critics"} <= state.keys()
+    ):
+        return False
+    network, critics = state["network"], state["critics"]
+    tensors = isinstance(network, dict) and all(isinstance(weights, Tensor) for weights in network.values())
+    return tensors and isinstance(critics, list)
 
 
 def psnr(found: Tensor, truth: Tensor) -> tuple[float, float]:

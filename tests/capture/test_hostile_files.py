@@ -26,6 +26,7 @@ from polaropt.capture.files.decode import read_file
 from polaropt.capture.files.jpeg import jpeg_segments
 from polaropt.capture.files.limits import Declared, check_declared, complaints, declared
 from polaropt.errors import LONGEST_LINE
+from polaropt.sequence.frames import open_frames
 
 GREY = np.random.default_rng(0).integers(0, 256, (40, 50)).astype(np.uint8)
 COLOR = np.repeat(GREY[..., None], 3, axis=-1)
@@ -272,3 +273,27 @@ def test_names_of_arrays_and_long_lines_are_shortened(tmp_path: Path) -> None:
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 400
     assert len(str(InputError("x" * 10_000))) <= LONGEST_LINE
+
+
+class Harm:
+    """What runs a program where it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (self._path,)
+
+
+@pytest.mark.parametrize("which", ["intensities", "valid", "angles_deg", "npy"])
+def test_arrays_are_data_and_never_a_program(tmp_path: Path, which: str) -> None:
+    harm = np.array([Harm(tmp_path / "harm")], dtype=object)
+    if which == "npy":
+        np.save(tmp_path / "a.npy", harm, allow_pickle=True)
+    else:
+        np.savez(tmp_path / "a.npy", **{"intensities": np.stack([GREY] * 4), which: harm})
+        (tmp_path / "a.npy.npz").rename(tmp_path / "a.npy")
+    for read in (read_file, lambda path: list(open_frames([str(path)]))):
+        with pytest.raises(InputError):
+            read(tmp_path / "a.npy")
+    assert not (tmp_path / "harm").exists()

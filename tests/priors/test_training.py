@@ -101,3 +101,54 @@ def test_the_rate_rises_and_falls() -> None:
     assert options.rate(0) < options.rate(49)
     assert options.rate(100) > options.rate(500) > options.rate(999) > 0
     assert max(options.rate(step) for step in range(1000)) <= 1e-4
+
+
+class Harm:
+    """What runs a program where it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (self._path,)
+
+
+@pytest.mark.parametrize("where", ["step", "network", "critics"])
+def test_a_state_is_data_and_never_a_program(tmp_path: Path, where: str) -> None:
+    training = Training(small_network(), Mixtures(), OPTIONS)
+    training.save(tmp_path / STATE)
+    state = torch.load(tmp_path / STATE, weights_only=True)
+    torch.save({**state, where: Harm(tmp_path / "harm")}, tmp_path / STATE)
+    with pytest.raises(WrongState, match="cannot be read as a state"):
+        training.resume(tmp_path / STATE)
+    assert not (tmp_path / "harm").exists()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [{"network": [1]}, {"network": {"a": 1}}, {"critics": 3}, {"optimizer": {}}, {"averaged": {}}, {"step": "third"}],
+    ids=str,
+)
+def test_a_damaged_state_is_told(tmp_path: Path, damage: dict[str, object]) -> None:
+    training = Training(small_network(), Mixtures(), OPTIONS)
+    training.save(tmp_path / STATE)
+    torch.save({**torch.load(tmp_path / STATE, weights_only=True), **damage}, tmp_path / STATE)
+    with pytest.raises(WrongState, match=r"is damaged|is no state"):
+        Training(small_network(), Mixtures(), OPTIONS).resume(tmp_path / STATE)
+
+
+def test_a_state_that_cannot_be_written_leaves_the_last_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    training = Training(small_network(), Mixtures(), OPTIONS)
+    training.step = 5
+    training.save(tmp_path / STATE)
+
+    def breaks(state: object, path: Path) -> None:
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(torch, "save", breaks)
+    training.step = 9
+    with pytest.raises(OSError, match="No space left"):
+        training.save(tmp_path / STATE)
+    training.resume(tmp_path / STATE)
+    assert training.step == 5

@@ -22,7 +22,7 @@ from tests.documents import SCHEMA, document_of
 pytest.importorskip("torch")
 
 from studies.catalogue import STUDIES
-from studies.kit.records import metadata, row_of
+from studies.kit.records import metadata, row_of, write_document
 from studies.kit.run import run_jobs
 
 VALIDATOR = Draft202012Validator(SCHEMA)
@@ -100,3 +100,18 @@ def test_rows_of_another_form_are_refused(broken: dict[str, Any]) -> None:
     VALIDATOR.validate({"metadata": told, "results": [row]})
     with pytest.raises(ValidationError):
         VALIDATOR.validate({"metadata": told, "results": [row | broken]})
+
+
+def test_a_document_that_cannot_be_written_leaves_the_last_one(tmp_path, monkeypatch):
+    path = tmp_path / "study.json"
+    write_document(path, {"a": 1}, [{"b": 2}])
+    whole, write = path.read_text(), Path.write_text
+
+    def breaks(self, text, **options):
+        write(self, text[: len(text) // 2], **options)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", breaks)
+    with pytest.raises(OSError, match="No space left"):
+        write_document(path, {"a": 1}, [{"b": 3}])
+    assert path.read_text() == whole

@@ -104,7 +104,8 @@ class VaryingSpectra:
         """How many degrees steeper the pane stands for its ghosts, and the standard error; None where nothing tells."""
         turn = self._turn(ghost_shift)
         before, here, after = (self._misfits(turn + step, ghost_shift) for step in (-_STEP_DEG, 0.0, _STEP_DEG))
-        if here.mean() >= min(before.mean(), after.mean()):
+        # One part alone does not tell how far others would differ.
+        if here.size < 2 or here.mean() >= min(before.mean(), after.mean()):
             return None
         error = minimum_error([left_out(misfits) / (misfits.size - 1) for misfits in (before, here, after)], _STEP_DEG)
         return turn, math.hypot(widened_incidence(error), _SHAPES_DEG)
