@@ -1,6 +1,7 @@
 __all__ = [
     "ANGLES_DEG",
     "CAMERA_RAW",
+    "MAX_PIXELS",
     "MOST_NEGATIVE",
     "PLAUSIBLE_GAIN",
     "SMALLEST_SIDE",
@@ -101,6 +102,7 @@ from .files.formats.tiff import tiff_frames as tiff_frames
 from .files.headless import headless_frames as headless_frames
 from .files.headless import read_headless as read_headless
 from .files.jpeg import JpegFacts as JpegFacts
+from .files.limits import MAX_PIXELS as MAX_PIXELS
 from .files.opening import AnyPath as AnyPath
 from .files.results import result_file as result_file
 from .files.results import result_folder as result_folder

@@ -294,7 +294,7 @@ def sides_of(text: str | None) -> tuple[int, ...] | None:
     if text is None:
         return None
     sides = numbers(text, "--shape")
-    if len(sides) != 2 or any(side != int(side) for side in sides):
+    if len(sides) != 2 or any(not side.is_integer() for side in sides):
         raise InputError(f"--shape is {text!r}; give height and width in pixels, such as 2048,2448")
     return tuple(int(side) for side in sides)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import headless_frames, read_file, read_headless, tiff_frames
+from polaropt.capture import MAX_PIXELS, headless_frames, read_file, read_headless, tiff_frames
 from polaropt.errors import InputError, one_line
 
 _FRAMES = (".png", ".tif", ".tiff", ".npy")
@@ -44,7 +44,12 @@ class Frames:
         return (self.read(i) for i in range(self.number))
 
 
-def open_frames(sources: Sequence[str], shape: Sequence[int] | None = None, pixel_format: str | None = None) -> Frames:
+def open_frames(
+    sources: Sequence[str],
+    shape: Sequence[int] | None = None,
+    pixel_format: str | None = None,
+    max_pixels: int = MAX_PIXELS,
+) -> Frames:
     """Open a TIFF stack, an npy array (frame, h, w), a raw file of many frames, a folder or numbered files.
 
     Parameters
@@ -55,6 +60,8 @@ def open_frames(sources: Sequence[str], shape: Sequence[int] | None = None, pixe
         Height and width in pixels of frames without a header.
     pixel_format : str, optional
         How these are packed.
+    max_pixels : int
+        Pixels that a frame may have.
 
     Raises
     ------
@@ -64,7 +71,7 @@ def open_frames(sources: Sequence[str], shape: Sequence[int] | None = None, pixe
     if len(sources) == 1:
         path = Path(sources[0])
         if path.is_dir():
-            return _of_files(_in_folder(path, shape is not None), shape, pixel_format, str(path))
+            return _of_files(_in_folder(path, shape is not None), shape, pixel_format, str(path), max_pixels)
         if not path.exists():
             raise InputError(f"{path}: no such file or folder; check the name")
         if shape is not None:
@@ -73,9 +80,9 @@ def open_frames(sources: Sequence[str], shape: Sequence[int] | None = None, pixe
         if path.suffix.lower() == ".npy":
             return _of_array(path)
         if path.suffix.lower() in (".tif", ".tiff"):
-            return _of_tiff(path)
+            return _of_tiff(path, max_pixels)
         raise InputError(f"{path}: is one picture; give a folder of frames, a stack (TIFF, npy), or --shape")
-    return _of_files([Path(name) for name in sources], shape, pixel_format, sources[0])
+    return _of_files([Path(name) for name in sources], shape, pixel_format, sources[0], max_pixels)
 
 
 def _in_folder(folder: Path, headless: bool) -> list[Path]:
@@ -95,12 +102,14 @@ def _parts(name: str) -> list[str]:
     return re.split(r"(\d+)", name)
 
 
-def _of_files(files: list[Path], shape: Sequence[int] | None, pixel_format: str | None, name: str) -> Frames:
+def _of_files(
+    files: list[Path], shape: Sequence[int] | None, pixel_format: str | None, name: str, max_pixels: int
+) -> Frames:
     def content(i: int) -> Any:
         if shape is not None:
             height, width = (int(side) for side in shape)
-            return read_headless(files[i], (height, width), pixel_format)
-        return read_file(files[i])
+            return read_headless(files[i], (height, width), pixel_format, max_pixels)
+        return read_file(files[i], max_pixels)
 
     first = content(0)
     if first.stack:
@@ -127,6 +136,6 @@ def _of_array(path: Path) -> Frames:
     return Frames(len(array), lambda i: np.array(array[i]), None, str(path))
 
 
-def _of_tiff(path: Path) -> Frames:
-    number, read = tiff_frames(path)
+def _of_tiff(path: Path, max_pixels: int) -> Frames:
+    number, read = tiff_frames(path, max_pixels)
     return Frames(number, read, None, str(path))

@@ -26,7 +26,10 @@ PICTURES = {name: data for name, data in seeds().items() if name.endswith((".png
 PAST = (
     ["estimate", "glass.tiff", "--focal-px=1e9"],
     ["sequence", "misnamed.npy", "-o", "out"],
+    ["sequence", "lzw.tiff", "-o", "out", "--max-pixels=100"],
     ["inspect", "black.tiff", "--align"],
+    ["inspect", "levels.tiff", "--exposures=1e300,1,1,1"],
+    ["calibrate", "mosaic.png", "--shape=inf,inf", "-o", "out.json"],
     ["simulate", "--pairs=99999999999999999999", "-o", "out"],
 )
 # In a process of their own these are read at a second each.

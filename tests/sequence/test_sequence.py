@@ -97,6 +97,10 @@ def test_all_ways_to_store_frames_are_read(tmp_path: Path) -> None:
         tifffile.imwrite(tmp_path / "numbered" / f"f{i}.tif", frame, photometric="minisblack")
     for name in ("film.npy", "film.tiff", "numbered"):
         np.testing.assert_array_equal(list(open_frames([str(tmp_path / name)])), frames)
+    for name in ("film.tiff", "numbered"):
+        if (tmp_path / name).exists():
+            with pytest.raises(InputError, match="more than 100;"):
+                open_frames([str(tmp_path / name)], max_pixels=100)
     raw = open_frames([str(tmp_path / "film.raw")], (64, 64), "Mono12")
     assert raw.bits == PIXEL_FORMATS["Mono12"].bits
     np.testing.assert_array_equal(list(raw), frames)

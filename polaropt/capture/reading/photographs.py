@@ -16,6 +16,9 @@ from polaropt.errors import InputError
 Mask = NDArray[np.bool_]
 Images = NDArray[np.float32]
 
+_MOST_EXPOSED = 1e5
+"""How many times as long one photograph may be exposed as another; set by hand, more than a sensor's range."""
+
 
 def from_photographs(content: FileContent, levels: Levels, options: ReaderOptions, told: tuple[float, ...]) -> Capture:
     if options.analyzer is not None:
@@ -33,7 +36,7 @@ def from_photographs(content: FileContent, levels: Levels, options: ReaderOption
         valid = np.moveaxis(content.valid, -1, 1) if colored else content.valid
     exposures = _exposures_of(len(intensities), options.exposures, told)
     if exposures:
-        relative = np.array(exposures, dtype=np.float32) / np.float32(min(exposures))
+        relative = (np.array(exposures) / min(exposures)).astype(np.float32)
         intensities /= relative.reshape(-1, *[1] * (intensities.ndim - 1))
     origin = replace(
         origin_of("stack", content, levels, options),
@@ -46,11 +49,15 @@ def from_photographs(content: FileContent, levels: Levels, options: ReaderOption
 
 def _exposures_of(n: int, given: tuple[float, ...] | None, told: tuple[float, ...]) -> tuple[float, ...]:
     """Exposures of n photographs: as given, or as the files tell them."""
-    if given is None:
-        return told
-    if len(given) != n:
+    if given is not None and len(given) != n:
         raise InputError(f"{len(given)} exposures are given for {n} photographs; give one for each")
-    return given
+    exposures = told if given is None else given
+    if exposures and not max(exposures) <= _MOST_EXPOSED * min(exposures):
+        raise InputError(
+            f"the longest exposure is {max(exposures):g}, the shortest {min(exposures):g}; "
+            "give how long each photograph was exposed (--exposures)"
+        )
+    return exposures
 
 
 def _finished(images: Images, valid: Mask, angles: tuple[float, ...], origin: Origin, gain: float) -> Capture:

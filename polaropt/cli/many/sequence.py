@@ -125,7 +125,8 @@ def sequence_command(
     if reading.pop("exposures") is not None:
         raise InputError("frames are mosaics, whose photographs are taken at once; leave --exposures out")
     shape, pixel_format = reading.pop("shape"), reading.pop("pixel_format")
-    frames = open_frames(sequence.frames, shape, pixel_format)
+    limit = {name: reading.pop(name) for name in ("max_pixels",) if name in reading}
+    frames = open_frames(sequence.frames, shape, pixel_format, **limit)
     number = -(-frames.number // sequence.average)
     silent = folder.json or folder.quiet
     interrupted = False
