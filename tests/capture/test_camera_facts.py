@@ -13,9 +13,9 @@ from PIL import Image, ImageCms
 from PIL.TiffImagePlugin import IFDRational
 from skimage import data
 
-from polaropt.capture.capture import Capture
+from polaropt.capture.capture import Capture, EncodingHint
 from polaropt.capture.files.exif import facts_of_picture, upright
-from polaropt.capture.files.jpeg import jpeg_facts
+from polaropt.capture.files.jpeg import jpeg_facts, jpeg_traces
 from polaropt.capture.files.write import write_png
 from polaropt.capture.noise import noise_level
 from polaropt.capture.read import read_capture
@@ -161,6 +161,54 @@ def test_colours_of_another_profile_are_named(tmp_path: Path) -> None:
     assert other.profile
     assert other.profile in inspection_sentences(other)[0]
     assert not inspect_capture(read_capture(written(tmp_path, images, icc_profile=srgb))).profile
+
+
+@pytest.mark.parametrize("quality", [60, 80, 92])
+@pytest.mark.parametrize(("suffix", "settings"), [("png", {}), ("tif", {"compression": "tiff_lzw"})])
+def test_a_jpeg_that_was_saved_again_is_known_by_its_pixels(
+    quality: int, suffix: str, settings: dict[str, object], tmp_path: Path
+) -> None:
+    images = photographs(160, 128)
+    files = written(tmp_path, images, "jpg", quality=quality, subsampling=0)
+    of_file = jpeg_facts(Path(files[0]).read_bytes())
+    again = written(tmp_path, np.stack([np.asarray(Image.open(name)) for name in files]), suffix, **settings)
+    capture = read_capture(again)
+    facts = capture.origin.jpeg
+    assert facts.saved_again
+    assert abs(facts.quality - quality) <= 2
+    assert not facts.halved_colors
+    assert facts.step == pytest.approx(of_file.step, rel=0.1)
+    assert noise_level(capture) == pytest.approx(noise_level(read_capture(files)), rel=0.1)
+    looked_at = inspect_capture(capture)
+    assert "were JPEG files" in " ".join(inspection_sentences(looked_at))
+    assert looked_at.encoding_hint is EncodingHint.JPEG
+
+
+def test_colours_of_half_the_resolution_show_in_pixels(tmp_path: Path) -> None:
+    files = written(tmp_path, photographs(160, 128), "jpg", quality=85, subsampling=2)
+    pixels = np.asarray(Image.open(files[0]))
+    assert jpeg_traces(pixels).halved_colors
+    # Of 16 bits, as many programs save 8.
+    assert jpeg_traces(pixels.astype(np.uint16) * 257) == jpeg_traces(pixels)
+    assert jpeg_traces(pixels[3:, 5:]) is not None
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        data.coffee(),
+        data.astronaut(),
+        data.camera(),
+        np.zeros((64, 64), np.uint8),
+        np.random.default_rng(0).integers(0, 256, (256, 256), dtype=np.uint8),
+        np.random.default_rng(0).integers(0, 65536, (64, 64), dtype=np.uint16),
+        np.random.default_rng(0).random((64, 64), dtype=np.float32),
+        np.tile(np.arange(64, dtype=np.uint8) * 4, (64, 1)),
+        np.zeros((8, 8), np.uint8),
+    ],
+)
+def test_what_was_no_jpeg_is_not_taken_for_one(pixels: NDArray[np.generic]) -> None:
+    assert jpeg_traces(pixels) is None
 
 
 def test_results_carry_on_what_the_camera_tells(tmp_path: Path) -> None:

@@ -7,10 +7,10 @@ from typing import Any
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import EncodingHint, FileContent
-from polaropt.capture.files.colors import encodes
+from polaropt.capture.files.colors import ColorProfile, encodes
 from polaropt.capture.files.exif import facts_of_picture
 from polaropt.capture.files.focal_length import exif_of_picture, focal_from_exif
-from polaropt.capture.files.jpeg import FRAMES, jpeg_facts, jpeg_segments
+from polaropt.capture.files.jpeg import FRAMES, JpegFacts, jpeg_facts, jpeg_segments, jpeg_traces
 from polaropt.capture.files.limits import Declared
 from polaropt.errors import InputError
 
@@ -24,12 +24,20 @@ _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 
 
 def _picture(pixels: Pixels, data: bytes, hint: EncodingHint) -> FileContent:
+    pixels = without_alpha(pixels)
     focal = focal_from_exif(exif_of_picture(data), (pixels.shape[1], pixels.shape[0]))
-    jpeg = jpeg_facts(data) if hint is EncodingHint.JPEG else None
+    jpeg = jpeg_facts(data) if hint is EncodingHint.JPEG else jpeg_traces(pixels)
     camera = facts_of_picture(data)
-    if encodes(camera.colors) and not hint.decides:
-        hint = EncodingHint.PROFILE
-    return FileContent(without_alpha(pixels), encoding_hint=hint, focal_px=focal, camera=camera, jpeg=jpeg)
+    if not hint.decides:
+        hint = stronger_hint(hint, camera.colors, jpeg)
+    return FileContent(pixels, encoding_hint=hint, focal_px=focal, camera=camera, jpeg=jpeg)
+
+
+def stronger_hint(hint: EncodingHint, colors: ColorProfile, jpeg: JpegFacts | None) -> EncodingHint:
+    """What a colour profile, or what is left of a JPEG, says of the encoding, where the format does not."""
+    if encodes(colors):
+        return EncodingHint.PROFILE
+    return hint if jpeg is None else EncodingHint.JPEG
 
 
 def without_alpha(pixels: Pixels) -> Pixels:

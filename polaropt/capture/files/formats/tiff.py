@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from polaropt.capture.capture import EncodingHint, FileContent
 from polaropt.capture.files.child import decoded_in_child
-from polaropt.capture.files.colors import color_profile, encodes
+from polaropt.capture.files.colors import color_profile
 from polaropt.capture.files.exif import FACTS, facts_of_tags
 from polaropt.capture.files.focal_length import exif_of_names, focal_from_exif
-from polaropt.capture.files.formats.pictures import without_alpha
+from polaropt.capture.files.formats.pictures import stronger_hint, without_alpha
+from polaropt.capture.files.jpeg import jpeg_traces
 from polaropt.capture.files.limits import MAX_PIXELS, Declared, check_declared, complaints
 from polaropt.capture.files.opening import AnyPath
 from polaropt.errors import InputError, one_line
@@ -105,12 +106,17 @@ def decode_tiff(data: bytes) -> FileContent:
     if len({page.shape for page in pages}) > 1:
         sizes = ", ".join(sorted({f"{page.shape[1]}x{page.shape[0]}" for page in pages}))
         raise InputError(f"its pages differ in size ({sizes}); all photographs must have the same")
-    hint = EncodingHint.PROFILE if encodes(colors) else EncodingHint.NONE
+    jpeg = jpeg_traces(pages[0])
+    hint = stronger_hint(EncodingHint.NONE, colors, jpeg)
     focal = focal_from_exif(exif, (pages[0].shape[1], pages[0].shape[0]))
     if len(pages) == 1:
-        return FileContent(pages[0], angles_deg=angles_deg, focal_px=focal, camera=camera, encoding_hint=hint)
+        return FileContent(
+            pages[0], angles_deg=angles_deg, focal_px=focal, camera=camera, encoding_hint=hint, jpeg=jpeg
+        )
     pixels = np.stack(pages)
-    return FileContent(pixels, stack=True, angles_deg=angles_deg, focal_px=focal, camera=camera, encoding_hint=hint)
+    return FileContent(
+        pixels, stack=True, angles_deg=angles_deg, focal_px=focal, camera=camera, encoding_hint=hint, jpeg=jpeg
+    )
 
 
 def pixels_of(series: list[Any]) -> list[tuple[Pixels, bool]]:
