@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", *sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)]
+# Shipped in the package: report.html shows what a warning means.
+WARNINGS = ROOT / "polaropt" / "reporting" / "warnings.md"
+PAGES = [ROOT / "README.md", WARNINGS, *sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)]
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _INDENTED = re.compile(r"(?:^|\n\n)((?:    .*\n)+)")
 _INLINE = re.compile(r"`(polaropt [^`]+|make [a-z]+)`")

@@ -25,7 +25,7 @@ from polaropt.cli.app import main
 from tests.capture.test_camera_raw import write_dng
 from tests.captured import scene_intensities
 from tests.command_line import QUICK
-from tests.documentation import DOCS, PAGES, ROOT, Command, blocks, commands
+from tests.documentation import DOCS, PAGES, ROOT, WARNINGS, Command, blocks, commands
 
 COMMANDS = commands()
 STUDY = "polaropt study "
@@ -137,13 +137,13 @@ def test_python_that_is_shown_runs(page: Path, files: Path, monkeypatch: pytest.
 
 def entries() -> Iterator[tuple[str, str]]:
     """Name and text of each entry of the page of warnings."""
-    text = (DOCS / "warnings.md").read_text(encoding="utf-8")
+    text = WARNINGS.read_text(encoding="utf-8")
     yield from re.findall(r"^### ([A-Z_]+)\n(.*?)(?=^#|^<a|\Z)", text, re.MULTILINE | re.DOTALL)
 
 
 def test_every_warning_has_an_entry_under_its_name() -> None:
     assert sorted(name for name, _ in entries()) == sorted(SeparationWarning.__members__)
-    page = (DOCS / "warnings.md").read_text(encoding="utf-8")
+    page = WARNINGS.read_text(encoding="utf-8")
     for name, text in entries():
         assert f'<a id="{name}"></a>\n\n({name})=\n### {name}\n' in page
         # The sentence itself is put in when the page is built.

@@ -7,6 +7,7 @@ __all__ = [
     "capture_findings",
     "cell_order_attention",
     "estimate_sentences",
+    "explained_attention",
     "inspect_capture",
     "inspection_picture",
     "inspection_sentences",
@@ -54,6 +55,7 @@ from .words import alignment_sentence as alignment_sentence
 from .words import capture_findings as capture_findings
 from .words import cell_order_attention as cell_order_attention
 from .words import estimate_sentences as estimate_sentences
+from .words import explained_attention as explained_attention
 from .words import inspection_sentences as inspection_sentences
 from .words import marked as marked
 from .words import motion_attention as motion_attention

@@ -32,8 +32,8 @@ from polaropt.reporting.pictures import (
     viewing_exposure,
 )
 from polaropt.reporting.words import (
+    explained_attention,
     motion_sentences,
-    report_attention,
     shown_fields,
     solver_sentence,
     source_of,
@@ -305,7 +305,7 @@ def _label(value: float) -> str:
 
 
 _HERE, _TEMPLATE = "polaropt.reporting", "report_template.html"
-_PIECES = ("look.css", "compare.html", "compare.css", "compare.js")
+_PIECES = ("look.css", "warnings.html", "compare.html", "compare.css", "compare.js")
 _RUNGS = {
     "none": "no polarization: nothing to separate by",
     "pixelwise": "a flat pane seen from afar, all bounces in place",
@@ -348,7 +348,7 @@ def write_html_report(
         names=names,
         report=report,
         pane=_RUNGS.get(report["scene"]["rung"], report["scene"]["rung"]),
-        warnings=report_attention(report),
+        warnings=explained_attention(report),
         unseen=motion_sentences(report),
         pictures=pictures,
         comparable=[picture for picture in pictures if picture.comparable],
@@ -405,8 +405,8 @@ def page_template(package: str, name: str) -> Template:
     Parameters
     ----------
     package, name : str
-        Where it is: a package of polaropt and the name of a file in it. The pieces are ``look.css``, and
-        ``compare.html``, ``compare.css`` and ``compare.js``, two pictures under a slider.
+        Where it is: a package of polaropt and the name of a file in it. The pieces are ``look.css``, ``warnings.html``,
+        and ``compare.html``, ``compare.css`` and ``compare.js``, two pictures under a slider.
     """
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 

@@ -6,12 +6,13 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from polaropt.capture import PLAUSIBLE_GAIN, Capture, EncodingHint
 from polaropt.judging import SeparationWarning
 from polaropt.optics import FIELDS, Field, SceneParameters, largest_turn
 from polaropt.reporting.inspection import Inspection
+from polaropt.reporting.meanings import meaning_of
 from polaropt.reporting.pictures import LAYERS
 from polaropt.reporting.report import is_set, scene_report
 
@@ -544,7 +545,23 @@ def motion_sentences(report: dict[str, Any]) -> list[str]:
 
 def report_attention(report: dict[str, Any]) -> list[str]:
     """All that a person must look at, of the capture and of the separation, in ``report.json``."""
-    return [*report["attention"], *(_warned(warning, report) for warning in report["diagnostics"]["warnings"])]
+    return [warned.sentence for warned in explained_attention(report)]
+
+
+class Warned(NamedTuple):
+    """What a person must look at: a sentence, and as HTML what it means and what to do; empty where it says all."""
+
+    sentence: str
+    meaning: str
+
+
+def explained_attention(report: dict[str, Any]) -> list[Warned]:
+    """The same with what each warning means."""
+    of_result = report["diagnostics"]["warnings"]
+    return [
+        *(Warned(sentence, "") for sentence in report["attention"]),
+        *(Warned(_warned(warning, report), meaning_of(warning["name"])) for warning in of_result),
+    ]
 
 
 def _warned(warning: dict[str, str], report: dict[str, Any]) -> str:

@@ -15,12 +15,12 @@ from polaropt.progress import Progress, Stages
 from polaropt.reporting import (
     alignment_sentence,
     capture_findings,
+    explained_attention,
     inspect_capture,
     inspection_picture,
     motion_sentences,
     page_template,
     reduced_intensity,
-    report_attention,
     result_sentences,
     viewing_exposure,
     write_separation,
@@ -207,7 +207,7 @@ def separated(folder: Path, files: Sequence[Path], asked: Asked, tell: Progress)
         for name in report["written"]:
             archive.write(results / name, f"polaropt-results/{name}")
     return page_template(_HERE, "result.html").render(
-        warnings=report_attention(report),
+        warnings=explained_attention(report),
         sentences=[*result_sentences(report), *motion_sentences(report)],
         written=report["written"],
         comparable=[Shown(*words, capture.shape[-1], capture.shape[-2]) for words in _COMPARABLE],

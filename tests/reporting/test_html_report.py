@@ -118,7 +118,10 @@ def test_the_page_tells_the_pane_and_the_solve(separated):
     assert f"{report['scene']['incidence_deg']:.2f} deg" in text
     assert f"{report['solver']['n_evaluations']} evaluations" in text
     assert report["rungs"][0]["reason"] in text
-    assert all(warning["sentence"] in text for warning in report["diagnostics"]["warnings"])
+    warnings = report["diagnostics"]["warnings"]
+    assert all(warning["sentence"] in text for warning in warnings)
+    # Each says what it means.
+    assert page.read_text().count('<details class="meaning">') == len(warnings)
 
 
 def test_file_names_are_text(separated):
