@@ -66,7 +66,11 @@ class Expectation:
 
 
 def expected_layers(
-    known: ClosedForm, canvas: Canvas, misfit_gradient: Callable[[Images], Images], precision: Images
+    known: ClosedForm,
+    canvas: Canvas,
+    misfit_gradient: Callable[[Images], Images],
+    precision: Images,
+    layers: Images | None = None,
 ) -> Expectation:
     """Layers under spectra of their own in each window.
 
@@ -78,9 +82,11 @@ def expected_layers(
         Gradient (2, channel, H, W) of the photographs' misfit at canvas layers.
     precision : ndarray, shape (h, w)
         What a pixel's photographs tell, beside what `known` takes for it: bright light has more noise.
+    layers : ndarray of float32, shape (2, channel, H, W), optional
+        Those at hand that the first spectra are taken from. Default: the closed form's.
     """
     windows = Windows(known, canvas, precision)
-    layers, share = known.layers, np.empty(0, dtype=np.float32)
+    layers, share = known.layers if layers is None else layers, np.empty(0, dtype=np.float32)
     for _ in range(_TURNS):
         change, share = windows.step(layers, misfit_gradient(layers))
         layers = layers.copy()

@@ -103,11 +103,10 @@ def take_start(problem: Problem, name: str, layers: Images | None = None) -> Ima
 def _start_layers(problem: Problem, name: str) -> Images:
     capture, canvas, pse = problem.capture, problem.canvas, problem.pse
     if name == "closed-form":
-        if problem.expected is not None:
-            return problem.expected.in_colors(problem.known.basis)
-        return canvas.continued(canvas.crop(problem.known.layers))
+        known = problem.best_known()
+        return known if problem.expected is not None else canvas.continued(canvas.crop(known))
     if name == "learned":
-        return canvas.continued(_learned_layers(problem))
+        return problem.expect_around(canvas.continued(_learned_layers(problem)))
     if name == "per-pixel":
         layers = per_pixel_layers(capture, pse.scene) if isinstance(pse, PSE) else varying_pixel_layers(capture, pse)
         return canvas.continued(_with_channels(layers, capture))
@@ -117,12 +116,12 @@ def _start_layers(problem: Problem, name: str) -> Images:
 
 
 def _learned_layers(problem: Problem) -> Images:
-    """What the shipped networks make of the closed form, on the frame."""
+    """What the shipped networks make of the layers known best before, on the frame."""
     from polaropt.solving.observation import conditioned_observation
     from priors.learned import shipped_initializer
     from priors.networks.critics import WrongWeights
 
-    layers = np.ascontiguousarray(problem.canvas.crop(problem.known.layers))
+    layers = np.ascontiguousarray(problem.canvas.crop(problem.best_known()))
     try:
         learned = shipped_initializer()
     except WrongWeights as error:

@@ -238,7 +238,7 @@ def _conditioned_sample(
     from priors.training.trainer import Sample
 
     problem = Problem(capture, scenes[1], noise, Weights())
-    layers = np.ascontiguousarray(problem.canvas.crop(problem.known.layers))
+    layers = np.ascontiguousarray(problem.canvas.crop(problem.best_known()))
     true = _engine(scenes[0], capture.angles_deg)
     inverse = np.asarray(np.linalg.pinv(analyzer_matrix(capture.angles_deg)), dtype=np.float64)
     views = [plate_views(change_basis(inverse, part), true) for part in parts]

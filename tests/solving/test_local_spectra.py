@@ -69,13 +69,30 @@ def test_layers_expected_in_each_place_are_nearer_than_those_of_one_spectrum(inc
 
 
 def test_what_is_expected_does_not_depend_on_the_start():
-    """All starts meet the same objective: its priors follow from the photographs."""
+    """Starts that know no more than the closed form meet the same objective: its priors follow from the photographs."""
     _, first = problem_of()
     _, second = problem_of()
     first.compiled(take_start(first, "closed-form"))
     second.compiled(take_start(second, "cold"))
     np.testing.assert_array_equal(first.penalties.natural_image.mean, second.penalties.natural_image.mean)
     np.testing.assert_array_equal(first.penalties.natural_image.stiffness, second.penalties.natural_image.stiffness)
+
+
+def test_better_layers_at_hand_tell_better_spectra():
+    example, problem = problem_of(128, 128)
+    truth = example.layers.reshape(2, -1, 128, 128)
+    before = error(problem.canvas.crop(problem.best_known()), truth)
+    around = problem.expect_around(problem.canvas.continued(truth))
+    np.testing.assert_array_equal(around, problem.best_known())
+    assert error(problem.canvas.crop(around), truth)[1] < 0.9 * before[1]
+
+
+def test_layers_that_speak_against_the_photographs_tell_no_spectra():
+    _, problem = problem_of(128, 128)
+    before = problem.best_known()
+    dim = before * np.float32(0.5)
+    assert problem.expect_around(dim) is dim
+    np.testing.assert_array_equal(problem.best_known(), before)
 
 
 @pytest.mark.parametrize("scene", [SceneParameters(60.0, 20.0, 30.0), SceneParameters(60.0, 20.0, 0.0, focal_px=100.0)])
