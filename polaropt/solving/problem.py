@@ -148,20 +148,18 @@ class Problem:
         """Layers on the canvas (2, channel, H, W): what is expected of windows where these tell, else closed form."""
         return self.known.layers if self.expected is None else self.expected.in_colors(self.known.basis)
 
-    def expect_around(self, layers: Images) -> Images:
-        """Let the spectra of windows follow from other layers (2, channel, H, W), and give what is expected then.
+    def expect_around(self, layers: Images) -> None:
+        """Let the spectra of windows follow from other layers at hand (2, channel, H, W).
 
         Where windows tell nothing, or where what is expected then explains the photographs clearly less, nothing
-        changes, and these layers themselves are given.
+        changes.
         """
         if self.expected is None:
-            return layers
+            return
         around = self._expected_layers(layers)
         misfits = [self._misfit_of(expected.in_colors(self.known.basis)) for expected in (self.expected, around)]
-        if misfits[1] - misfits[0] > _SPOILT * self.misfit_of_noise:
-            return layers
-        self.expected = around
-        return self.best_known()
+        if misfits[1] - misfits[0] <= _SPOILT * self.misfit_of_noise:
+            self.expected = around
 
     def _misfit_of(self, layers: Images) -> float:
         return self._compiled_misfit().value_and_grad(layers, np.empty_like(layers))

@@ -106,7 +106,9 @@ def _start_layers(problem: Problem, name: str) -> Images:
         known = problem.best_known()
         return known if problem.expected is not None else canvas.continued(canvas.crop(known))
     if name == "learned":
-        return problem.expect_around(canvas.continued(_learned_layers(problem)))
+        start = canvas.continued(_learned_layers(problem))
+        problem.expect_around(start)
+        return start
     if name == "per-pixel":
         layers = per_pixel_layers(capture, pse.scene) if isinstance(pse, PSE) else varying_pixel_layers(capture, pse)
         return canvas.continued(_with_channels(layers, capture))

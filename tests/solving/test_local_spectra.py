@@ -82,16 +82,14 @@ def test_better_layers_at_hand_tell_better_spectra():
     example, problem = problem_of(128, 128)
     truth = example.layers.reshape(2, -1, 128, 128)
     before = error(problem.canvas.crop(problem.best_known()), truth)
-    around = problem.expect_around(problem.canvas.continued(truth))
-    np.testing.assert_array_equal(around, problem.best_known())
-    assert error(problem.canvas.crop(around), truth)[1] < 0.9 * before[1]
+    problem.expect_around(problem.canvas.continued(truth))
+    assert error(problem.canvas.crop(problem.best_known()), truth)[1] < 0.9 * before[1]
 
 
 def test_layers_that_speak_against_the_photographs_tell_no_spectra():
     _, problem = problem_of(128, 128)
     before = problem.best_known()
-    dim = before * np.float32(0.5)
-    assert problem.expect_around(dim) is dim
+    problem.expect_around(before * np.float32(0.5))
     np.testing.assert_array_equal(problem.best_known(), before)
 
 
