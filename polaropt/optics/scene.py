@@ -157,7 +157,8 @@ class SceneParameters:
             raise InputError(
                 f"the focal length is {self.focal_px} px; it must be more than 0: {shortest:g} to {longest:g}"
             )
-        if len(self.bend_deg_per_px) != 3 or not all(math.isfinite(part) for part in self.bend_deg_per_px):
+        bend: tuple[float, ...] = self.bend_deg_per_px
+        if len(bend) != 3 or not all(math.isfinite(part) for part in bend):
             raise InputError(f"bend_deg_per_px is {self.bend_deg_per_px}; give three finite numbers, zeros for flat")
         if self.n_bounces is not None and not (self.n_bounces >= 0 and self.n_bounces == int(self.n_bounces)):
             raise InputError(

@@ -205,6 +205,8 @@ def test_colours_of_half_the_resolution_show_in_pixels(tmp_path: Path) -> None:
         np.random.default_rng(0).random((64, 64), dtype=np.float32),
         np.tile(np.arange(64, dtype=np.uint8) * 4, (64, 1)),
         np.zeros((8, 8), np.uint8),
+        np.zeros((64, 64, 5), np.uint8),
+        np.zeros((0, 0, 3), np.uint8),
     ],
 )
 def test_what_was_no_jpeg_is_not_taken_for_one(pixels: NDArray[np.generic]) -> None:

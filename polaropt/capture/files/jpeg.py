@@ -155,7 +155,10 @@ def jpeg_traces(pixels: NDArray[Any]) -> JpegFacts | None:
 
 def _eight_bits(pixels: NDArray[Any]) -> Floats | None:
     """The middle of a photograph, in levels of 8 bits around their middle; None where it has others."""
-    if pixels.dtype.kind != "u" or pixels.dtype.itemsize > 2 or min(pixels.shape[:2]) < 2 * _BLOCK:
+    grey_or_color = pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == len(_BRIGHTNESS))
+    if not grey_or_color or pixels.dtype.kind != "u" or pixels.dtype.itemsize > 2:
+        return None
+    if min(pixels.shape[:2]) < 2 * _BLOCK:
         return None
     top, left = (max(0, side - _LOOKED_AT) // 2 // _BLOCK * _BLOCK for side in pixels.shape[:2])
     part = pixels[top : top + _LOOKED_AT, left : left + _LOOKED_AT]

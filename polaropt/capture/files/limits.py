@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from polaropt.errors import InputError
 
@@ -68,7 +69,7 @@ def most_bytes(max_pixels: int) -> int:
     return _FREE_BYTES + _BYTES_PER_PIXEL * max_pixels
 
 
-def check_max_pixels(max_pixels: int) -> int:
+def check_max_pixels(max_pixels: Any) -> int:
     """InputError for anything but a number of pixels."""
     if isinstance(max_pixels, bool) or not isinstance(max_pixels, int) or max_pixels < 1:
         raise InputError(f"max_pixels is {max_pixels!r}; give a whole number of pixels, such as {MAX_PIXELS}")

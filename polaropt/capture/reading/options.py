@@ -75,7 +75,8 @@ def checked_options(
         raise InputError(f"angle sense {angle_sense!r} does not exist; choose one of {', '.join(SENSES)}")
     if field_of_view_deg is not None:
         check_view(number_of(field_of_view_deg, "the field of view"))
-    listed: Sequence[Any] = angles_deg if isinstance(angles_deg, Iterable) else (angles_deg,)
+    given: Any = angles_deg
+    listed: Iterable[Any] = given if isinstance(given, Iterable) else (given,)
     angles = tuple(number_of(angle, "a polarizer angle") for angle in listed)
     black = number_of(black_level, "the black level")
     white = None if white_level is None else number_of(white_level, "the white level")
