@@ -34,7 +34,7 @@ add_command(app, simulate_command, "polaropt simulate behind.png mirrored.png --
 add_command(app, inspect_command, f"polaropt inspect {_FOUR} -o look.png")
 add_command(app, estimate_command, f"polaropt estimate {_FOUR}")
 add_command(app, separate_command, f"polaropt separate {_FOUR} -o out")
-add_command(app, batch_command, "polaropt batch shots -o out --layers-only")
+add_command(app, batch_command, "polaropt batch shots -o out --write layers")
 add_command(app, sequence_command, "polaropt sequence film.tiff -o out --resolution cell --video")
 add_command(app, app_command, "polaropt app")
 add_command(app, calibrate_command, "polaropt calibrate flat_*.png -o analyzer.json")

@@ -91,8 +91,8 @@ def add_command(app: typer.Typer, action: Action, example: str) -> None:
 
 
 def _joined(text: str) -> str:
-    """One line per paragraph, so that the help is wrapped once."""
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
+    """One line per paragraph, so that the help is wrapped once; brackets are text, not styles."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n")).replace("[", r"\[")
 
 
 def _names(group: type) -> list[str]:

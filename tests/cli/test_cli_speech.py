@@ -13,8 +13,9 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+import typer
 
-from polaropt.cli.app import main
+from polaropt.cli.app import app, main
 from polaropt.cli.command import terminations
 from tests.command_line import QUICK, spoken
 
@@ -35,6 +36,22 @@ def test_flags_ask_for_no_value(command: str, capsys: pytest.CaptureFixture[str]
     lines = spoken(capsys, *filter(None, [command]), "--help").splitlines()
     # Its own options for help and completion are typer's business.
     assert all("--help" in line or "-completion" in line for line in lines if "<bool>" in line)
+
+
+def test_options_of_an_example_exist() -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    shown = 0
+    for name, command in commands.items():
+        _, _, example = (command.epilog or "").partition("Example: polaropt ")
+        known = {text for parameter in command.params for text in (*parameter.opts, *parameter.secondary_opts)}
+        # `study` hands all of them on.
+        assert not known or {word for word in example.split() if word.startswith("-")} <= known, name
+        shown += bool(example)
+    assert shown >= len(COMMANDS)
+
+
+def test_extras_are_named_in_full(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "polaropt[app]" in spoken(capsys, "app", "--help")
 
 
 def test_help_lists_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
