@@ -300,8 +300,8 @@ def separate_sequence(
     """Separate frames one after another, as they come.
 
     The pane is found from the first frames together and followed: now and then a frame tells it again, and what it says
-    is weighed against what is known by the standard errors of both. Each solve starts from the layers of the frame
-    before.
+    is weighed against what is known by the standard errors of both. Where a frame shows what the one before did, what
+    was found there helps its solve.
 
     Parameters
     ----------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Literal
@@ -46,6 +47,7 @@ from polaropt.optics import GLASS_INDEX, PSE, SceneErrors, SceneParameters, Vary
 from polaropt.progress import Progress, Stages
 from polaropt.solving import (
     ComponentStrip,
+    Memory,
     Settings,
     Solution,
     Term,
@@ -63,6 +65,8 @@ Images = NDArray[np.float32]
 Tell = Callable[[float], None]
 _OF_SCENE = ("refractive_index", "single_surface", "model", "thickness_px", "thickness_kind", "index_known")
 
+# Share by which the noise of a film may change before what was fitted to a frame is fitted anew: set by hand.
+_SAME_NOISE = 0.1
 # How far the estimation has come, in parts of the whole separation, for the progress alone: set by hand.
 _INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
 
@@ -252,13 +256,11 @@ def scene_case(
     -------
     Case
     """
-    from threadpoolctl import threadpool_limits
-
     settings = Settings(model=model, thickness_px=thickness_px, thickness_kind=thickness_kind)
     _check(settings)
     asked = scene or _blind(refractive_index, single_surface)
     stages = Stages(progress)
-    with threadpool_limits(1, "blas"):
+    with _one_thread(stages):
         case = _case_of(capture, asked, settings, stages, index_assumed=_index_assumed(asked, index_known))
     stages.end()
     return case
@@ -300,6 +302,79 @@ def _check(settings: Settings) -> None:
         raise InputError(f"device {settings.device!r} is for the solver torch, not {settings.solver}")
 
 
+@dataclass(frozen=True)
+class FrameMemory:
+    """What a frame of a film leaves to the next one: what holds for all frames of a camera behind a pane."""
+
+    case: Case
+    solved: tuple[Memory | None, ...]
+    diagnostics: Diagnostics
+
+    def suits(self, capture: Capture, scene: SceneParameters) -> bool:
+        """Whether it holds for another frame."""
+        own = self.case.capture
+        alike = (own.shape, own.angles_deg, self.case.asked) == (capture.shape, capture.angles_deg, scene)
+        return alike and self.case.still.moving is None
+
+    def noise_known(self, capture: Capture) -> bool:
+        """Whether whoever read the frames says that their noise is the same."""
+        noises = [None if of.origin is None else of.origin.raw_noise for of in (self.case.capture, capture)]
+        return noises[0] is not None and noises[0] == noises[1]
+
+
+def separate_frame(
+    capture: Capture,
+    scene: SceneParameters,
+    before: FrameMemory | None,
+    *,
+    scene_errors: SceneErrors | None = None,
+    start: Images | None = None,
+    progress: Progress | None = None,
+    **chosen: Any,
+) -> tuple[Separation, FrameMemory]:
+    """A frame of a film, with what the frame before has left to it.
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters
+        Complete.
+    before : FrameMemory or None
+    scene_errors, start, progress
+        As of `separate`.
+    **chosen
+        Of `Settings`.
+    """
+    settings = Settings(**chosen)
+    _check(settings)
+    stages = Stages(progress)
+    with _one_thread(stages):
+        stages.begin("Measuring the noise", 0.0)
+        if before is not None and before.suits(capture, scene):
+            case = _next_case(capture, before)
+        else:
+            case, before = _case_of(capture, scene, settings, stages, index_assumed=False), None
+        if scene_errors is not None:
+            case = replace(case, given_errors=scene_errors)
+        solved = () if before is None or not _as_noisy(case, before.case) else before.solved
+        judged = None if before is None else before.diagnostics
+        result, memories = _solved(case, start, stages, before=solved, remember=True, judged=judged)
+        return result, FrameMemory(case, memories, result.diagnostics)
+
+
+def _next_case(capture: Capture, before: FrameMemory) -> Case:
+    """What is known of a frame behind a pane that is known."""
+    case = before.case
+    if before.noise_known(capture):
+        return replace(case, capture=capture, still=replace(case.still, capture=capture))
+    return replace(case, capture=capture, still=still_photographs(capture))
+
+
+def _as_noisy(case: Case, other: Case) -> bool:
+    """Whether what was fitted to one capture holds for the noise of another."""
+    return abs(case.still.noise - other.still.noise) < _SAME_NOISE * other.still.noise
+
+
 def _separate(
     capture: Capture,
     asked: SceneParameters,
@@ -310,21 +385,49 @@ def _separate(
     start: Images | None,
     index_assumed: bool,
 ) -> Separation:
+    with _one_thread(stages):
+        case = _case_of(capture, asked, settings, stages, index_assumed=index_assumed)
+        if case.found.estimate is not None and not case.found.scene.signal:
+            return _unseparated(case, case.found.estimate, stages)
+        if case.found.estimate is None and scene_errors is not None:
+            case = replace(case, given_errors=scene_errors)
+        return _solved(case, start, stages)[0]
+
+
+@contextmanager
+def _one_thread(stages: Stages) -> Iterator[None]:
+    """Many small products: a second BLAS thread waits more than it works, many times so on a busy machine."""
     from threadpoolctl import threadpool_limits
 
-    # Many small products: a second BLAS thread waits more than it works, many times so on a busy machine.
     with threadpool_limits(1, "blas"), compilations_reported_to(stages.compiling):
-        case = _case_of(capture, asked, settings, stages, index_assumed=index_assumed)
-        still, found = case.still, case.found
-        if found.estimate is not None and not found.scene.signal:
-            return _unseparated(case, found.estimate, stages)
-        if found.estimate is None and scene_errors is not None:
-            case = replace(case, given_errors=scene_errors)
-        solved = capture if still.moving is None else inpainted(capture, still.moving, found.scene, still.noise)
-        begin = None if start is None else start.reshape(2, -1, *capture.shape[-2:])
-        solution = solve(solved, found.scene, still.noise, settings, stages, growth=still.growth, start=begin)
-        stages.begin("Taking stock", 0.97)
-        return _separated(case, solution, stages)
+        yield
+
+
+def _solved(
+    case: Case,
+    start: Images | None,
+    stages: Stages,
+    *,
+    before: tuple[Memory | None, ...] = (),
+    remember: bool = False,
+    judged: Diagnostics | None = None,
+) -> tuple[Separation, tuple[Memory | None, ...]]:
+    """A capture whose scene is known, solved and judged."""
+    capture, still, scene = case.capture, case.still, case.found.scene
+    solved = capture if still.moving is None else inpainted(capture, still.moving, scene, still.noise)
+    solution = solve(
+        solved,
+        scene,
+        still.noise,
+        case.settings,
+        stages,
+        growth=still.growth,
+        start=None if start is None else start.reshape(2, -1, *capture.shape[-2:]),
+        before=before,
+        remember=remember,
+    )
+    stages.begin("Taking stock", 0.97)
+    return _separated(case, solution, stages, judged), solution.memories
 
 
 def _case_of(
@@ -386,7 +489,7 @@ class Case:
         return self.found.errors if self.given_errors is None else self.given_errors
 
 
-def _separated(case: Case, solution: Solution, stages: Stages) -> Separation:
+def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnostics | None) -> Separation:
     still, found = case.still, case.found
     capture, noise = still.capture, still.noise
     diagnostics = diagnose(
@@ -405,6 +508,7 @@ def _separated(case: Case, solution: Solution, stages: Stages) -> Separation:
         likelier_index=case.likelier_index,
         loss=scene_loss(capture, noise, found.scene, case.errors, solution.variance, still.growth),
         finite=solution.solver.status is not Status.NOT_FINITE,
+        before=judged,
     )
     stages.end()
     return Separation(

@@ -49,8 +49,8 @@ CLUSTER = (100_000, 200)
 _WORKERS = 2
 _ASK_SECONDS = 0.5
 _START_SECONDS = 120
-# Seconds between two kills: long enough for the process that replaces one to begin, short enough for ten in a batch.
-_BETWEEN_KILLS = (3.0, 9.0)
+# Seconds between two kills at least and at most, and the age of a process that is at its work: set by hand.
+_BETWEEN_KILLS, _AT_WORK = (3.0, 9.0), 20.0
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,8 @@ def run(job: Job) -> list[Row]:
                     seconds = time.perf_counter() - began
                     through, tasks = told()
             elif job.way == "killed":
-                with _killing(KILLS) as killed:
-                    outcome = run_batch(jobs, out, place_for(_WORKERS, None, None, False))
+                with _killing(KILLS) as (begin, killed):
+                    outcome = run_batch(jobs, out, place_for(_WORKERS, None, None, False), begin)
                 seconds, kills = time.perf_counter() - began, float(killed())
             else:
                 outcome = run_batch(jobs, out, place_for(None, None, None, False))
@@ -237,18 +237,25 @@ def _cpu_seconds() -> Iterator[Callable[[], float]]:
 
 
 @contextmanager
-def _killing(number: int) -> Iterator[Callable[[], int]]:
-    """Kills processes that work for this one, so many, one after another; tells how many it has killed."""
+def _killing(number: int) -> Iterator[tuple[Callable[[int, int], None], Callable[[], int]]]:
+    """Kills processes that work for this one, so many, one after another, once a capture has ended.
+
+    Gives what is told how many have ended, and what tells how many processes were killed.
+    """
     import psutil
 
-    random, ended, killed = np.random.default_rng(0), threading.Event(), [0]
+    random, begun, ended, killed = np.random.default_rng(0), threading.Event(), threading.Event(), [0]
+
+    def begin(done: int, failed: int) -> None:
+        if done:
+            begun.set()
 
     def kill() -> None:
+        begun.wait()
         while killed[0] < number and not ended.wait(random.uniform(*_BETWEEN_KILLS)):
-            # The one that tracks resources is no worker.
-            workers = [
-                child for child in psutil.Process().children() if "resource_tracker" not in " ".join(child.cmdline())
-            ]
+            # The one that tracks resources is no worker, and one that begins is at no capture.
+            old = [child for child in psutil.Process().children() if time.time() - child.create_time() > _AT_WORK]
+            workers = [child for child in old if "resource_tracker" not in " ".join(child.cmdline())]
             if workers:
                 workers[int(random.integers(len(workers)))].send_signal(signal.SIGKILL)
                 killed[0] += 1
@@ -256,9 +263,10 @@ def _killing(number: int) -> Iterator[Callable[[], int]]:
     thread = threading.Thread(target=kill, daemon=True)
     thread.start()
     try:
-        yield lambda: killed[0]
+        yield begin, lambda: killed[0]
     finally:
         ended.set()
+        begun.set()
         thread.join()
 
 

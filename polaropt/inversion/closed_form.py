@@ -119,7 +119,9 @@ def per_pixel_layers(capture: Capture, scene: SceneParameters) -> Images:
     return layers if capture.color else layers[:, 0]
 
 
-def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> ClosedForm:
+def natural_image_layers(
+    capture: Capture, pse: PSE, canvas: Canvas, noise: float, before: ClosedForm | None = None
+) -> ClosedForm:
     """Layers per frequency, with all ghosts, as a Wiener filter whose spectra are fitted to the capture.
 
     Parameters
@@ -129,6 +131,8 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     canvas : Canvas
     noise : float
         Standard deviation of one photograph's noise (white = 1).
+    before : ClosedForm, optional
+        Of other photographs of this size and noise, behind the same pane: its spectra are taken as they are.
 
     Returns
     -------
@@ -141,6 +145,8 @@ def natural_image_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: floa
     level = entries.mean(axis=(-1, -2), keepdims=True)
     equations = normal_equations(plate_transfer(pse, *canvas.shape), precision, half_spectra(entries, level, canvas))
     mean = flat_means(level[..., 0, 0], pse, precision * canvas.height * canvas.width, basis)
+    if before is not None:
+        return replace(before, mean=mean, layers=wiener_layers(equations, before.prior, mean, basis, canvas))
     return fitted_closed_form(equations, initial_power(entries[0] + entries[1]), mean, basis, canvas)
 
 

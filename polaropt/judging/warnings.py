@@ -179,6 +179,10 @@ class Diagnostics:
         An index that the photographs tell beside the one that was given; None where they do not speak against it.
     loss : SceneLoss or None
         What the errors of the scene are expected to cost the layers; None where nothing was estimated.
+    angles : AngleMistake or None
+        What is wrong with the polarizer's angles.
+    contradictory : bool
+        Whether the photographs contradict each other by much of the polarized light that they show.
     """
 
     warnings: tuple[SeparationWarning, ...]
@@ -191,6 +195,8 @@ class Diagnostics:
     moving: float = 0.0
     likelier_index: LikelierIndex | None = None
     loss: SceneLoss | None = None
+    angles: AngleMistake | None = None
+    contradictory: bool = False
 
 
 def diagnose(
@@ -210,6 +216,7 @@ def diagnose(
     likelier_index: LikelierIndex | None = None,
     loss: SceneLoss | None = None,
     finite: bool = True,
+    before: Diagnostics | None = None,
 ) -> Diagnostics:
     """Collect the warnings that a capture and its solution deserve.
 
@@ -236,6 +243,8 @@ def diagnose(
         As the attributes of `Diagnostics`.
     finite : bool
         Whether the solver met nothing but finite values.
+    before : Diagnostics, optional
+        Of a frame before: what is wrong with the camera's analyzers is so in every frame.
     """
     moving_share = 0.0 if moving is None else float(moving.mean())
     n_still = (1 - moving_share) * capture.valid.size
@@ -243,17 +252,19 @@ def diagnose(
     polarized = estimate is None or estimate.polarized
     if scene is None and estimate is not None:
         scene = estimate.scene
-    mistakes, mistake = find_mistakes(capture.registered) if mistakes is None else mistakes, None
+    mistakes = find_mistakes(capture.registered) if mistakes is None else mistakes
+    mistake = None if before is None else before.angles
     # An azimuth that was given may be the one that is wrong.
     free = estimate is None or np.isfinite(estimate.axis_margin)
-    if scene is not None and free and mistakes == Mistakes():
+    if before is None and scene is not None and free and mistakes == Mistakes():
         small = 1 / capture.scale
         registered, of_cells = capture.registered, None if estimate is None else estimate.scaled(small)
         of_registered = registered_noise(capture, noise)
         mistake = angle_mistake(registered, of_registered, scene.scaled(small), of_cells, unexplained)
     explained = misfit_ratio <= _BAD_FIT and unexplained <= _MUCH_LEFT
     # Of photographs in a wrong order, moved or encoded there is a warning of its own.
-    explained = explained and not (mistakes == Mistakes() and _far_apart(capture))
+    contradictory = _far_apart(capture) if before is None else before.contradictory
+    explained = explained and not (mistakes == Mistakes() and contradictory)
     # Rivals widen the scene's errors, and have a warning of their own.
     uncertain = _loses(loss) and (estimate is None or not estimate.rivals)
     deserved = {
@@ -285,6 +296,8 @@ def diagnose(
         moving=moving_share,
         likelier_index=likelier_index,
         loss=loss,
+        angles=mistake,
+        contradictory=contradictory,
     )
 
 

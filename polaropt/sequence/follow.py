@@ -14,7 +14,7 @@ from polaropt.batch import Estimate, SharedScene, combine_scenes
 from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.optics import SceneErrors, SceneParameters
-from polaropt.separation import Separation, estimate, scene_options, separate
+from polaropt.separation import FrameMemory, Separation, estimate, scene_options, separate, separate_frame
 
 FIRST = 5
 """Frames that the pane is found from; set by hand."""
@@ -29,6 +29,8 @@ _DRIFT = {
     "transmission_ghost_shift": 0.01,
     "gap_shift": 0.01,
 }
+_OF_UNKNOWN = ("refractive_index", "single_surface", "thickness_px", "index_known")
+"""Options of `separate` for a scene that is not known."""
 _OPEN = 1e3
 """Standard errors, as multiples of those that are known, of what a frame does not tell."""
 
@@ -91,6 +93,7 @@ class _Pane:
         self._shared, self._asked, self._options, self._every = shared, asked, options, every
         self._age = 0
         self._odd: Estimate | None = None
+        self._memory: FrameMemory | None = None
 
     def fresh(self, frames: int) -> None:
         """It was found from so many frames, which come next."""
@@ -124,12 +127,16 @@ class _Pane:
         self._odd = told
 
     def separated(self, capture: Capture, before: Separation | None) -> Separation:
-        """A frame with the pane as it is known, from the layers of the frame before."""
+        """A frame with the pane as it is known, and with what the frame before tells of it."""
         start = None
         if before is not None and before.layers.shape == (2, *capture.shape):
             start = before.layers
-        options = {**self._options, "thickness_px": None}
-        return separate(capture, self._shared.scene, scene_errors=self._shared.errors, start=start, **options)
+        options = {name: value for name, value in self._options.items() if name not in _OF_UNKNOWN}
+        shared = self._shared
+        result, self._memory = separate_frame(
+            capture, shared.scene, self._memory, scene_errors=shared.errors, start=start, **options
+        )
+        return result
 
 
 def widened(errors: SceneErrors, frames: int) -> SceneErrors:

@@ -5,6 +5,7 @@ __all__ = [
     "FusedMisfit",
     "FusedPenalties",
     "Initializer",
+    "Memory",
     "Misfit",
     "Piece",
     "Problem",
@@ -46,6 +47,7 @@ from .observation import plain_observation as plain_observation
 from .observation import plate_views as plate_views
 from .problem import ComponentStrip as ComponentStrip
 from .problem import Coordinates as Coordinates
+from .problem import Memory as Memory
 from .problem import Problem as Problem
 from .problem import component_strips as component_strips
 from .solution import Piece as Piece

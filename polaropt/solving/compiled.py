@@ -373,6 +373,8 @@ class FusedObjective:
         self._layers = np.empty_like(start)
         self._gradient = np.empty_like(start)
         self.misfit = math.inf
+        # Where the layers at hand are: of the point that a solver ends at nothing is computed twice.
+        self._last: tuple[Vector, dict[str, float]] | None = None
 
     def coordinates(self, layers: Images) -> Vector:
         """Coordinates of canvas layers."""
@@ -381,15 +383,18 @@ class FusedObjective:
     def value_and_grad(self, z: Vector) -> tuple[float, Vector]:
         """Value (float64) and gradient (float32) at coordinates z."""
         values = self._evaluate(z)
+        self._last = (z, values)
         value = sum(self._weights.factor(name) * value for name, value in values.items())
         return value, self._whitened.gradient(self._gradient, z, self._weights.factor("natural_image"))
 
     def solution(self, z: Vector) -> tuple[Images, dict[str, Term]]:
         """Canvas layers (2, channel, H, W) at z, which the next call overwrites, and the terms.
 
-        Each term has its raw value and its weight, also where it is switched off.
+        Each term has its raw value and its weight, also where it is switched off. A vector that was evaluated last
+        must not have been written to since.
         """
-        values = self._evaluate(z)
+        values = self._last[1] if self._last is not None and self._last[0] is z else self._evaluate(z)
+        self._last = None
         return self._layers, {name: Term(value, self._weights.factor(name)) for name, value in values.items()}
 
     def _evaluate(self, z: Vector) -> dict[str, float]:

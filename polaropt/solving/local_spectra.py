@@ -7,7 +7,7 @@ photographs leave open of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +34,9 @@ _TURNS = 2
 # What is open of a frequency counts so much, where the photographs tell it well, and all of it where they do not tell
 # it: there the layers at hand are smoother than the scene.
 _OPEN = 0.25
+# Mean square by which a window differs from that of the frame before, in units of what noise may do, from which on it
+# shows something else, and the share of such windows up to which one turn does for them: set by hand.
+_CHANGED, _FEW = np.float32(3.0), 0.1
 # Power of a window's frequency that is divided by.
 _LEAST_POWER = 1e-12
 
@@ -52,6 +55,10 @@ class Expectation:
 
     layers: Images
     variance: Power
+    seen: SeenSpectra | None = None
+    """What a frame after this one may begin with; None where there is none."""
+    still: bool = False
+    """Whether nearly all of the frame shows what the one before did."""
 
     def in_colors(self, basis: Basis) -> Images:
         """The layers in the colours of the photographs."""
@@ -65,12 +72,49 @@ class Expectation:
         return unknown_share(self.variance[1], (rows[:, None] + columns).astype(np.float32), share, reflection)
 
 
+@dataclass(frozen=True)
+class SeenSpectra:
+    """Windows of one frame, and the layers' spectra in them, which the next frame of a film hardly changes.
+
+    Attributes
+    ----------
+    windows : Windows
+    power : tuple of ndarray
+        Of each row of windows, (2, channel, window, 32, 17).
+    light : ndarray of float32, shape (2, h, w)
+        Of the layers in closed form: the first of the basis's colours.
+    """
+
+    windows: Windows
+    power: tuple[Power, ...]
+    light: Images
+
+    def changed(self, light: Images, variance: NDArray[np.float64], precision: Images) -> NDArray[np.bool_]:
+        """Windows (down, across, 1, 1) in which another frame shows something else.
+
+        Parameters
+        ----------
+        light : ndarray, shape (2, h, w)
+            Of the other frame.
+        variance : ndarray, shape (2,)
+            That the photographs leave to a pixel of each layer.
+        precision : ndarray
+            `Windows.means` of what a pixel's photographs tell.
+        """
+        apart = np.square(light - self.light)
+        sigmas = sum(of_layer / np.float32(2 * of_noise) for of_layer, of_noise in zip(apart, variance, strict=True))
+        return np.asarray(precision * self.windows.means(np.asarray(sigmas)) > len(apart) * _CHANGED)
+
+
 def expected_layers(
     known: ClosedForm,
     canvas: Canvas,
     misfit_gradient: Callable[[Images], Images],
     precision: Images,
     layers: Images | None = None,
+    *,
+    before: SeenSpectra | None = None,
+    remember: bool = False,
 ) -> Expectation:
     """Layers under spectra of their own in each window.
 
@@ -84,17 +128,49 @@ def expected_layers(
         What a pixel's photographs tell, beside what `known` takes for it: bright light has more noise.
     layers : ndarray of float32, shape (2, channel, H, W), optional
         Those at hand that the first spectra are taken from. Default: the closed form's.
+    before : SeenSpectra, optional
+        Of the frame before, behind the same pane and of the same size: where this one shows the same, its spectra are
+        taken, and one turn does.
+    remember : bool
+        Whether the result tells what the next frame may begin with.
     """
-    windows = Windows(known, canvas, precision)
+    windows = Windows(known, canvas) if before is None else before.windows
+    of_windows = windows.means(precision)
+    light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
     layers, share = known.layers if layers is None else layers, np.empty(0, dtype=np.float32)
-    for _ in range(_TURNS):
-        change, share = windows.step(layers, misfit_gradient(layers))
-        layers = layers.copy()
-        canvas.crop(layers)[...] += in_basis(known.basis.T.astype(np.float32), change, np)
+    same, turns = None, _TURNS
+    if before is not None:
+        other = before.changed(light, known.variance[:, 0], of_windows)
+        same = [np.where(row, np.float32(0), power) for row, power in zip(other, before.power, strict=True)]
+        turns = 1 if other.mean() < _FEW else _TURNS
+    for turn in reversed(range(turns)):
+        step = windows.step(layers, misfit_gradient(layers), of_windows, same, remember=remember and turn == 0)
+        layers, share, same = layers.copy(), step.share, None
+        canvas.crop(layers)[...] += in_basis(known.basis.T.astype(np.float32), step.change, np)
+    seen = SeenSpectra(windows, step.power, light) if remember else None
     own = in_basis(known.basis.astype(np.float32), layers, np)
     # At the canvas's own frequencies, as ghosts farther apart than a window leave some of them open.
     left = np.stack(_inverse(known.told[:, None], known.cross, _inverse_of(known.prior))[:2])
-    return Expectation(np.asarray(own, dtype=np.float32), left * windows.on_canvas(share))
+    return Expectation(np.asarray(own, dtype=np.float32), left * windows.on_canvas(share), seen, turns < _TURNS)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A turn towards what is expected.
+
+    Attributes
+    ----------
+    change : ndarray of float32, shape (2, channel, h, w)
+        Of the layers within the frame, in the colour basis.
+    share : ndarray of float32, shape (2, channel, 32, 17)
+        How much less is then open than without windows, mean of all.
+    power : tuple of ndarray
+        Of the layers in each row of windows after it; empty if not asked for.
+    """
+
+    change: Images
+    share: Power
+    power: tuple[Power, ...]
 
 
 class Windows:
@@ -104,10 +180,9 @@ class Windows:
     ----------
     known : ClosedForm
     canvas : Canvas
-    precision : ndarray, shape (h, w)
     """
 
-    def __init__(self, known: ClosedForm, canvas: Canvas, precision: Images) -> None:
+    def __init__(self, known: ClosedForm, canvas: Canvas) -> None:
         self._canvas, self._basis, self._mean = canvas, known.basis.astype(np.float32), known.mean
         side = np.sin(np.pi * (np.arange(_SIDE) + 0.5) / _SIDE).astype(np.float32)
         # The squares of all windows that a pixel lies in add up to one; within a window their mean is a quarter.
@@ -119,11 +194,10 @@ class Windows:
         self._cross = self._through_window(known.cross)
         prior: Power = self._at_windows(known.prior)[:, :, None]
         self._open = np.stack(_inverse(self._told, self._cross, _inverse_of(prior))[:2])
-        self._precision = self._of_windows(precision)
         untold = np.minimum(self._open / prior, 1)
         self._counted = (_OPEN + (1 - _OPEN) * untold) * self._open
 
-    def _of_windows(self, image: Images) -> Images:
+    def means(self, image: Images) -> Images:
         """Mean of an image (h, w) in each window, (windows down, windows across, 1, 1)."""
         around = [(_STEP, _STEP + -side % _STEP) for side in image.shape]
         extended = np.pad(image, around, mode="symmetric")
@@ -155,10 +229,16 @@ class Windows:
         columns = np.minimum(np.round(np.fft.rfftfreq(_SIDE) * width).astype(int), width // 2)
         return np.ascontiguousarray(spectrum[..., rows, :][..., columns])
 
-    def step(self, layers: Images, gradient: Images) -> tuple[Images, Power]:
-        """Change of the layers within the frame (2, channel, h, w), in the colour basis, to what is expected.
-
-        And how much less is then open than without windows, their mean, (2, channel, 32, 17).
+    def step(
+        self,
+        layers: Images,
+        gradient: Images,
+        precision: Images,
+        same: Sequence[Power] | None = None,
+        *,
+        remember: bool = False,
+    ) -> Step:
+        """From the layers at hand to what is expected.
 
         Parameters
         ----------
@@ -166,22 +246,36 @@ class Windows:
             On the canvas: those at hand.
         gradient : ndarray of float32, shape (2, channel, H, W)
             Of the misfit there.
+        precision : ndarray
+            `means` of what a pixel's photographs tell.
+        same : sequence of ndarray, optional
+            Power of the layers in each row of windows where another frame shows the same, 0 where it does not. Default:
+            that of the layers at hand.
+        remember : bool
+            Whether the power after it is told.
         """
         own = self._extended(layers) - self._mean
         downhill = -self._extended(gradient)
         change, left, n = np.zeros_like(own), np.zeros(self._open.shape, dtype=np.float64), 0
-        for i, precision in enumerate(self._precision):
+        after: list[Power] = []
+        for i, told in enumerate(precision):
             rows = np.s_[..., i * _STEP : i * _STEP + _SIDE, :]
             here = self._spectra(own[rows])
-            stiffness = _inverse_of(np.square(here.real) + np.square(here.imag) + self._counted)
+            at_hand = _power_of(here)
+            stiffness = _inverse_of(
+                (at_hand if same is None else np.where(same[i] > 0, same[i], at_hand)) + self._counted
+            )
             t, r = self._spectra(downhill[rows]) - stiffness * here
-            of_t, of_r, of_both = _inverse(precision * self._told, precision * self._cross, stiffness)
-            self._add(np.stack([of_t * t + of_both * r, of_r * r + of_both.conj() * t]), change[rows])
+            of_t, of_r, of_both = _inverse(told * self._told, told * self._cross, stiffness)
+            moved = self._fast * np.stack([of_t * t + of_both * r, of_r * r + of_both.conj() * t])
+            self._add(moved, change[rows])
+            if remember:
+                after.append(_power_of(here + moved))
             left += np.stack([of_t, of_r]).sum(axis=2, dtype=np.float64, keepdims=True)
             n += of_t.shape[1]
         share = np.where(self._fast > 0, left / n / self._open, 1.0)[:, :, 0]
         inside = np.s_[..., _STEP : _STEP + self._canvas.height, _STEP : _STEP + self._canvas.width]
-        return change[inside], share.astype(np.float32)
+        return Step(change[inside], share.astype(np.float32), tuple(after))
 
     def _extended(self, images: Images) -> Images:
         """Canvas images in the colour basis within the frame, mirrored around it so far that windows fill it."""
@@ -200,7 +294,7 @@ class Windows:
         """Add a row of windows' change to (2, channel, 32, width)."""
         from scipy.fft import irfft2
 
-        pieces = irfft2(self._fast * spectra, s=(_SIDE, _SIDE), norm="ortho") * (self._window / 2)
+        pieces = irfft2(spectra, s=(_SIDE, _SIDE), norm="ortho") * (self._window / 2)
         for i in range(pieces.shape[2]):
             rows[..., i * _STEP : i * _STEP + _SIDE] += pieces[:, :, i]
 
@@ -218,6 +312,10 @@ def _inverse(told: Power, cross: Spectrum, stiffness: Power) -> tuple[Power, Pow
     product = of_t * of_r
     determinant = np.maximum(product - np.square(np.abs(cross)), np.float32(RESOLUTION) * product)
     return of_r / determinant, of_t / determinant, -cross / determinant
+
+
+def _power_of(spectra: Spectrum) -> Power:
+    return np.asarray(np.square(spectra.real) + np.square(spectra.imag), dtype=np.float32)
 
 
 def _inverse_of(power: NDArray[Any]) -> Power:

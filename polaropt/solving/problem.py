@@ -20,7 +20,7 @@ from polaropt.inversion import (
     natural_image_layers,
 )
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertical_reach
-from polaropt.solving.local_spectra import REACH_PX, Expectation, expected_layers
+from polaropt.solving.local_spectra import REACH_PX, Expectation, SeenSpectra, expected_layers
 from polaropt.solving.objective import (
     Misfit,
     Penalties,
@@ -94,6 +94,28 @@ class Coordinates(Protocol):
         """Canvas layers at coordinates z, and raw value and weight of every term."""
 
 
+@dataclass(frozen=True)
+class Memory:
+    """What a frame of a film leaves to the next one, behind a pane that stands still.
+
+    Attributes
+    ----------
+    noise : float
+        Typical one of its photographs.
+    pse : PSE
+    known : ClosedForm
+        Without its layers.
+    seen : SeenSpectra
+    """
+
+    noise: float
+    pse: PSE
+    known: ClosedForm
+    seen: SeenSpectra
+    found: Images | None = None
+    """What the solve added to the layers that were expected, (2, channel, H, W)."""
+
+
 class Problem:
     """One separation to be solved.
 
@@ -112,6 +134,10 @@ class Problem:
         How the noise grows with the light. Default: it is the same everywhere.
     engine : PSE or VaryingPSE, optional
         What makes photographs of layers. Default: the engine that the scene needs.
+    memory : Memory, optional
+        Of a frame before, behind the same pane and of the same size.
+    remember : bool
+        Whether `memory` is to be told.
     """
 
     def __init__(
@@ -125,9 +151,16 @@ class Problem:
         *,
         growth: NoiseModel | None = None,
         engine: PSE | VaryingPSE | None = None,
+        memory: Memory | None = None,
+        remember: bool = False,
     ) -> None:
         classes = None if growth is None else noise_classes(capture, growth)
         self.noise = noise if classes is None else classes.typical
+        self.remember = remember
+        if memory is not None:
+            # What was fitted is of its noise, and the typical one of a film hardly changes.
+            self.noise, engine = memory.noise, memory.pse
+        self._memory = memory
         self._mean_noise = noise
         self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
         self.capture, self.scene = capture, scene
@@ -171,6 +204,20 @@ class Problem:
         others = {**penalties.others, **plugged_penalties(self._weights, self.known, self._mean_noise)}
         return replace(penalties, others=others)
 
+    @property
+    def memory(self) -> Memory | None:
+        """What the next frame may begin with, before the closed form's layers are given up; None where nothing does."""
+        if not self.remember or self.expected is None or self.expected.seen is None or not isinstance(self.pse, PSE):
+            return None
+        known = replace(self.known, layers=np.empty(0, dtype=np.float32))
+        return Memory(self.noise, self.pse, known, self.expected.seen)
+
+    @property
+    def found_before(self) -> Images | None:
+        """What the solve of the frame before added to what was expected, where this one shows the same."""
+        still = self._memory is not None and self.expected is not None and self.expected.still
+        return self._memory.found if still and self._memory is not None else None
+
     def derive_priors(self) -> None:
         """Derive what follows from the closed form's layers, before these are given up."""
         self.penalties = self.penalties
@@ -202,7 +249,15 @@ class Problem:
             misfit.value_and_grad(layers, slope)
             return slope
 
-        return expected_layers(self.known, self.canvas, gradient, self._relative_precision(), layers)
+        return expected_layers(
+            self.known,
+            self.canvas,
+            gradient,
+            self._relative_precision(),
+            layers,
+            before=None if self._memory is None or layers is not None else self._memory.seen,
+            remember=self.remember,
+        )
 
     def _relative_precision(self) -> Images:
         """What a pixel's photographs tell beside what the closed form takes for it, mean of all, (h, w)."""
@@ -221,8 +276,10 @@ class Problem:
 
     def _closed_form_of(self, capture: Capture) -> ClosedForm:
         if isinstance(self.pse, PSE):
-            flat = natural_image_layers if capture.samples is None else mosaic_layers
-            return flat(capture, self.pse, self.canvas, self.noise)
+            if capture.samples is not None:
+                return mosaic_layers(capture, self.pse, self.canvas, self.noise)
+            before = None if self._memory is None else self._memory.known
+            return natural_image_layers(capture, self.pse, self.canvas, self.noise, before)
         from polaropt.inversion import ghost_layers, varying_layers
 
         varying = ghost_layers if self.scene.has_ghosts else varying_layers

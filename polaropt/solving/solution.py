@@ -17,7 +17,7 @@ from polaropt.inversion import Canvas, Knowledge
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.progress import Stages
 from polaropt.solving.objective import Term, Weights
-from polaropt.solving.problem import Coordinates, Problem
+from polaropt.solving.problem import Coordinates, Memory, Problem
 from polaropt.solving.starts import pulled_to_start, take_start
 from solvers.base import SolverResult, Status, TooLarge, TracePoint
 from solvers.base import StoppingRule as StoppingRule  # part of this wing's face
@@ -196,6 +196,8 @@ class Solution:
     canvas_layers: Images
     pieces: tuple[Piece, ...]
     n_bounces: int | None
+    memories: tuple[Memory | None, ...] = ()
+    """What the next frame of a film may begin with, tile by tile; empty if not asked for."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +224,8 @@ def solve(
     *,
     growth: NoiseModel | None = None,
     start: Images | None = None,
+    before: tuple[Memory | None, ...] = (),
+    remember: bool = False,
 ) -> Solution:
     """Solve for the layers of a capture whose scene is known, in tiles where it is large.
 
@@ -238,6 +242,11 @@ def solve(
         How the noise grows with the light. Default: it is the same everywhere.
     start : ndarray, shape (2, channel, h, w), optional
         Layers to start from. Default: what the settings name.
+    before : tuple of Memory or None
+        Of the frame before, tile by tile: of the same size, behind the same pane. Empty where there is none.
+    remember : bool
+        Whether the capture is a frame of a film: the solution tells its `memories`, and where layers are expected in
+        each place a solve starts from these, with what the frame before has added to its own.
 
     Raises
     ------
@@ -250,7 +259,17 @@ def solve(
 
     def solved(part: Capture, place: Part) -> Solution:
         stages.begin("Closed form", place.reached)
-        problem = Problem(part, scene, noise, settings.weights, settings.robust, place.center, growth=growth)
+        problem = Problem(
+            part,
+            scene,
+            noise,
+            settings.weights,
+            settings.robust,
+            place.center,
+            growth=growth,
+            memory=before[place.number] if before else None,
+            remember=remember,
+        )
         begin = None if start is None else start[:, :, place.tile.rows, place.tile.columns]
         return _solve_tile(problem, settings, stages, place, begin)
 
@@ -275,7 +294,14 @@ def _solve_tile(
     """One tile, in the time that is its own."""
     share, stopping = 1 / place.of, settings.stopping
     unknown = problem.unknown_detail()
-    start = take_start(problem, settings.init, begin)
+    memory = problem.memory
+    # What is expected of a frame is nearer to its layers than those of the frame before are.
+    of_film = memory is not None and settings.init == "closed-form"
+    added = problem.found_before if of_film else None
+    start = take_start(problem, settings.init, None if of_film else begin)
+    expected = start
+    if added is not None:
+        start = start + added
     stages.begin("Setting up", place.reached)
     device = settings.device_of_tensors
     objective = problem.compiled(start) if device is None else problem.readable(start, device)
@@ -283,6 +309,8 @@ def _solve_tile(
     kept = start if settings.keep_start > 0 else None
     # A solve of a large image needs the memory.
     del start
+    if memory is None:
+        del expected
     stages.begin("Solving", place.reached + _REACH * (_SOLVING - _CLOSED_FORM) * share)
 
     def advance(evaluations: int) -> None:
@@ -307,6 +335,7 @@ def _solve_tile(
         canvas_layers=layers,
         pieces=(Piece(place.tile, problem.known.sampled, problem.pse, _is_local(problem)),),
         n_bounces=problem.n_bounces,
+        memories=(None if memory is None else replace(memory, found=layers - expected),) if problem.remember else (),
     )
 
 
@@ -358,6 +387,7 @@ def _merge(
         canvas=frame,
         canvas_layers=layers,
         pieces=tuple(piece for solution in solutions for piece in solution.pieces),
+        memories=tuple(memory for solution in solutions for memory in solution.memories),
         n_bounces=max((solution.n_bounces for solution in solutions if solution.n_bounces is not None), default=None),
     )
 

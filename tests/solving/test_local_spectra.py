@@ -19,7 +19,7 @@ def problem_of(height=96, width=80, weights=None, incidence=60, shift=3.0, noise
 
 
 def windows_of(problem):
-    return Windows(problem.known, problem.canvas, np.ones((problem.canvas.height, problem.canvas.width), np.float32))
+    return Windows(problem.known, problem.canvas)
 
 
 def error(layers, truth):
@@ -108,3 +108,35 @@ def test_frames_smaller_than_a_window(shape):
     _, problem = problem_of(*shape)
     assert np.isfinite(problem.expected.layers).all()
     assert (problem.expected.variance > 0).all()
+
+
+def frames(*shifts):
+    """Captures of one pane before which the scene moves down by so many pixels, with their layers, and the pane."""
+    example = blend(60, 128, ghost_shift=3.0)
+    layers = [np.moveaxis(layer, 0, -1) for layer in example.layers]
+    found = []
+    for seed, shift in enumerate(shifts):
+        moved = [layer[shift : shift + 96, :96] for layer in layers]
+        found.append((simulate(*moved, example.scene, seed=seed), [np.moveaxis(layer, -1, 0) for layer in moved]))
+    return found, example.scene
+
+
+@pytest.mark.parametrize(("shift", "turns"), [(0, 1), (8, 2)])
+def test_a_frame_that_shows_the_same_needs_one_turn(monkeypatch, shift, turns):
+    """With the spectra of the frame before, where it shows the same; either way it is as good as by itself."""
+    (first, second), scene = frames(0, shift)
+    capture, truth = second
+    alone = Problem(capture, scene, 0.005, Weights())
+    before = Problem(first[0], scene, 0.005, Weights(), remember=True)
+    assert before.memory is not None
+    counted = []
+    step = Windows.step
+    monkeypatch.setattr(Windows, "step", lambda *given, **named: counted.append(given) or step(*given, **named))
+    after = Problem(capture, scene, 0.005, Weights(), memory=before.memory)
+    errors = [
+        error(problem.canvas.crop(problem.expected.in_colors(problem.known.basis)), truth) for problem in (after, alone)
+    ]
+    assert len(counted) == turns + 2
+    assert alone.memory is None
+    assert errors[0][0] < 1.03 * errors[1][0]
+    assert errors[0][1] < 1.03 * errors[1][1]

@@ -103,7 +103,7 @@ def sequence_command(
 ) -> None:
     """Separate the frames of a camera that films through one pane.
 
-    The pane is found from the first frames and followed; each frame starts from the layers of the one before. White
+    The pane is found from the first frames and followed; what holds for all frames is found once. White
     level, kind of sensor and gain of the 45/135 pair are those of the first frame.
 
     Writes into the folder: layers.zarr (or transmission.tiff and reflection.tiff), frames.csv (a row for each frame),
