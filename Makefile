@@ -11,14 +11,16 @@ PEERS := .venv-peers
 # Tests run side by side in so many processes.
 WORKERS ?= 2
 MINUTES ?= 10
+KILLS ?= 30
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fuzz lint package docs linkcheck peers clean
+.PHONY: help setup demo test fuzz crash lint package docs linkcheck peers clean
 
 help:
 	@echo "make demo   set up, separate an example and name the pictures to look at"
 	@echo "make test   set up and run the tests"
 	@echo "make fuzz   attack it with damaged files and random command lines on fresh seeds, for MINUTES=10"
+	@echo "make crash  kill commands at random moments, each KILLS=30 times, and look at what is left"
 	@echo "make lint   set up and run ruff and mypy"
 	@echo "make package  build wheel and source distribution, and try them on every Python there is"
 	@echo "make docs   set up and build the documentation: $(DOCS)/index.html"
@@ -49,6 +51,9 @@ test: setup
 
 fuzz: setup
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --keep fuzz-output
+
+crash: setup
+	$(BIN)/python -m tests.crash --kills $(KILLS)
 
 lint: setup
 	$(BIN)/ruff check .

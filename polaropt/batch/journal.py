@@ -82,10 +82,10 @@ def _rows_of(lines: Iterable[str]) -> Iterator[Row]:
     for line in lines:
         try:
             values: Any = json.loads(line)
-        except ValueError:  # the last line of a run that was killed
+            if isinstance(values, dict) and known >= values.keys() >= {"name", "files", "status"}:
+                yield Row(**{**values, "files": tuple(values["files"]), "warnings": tuple(values.get("warnings", ()))})
+        except (ValueError, TypeError, RecursionError):  # the last line of a run that was killed, or no line of ours
             continue
-        if isinstance(values, dict) and known >= values.keys() >= {"name", "files", "status"}:
-            yield Row(**{**values, "files": tuple(values["files"]), "warnings": tuple(values.get("warnings", ()))})
 
 
 def _lock(file: Any, folder: Path) -> None:

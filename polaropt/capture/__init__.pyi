@@ -51,6 +51,7 @@ __all__ = [
     "read_capture",
     "read_file",
     "read_headless",
+    "read_json",
     "redundancy_residual",
     "registered_noise",
     "result_file",
@@ -104,6 +105,7 @@ from .files.headless import read_headless as read_headless
 from .files.jpeg import JpegFacts as JpegFacts
 from .files.limits import MAX_PIXELS as MAX_PIXELS
 from .files.opening import AnyPath as AnyPath
+from .files.opening import read_json as read_json
 from .files.results import result_file as result_file
 from .files.results import result_folder as result_folder
 from .files.write import encode_srgb as encode_srgb

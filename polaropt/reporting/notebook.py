@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields
 from html import escape
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from polaropt.capture import Capture, encode_srgb, planes_last
+from polaropt.capture import Capture, encode_srgb, planes_last, read_json
 from polaropt.errors import InputError
 from polaropt.numerics import block_mean
 from polaropt.optics import SEARCHED, SceneParameters
@@ -118,14 +117,15 @@ def scene_of_report(path: Path, shape: tuple[int, ...] | None = None) -> ScenePa
         Another file, a separation without a scene, or photographs of another shape.
     """
     try:
-        report = json.loads(path.read_text(encoding="utf-8"))
+        report = read_json(path)
         size = int(report["input"]["height"]), int(report["input"]["width"])
         scene = SceneParameters(**_numbers_of(dict(report["scene"])))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be opened ({error.strerror or error}); give a report.json") from None
+        if min(size) < 1:
+            raise ValueError
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    except (ValueError, KeyError, TypeError):
+        told = str(error)
+        raise InputError(told if told.startswith(f"{path}: ") else f"{path}: {told}") from None
+    except (ValueError, KeyError, TypeError, OverflowError):
         raise InputError(f"{path}: is no report of a separation; give the report.json that one wrote") from None
     if not scene.signal:
         raise InputError(f"{path}: nothing was polarized there, so that it holds no scene; leave it out")

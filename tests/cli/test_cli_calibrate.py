@@ -97,7 +97,13 @@ def test_gains_alone_are_told_as_such(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [("{}", "is no calibration"), ("no json", "is no calibration"), (None, "cannot be opened")]
+    ("text", "words"),
+    [
+        ("{}", "is no calibration"),
+        ("no json", "is no calibration"),
+        (None, "no such file"),
+        ("[" * 9999, "is no calibration"),
+    ],
 )
 def test_a_file_that_is_no_calibration_is_one_line(tmp_path, capsys, text, words):
     raw = saved(tmp_path / "a.png", photographed(0.5 * np.ones((3, 64, 64)) * np.array([1, 0, 0]).reshape(3, 1, 1)))

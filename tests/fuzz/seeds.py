@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from pathlib import Path
 
 import imagecodecs
@@ -117,5 +118,7 @@ def write_seeds(folder: Path) -> None:
         (folder / f"glass_{angle:03d}.png").write_bytes(bytes(imagecodecs.png_encode(photograph)))
     for angle, photograph in zip((0, 45, 90, 135), photographs(color=True), strict=True):
         (folder / f"color_{angle:03d}.png").write_bytes(bytes(imagecodecs.png_encode(photograph)))
+    (folder / "deep.json").write_bytes(b"[" * 9999)
+    (folder / "infinite.json").write_text(json.dumps({**_report(), "input": {"height": math.inf, "width": 0}}))
     (folder / "black.tiff").write_bytes(_tiff(photographs() * np.array([1, 1, 0, 1], np.uint16)[:, None, None]))
     (folder / "levels.tiff").write_bytes(_tiff((photographs() > 20000).astype(np.uint16) * 1000))

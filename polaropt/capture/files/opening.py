@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from polaropt.errors import InputError, one_line
 
@@ -32,3 +34,23 @@ def bytes_of(path: Path, most: int) -> bytes:
     except (OSError, ValueError, MemoryError) as error:
         reason = getattr(error, "strerror", None) or one_line(error)
         raise InputError(f"{path}: cannot be opened ({reason})") from None
+
+
+_LONGEST_TEXT = 2**26
+"""Bytes of a text such as a report or a calibration; set by hand."""
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file says.
+
+    Raises
+    ------
+    InputError
+        It cannot be opened.
+    ValueError
+        It is no JSON, or nested deeper than anything of ours.
+    """
+    try:
+        return json.loads(bytes_of(path, _LONGEST_TEXT).decode("utf-8"))
+    except RecursionError:
+        raise ValueError("nested too deeply") from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from polaropt.capture.capture import FileContent, Origin
 from polaropt.capture.files.encoding import parse_gamma
 from polaropt.capture.files.focal_length import check_view
 from polaropt.capture.files.limits import MAX_PIXELS, check_max_pixels
-from polaropt.capture.files.opening import AnyPath
+from polaropt.capture.files.opening import AnyPath, read_json
 from polaropt.capture.mosaic import check_cell_order
 from polaropt.capture.reading.levels import Levels
 from polaropt.errors import InputError
@@ -126,14 +125,13 @@ def read_analyzer(analyzer: AnyPath | Analyzer | None) -> Analyzer | None:
     if analyzer is None or isinstance(analyzer, Analyzer):
         return analyzer
     try:
-        document = json.loads(Path(analyzer).read_text(encoding="utf-8"))
+        document = read_json(Path(analyzer))
         lists = (document[name] for name in ("angles_deg", "gains", "contrasts", "true_angles_deg"))
         return Analyzer(*(tuple(float(value) for value in values) for values in lists))
-    except OSError as error:
-        raise InputError(f"{analyzer}: cannot be opened ({error.strerror or error})") from None
     except InputError as error:
-        raise InputError(f"{analyzer}: {error}") from None
-    except (ValueError, KeyError, TypeError):
+        told = str(error)
+        raise InputError(told if told.startswith(f"{analyzer}: ") else f"{analyzer}: {told}") from None
+    except (ValueError, KeyError, TypeError, OverflowError):
         raise InputError(f"{analyzer}: is no calibration; make one with polaropt calibrate") from None
 
 

@@ -1,0 +1,150 @@
+"""``python -m tests.crash --kills N``: kill commands at random moments and look at what is left.
+
+Nothing that was there before is lost, what is there is whole, and the same command goes on and leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+import tifffile
+
+from polaropt.capture.files import results
+from polaropt.capture.files.limits import complaints
+from polaropt.cli.app import main
+from studies.kit import run as study
+from tests.fuzz.commands import FOUR, QUICK
+from tests.fuzz.seeds import write_seeds
+from tests.fuzz.worker import heard
+
+
+@dataclass(frozen=True)
+class Number:
+    """A job of a study that does nothing."""
+
+    number: int
+
+
+def _row(job: Number) -> list[Number]:
+    time.sleep(0.002)
+    return [job]
+
+
+def _study() -> int:
+    jobs = [Number(i) for i in range(40)]
+    rows = study.run_jobs(_row, jobs, Path("study.json"), {})
+    return 0 if [row["number"] for row in rows] == list(range(40)) else 1
+
+
+def _command(*line: str) -> Callable[[], int]:
+    return lambda: main(list(line))
+
+
+WORKS: dict[str, Callable[[], int]] = {
+    "separate": _command("separate", *FOUR, "-o", "out", *QUICK),
+    "simulate": _command("simulate", "color_000.png", "color_090.png", "-o", "pair"),
+    "batch": _command("batch", "glass.tiff", "mosaic.png", "-o", "many", "--workers", "1", *QUICK),
+    "study": _study,
+}
+
+
+def in_process(work: Callable[[], int], seconds: float | None = None) -> int:
+    """Exit code of work in a process of its own, which is killed after some time; -9 where it was."""
+    child = os.fork()
+    if child == 0:
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, 1)
+        os.dup2(null, 2)
+        os._exit(work())
+    if seconds is not None:
+        time.sleep(seconds)
+        os.kill(child, signal.SIGKILL)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def whole(folder: Path) -> set[str]:
+    """Files of a folder that are not a killed run's own, each of which can be read."""
+    found = set()
+    for path in folder.rglob("*"):
+        name = str(path.relative_to(folder))
+        if path.is_file() and ".polaropt-" not in name and not name.endswith(".partial"):
+            found.add(name)
+            if path.suffix == ".tiff":
+                tifffile.imread(path)
+            elif path.suffix == ".png":
+                with complaints():
+                    imagecodecs.png_decode(path.read_bytes())
+            elif path.suffix == ".json":
+                json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def crash(name: str, kills: int, seed: int) -> Counter[str]:
+    """Kill a command at random moments, in an empty folder and in one with earlier results; how it ended.
+
+    Raises
+    ------
+    AssertionError
+        Something was lost, is not whole, or was left.
+    """
+    random, work, ended = np.random.default_rng(seed), WORKS[name], Counter[str]()
+    results._SETTLED_SECONDS = -1.0  # the next run comes at once
+    study.WRITE_SECONDS = 0.0
+    before = os.getcwd()
+    with tempfile.TemporaryDirectory(prefix="polaropt-crash-") as place:
+        os.chdir(place)
+        try:
+            write_seeds(Path())
+            begun = time.monotonic()
+            assert in_process(work) == 0
+            lasts, complete = time.monotonic() - begun, whole(Path())
+            for _ in range(kills):
+                there = whole(Path())
+                ended["killed" if in_process(work, random.uniform(0, lasts)) == -signal.SIGKILL else "ended"] += 1
+                assert there <= whole(Path())
+                if random.random() < 0.5:
+                    assert in_process(work) == 0
+                    assert whole(Path()) == complete
+                    assert not [path for path in Path().rglob("*") if ".polaropt-" in path.name]
+                if random.random() < 0.5:
+                    for folder in ("out", "pair", "many"):
+                        shutil.rmtree(folder, ignore_errors=True)
+                    Path("study.json").unlink(missing_ok=True)
+        finally:
+            os.chdir(before)
+    return ended
+
+
+def command_line(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.crash", description=__doc__)
+    parser.add_argument("--kills", type=int, default=30, help="Of each command.")
+    parser.add_argument("--seed", type=int, default=int(time.time()))
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as place, heard(Path(place)):
+        here = os.getcwd()
+        os.chdir(place)
+        write_seeds(Path())
+        for work in WORKS.values():  # compiles, and loads what is loaded late
+            assert work() == 0
+        os.chdir(here)
+    for name in WORKS:
+        told = crash(name, options.kills, options.seed)
+        print(f"{name}: {told['killed']} times killed, {told['ended']} times too late; nothing lost", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(command_line())
