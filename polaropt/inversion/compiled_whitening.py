@@ -241,7 +241,8 @@ class FusedPreconditioner:
         colors, height = hessian.stiffness.shape[1:3]
         self._frame = (height, width)
         self._shape = (2, colors, height, width // 2 + 1)
-        self._basis = basis.astype(np.float32)
+        # Laid out by rows wherever it comes from: each other layout is a kernel to compile.
+        self._basis = np.ascontiguousarray(basis, dtype=np.float32)
         self._length = np.sqrt(column_multiplicity(width)).astype(np.float32)
         self._level = in_basis(self._basis.T, mean, np)
         rows, columns = squared_frequencies(height, width)
@@ -294,9 +295,10 @@ class FusedPreconditioner:
         """As `gradient`, from the spectrum of the gradient in colours that `basis` turns into those of the prior."""
         whitened = np.empty(self.size, dtype=np.float32)
         pairs, point, out, factor = _pairs(spectrum), self._paired(z), self._paired(whitened), np.float32(weight)
+        by_rows = np.ascontiguousarray(basis, dtype=np.float32)
 
         def rows(start: int, stop: int) -> None:
-            whiten_gradient(pairs, point, self._hessian, self._length, basis, factor, out, start, stop)
+            whiten_gradient(pairs, point, self._hessian, self._length, by_rows, factor, out, start, stop)
 
         in_blocks(rows, self._frame[0], _ROWS)
         return whitened

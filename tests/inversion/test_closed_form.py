@@ -8,11 +8,14 @@ import pytest
 from polaropt.capture.capture import Capture
 from polaropt.inversion.canvas import Canvas, canvas_for
 from polaropt.inversion.closed_form import natural_image_layers, per_pixel_layers, plate_entries
+from polaropt.inversion.compiled_whitening import whiten_gradient
 from polaropt.inversion.spectra import FrequencyBands, fit_spectra, moments_of, posterior
 from polaropt.numerics.spectrum import column_multiplicity, squared_frequencies
 from polaropt.optics.engine import PSE
 from polaropt.optics.scene import SceneParameters
+from polaropt.separation import separate
 from polaropt.simulation.metrics import psnr_db
+from solvers.base import StoppingRule
 from tests.blends import blend
 
 
@@ -147,3 +150,9 @@ def test_a_canvas_without_margins_is_the_frame():
     assert (canvas.window() == 1).all()
     images = np.random.default_rng(0).standard_normal((3, 20, 30)).astype(np.float32)
     np.testing.assert_array_equal(canvas.continued(images), images)
+
+
+def test_no_layout_of_the_basis_is_compiled_by_itself():
+    example = blend(55, 48, color=True)
+    separate(example.capture, example.scene, stopping=StoppingRule(max_evaluations=2))
+    assert len(whiten_gradient.signatures) == 1
