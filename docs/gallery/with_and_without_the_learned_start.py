@@ -2,9 +2,9 @@
 With and without the learned start
 ==================================
 
-The solve starts from a closed form. Networks can improve that start, but every solve ends at the minimum of the same
-objective; ``keep_start`` pulls the layers back to the start once it has ended. This needs the extra ``torch``. All ways
-get the same photographs and are told the pane, so that the start alone makes the difference.
+The solve starts from a closed form. Networks improve that start, and their layers tell better what is expected in each
+place; ``keep_start`` pulls the layers back to the start once the solve has ended. This needs the extra ``torch``. All
+ways get the same photographs and are told the pane, so that the start alone makes the difference.
 """
 
 import matplotlib.pyplot as plt
@@ -46,8 +46,8 @@ for incidence in (20, 60, 80):
 # What they differ in
 # -------------------
 # Reflections at 20 degrees: their detail drowns in the noise there. What the networks fill in is likely, and the solve
-# takes it back unless the start is kept; the maps of what the photographs tell (``result.reflection_known``) do not
-# change with the start.
+# takes most of it back unless the start is kept; the maps of what the photographs tell (``result.reflection_known``)
+# hardly change with the start.
 
 fig, axes = plt.subplots(1, 4, figsize=(14, 4.0), layout="constrained")
 shown = {"truth": reflection, **{f"start {start}": results[20, start].reflection for start in STARTS}}
