@@ -136,8 +136,8 @@ def expected_layers(
     """
     windows = Windows(known, canvas) if before is None else before.windows
     of_windows = windows.means(precision)
-    light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
     layers, share = known.layers if layers is None else layers, np.empty(0, dtype=np.float32)
+    light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
     same, turns = None, _TURNS
     if before is not None:
         other = before.changed(light, known.variance[:, 0], of_windows)

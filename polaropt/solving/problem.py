@@ -206,11 +206,15 @@ class Problem:
 
     @property
     def memory(self) -> Memory | None:
-        """What the next frame may begin with, before the closed form's layers are given up; None where nothing does."""
-        if not self.remember or self.expected is None or self.expected.seen is None or not isinstance(self.pse, PSE):
+        """What the next frame may begin with, before the closed form's layers are given up.
+
+        None where nothing is expected of windows, and for samples of a mosaic, whose spectra are each frame's own.
+        """
+        seen = None if not self.remember or self.expected is None else self.expected.seen
+        if seen is None or not isinstance(self.pse, PSE) or self.capture.samples is not None:
             return None
         known = replace(self.known, layers=np.empty(0, dtype=np.float32))
-        return Memory(self.noise, self.pse, known, self.expected.seen)
+        return Memory(self.noise, self.pse, known, seen)
 
     @property
     def found_before(self) -> Images | None:
