@@ -57,9 +57,10 @@ def test_with_the_pane_known_the_transmission_gains_much(tmp_path, color):
     assert result.diagnostics.misfit_ratio < 1.5
 
 
-def test_what_is_expected_of_a_color_mosaic_in_each_place_is_nearer_than_the_closed_form(tmp_path):
-    path, truth = mosaic_file(tmp_path, color=True)
-    problem = Problem(read_capture(path, sensor="color"), SCENE, NOISE, Weights())
+@pytest.mark.parametrize("sensor", ["mono", "color"])
+def test_what_is_expected_of_a_mosaic_in_each_place_is_nearer_than_the_closed_form(tmp_path, sensor):
+    path, truth = mosaic_file(tmp_path, sensor == "color")
+    problem = Problem(read_capture(path, sensor=sensor), SCENE, NOISE, Weights())
     closed, expected = problem.known.layers, problem.expected.in_colors(problem.known.basis)
     for i in (0, 1):
         levels = [

@@ -47,12 +47,14 @@ _SPECTRAL_OF_MOSAIC = 0.3
 # Strength of the gradients' sparsity around layers that are expected in each place: of 0.15 to 4 times 56 what is best
 # for both layers of ten pairs of photographs behind panes at 40, 60, 75 and 85 degrees (noise 0.5 % and 2 %).
 _SPARSITY_OF_EXPECTED = 40.0
-# The same for a colour mosaic's samples, of the transmission and the reflection: by trial on three simulated mosaics of
-# training photographs behind panes at 40, 60 and 75 degrees; three others gained as much.
-_SPARSITY_OF_EXPECTED_MOSAIC = (6.0, 3.0)
-_CONFIDENCE_OF_MOSAIC = np.float32(0.25)
 # How many times what is left open of these their weight counts: by trial on four pairs, panes at 10 to 75 degrees.
-_CONFIDENCE = np.float32(4.0)
+_CONFIDENCE = 4.0
+# Both for a mono mosaic's samples, the first of the transmission and of the reflection: of 41 choices on nine simulated
+# mosaics of training photographs behind panes at 40, 60 and 75 degrees (noise 0.5 % and 2 %) the one that loses least
+# on any; nine others gained as much.
+_OF_MONO_SAMPLES = ((3.0, 1.5), 0.5)
+# For a colour mosaic's, whose colours share their edges: by trial on three of them; three others gained as much.
+_OF_COLOR_SAMPLES = ((6.0, 3.0), 0.25)
 # Strength of the edges' independence.
 _INDEPENDENCE = 0.1
 # Residual in standard deviations of the noise, beyond which a robust solve counts it linearly: set by hand.
@@ -303,11 +305,12 @@ def default_penalties(
     known_enough = min(1.0, float(1 - open_share[1]) / _KNOWN_ENOUGH) ** 2
     if mosaic:
         # Samples of few angles leave the reflection's detail open; the transmission's edges they tell all the same.
-        sparse = _SPARSITY_OF_MOSAIC if expected is None else np.array(_SPARSITY_OF_EXPECTED_MOSAIC)
+        around, confidence = _OF_MONO_SAMPLES if len(known.basis) == 1 else _OF_COLOR_SAMPLES
+        sparse = _SPARSITY_OF_MOSAIC if expected is None else np.array(around)
         strength = sparse * np.array([1.0, known_enough]) * (1 - open_share)
         spectral = np.full(2, _SPECTRAL_OF_MOSAIC, np.float32)
     else:
-        sparsity = _SPARSITY if expected is None else _SPARSITY_OF_EXPECTED
+        sparsity, confidence = _SPARSITY if expected is None else _SPARSITY_OF_EXPECTED, _CONFIDENCE
         strength = sparsity * known_enough * (1 - open_share)
         spectral = np.maximum(open_share, 1 - known_enough * (1 - _LEAST_SPECTRAL)).astype(np.float32)
     layers = [
@@ -317,8 +320,7 @@ def default_penalties(
     if expected is None:
         natural = NaturalImage(spectral[:, None, None, None] / known.prior, known.mean, known.basis)
     else:
-        confidence = _CONFIDENCE_OF_MOSAIC if mosaic else _CONFIDENCE
-        natural = NaturalImage(confidence / expected.variance, expected.layers, known.basis)
+        natural = NaturalImage(np.float32(confidence) / expected.variance, expected.layers, known.basis)
     typical = scale + unknown
     variance = noise**2 + known.variance.mean(axis=1)
     return Penalties(

@@ -236,11 +236,9 @@ class Problem:
         """Whether layers can be expected of windows, and of photographs at all.
 
         A pane that varies tells another thing in each window; ghosts that lie farther apart than windows overlap look
-        like other places. Around what is expected of a mono mosaic the sparse solve gained on some pairs and lost on
-        others.
+        like other places.
         """
-        samples = self.capture.samples
-        plain = isinstance(self.pse, PSE) and (samples is None or samples.sampling.n_channels > 1)
+        plain = isinstance(self.pse, PSE)
         shifts = (self.scene.ghost_shift, self.scene.transmission_ghost_shift, self.scene.gap_shift)
         near = all(abs(shift or 0.0) <= REACH_PX for shift in shifts)
         return plain and near and self._weights.factor("misfit") > 0

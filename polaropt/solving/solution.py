@@ -340,7 +340,7 @@ def _solve_tile(
 
 
 def _is_local(problem: Problem) -> bool:
-    """Whether standard errors are of layers that were expected in each place; of mosaics it was not measured."""
+    """Whether standard errors are narrower as layers were expected in each place; of mosaics they suit as they are."""
     return problem.expected is not None and problem.capture.samples is None
 
 
