@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
+import struct
 from io import BytesIO
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from PIL import Image
 
 from polaropt import Capture, InputError, SceneParameters, read_capture
 from polaropt.capture.files.focal_length import exif_of_picture, focal_from_exif, focal_from_view
+from polaropt.capture.files.formats.tiff import decode_tiff
 from polaropt.cli.app import main
 from polaropt.estimation.ladder import find_scene
 from polaropt.reporting.report import scene_report
@@ -149,3 +152,13 @@ def test_a_lens_that_sees_little_stays_on_the_lower_rung() -> None:
     example = blend(60, 96)
     found = find_scene(example.capture.with_origin(focal_px=3000.0), SceneParameters(None, None, None), 0.005).scene
     assert found.focal_px is None
+
+
+def test_a_directory_of_tags_that_claims_too_much_is_not_read() -> None:
+    data = bytearray(picture(np.zeros((24, 36), np.uint8), {FILM: 28, WIDTH: 36, HEIGHT: 24}, "TIFF"))
+    assert decode_tiff(bytes(data)).focal_px == pytest.approx(28)
+    with tifffile.TiffFile(io.BytesIO(data)) as tiff:
+        directory = tiff.pages.first.tags[0x8769].valueoffset
+    # The count of its first tag, behind the number of tags, and its code and type.
+    data[directory + 6 : directory + 10] = struct.pack("<I", 2**31)
+    assert decode_tiff(bytes(data)).focal_px is None

@@ -175,14 +175,14 @@ _TIFF_EXIF, _TIFF_PROFILE = 0x8769, 0x8773
 def _is_wanted(tag: Any, data: bytes, kind: Any) -> bool:
     """Whether a tag tells something of the camera or its colours; the others, of any size, are not read."""
     if tag.code == _TIFF_EXIF:
+        # Of a tag that is a directory tifffile tells where that begins, not where this stands.
         return _directory_bytes(data, tag.valueoffset, kind) <= _LONGEST_TAG
     return bool((tag.code in FACTS or tag.code == _TIFF_PROFILE) and tag.valuebytecount <= _LONGEST_TAG)
 
 
-def _directory_bytes(data: bytes, at: int, kind: Any) -> float:
+def _directory_bytes(data: bytes, start: int, kind: Any) -> float:
     """Bytes that the values of a directory's tags can have, by their counts; infinite where it cannot be read."""
     try:
-        (start,) = struct.unpack_from(kind.offsetformat, data, at)
         (number,) = struct.unpack_from(kind.tagnoformat, data, start)
         entries = start + kind.tagnosize + kind.tagsize * np.arange(min(number, _MOST_TAGS))
         # Behind code and type of value, of two bytes each, stands the count.
