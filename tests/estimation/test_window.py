@@ -126,6 +126,13 @@ def test_a_pane_that_lies_across_is_no_window_of_several() -> None:
     assert abs((scene.values()[1] - azimuth + 90) % 180 - 90) < 1
 
 
+def test_a_pane_whose_ghost_was_missed_is_no_window_of_two_thin_ones() -> None:
+    scene, true = found_at_random(514), window_of(514, 192).scene
+    assert scene.n_panes == 1
+    assert scene.values()[0] == pytest.approx(true.values()[0], abs=0.5)
+    assert scene.values()[2] == pytest.approx(true.values()[2], abs=0.5)
+
+
 def test_clear_glass_is_not_tinted() -> None:
     """One whose tinted look-alike has its ghost at the end of what is searched, one that only edges speak for."""
     assert [found_at_random(number).absorption for number in (224, 308)] == [0, 0]

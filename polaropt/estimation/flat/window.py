@@ -393,6 +393,11 @@ class _Axis:
         """The best of some windows."""
         return min((self.judged(found.window) for found in candidates), key=lambda found: found.score)
 
+    def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:
+        """A single pane whose ghost lies where that of a window's next pane does."""
+        start = replace(single, pane_shift=window.pane_shift + window.gap_along)
+        return self.judged(self.search.refined(start, _ROUGH_SWEEPS).window)
+
     def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
         """The scene near a window, its incidence where the layers' edges overlap least, and standard errors."""
         error = None
@@ -480,7 +485,12 @@ def _with_panes(
         likely.append((axis, best))
     for axis, window in sorted(likely, key=lambda pair: pair[1].score):
         if axis.shows(window.window) and _shows_another(window, plain) and window.score < found.score:
-            return axis, window
+            # Two thin panes look much like the faces of one, whose ghost may have been missed.
+            single = axis.with_ghost_of(window.window, plain.window)
+            if single.score >= plain.score or _shows_another(window, single):
+                return axis, window
+            if single.score < found.score and single.clearly_better(plain, _LEAST_GAIN, _SURE):
+                return axis, single
     return taken, found
 
 
