@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,12 +75,12 @@ def in_process(work: Callable[[], int], seconds: float | None = None) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def whole(folder: Path) -> set[str]:
-    """Files of a folder that are not a killed run's own, each of which can be read."""
+def whole(folder: Path, given: Collection[str] = ()) -> set[str]:
+    """Files of a folder, beside those that were given, that are no killed run's own, each of which can be read."""
     found = set()
     for path in folder.rglob("*"):
         name = str(path.relative_to(folder))
-        if path.is_file() and ".polaropt-" not in name and not name.endswith(".partial"):
+        if path.is_file() and name not in given and ".polaropt-" not in name and not name.endswith(".partial"):
             found.add(name)
             if path.suffix == ".tiff":
                 tifffile.imread(path)
@@ -108,16 +108,17 @@ def crash(name: str, kills: int, seed: int) -> Counter[str]:
         os.chdir(place)
         try:
             write_seeds(Path())
+            given = set(os.listdir())
             begun = time.monotonic()
             assert in_process(work) == 0
-            lasts, complete = time.monotonic() - begun, whole(Path())
+            lasts, complete = time.monotonic() - begun, whole(Path(), given)
             for _ in range(kills):
-                there = whole(Path())
+                there = whole(Path(), given)
                 ended["killed" if in_process(work, random.uniform(0, lasts)) == -signal.SIGKILL else "ended"] += 1
-                assert there <= whole(Path())
+                assert there <= whole(Path(), given)
                 if random.random() < 0.5:
                     assert in_process(work) == 0
-                    assert whole(Path()) == complete
+                    assert whole(Path(), given) == complete
                     assert not [path for path in Path().rglob("*") if ".polaropt-" in path.name]
                 if random.random() < 0.5:
                     for folder in ("out", "pair", "many"):

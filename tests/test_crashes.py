@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from polaropt.cli.app import main
-from tests.crash import WORKS, crash, in_process
+from tests.crash import crash, in_process
 from tests.fuzz.commands import FOUR, QUICK
 from tests.fuzz.seeds import write_seeds
 
@@ -22,7 +22,8 @@ ROOT = Path(__file__).parent.parent
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
 
 
-@pytest.mark.parametrize("name", WORKS)
+# A batch and a study take longer, and are killed by `make crash` alone.
+@pytest.mark.parametrize("name", ["separate", "simulate"])
 def test_a_killed_run_loses_nothing(name: str) -> None:
     assert sum(crash(name, 2, seed=3).values()) == 2
 
