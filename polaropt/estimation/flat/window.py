@@ -51,6 +51,9 @@ _MOST_GAPS, _MOST_LIKELY = 12, 16
 """Likely gaps for each shift of a pane and each incidence, and likely windows of a scan."""
 _CLOSE_PX, _BESIDE_DEG = 3.0, (-9.0, -6.0, -3.0, 0.0, 3.0)
 """Shifts up to which edges alone tell the incidence, and how far from the likelihood's they are looked at."""
+_TURNED_DEG, _HARDLY_PX = 12.0, 1.0
+"""Angle between gap and azimuth from which on, and shift of a pane up to which, a window is one pane for all that its
+images tell: as far as ghosts may lie beside the azimuth without a warning (`polaropt.estimation.angles`); by hand."""
 _MOST_LIKELIEST, _MOST_CANDIDATES = 2, 4
 """How many of these are looked at closely: the likeliest, and those with the best scores, as patterns make many a wrong
 window likelier than the true one."""
@@ -261,6 +264,13 @@ def _close(window: Window) -> bool:
     return max(abs(window.pane_shift), abs(window.gap_along), abs(window.gap_across)) <= _CLOSE_PX
 
 
+def _looks_turned(window: Window) -> bool:
+    """Whether it has the images of one pane and angles that start elsewhere, which is more usual, and warned of."""
+    direction_deg = math.degrees(math.atan2(abs(window.gap_across), abs(window.gap_along)))
+    apart_px = math.hypot(window.gap_along, window.gap_across)
+    return direction_deg > _TURNED_DEG and abs(window.pane_shift) < _HARDLY_PX and apart_px > _CLOSE_PX
+
+
 def equivalent_incidences(incidence_deg: float, n_panes: int, refractive_index: float) -> list[float]:
     """Incidences between those at which so many panes in place polarize, and mirror, as one does at another."""
 
@@ -394,9 +404,10 @@ class _Axis:
         return min((self.judged(found.window) for found in candidates), key=lambda found: found.score)
 
     def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:
-        """A single pane whose ghost lies where that of a window's next pane does."""
-        start = replace(single, pane_shift=window.pane_shift + window.gap_along)
-        return self.judged(self.search.refined(start, _ROUGH_SWEEPS).window)
+        """The better of two single panes, with a ghost where a window's first one lies, or that of its next pane."""
+        shifts = window.pane_shift, window.pane_shift + window.gap_along
+        starts = (replace(single, pane_shift=shift) for shift in shifts)
+        return self.best([self.search.refined(start, _ROUGH_SWEEPS) for start in starts])
 
     def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
         """The scene near a window, its incidence where the layers' edges overlap least, and standard errors."""
@@ -484,10 +495,12 @@ def _with_panes(
             best = more if more.score < best.score - _LEAST_GAIN else best
         likely.append((axis, best))
     for axis, window in sorted(likely, key=lambda pair: pair[1].score):
-        if axis.shows(window.window) and _shows_another(window, plain) and window.score < found.score:
+        if _looks_turned(window.window) or not axis.shows(window.window):
+            continue
+        if _shows_another(window, plain) and window.score < found.score:
             # Two thin panes look much like the faces of one, whose ghost may have been missed.
             single = axis.with_ghost_of(window.window, plain.window)
-            if single.score >= plain.score or _shows_another(window, single):
+            if _shows_another(window, single):
                 return axis, window
             if single.score < found.score and single.clearly_better(plain, _LEAST_GAIN, _SURE):
                 return axis, single

@@ -34,6 +34,8 @@ _ROUNDS = 12
 """In which the layers' spectra are fitted."""
 _LEAST_DETERMINANT = np.float32(1e-6)
 """Of a covariance, as a share of the product of its diagonal: float32 tells no less."""
+_LEAST_CURVATURE = np.float32(1e-30)
+"""That is divided by: a pane that mirrors nothing has none."""
 
 
 class GapMap:
@@ -135,7 +137,8 @@ class GapMap:
             for level, layer in zip(levels, layers, strict=True):
                 near = _dot(layer, model)
                 gain = weighted @ ((distance * near - _dot(layer, self._data)) * surprise / determinant)
-                level *= np.maximum(gain / (weighted @ (near / determinant)), LEAST_FACTOR)
+                curvature = np.maximum(weighted @ (near / determinant), _LEAST_CURVATURE)
+                level *= np.maximum(gain / curvature, LEAST_FACTOR)
         return powers, (model * (1 - surprise * distance) + surprise * self._data) / determinant
 
 
