@@ -140,7 +140,12 @@ class RunOptions:
     device: Annotated[str, typer.Option(metavar="NAME", help="cpu or cuda.", rich_help_panel=_TRAINING)] = "cpu"
     half: Annotated[
         bool,
-        typer.Option("--half", metavar="", help="Half precision on the CPU too.", rich_help_panel=_TRAINING),
+        typer.Option(
+            "--half",
+            metavar="",
+            help="Half precision on the CPU too: many times slower where it has no instructions for that.",
+            rich_help_panel=_TRAINING,
+        ),
     ] = False
     resume: Annotated[
         bool,
