@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import shutil
 import stat
 import tempfile
@@ -20,7 +21,8 @@ from pathlib import Path
 
 from polaropt.errors import InputError
 
-_PREFIX = ".polaropt-"
+_PREFIX, _NAME_BYTES = ".polaropt-", 8
+"""Of the names of temporary folders, and the random bytes behind it, so many that no two runs take the same."""
 _PREVIOUS = "previous-"
 _EXCHANGE = "polaropt-exchange.json"
 """File of a temporary folder that names what is exchanged, from when all of it is there."""
@@ -50,14 +52,19 @@ def result_folder(target: Path, owned: Collection[str] = ()) -> Iterator[Path]:
     InputError
         `target` is a file, or cannot be written.
     """
-    work = _temporary_folder(target)
-    with _held(work):
-        try:
-            yield work
-            with _failures_of(target):
-                _publish(work, target, owned)
-        finally:
-            shutil.rmtree(work, ignore_errors=True)
+    work, lock = _temporary_place(target), None
+    # Made inside: a signal may end the run between any two lines.
+    try:
+        with _failures_of(target):
+            work.mkdir(mode=0o700)
+        lock = _locked(work)
+        yield work
+        with _failures_of(target):
+            _publish(work, target, owned)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
 
 
 @contextmanager
@@ -69,8 +76,8 @@ def result_file(target: Path) -> Iterator[Path]:
         yield work / target.name
 
 
-def _temporary_folder(target: Path) -> Path:
-    """In `target` if it exists, else in the nearest folder above it that does: the same file system either way."""
+def _temporary_place(target: Path) -> Path:
+    """Of a new folder in `target` if it exists, else in the nearest one above: on the same file system either way."""
     place = target.absolute()
     while not os.path.lexists(place):
         place = place.parent
@@ -78,8 +85,7 @@ def _temporary_folder(target: Path) -> Path:
         what = "is no folder" if place == target.absolute() else f"cannot be made, {place} is no folder"
         raise InputError(f"{target}: {what}; choose another output folder")
     _clear(place)
-    with _failures_of(target):
-        return Path(tempfile.mkdtemp(prefix=_PREFIX, dir=place))
+    return place / f"{_PREFIX}{secrets.token_hex(_NAME_BYTES)}"
 
 
 @contextmanager
@@ -101,17 +107,6 @@ def _publish(work: Path, target: Path, owned: Collection[str]) -> None:
     os.umask(mask)
     work.chmod(0o777 & ~mask)
     work.rename(target)
-
-
-@contextmanager
-def _held(work: Path) -> Iterator[None]:
-    """The lock of a temporary folder, which the system gives back however the process ends."""
-    place = _locked(work)
-    try:
-        yield
-    finally:
-        if place is not None:
-            os.close(place)
 
 
 def _locked(work: Path) -> int | None:
