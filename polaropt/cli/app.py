@@ -74,6 +74,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     with terminations() as received:
         outcome = _run(arguments)
+        if outcome == INTERRUPTED:
+            # CPython would end by SIGINT, whatever is returned, where an exec was interrupted (dataclasses are made by
+            # some), until another one ends well.
+            exec("")
         return 128 + received[-1] if received and outcome == INTERRUPTED else outcome
 
 
