@@ -137,7 +137,7 @@ from .polarization import StokesImages as StokesImages
 from .polarization import least_squares_entries as least_squares_entries
 from .polarization import plate_frame as plate_frame
 from .polarization import stokes_images as stokes_images
-from .read import mosaic_capture as mosaic_capture
 from .read import read_capture as read_capture
 from .reading.fields import field_means as field_means
 from .reading.frames import FrameReader as FrameReader
+from .reading.frames import mosaic_capture as mosaic_capture

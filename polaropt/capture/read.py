@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from polaropt.capture.capture import ANGLES_DEG, Capture, FileContent
+from polaropt.capture.capture import ANGLES_DEG, Capture
 from polaropt.capture.files.limits import MAX_PIXELS
 from polaropt.capture.files.opening import AnyPath
 from polaropt.capture.reading.contents import OPENED, content_of, focal_px_of, listed_files, tell
@@ -124,14 +120,14 @@ def read_capture(
     """
     files = listed_files(paths)
     options = checked_options(
-        angles_deg,
-        sensor,
-        cell_order,
-        black_level,
-        white_level,
-        pair_gain,
-        gamma,
-        resolution,
+        angles_deg=angles_deg,
+        sensor=sensor,
+        cell_order=cell_order,
+        black_level=black_level,
+        white_level=white_level,
+        pair_gain=pair_gain,
+        gamma=gamma,
+        resolution=resolution,
         angle_sense=angle_sense,
         field_of_view_deg=field_of_view_deg,
         analyzer=analyzer,
@@ -154,56 +150,3 @@ def read_capture(
     focal = focal_px_of(content, capture, options)
     tell(progress, 1.0)
     return capture.with_origin(files=files, layout=layout, focal_px=focal, camera=content.camera, jpeg=content.jpeg)
-
-
-def mosaic_capture(
-    raw: NDArray[Any],
-    sensor: str = "auto",
-    cell_order: Sequence[float] | None = None,
-    black_level: float = 0,
-    white_level: float | None = None,
-    pair_gain: float | None = None,
-    *,
-    bits: int | None = None,
-    gamma: float | str | None = None,
-    resolution: str = "sensor",
-    angle_sense: str = "ccw",
-    field_of_view_deg: float | None = None,
-    analyzer: AnyPath | Analyzer | None = None,
-) -> Capture:
-    """A raw mosaic in memory, such as a frame of a camera, as a capture.
-
-    Parameters
-    ----------
-    raw : ndarray, shape (h, w)
-        As stored: integers, or floating point with white = 1.
-    bits : int, optional
-        Depth of integers, where it is less than that of their type.
-    sensor, cell_order, black_level, white_level, pair_gain, gamma, resolution, angle_sense, field_of_view_deg, analyzer
-        As of `read_capture`.
-
-    Raises
-    ------
-    InputError
-        One line: what is wrong, what to do.
-    """
-    options = checked_options(
-        ANGLES_DEG,
-        sensor,
-        cell_order,
-        black_level,
-        white_level,
-        pair_gain,
-        gamma,
-        resolution,
-        angle_sense=angle_sense,
-        field_of_view_deg=field_of_view_deg,
-        analyzer=analyzer,
-    )
-    pixels = np.asarray(raw)
-    if pixels.ndim not in (2, 3):
-        raise InputError(f"a mosaic has shape {pixels.shape}; give (height, width)")
-    content = FileContent(pixels, bits=bits)
-    levels = find_levels(pixels, options.black_level, options.white_level, bits)
-    capture = from_mosaic(content, levels, options)
-    return capture.with_origin(focal_px=focal_px_of(content, capture, options))

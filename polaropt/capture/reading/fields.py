@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import ANGLES_DEG, SMALLEST_SIDE
+from polaropt.capture.capture import SMALLEST_SIDE
 from polaropt.capture.files.opening import AnyPath
 from polaropt.capture.mosaic import SONY_CELL, sampling_of
 from polaropt.capture.reading.contents import content_of
@@ -39,7 +39,7 @@ def field_means(
     InputError
         A file that cannot be read, or a field that is clipped.
     """
-    options = checked_options(ANGLES_DEG, sensor, cell_order, black_level, white_level, None, None, "sensor")
+    options = checked_options(sensor=sensor, cell_order=cell_order, black_level=black_level, white_level=white_level)
     sampling, angles = sampling_of(False, options.cell_order or SONY_CELL)
     means = []
     for path in paths:

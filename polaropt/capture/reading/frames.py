@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import ANGLES_DEG, Capture, FileContent
+from polaropt.capture.capture import Capture, FileContent
 from polaropt.capture.reading.contents import focal_px_of
 from polaropt.capture.reading.levels import find_levels
 from polaropt.capture.reading.mosaics import Sensor, first_frame, next_frame
@@ -65,17 +65,7 @@ class FrameReader:
 
     def __init__(self, *, bits: int | None = None, **reading: Any) -> None:
         self._bits = bits
-        self._options = checked_options(
-            ANGLES_DEG,
-            reading.pop("sensor", "auto"),
-            reading.pop("cell_order", None),
-            reading.pop("black_level", 0),
-            reading.pop("white_level", None),
-            reading.pop("pair_gain", None),
-            reading.pop("gamma", None),
-            reading.pop("resolution", "sensor"),
-            **reading,
-        )
+        self._options = checked_options(**reading)
         self._known: _Known | None = None
 
     def read(self, raw: NDArray[Any]) -> Capture:
@@ -123,6 +113,11 @@ class FrameReader:
         height, width = content.pixels.shape[:2]
         self._known = _Known(options, sensor, _gradient_power(capture), (height, width))
         return capture.with_origin(focal_px=focal_px_of(content, capture, options))
+
+
+def mosaic_capture(raw: NDArray[Any], *, bits: int | None = None, **reading: Any) -> Capture:
+    """A raw mosaic in memory, of which no others of the camera are known; parameters are those of `FrameReader`."""
+    return FrameReader(bits=bits, **reading).read(raw)
 
 
 def _gradient_power(capture: Capture) -> NDArray[np.float64]:

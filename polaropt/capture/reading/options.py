@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from polaropt.capture.capture import FileContent, Origin
+from polaropt.capture.capture import ANGLES_DEG, FileContent, Origin
 from polaropt.capture.files.encoding import parse_gamma
 from polaropt.capture.files.focal_length import check_view
 from polaropt.capture.files.limits import MAX_PIXELS, check_max_pixels
@@ -50,15 +50,15 @@ class ReaderOptions:
 
 
 def checked_options(
-    angles_deg: Sequence[float],
-    sensor: str,
-    cell_order: Sequence[float] | None,
-    black_level: float,
-    white_level: float | None,
-    pair_gain: float | None,
-    gamma: float | str | None,
-    resolution: str,
     *,
+    angles_deg: Sequence[float] = ANGLES_DEG,
+    sensor: str = "auto",
+    cell_order: Sequence[float] | None = None,
+    black_level: float = 0,
+    white_level: float | None = None,
+    pair_gain: float | None = None,
+    gamma: float | str | None = None,
+    resolution: str = "sensor",
     angle_sense: str = "ccw",
     field_of_view_deg: float | None = None,
     analyzer: AnyPath | Analyzer | None = None,
