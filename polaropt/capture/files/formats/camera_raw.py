@@ -20,8 +20,6 @@ CAMERA_RAW = (".arw", ".cr2", ".cr3", ".dng", ".nef", ".orf", ".pef", ".raf", ".
 """Names that raw files of photographers' cameras end in."""
 _FLIPS = {0: 1, 3: 3, 5: 8, 6: 6}
 """Orientations of EXIF by the numbers that rawpy has for them."""
-
-
 _VALUES_PER_PIXEL = 3
 """Of all colours, as float32, for each Bayer cell; and as many bytes for what the library keeps."""
 

@@ -43,18 +43,24 @@ The description of an OME-TIFF, for one, may ask for any number of planes, and f
 
 @contextmanager
 def opened_tiff(file: BinaryIO | AnyPath) -> Iterator[Any]:
-    """A `tifffile.TiffFile` of which the pages count; InputError for too many."""
+    """A `tifffile.TiffFile` of which the pages count."""
     import tifffile
 
     others: Any = {f"is_{kind}": False for kind in tifffile.TIFF.FILE_FLAGS if kind not in _UNDERSTOOD}
     with tifffile.TiffFile(file, _multifile=False, **others) as tiff:
-        if len(tiff.pages) > _MOST_PAGES:
-            raise InputError(f"holds {len(tiff.pages)} pages, more than {_MOST_PAGES}; give fewer at a time")
         yield tiff
+
+
+def _pages_of(tiff: Any) -> Any:
+    """All pages, which are looked for one after another; InputError for too many."""
+    if len(tiff.pages) > _MOST_PAGES:
+        raise InputError(f"holds {len(tiff.pages)} pages, more than {_MOST_PAGES}; give fewer at a time")
+    return tiff.pages
 
 
 def _series_of(tiff: Any) -> list[Any]:
     """What is to be read: small copies of other pages are not."""
+    _pages_of(tiff)
     series = list(tiff.series)
     return [one for one in series if not one.keyframe.is_reduced] or series
 
@@ -109,13 +115,15 @@ def decode_tiff(data: bytes) -> FileContent:
     jpeg = jpeg_traces(pages[0])
     hint = stronger_hint(EncodingHint.NONE, colors, jpeg)
     focal = focal_from_exif(exif, (pages[0].shape[1], pages[0].shape[0]))
-    if len(pages) == 1:
-        return FileContent(
-            pages[0], angles_deg=angles_deg, focal_px=focal, camera=camera, encoding_hint=hint, jpeg=jpeg
-        )
-    pixels = np.stack(pages)
+    stack = len(pages) > 1
     return FileContent(
-        pixels, stack=True, angles_deg=angles_deg, focal_px=focal, camera=camera, encoding_hint=hint, jpeg=jpeg
+        np.stack(pages) if stack else pages[0],
+        stack=stack,
+        angles_deg=angles_deg,
+        focal_px=focal,
+        camera=camera,
+        encoding_hint=hint,
+        jpeg=jpeg,
     )
 
 
@@ -148,7 +156,7 @@ def tiff_frames(path: AnyPath, max_pixels: int = MAX_PIXELS) -> tuple[int, Calla
     try:
         size = Path(path).stat().st_size
         with complaints(), opened_tiff(path) as tiff:
-            pages = [(page.shape, page.dtype, page.compression) for page in tiff.pages]
+            pages = [(page.shape, page.dtype, page.compression) for page in _pages_of(tiff)]
             one = tiff.pages.first
             if len(set(pages)) != 1 or len(pages[0][0]) != 2 or one.compression not in _BOUNDED:
                 raise InputError("its pages are no mosaics of one size; give one grey page a frame")
