@@ -76,7 +76,19 @@ class JpegFacts:
 
 
 def jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Marks and contents of all segments before the first scan, found as decoders do: what lies between is passed."""
+    """Marks and contents of all segments before the first scan."""
+    for kind, start, stop in _marks(data):
+        if kind != _SCAN:
+            yield kind, data[start:stop]
+
+
+def jpeg_scan(data: bytes) -> int:
+    """Where the picture's own data begin: after all segments, whose thumbnail has an end mark of its own."""
+    return next((start for kind, start, _ in _marks(data) if kind == _SCAN), len(data))
+
+
+def _marks(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Marks up to the first scan, found as decoders do: what lies between is passed. With each its contents' place."""
     position = 2
     while True:
         position = data.find(b"\xff", position)
@@ -86,12 +98,12 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
             position += 1
         kind = data[position] if position < len(data) else _SCAN
         position += 1
-        if kind == _SCAN:
-            return
         if kind == 0 or kind in _ALONE:
             continue
         length = int.from_bytes(data[position : position + 2], "big")
-        yield kind, data[position + 2 : position + length]
+        yield kind, position + 2, position + length
+        if kind == _SCAN:
+            return
         position += max(length, 2)
 
 

@@ -10,7 +10,7 @@ from polaropt.capture.capture import EncodingHint, FileContent
 from polaropt.capture.files.colors import ColorProfile, encodes
 from polaropt.capture.files.exif import facts_of_picture
 from polaropt.capture.files.focal_length import exif_of_picture, focal_from_exif
-from polaropt.capture.files.jpeg import FRAMES, JpegFacts, jpeg_facts, jpeg_segments, jpeg_traces
+from polaropt.capture.files.jpeg import FRAMES, JpegFacts, jpeg_facts, jpeg_scan, jpeg_segments, jpeg_traces
 from polaropt.capture.files.limits import Declared
 from polaropt.errors import InputError
 
@@ -66,7 +66,7 @@ def decode_png(data: bytes) -> FileContent:
 def decode_jpeg(data: bytes) -> FileContent:
     import imagecodecs
 
-    if _JPEG_END not in data[_jpeg_scan(data) :]:
+    if _JPEG_END not in data[jpeg_scan(data) :]:
         raise InputError("the JPEG ends too early; it is incomplete, copy it again")
     return _picture(imagecodecs.jpeg8_decode(data), data, EncodingHint.JPEG)
 
@@ -88,11 +88,3 @@ def declared_jpeg(data: bytes) -> Declared:
             height, width = (int.from_bytes(segment[at : at + 2], "big") for at in (1, 3))
             return Declared(height * width, height * width * segment[5])
     return Declared(0, 0)
-
-
-def _jpeg_scan(data: bytes) -> int:
-    """Where the picture's own data begin: after all header segments, whose thumbnail has an end mark of its own."""
-    position = 2
-    while position + 4 <= len(data) and data[position] == 0xFF and data[position + 1] != 0xDA:
-        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
-    return position
