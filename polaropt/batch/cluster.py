@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, TypeVar
 
-from polaropt.errors import InputError
+from polaropt.errors import InputError, one_line
 
 Work = Callable[..., Any]
 Item = TypeVar("Item")
@@ -240,8 +240,7 @@ def _of_others(place: Place) -> Iterator[Any]:
     try:
         client = Client(place.scheduler, scheduler_file=place.scheduler_file, timeout=_CONNECT_SECONDS)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{name}: no Dask scheduler answers there ({reason}); check the address") from None
+        raise InputError(f"{name}: no Dask scheduler answers there ({one_line(error)}); check the address") from None
     with client:
         _check_versions(client, str(name))
         yield client

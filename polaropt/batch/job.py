@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import polaropt
 from polaropt.batch.shared_scene import Estimate
 from polaropt.capture import Capture, align, read_capture, result_folder, write_bytes
-from polaropt.errors import InputError
+from polaropt.errors import InputError, in_one_line
 from polaropt.optics import FIELDS, SceneErrors, SceneParameters
 from polaropt.reporting import RESULT_FILES, json_values, scene_of_report, thumbnail_strip, write_separation
 
@@ -203,7 +203,7 @@ def _tried(job: Job, memory: int | None, work: Callable[[Job, Capture], Row]) ->
 
     def failed(message: str, trace: str = "") -> Row:
         seconds = time.perf_counter() - began
-        return Row(job.name, job.files, FAILED, one_line(message), seconds=seconds, trace=trace, key=key)
+        return Row(job.name, job.files, FAILED, in_one_line(message), seconds=seconds, trace=trace, key=key)
 
     if job.problem:
         return failed(f"{job.files[0]}: {job.problem}")
@@ -285,8 +285,3 @@ def _told(numbers: Any) -> dict[str, Any]:
         for component, part in zip(one.components, parts, strict=True):
             told["_".join(filter(None, (one.name, component.words)))] = part
     return told
-
-
-def one_line(text: str) -> str:
-    """Text without breaks."""
-    return " ".join(text.split())

@@ -45,6 +45,7 @@ __all__ = [
     "orthogonal_pairs",
     "pair_gain_of",
     "parse_gamma",
+    "parsed_json",
     "planes_first",
     "planes_last",
     "plate_frame",
@@ -105,6 +106,7 @@ from .files.headless import read_headless as read_headless
 from .files.jpeg import JpegFacts as JpegFacts
 from .files.limits import MAX_PIXELS as MAX_PIXELS
 from .files.opening import AnyPath as AnyPath
+from .files.opening import parsed_json as parsed_json
 from .files.opening import read_json as read_json
 from .files.results import result_file as result_file
 from .files.results import result_folder as result_folder

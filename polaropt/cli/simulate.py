@@ -183,10 +183,12 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
 
 def _written_before(folder: Path) -> list[str]:
     """The photographs of an earlier simulation into the same folder, as its own document names them."""
+    from polaropt.capture import read_json
+
     try:
-        files = json.loads((folder / "scene.json").read_text(encoding="utf-8"))["files"]
+        files = read_json(folder / "scene.json")["files"]
         return [name for name in files if name == Path(name).name]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return []
 
 

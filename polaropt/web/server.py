@@ -13,6 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from polaropt.capture import parsed_json
 from polaropt.errors import InputError
 from polaropt.progress import Progress
 from polaropt.reporting import RESULT_FILES, page_template
@@ -326,14 +327,12 @@ async def _result(desk: Desk, request: Request) -> Response:
 
 async def _json(request: Request) -> Any:
     """What the page says, as JSON of a decent size."""
-    import json
-
     text = b""
     async for chunk in request.stream():
         text += chunk
         if len(text) > _MOST_JSON:
             raise TooLarge("the options are longer than any are")
     try:
-        return json.loads(text)
+        return parsed_json(text)
     except ValueError:
         raise InputError("the options are no JSON") from None

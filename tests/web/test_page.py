@@ -295,6 +295,12 @@ def test_options_that_cannot_be_are_refused(running: Running, options: Any, said
     assert said in told["problem"]
 
 
+def test_options_nested_without_end_are_refused(running: Running) -> None:
+    nested = b"[" * 20_000
+    status, told = running.ask("POST", "captures", nested)
+    assert (status, told["problem"]) == (400, "the options are no JSON")
+
+
 def test_nothing_stays_when_it_ends(tmp_path: Path) -> None:
     program = Running(tmp_path)
     program.ask("PUT", f"{program.lay('a.png')}files/a.png", b"photograph")

@@ -50,7 +50,12 @@ def read_json(path: Path) -> Any:
     ValueError
         It is no JSON, or nested deeper than anything of ours.
     """
+    return parsed_json(bytes_of(path, _LONGEST_TEXT))
+
+
+def parsed_json(data: bytes) -> Any:
+    """What JSON says; ValueError for what is none, or nested deeper than anything of ours."""
     try:
-        return json.loads(bytes_of(path, _LONGEST_TEXT).decode("utf-8"))
+        return json.loads(data.decode("utf-8"))
     except RecursionError:
         raise ValueError("nested too deeply") from None

@@ -19,6 +19,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from polaropt.capture.files.opening import read_json
 from polaropt.errors import InputError
 
 _PREFIX, _NAME_BYTES = ".polaropt-", 8
@@ -150,9 +151,9 @@ def _is_mine(user: int) -> bool:
 def _finish(work: Path, target: Path) -> None:
     """Go on with an exchange that was broken off; nothing where it had not begun."""
     try:
-        exchange = json.loads((work / _EXCHANGE).read_text(encoding="utf-8"))
+        exchange = read_json(work / _EXCHANGE)
         names, stale = ([str(name) for name in exchange[key]] for key in ("names", "stale"))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return
     if any(Path(name).name != name for name in (*names, *stale)):
         return
