@@ -15,8 +15,8 @@ from polaropt.errors import InputError
 _STACKS = (".npz", ".npy", ".tif", ".tiff", ".png")
 """Names that mosaics and stacks end in. A JPEG holds neither."""
 _PHOTOGRAPHS = (*_STACKS, ".jpg", ".jpeg", *CAMERA_RAW)
-_ANGLE = r"(?:(?<=[^0-9A-Za-z])|^)(?:i|pol|deg|p)?(?P<angle>\d{1,3})(?:deg)?$"
-"""An angle at the end of a name: ``_045``, ``-45``, ``I45``, ``_45deg``, or nothing else."""
+_ANGLE = r"(?:(?:(?<=[^0-9A-Za-z])|^)(?:i|pol|deg|p)?|(?-i:(?<=[0-9a-z])I))(?P<angle>\d{1,3})(?:deg)?$"
+"""An angle at the end of a name: ``_045``, ``-45``, ``I45``, ``vaseI45``, ``_45deg``, or nothing else."""
 _MARKS = " ._-"
 _OF_RESULTS = ("batch.jsonl", "report.json", "sequence.json")
 """Files by which folders of results are known, in which nothing is looked for."""

@@ -34,6 +34,7 @@ def found(grouping: Grouping) -> dict[str, list[str]]:
         ["a_000.png", "a_045.png", "a_090.png", "a_135.png"],
         ["a-0.tif", "a-45.tif", "a-90.tif", "a-135.tif"],
         ["a_I0.png", "a_I45.png", "a_I90.png", "a_I135.png"],
+        ["aI0.tif", "aI45.tif", "aI90.tif", "aI135.tif"],
         ["a/I0.png", "a/I45.png", "a/I90.png", "a/I135.png"],
         ["a/000.png", "a/045.png", "a/090.png", "a/135.png"],
         ["a/0deg.jpg", "a/45deg.jpg", "a/90deg.jpg", "a/135deg.jpg"],
@@ -61,6 +62,11 @@ def test_mosaics_and_stacks_are_captures_by_themselves(tmp_path: Path) -> None:
         "frame_046": ["frame_046.png"],
         "b/c": ["c.tiff"],
     }
+
+
+def test_numbers_behind_a_word_are_no_angles(tmp_path: Path) -> None:
+    touch(tmp_path, "taxi0.png", "taxi45.png", "HAWAII0.tif", "HAWAII45.tif")
+    assert {group.name for group in grouped(tmp_path).groups} == {"taxi0", "taxi45", "HAWAII0", "HAWAII45"}
 
 
 def test_what_does_not_group_is_named(tmp_path: Path) -> None:
