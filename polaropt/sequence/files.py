@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,11 +24,14 @@ SEQUENCE_FILES = (
     "layers.zarr",
     "transmission.tiff",
     "reflection.tiff",
+    "transmission_error.tiff",
+    "reflection_error.tiff",
     "side_by_side.mp4",
     "frames.csv",
     "sequence.json",
 )
 """All that a sequence may write: what of it a run does not write, an earlier one has left."""
+_ERRORS = tuple(f"{name}_error" for name in LAYERS)
 _EXTRA = "pip install 'polaropt[sequence]'"
 # Longest side in pixels of each of the three pictures of a video; set by hand.
 _WIDEST = 640
@@ -49,11 +52,21 @@ class SequenceFiles:
         Whether there is a video.
     frames_per_second : float
         Of it.
+    uncertainty : bool
+        Whether there are standard errors, as arrays or stacks "transmission_error" and "reflection_error".
     """
 
-    def __init__(self, folder: Path, kind: Literal["zarr", "tiff"], *, video: bool, frames_per_second: float) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        kind: Literal["zarr", "tiff"],
+        *,
+        video: bool,
+        frames_per_second: float,
+        uncertainty: bool = False,
+    ) -> None:
         self._folder, self._kind = folder, kind
-        self._video, self._rate = video, frames_per_second
+        self._video, self._rate, self._uncertainty = video, frames_per_second, uncertainty
         self._files = ExitStack()
         self._layers: tuple[Write, ...] | None = None
         self._show: Callable[[Separation, Capture], None] | None = None
@@ -76,10 +89,13 @@ class SequenceFiles:
         seconds : float
             That it took.
         """
-        images = (result.transmission, result.reflection)
+        images = [result.transmission, result.reflection]
+        if self._uncertainty:
+            images += [planes_last(error) for error in result.uncertainty]
         if self._layers is None:
             opened = _zarr_arrays if self._kind == ZARR else _tiff_stacks
-            self._layers = self._files.enter_context(opened(self._folder, images[0].shape))
+            names = (*LAYERS, *(_ERRORS if self._uncertainty else ()))
+            self._layers = self._files.enter_context(opened(self._folder, names, images[0].shape))
             if self._video:
                 self._show = self._files.enter_context(_video(self._folder / "side_by_side.mp4", self._rate))
         for write, image in zip(self._layers, images, strict=True):
@@ -143,7 +159,7 @@ def _row(number: int, result: Separation, seconds: float) -> dict[str, Any]:
 
 
 @contextmanager
-def _zarr_arrays(folder: Path, shape: tuple[int, ...]) -> Iterator[tuple[Write, ...]]:
+def _zarr_arrays(folder: Path, names: Sequence[str], shape: tuple[int, ...]) -> Iterator[tuple[Write, ...]]:
     import zarr
 
     group = zarr.create_group(folder / "layers.zarr")
@@ -158,11 +174,11 @@ def _zarr_arrays(folder: Path, shape: tuple[int, ...]) -> Iterator[tuple[Write, 
 
         return write
 
-    yield tuple(grown(name) for name in LAYERS)
+    yield tuple(grown(name) for name in names)
 
 
 @contextmanager
-def _tiff_stacks(folder: Path, shape: tuple[int, ...]) -> Iterator[tuple[Write, ...]]:
+def _tiff_stacks(folder: Path, names: Sequence[str], shape: tuple[int, ...]) -> Iterator[tuple[Write, ...]]:
     import tifffile
 
     kind = "rgb" if len(shape) == 3 else "minisblack"
@@ -176,7 +192,7 @@ def _tiff_stacks(folder: Path, shape: tuple[int, ...]) -> Iterator[tuple[Write, 
 
             return write
 
-        yield tuple(opened(name) for name in LAYERS)
+        yield tuple(opened(name) for name in names)
 
 
 @contextmanager

@@ -172,16 +172,19 @@ def test_the_command_writes_layers_along_time(tmp_path: Path, capsys: pytest.Cap
     told = json.loads(capsys.readouterr().out)
     assert told["frames"] == 4
     assert tifffile.imread(tmp_path / "tiff" / "transmission.tiff").shape == (4, 32, 32)
+    assert not (tmp_path / "tiff" / "transmission_error.tiff").exists()
     with (tmp_path / "tiff" / "frames.csv").open(encoding="utf-8") as file:
         assert [row["frame"] for row in csv.DictReader(file)] == ["0", "1", "2", "3"]
     zarr = pytest.importorskip("zarr")
     pytest.importorskip("imageio_ffmpeg")
-    options = ["--pane-still", "--average", "2", "--video", "-q"]
+    options = ["--pane-still", "--average", "2", "--video", "--uncertainty", "-q"]
     for _ in range(2):  # the second time in the place of the first
         assert main([*command, *options, "-o", str(tmp_path / "zarr")]) == 0
     layers = zarr.open_group(tmp_path / "zarr" / "layers.zarr", mode="r")
     assert layers["reflection"].shape == (2, 32, 32)
     assert layers["reflection"].chunks == (1, 32, 32)
+    assert layers["reflection_error"].shape == (2, 32, 32)
+    assert np.all(layers["transmission_error"][:] > 0)
     assert (tmp_path / "zarr" / "side_by_side.mp4").stat().st_size > 0
 
 

@@ -77,6 +77,15 @@ class SequenceOptions:
             rich_help_panel=_SEQUENCE,
         ),
     ] = False
+    uncertainty: Annotated[
+        bool,
+        typer.Option(
+            "--uncertainty/--no-uncertainty",
+            metavar="",
+            help="Find the standard errors of the layers and write them along time, too; without, it is done sooner.",
+            rich_help_panel=_SEQUENCE,
+        ),
+    ] = False
     frames_per_second: Annotated[float, typer.Option(metavar="N", help="Of the video.", rich_help_panel=_SEQUENCE)] = (
         10.0
     )
@@ -107,8 +116,9 @@ def sequence_command(
     level, kind of sensor and gain of the 45/135 pair are those of the first frame.
 
     Writes into the folder: layers.zarr (or transmission.tiff and reflection.tiff), frames.csv (a row for each frame),
-    sequence.json, and side_by_side.mp4 where --video asks for it. Ctrl-C keeps the frames that are done. A run that
-    fails leaves the folder as it was.
+    sequence.json; where --uncertainty asks for them, standard errors of the layers (in layers.zarr, or
+    transmission_error.tiff and reflection_error.tiff); where --video asks for it, side_by_side.mp4. Ctrl-C keeps the
+    frames that are done. A run that fails leaves the folder as it was.
     """
     from polaropt.capture import result_folder
     from polaropt.sequence import SEQUENCE_FILES, SequenceFiles, open_frames
@@ -131,8 +141,14 @@ def sequence_command(
     silent = folder.json or folder.quiet
     interrupted = False
     with result_folder(folder.output, SEQUENCE_FILES) as work, count_bar(number, "Separating", not silent) as told:
-        rate = sequence.frames_per_second
-        with SequenceFiles(work, sequence.format, video=sequence.video, frames_per_second=rate) as files:
+        written = SequenceFiles(
+            work,
+            sequence.format,
+            video=sequence.video,
+            frames_per_second=sequence.frames_per_second,
+            uncertainty=sequence.uncertainty,
+        )
+        with written as files:
             try:
                 for result, photographs, seconds in _separated(frames, sequence, reading, pane, chosen):
                     files.add(result, photographs, seconds)
@@ -230,5 +246,7 @@ def _sentences(document: dict[str, Any], output: Path, sequence: SequenceOptions
         error = "" if last["incidence_deg_error"] is None else f" ± {last['incidence_deg_error']:.2g}"
         lines.append(f"The pane at the end: incidence {last['incidence_deg']:.2f}{error} deg ({last['rung']}).")
     layers = "layers.zarr" if sequence.format == "zarr" else "transmission.tiff, reflection.tiff"
+    if sequence.uncertainty and sequence.format == "tiff":
+        layers += ", transmission_error.tiff, reflection_error.tiff"
     video = ", side_by_side.mp4" if sequence.video else ""
     return [*lines, f"Written to {output}: {layers}, frames.csv, sequence.json{video}."]
