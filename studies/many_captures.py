@@ -1,7 +1,7 @@
 """What many captures cost beside bare separations, and what they ask of a cluster's scheduler and of folders.
 
 Run ``polaropt study many_captures -o OUT``; without ``--photos`` it uses photographs inside scikit-image. Captures of
-256x256 pixels in colour, some of them broken, under many names.
+256x256 pixels (``--size``) in colour, some of them broken (``--broken-every``), under many names.
 """
 
 from __future__ import annotations
@@ -60,6 +60,8 @@ class Job:
     photos: str | None
     way: str
     number: int
+    size: int
+    broken_every: int
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,7 @@ def run(job: Job) -> list[Row]:
 def _captures(job: Job, folder: Path) -> list[Path]:
     """Captures of all pairs under many names; files of one content are one file."""
     folder.mkdir()
-    pairs = pairs_of(job.photos, SIZE, MARGIN)
+    pairs = pairs_of(job.photos, job.size, MARGIN)
     random = np.random.default_rng(0)
     for i, pair in enumerate(pairs):
         pane = SceneParameters(float(random.uniform(45, 72)), float(random.uniform(0, 180)), 4.0)
@@ -155,7 +157,7 @@ def _captures(job: Job, folder: Path) -> list[Path]:
     paths = []
     for i in range(job.number):
         paths.append(folder / f"capture{i:06d}.npz")
-        if i % BROKEN_EVERY == BROKEN_EVERY - 1:
+        if i % job.broken_every == job.broken_every - 1:
             paths[-1].touch()
         else:
             os.link(folder / f"pair{i % len(pairs)}.npz", paths[-1])
@@ -448,12 +450,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = study_parser(__doc__)
     parser.add_argument("--ways", default=",".join(WAYS), help="names, comma separated")
     parser.add_argument("--numbers", help="captures, comma separated")
+    parser.add_argument("--size", type=int, default=SIZE, help="pixels of a side")
+    parser.add_argument("--broken-every", type=int, default=BROKEN_EVERY, help="one capture of so many is broken")
     options = parser.parse_args(arguments)
-    n_pairs_of(options, 1, SIZE, MARGIN)
+    n_pairs_of(options, 1, options.size, MARGIN)
     numbers = NUMBERS[effort_of(options)]
     if options.numbers:
         numbers = tuple(int(number) for number in options.numbers.split(","))
-    jobs = [Job(options.photos, way, number) for number in numbers for way in options.ways.split(",")]
+    jobs = [
+        Job(options.photos, way, number, options.size, options.broken_every)
+        for number in numbers
+        for way in options.ways.split(",")
+    ]
     frame = run_study(NAME, run, jobs, Row, options)
     publish(NAME, options, tables(frame), {})
 
