@@ -9,7 +9,7 @@ window leaves doubled overlap.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -63,6 +63,8 @@ _FIRST_STEPS = (2.0, 0.5, 0.5, 0.5, 0.1)
 _CLOSER, _ROUGH_SWEEPS, _SWEEPS = 0.5, 3, 4
 """What steps are multiplied by from sweep to sweep, and the number of sweeps."""
 _NAMES = ("incidence_deg", "pane_shift", "gap_along", "gap_across", "absorption")
+_INCIDENCE = _NAMES[:1]
+"""What edges tell."""
 _OVERLAP_WEIGHT = 0.5
 """What a unit of log overlap is worth in log likelihood per frequency."""
 _LEAST_GAIN = 0.003
@@ -216,10 +218,10 @@ class WindowSearch:
                 break
         return kept
 
-    def refined(self, start: Window, sweeps: int = _SWEEPS) -> LikelyWindow:
-        """The likeliest window near a start, along each of its numbers in turns."""
-        free = [name for name in (_NAMES[:4] if start.n_panes > 1 else _NAMES[:2]) if name not in self.told]
-        free += ["absorption"] if start.absorption and "absorption" not in self.told else []
+    def refined(self, start: Window, sweeps: int = _SWEEPS, kept: Collection[str] = ()) -> LikelyWindow:
+        """The likeliest window near a start, along each of its numbers in turns but those that are told, or kept."""
+        names = (*(_NAMES[:4] if start.n_panes > 1 else _NAMES[:2]), *(_NAMES[4:] if start.absorption else ()))
+        free = [name for name in names if name not in self.told and name not in kept]
         steps = dict(zip(_NAMES, _FIRST_STEPS, strict=True))
         best = LikelyWindow(replace(start, **self.told), math.inf, math.inf)
         for _ in range(sweeps):
@@ -381,18 +383,16 @@ class _Axis:
         best = sorted(near, key=lambda found: found.misfit + self._edges(found.window))
         kept = dict.fromkeys(found.window for found in (*near[:_MOST_LIKELIEST], *best[:_MOST_CANDIDATES]))
         found = [self.search.refined(window, _ROUGH_SWEEPS) for window in kept]
-        return [*found, *(self._turned(one.window) for one in found[:1] if _close(one.window))]
+        return [*found, *(self._by_edges(one.window) for one in found[:1] if _close(one.window))]
 
-    def _turned(self, window: Window) -> LikelyWindow:
+    def _by_edges(self, window: Window) -> LikelyWindow:
         """A window of close panes at the incidence at which the layers' edges overlap least."""
         if "incidence_deg" in self.search.told:
             return self.search.refined(window, 1)
         overlap = LayerOverlap(self.frame, self.scene(window), window.incidence_deg)
         near = np.clip(window.incidence_deg + np.array(_BESIDE_DEG), *INCIDENCE_SEARCH_DEG).tolist()
-        self.search.told["incidence_deg"] = min(near, key=overlap.at)
-        found = self.search.refined(window, _ROUGH_SWEEPS)
-        del self.search.told["incidence_deg"]
-        return found
+        likeliest = replace(window, incidence_deg=min(near, key=overlap.at))
+        return self.search.refined(likeliest, _ROUGH_SWEEPS, kept=_INCIDENCE)
 
     def _edges(self, window: Window) -> float:
         """What the overlap of the layers' edges adds to a window's score."""
@@ -418,9 +418,8 @@ class _Axis:
             # The likelihood's own incidence is off where images hardly lie apart; the edges' goes with the shifts.
             for _ in range(_TURNS):
                 incidence, error = refined_incidence(self.frame, self.scene(window))
-                self.search.told["incidence_deg"] = incidence
-                window = self.search.refined(window, _ROUGH_SWEEPS).window
-            del self.search.told["incidence_deg"]
+                moved = replace(window, incidence_deg=incidence)
+                window = self.search.refined(moved, _ROUGH_SWEEPS, kept=_INCIDENCE).window
 
         def shift_error(name: str) -> float | None:
             error = self._error(window, name, _ERROR_STEP_PX)
