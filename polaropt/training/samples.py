@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
-from polaropt.capture import ANGLES_DEG, Capture
+from polaropt.capture import ANGLES_DEG, SMALLEST_SIDE, SONY_CELL, Capture, mosaic_capture, sampling_of
 from polaropt.errors import InputError
 from polaropt.optics import PSE, SceneParameters, analyzer_matrix, change_basis, ghost_step, ghosts_that_matter
 from polaropt.simulation import digitized
@@ -85,6 +86,8 @@ _LEAST_SPREAD = 0.03
 _BITS = 12
 # Share of the first ghost, below which ghosts are put to the last one that is kept.
 _FAINT_GHOST = 0.01
+# Share of sensors without colour; side of the larger pattern, that of colours.
+_MONO_MOSAICS, _PATTERN_PX = 0.5, 4
 
 
 @dataclass(frozen=True)
@@ -101,19 +104,30 @@ class Variety:
         Of the pane; a fifth of the panes show no ghosts beside their origin.
     exposure : (float, float)
         Brightness of a layer's white, equally likely in its logarithm.
-    overexposed, grey, other_angles, other_index : float
+    overexposed, grey, other_angles, other_index, two_panes : float
         Share of samples with clipped highlights, without colour, with other polarizer angles than 0, 45, 90 and 135
-        degrees, and with another index than 1.5.
+        degrees, with another index than 1.5, and behind two panes.
+    mosaics : float
+        Share of raw mosaics of a polarization camera, half of them of colour sensors; for the conditioned form alone,
+        and for frames of whole patterns, 64 px or more.
+    gap_px : (float, float)
+        From a pane to the next.
+    lens_blur_px : (float, float)
+        What a mosaic's lens makes of a point.
     """
 
     incidences_deg: tuple[float, float] = (6.0, 87.0)
-    noise: tuple[float, float] = (0.0015, 0.02)
+    noise: tuple[float, float] = (0.001, 0.04)
     thickness_px: tuple[float, float] = (1.0, 13.0)
     exposure: tuple[float, float] = (0.35, 1.0)
     overexposed: float = 0.12
     grey: float = 0.08
     other_angles: float = 0.1
     other_index: float = 0.15
+    two_panes: float = 0.06
+    mosaics: float = 0.35
+    gap_px: tuple[float, float] = (2.0, 14.0)
+    lens_blur_px: tuple[float, float] = (0.0, 0.9)
 
 
 class TrainingData:
@@ -146,6 +160,8 @@ class TrainingData:
             raise InputError(f"training frames of {size} px; give 32 or more")
         self._pictures, self._form, self._size, self._seed = pictures, form, size, seed
         self._variety, self._workers = variety or Variety(), workers
+        whole = size % _PATTERN_PX == 0 and size >= SMALLEST_SIDE * _PATTERN_PX
+        self._takes_mosaics = form == "conditioned" and whole
 
     def samples(self, numbers: range) -> Iterator[Sample]:
         """Samples in the order of their numbers."""
@@ -156,24 +172,31 @@ class TrainingData:
     def sample(self, number: int) -> Sample:
         """Sample `number`, always the same."""
         random = np.random.default_rng([self._seed, number])
-        layers = self._layers(random)
-        scene, angles_deg = self._scene(random), self._angles(random)
+        mosaic = self._takes_mosaics and random.random() < self._variety.mosaics
+        layers = self._layers(random, _MONO_MOSAICS if mosaic else self._variety.grey)
+        if mosaic:
+            layers = gaussian_filter(layers, random.uniform(*self._variety.lens_blur_px), axes=(-2, -1))
+        scene = self._scene(random)
+        angles_deg = ANGLES_DEG if mosaic else self._angles(random)
         noise = float(np.exp(random.uniform(*np.log(self._variety.noise))))
         components = PSE(scene, angles_deg).components(layers)
         light = components[0] + components[1]
         if random.random() < self._variety.overexposed:
             gain = np.float32(1 / np.quantile(light, random.uniform(0.95, 0.995)))
             layers, components, light = layers * gain, components * gain, light * gain
-        photographs = digitized(light + noise * random.standard_normal(light.shape), _BITS)
-        capture = Capture.of_planes(self._inside(photographs), angles_deg)
-        truth, parts = self._inside(layers), self._inside(components)
+        truth, parts, light = self._inside(layers), self._inside(components), self._inside(light)
+        if mosaic:
+            capture = _mosaic_of(light, noise, random)
+        else:
+            photographs = digitized(light + noise * random.standard_normal(light.shape), _BITS)
+            capture = Capture.of_planes(photographs, angles_deg)
         if self._form == "paper":
             return _plain_sample(capture, noise, scene, truth, parts)
         seen = blind_scene(scene, noise, random)
         return _conditioned_sample(capture, noise * float(np.exp(random.normal(0, 0.02))), (scene, seen), truth, parts)
 
-    def _layers(self, random: np.random.Generator) -> Images:
-        """Two pictures (2, channel, h, w) with margins, encoded or linear, of random brightness."""
+    def _layers(self, random: np.random.Generator, grey_share: float) -> Images:
+        """Two pictures (2, channel, h, w) with margins, encoded or linear, of random brightness; a share is grey."""
         frames = []
         encoded = random.random() < 0.6
         for _ in range(2):
@@ -181,7 +204,7 @@ class TrainingData:
             low, high = np.log(self._variety.exposure)
             frames.append(np.exp(random.uniform(low, high)) * (frame if encoded else frame**2.2))
         layers = np.moveaxis(np.stack(frames), -1, 1).astype(np.float32)
-        grey = random.random() < self._variety.grey
+        grey = random.random() < grey_share
         return np.ascontiguousarray(layers.mean(axis=1, keepdims=True) if grey else layers)
 
     def _frame(self, random: np.random.Generator) -> Images:
@@ -202,7 +225,12 @@ class TrainingData:
         thickness = 10.0 if paper and random.random() < 0.5 else random.uniform(*self._variety.thickness_px)
         kind: Any = "paper" if random.random() < 0.7 else "plate"
         shift = float(random.choice([-1, 1])) * ghost_step(incidence, index, float(thickness), kind)
-        return SceneParameters(incidence, float(random.uniform(0, 180)), 0.0 if random.random() < 0.2 else shift, index)
+        azimuth = float(random.uniform(0, 180))
+        scene = SceneParameters(incidence, azimuth, 0.0 if random.random() < 0.2 else shift, index)
+        if random.random() >= self._variety.two_panes:
+            return scene
+        gap = float(np.copysign(random.uniform(*self._variety.gap_px), shift))
+        return scene.replace(n_panes=2, gap_shift=gap)
 
     def _angles(self, random: np.random.Generator) -> tuple[float, ...]:
         if random.random() >= self._variety.other_angles:
@@ -211,6 +239,17 @@ class TrainingData:
 
     def _inside(self, images: NDArray[Any]) -> NDArray[Any]:
         return np.ascontiguousarray(images[..., _MARGIN:-_MARGIN, _MARGIN:-_MARGIN])
+
+
+def _mosaic_of(light: Images, noise: float, random: np.random.Generator) -> Capture:
+    """What a polarization camera's sensor stores of exact photographs (4, channel, h, w), as it is read."""
+    color = light.shape[1] > 1
+    sampling, _ = sampling_of(color)
+    raw = sampling.sample(light)
+    raw = digitized(raw + noise * random.standard_normal(raw.shape), _BITS).astype(np.float32)
+    return mosaic_capture(
+        raw, sensor="color" if color else "mono", cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0
+    )
 
 
 def blind_scene(scene: SceneParameters, noise: float, random: np.random.Generator) -> SceneParameters:

@@ -23,6 +23,7 @@ from polaropt.optics import SceneParameters
 from polaropt.separation import Separation, separate
 from polaropt.simulation import Camera, photograph_mosaic, sensor_image, simulate, stack_layers
 from solvers.base import StoppingRule
+from studies import ways
 from studies.kit.charts import BLUE, ORANGE, VERMILION, Style, legend_below, new_figure
 from studies.kit.frames import Cell, joined, largest, markdown, mean, summary, values_of, where
 from studies.mosaic.demosaicking import bilinear, trained
@@ -39,10 +40,12 @@ BLURS_PX = {"sharp": 0.0, "lens blur 0.7 px": 0.7}
 """Standard deviations of the lens's blur."""
 N_PAIRS = 6
 SENSORS = ("mono", "color")
-BOUND, JOINT, CLOSED, CELL, BILINEAR, LMMSE = WAYS = (
+BOUND, JOINT, CLOSED, LEARNED, FROM_LEARNED, CELL, BILINEAR, LMMSE = WAYS = (
     "four full photographs",
     "joint solve",
     "joint closed form",
+    "learned start alone",
+    "joint solve from the learned start",
     "cell",
     "demosaicked first",
     "demosaicked first by LMMSE",
@@ -103,7 +106,7 @@ def run(job: Job) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "raw.png"
         write_png(file, np.round(np.clip(mosaic.raw, 0, 1) * WHITE_16).astype(np.uint16))
-        for way in job.ways:
+        for way in _ways_of(job):
             began = time.perf_counter()
             capture, scale = _seen(mosaic, way, file, job)
             blind = _separated(capture, way)
@@ -128,6 +131,12 @@ def run(job: Job) -> list[Row]:
                 )
             )
     return rows
+
+
+def _ways_of(job: Job) -> tuple[str, ...]:
+    """The job's ways, less the learned start's where its networks were trained on these photographs."""
+    learned = ways.LEARNED in ways.judged_starts(job.photos)
+    return tuple(way for way in job.ways if learned or way not in (LEARNED, FROM_LEARNED))
 
 
 def take(pair: Pair, job: Job) -> Mosaic:
@@ -166,8 +175,9 @@ def _seen(mosaic: Mosaic, way: str, file: Path, job: Job) -> tuple[Capture, int]
 
 
 def _separated(capture: Capture, way: str, scene: SceneParameters | None = None) -> Separation:
-    stopping = StoppingRule(max_evaluations=1) if way == CLOSED else StoppingRule()
-    return separate(capture, scene, stopping=stopping)
+    stopping = StoppingRule(max_evaluations=1) if way in (CLOSED, LEARNED) else StoppingRule()
+    start = ways.LEARNED if way in (LEARNED, FROM_LEARNED) else ways.CLOSED_FORM_START
+    return separate(capture, scene, init=start, stopping=stopping)
 
 
 def _level(layer: Images, truth: Images, scale: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -18,7 +19,8 @@ from polaropt.training.samples import TrainingData, Variety
 from priors.networks.fusionnet import Form
 
 FORMS: tuple[Form, ...] = get_args(Form)
-PLAIN = Variety(overexposed=0, grey=0, other_angles=0)
+PLAIN = Variety(overexposed=0, grey=0, other_angles=0, mosaics=0, two_panes=0)
+MOSAICS = replace(PLAIN, mosaics=1)
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +32,8 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Pictures:
     return Pictures(Path(folder), leaves_share=0)
 
 
-def source(pictures: Pictures, form: Form, variety: Variety = PLAIN) -> TrainingData:
-    return TrainingData(pictures, form, size=48, seed=3, variety=variety)
+def source(pictures: Pictures, form: Form, variety: Variety = PLAIN, size: int = 48) -> TrainingData:
+    return TrainingData(pictures, form, size, seed=3, variety=variety)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -86,6 +88,27 @@ def test_grey_captures_are_shown_as_three_equal_channels(pictures: Pictures) -> 
         assert torch.equal(images[..., 0, :, :], images[..., 2, :, :])
     assert sample.observation.errors is not None
     assert not sample.observation.errors[..., 1:].any()
+
+
+@pytest.mark.parametrize("variety", [PLAIN, MOSAICS, replace(PLAIN, two_panes=1)], ids=["four", "mosaic", "panes"])
+def test_a_transmission_is_as_far_from_the_truth_as_it_tells(pictures: Pictures, variety: Variety) -> None:
+    data_set = source(pictures, "conditioned", replace(variety, incidences_deg=(45.0, 70.0)), 64)
+    for sample in map(data_set.sample, range(2)):
+        seen = sample.observation
+        assert seen.layers is not None
+        assert seen.errors is not None
+        # The luminance in the networks' basis is the sum of the colours over the root of three. What the pane's own
+        # errors do, to the reflection above all, is not in the standard errors.
+        off = (seen.layers - sample.layers)[0, 0].sum(0)[8:-8, 8:-8] / 3**0.5
+        assert float(off.square().mean().sqrt()) < 5 * float(seen.errors[0, 0, 0])
+
+
+def test_a_mosaic_leaves_more_open_than_four_photographs(pictures: Pictures) -> None:
+    def open_share(variety: Variety) -> float:
+        errors = [source(pictures, "conditioned", variety, 64).sample(number).observation.errors for number in range(4)]
+        return float(np.median([float(one[0, 0, 0]) for one in errors if one is not None]))
+
+    assert open_share(MOSAICS) > 1.5 * open_share(PLAIN)
 
 
 def test_clipped_highlights_are_told(pictures: Pictures) -> None:
