@@ -30,6 +30,7 @@ from studies.kit.run import effort_of, publish, run_study, study_parser
 from studies.photographs import N_PAIRS, n_pairs_of
 from studies.scenes import BLIND, INCIDENCES_DEG, protocol
 from studies.scores import psnr_and_ssim
+from studies.ways import seen_in_training
 
 if TYPE_CHECKING:
     from priors.learned import LearnedInitializer
@@ -91,6 +92,8 @@ class Training:
     features : str
         What the perceptual loss compares; empty without it.
     seconds : float
+    data : str
+        What it was trained on.
     """
 
     name: str
@@ -101,6 +104,7 @@ class Training:
     budget: str
     features: str
     seconds: float
+    data: str = ""
 
     @property
     def shipped(self) -> bool:
@@ -140,6 +144,7 @@ def training_of(name: str, record_file: Path, weights: Path) -> Training:
             f"{record['steps']} steps of {record['options']['batch_size']} samples of {record['size_px']} px",
             record["perceptual_features"] or "",
             float(record["seconds"]),
+            str(record["data"]),
         )
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{record_file}: is no record of a training; give what polaropt train has written") from None
@@ -238,7 +243,7 @@ def observed(capture: Capture, form: str) -> Observation:
     if form == "paper":
         return plain_observation(capture, noise)
     problem = Problem(capture, find_scene(capture, BLIND, noise).scene, noise, Weights())
-    return conditioned_observation(problem, np.ascontiguousarray(problem.canvas.crop(problem.known.layers)))
+    return conditioned_observation(problem, np.ascontiguousarray(problem.canvas.crop(problem.best_known())))
 
 
 @lru_cache(maxsize=16)
@@ -403,6 +408,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         trainings = (*(trainings_in(options.records) if options.records else ()), *shipped_trainings())
     except InputError as error:
         parser.error(str(error))
+    seen = {each.name: reason for each in trainings if (reason := seen_in_training(options.photos, each.data))}
+    trainings = tuple(each for each in trainings if each.name not in seen)
+    if not trainings:
+        parser.error(f"no networks are left to judge: {next(iter(seen.values()))}")
     jobs = [
         Job(protocol(incidence), pair, options.photos, size, trainings, options.vgg19)
         for pair in range(n_pairs_of(options, 1 if quick else N_PAIRS, size))
@@ -410,7 +419,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     ]
     frame = run_study(NAME, run, jobs, Row, options)
     of_crops = replace(jobs[0], scene=protocol(SHOWN_DEG))
-    publish(NAME, options, tables(frame, trainings), figures(frame, trainings, of_crops))
+    left_out = "".join(f"\n\nLeft out: {name}; {reason}." for name, reason in seen.items())
+    publish(NAME, options, tables(frame, trainings) + left_out, figures(frame, trainings, of_crops))
 
 
 if __name__ == "__main__":

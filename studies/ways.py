@@ -183,11 +183,15 @@ def weights_digest() -> str:
     return str(record["sha256"])[:12]
 
 
-def seen_in_training(photos: str | None) -> str:
-    """Why the learned start is not judged on a folder's photographs (None: those inside scikit-image), or nothing."""
+def seen_in_training(photos: str | None, data: str | None = None) -> str:
+    """Why networks are not judged on a folder's photographs (None: those inside scikit-image), or nothing.
+
+    `data` is what their record says they were trained on; default: that of the learned start.
+    """
     from priors.learned import WEIGHTS
 
-    data = str(json.loads((WEIGHTS / "conditioned.json").read_text(encoding="utf-8"))["data"])
+    if data is None:
+        data = str(json.loads((WEIGHTS / "conditioned.json").read_text(encoding="utf-8"))["data"])
     seen = [name for name in SHIPPED if name in data] if photos is None else []
     return f"its networks were trained on {', '.join(seen)}; name others with --photos" if seen else ""
 

@@ -99,8 +99,10 @@ def test_without_torch_the_learned_start_is_not_run(monkeypatch):
     assert "| with learned start | not run |" in text
 
 
-def test_networks_are_not_judged_on_photographs_that_they_were_trained_on(monkeypatch):
+def test_networks_are_not_judged_on_photographs_that_they_were_trained_on(monkeypatch, tmp_path):
     pytest.importorskip("torch")
+    (tmp_path / "conditioned.json").write_text('{"data": "astronaut, gravel"}', encoding="utf-8")
+    monkeypatch.setattr("priors.learned.WEIGHTS", tmp_path)
     monkeypatch.setattr("studies.ablation.PARTS", (named("learned start"),))
     monkeypatch.setattr("studies.ablation.WEIGHTINGS", ())
     (row,) = run(SceneJob(protocol(60.0), 0, size=48))

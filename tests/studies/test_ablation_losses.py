@@ -39,6 +39,7 @@ def record(polarnet: str = "compact", features: str | None = "encoder", **weight
         "steps": 100,
         "size_px": 64,
         "seconds": 60.0,
+        "data": "gravel",
         "sha256": "",
     }
 
@@ -85,6 +86,16 @@ def test_what_is_no_record_is_told(tmp_path: Path, capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit):
         main(["--records", str(tmp_path), "-o", str(tmp_path / "out")])
     assert "is no record of a training" in capsys.readouterr().err
+
+
+def test_networks_are_left_out_on_photographs_that_they_were_trained_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path / "a", {**record(), "data": "astronaut, gravel"})
+    monkeypatch.setattr("studies.ablation_losses.shipped_trainings", list)
+    with pytest.raises(SystemExit):
+        main(["--records", str(tmp_path), "-o", str(tmp_path / "out")])
+    assert "trained on astronaut; name others with --photos" in capsys.readouterr().err
 
 
 ONE = Training("one", Path("w"), "", "paper", ALL, "100 steps", "encoder", 60.0)

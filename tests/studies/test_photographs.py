@@ -9,6 +9,7 @@ from skimage.io import imsave
 from polaropt.errors import InputError
 from polaropt.training.pictures import FROM_SKIMAGE, FROM_SKLEARN
 from studies.photographs import SHIPPED, Photographs, Size, folder_pairs, measured_pairs, shipped_pairs, sized_pair
+from studies.ways import seen_in_training
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +32,7 @@ def test_pairs_are_every_second_photograph_with_the_eleventh_after_it(photos):
 
 def test_no_network_is_trained_on_the_photographs_that_studies_are_made_of():
     assert not set(SHIPPED) & {*FROM_SKIMAGE, *FROM_SKLEARN}
+    assert seen_in_training(None) == ""
 
 
 def test_photographs_are_mirrored_where_they_end(tmp_path):
