@@ -107,16 +107,19 @@ class StoppingRule:
     max_evaluations: int = 60
     """Evaluations of objective and gradient, at most."""
     relative_change: float = 5e-4
-    """Stop when two iterations in a row lower the objective by less than this share of it each; 0: never."""
+    """Stop when iterations in a row lower the objective by less than this share of it each; 0: never."""
     gradient_norm: float = 0.0
     """Stop when no entry of the gradient is larger."""
     seconds: float | None = None
     """Stop after this time; the evaluation that runs is completed."""
+    slow_iterations: int = 2
+    """Iterations in a row that must lower the objective by so little."""
 
     def __post_init__(self) -> None:
         # Written so that NaN fails too.
-        if not self.max_evaluations >= 1:
-            raise ValueError(f"max_evaluations is {self.max_evaluations}; give 1 or more")
+        for name in ("max_evaluations", "slow_iterations"):
+            if not getattr(self, name) >= 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; give 1 or more")
         for name in ("relative_change", "gradient_norm"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} is {getattr(self, name)}; give 0 or more")
@@ -270,10 +273,11 @@ class Traced:
 
 
 class Progress:
-    """Counts iterations and stops when two in a row lower the objective too little."""
+    """Counts iterations and stops when some in a row lower the objective too little."""
 
     def __init__(self, traced: Traced, stopping: StoppingRule) -> None:
         self._traced, self._tolerance = traced, stopping.relative_change
+        self._patience = stopping.slow_iterations
         self._last = math.inf
         self._slow = 0
         self.count = 0
@@ -287,7 +291,7 @@ class Progress:
         slow = before - value <= self._tolerance * abs(value)
         self._slow = self._slow + 1 if slow else 0
         self._last = value
-        if self._slow == 2:
+        if self._slow == self._patience:
             raise StopSolving(Status.CONVERGED if self._tolerance else Status.ROUNDOFF_LIMITED)
 
 

@@ -212,6 +212,8 @@ class _Descent:
         # Points take turns in these: a third is made only where the best point is neither the last nor the new one.
         self._buffers = [self._x]
         self._reach: float | None = None
+        # Where the last step came from, and the gradient where it led.
+        self._last: tuple[Vector, Vector] | None = None
         self._value, gradient = traced(self._x)
         self._pairs: Pairs = Pairs(self._x.size, HISTORY)
         self._gram = Gram(HISTORY)
@@ -220,6 +222,7 @@ class _Descent:
 
     def iterate(self) -> None:
         """Move to a lower point; raises `StopSolving` where there is none."""
+        self._absorb()
         while not self._moved():
             if self._gram.empty:
                 raise StopSolving(Status.ROUNDOFF_LIMITED)
@@ -228,6 +231,7 @@ class _Descent:
     def restart(self) -> None:
         """Go back to the best point without pairs, and tread more carefully: a tenth of the step that failed."""
         self._reach = _SHORTER * distance(self._trial, self._x)
+        assert self._last is None  # it was taken in before the step that failed
         if self._x is self._traced.best:
             self._gram.clear()
             return
@@ -258,10 +262,19 @@ class _Descent:
         return False
 
     def _first_step(self, direction: Direction) -> float:
-        """1 where the direction knows its length; else as far as the last step, or as a restart allows."""
+        """1 where the direction knows its length; else as far as the last step, or as a restart allows.
+
+        The very first step is the gradient itself, right where the Hessian is near the identity, as in whitened
+        coordinates; no longer than if each unknown moved by 1, and 1 where that promises less than rounding.
+        """
         if not self._gram.empty:
             return 1.0
-        return (self._reach or 1.0) / max(math.sqrt(-direction.slope), 1e-30)
+        length = max(math.sqrt(-direction.slope), 1e-30)
+        if self._reach is None:
+            gradient = length / self._unit
+            promising = gradient**2 > _VALUE_NOISE * abs(self._value)
+            self._reach = min(gradient, math.sqrt(self._x.size)) if promising else 1.0
+        return self._reach / length
 
     def _propose(self, direction: Direction, step: float) -> Vector:
         taken = (self._x, self._traced.best)
@@ -273,10 +286,17 @@ class _Descent:
         return self._trial
 
     def _accept(self, trial: Vector, value: float, gradient: Vector) -> None:
-        slot = self._gram.take_slot()
-        sums = self._pairs.absorb((self._x, trial), gradient, slot)
-        self._gram.remember(slot[0], sums)
+        self._last = (self._x, gradient)
         self._x, self._value = trial, value
+
+    def _absorb(self) -> None:
+        """Take in the pair of the last step: only before another one, which after the last of all never comes."""
+        if self._last is None:
+            return
+        (before, gradient), self._last = self._last, None
+        slot = self._gram.take_slot()
+        sums = self._pairs.absorb((before, self._x), gradient, slot)
+        self._gram.remember(slot[0], sums)
         self._reach = math.sqrt(sums[-1])
 
 

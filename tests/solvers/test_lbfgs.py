@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import tracemalloc
 
@@ -48,6 +49,24 @@ def test_a_restart_begins_at_the_best_point_with_a_tenth_of_the_step():
     assert np.linalg.norm(next_one) == pytest.approx(0.1 * np.linalg.norm(failed), rel=1e-3)
     slope = rosenbrock(best)[1]
     assert next_one @ slope == pytest.approx(-np.linalg.norm(next_one) * np.linalg.norm(slope), rel=1e-3)
+
+
+def test_in_whitened_coordinates_the_first_step_leads_to_the_minimum():
+    def whitened(x):
+        away = (x - np.arange(100) / 100).astype(np.float32)
+        return 1 + 0.5 * float(away @ away), away
+
+    result = LBFGS().minimize(whitened, START, StoppingRule())
+    assert result.trace[1].value == pytest.approx(1, abs=1e-9)
+
+
+def test_it_stops_after_as_many_slow_iterations_as_the_rule_says():
+    ends = [LBFGS().minimize(rosenbrock, START, StoppingRule(1000, 0.2, slow_iterations=n)) for n in (1, 2, 3)]
+    assert len({result.n_iterations for result in ends}) == 3
+    for n, result in enumerate(ends, start=1):
+        values = [point.value for point in result.trace][-n - 1 :]
+        assert result.status is Status.CONVERGED
+        assert all(before - after <= 0.2 * after for before, after in itertools.pairwise(values))
 
 
 def test_a_wall_that_is_not_finite_is_kept_away_from():
