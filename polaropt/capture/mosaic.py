@@ -355,13 +355,13 @@ def framed_samples(samples: Images, sampling: Sampling, level: Floats) -> Images
         (mirrored_patterns(side // period, period)[:, None] * period + inside).ravel() for side in samples.shape
     )
     off_level = samples - sampling.laid_out(level, samples.shape)
-    return np.asarray(off_level[rows][:, columns] * frame_window(samples.shape, (rows.size, columns.size)))
+    window = np.outer(*frame_sides(samples.shape, (rows.size, columns.size))).astype(np.float32)
+    return np.asarray(off_level[rows][:, columns] * window)
 
 
-def frame_window(shape: tuple[int, ...], framed: tuple[int, ...]) -> Images:
-    """Weights of a frame of this shape within what is mirrored around it."""
-    sides = [tukey_window(side, MARGIN, whole - side - MARGIN) for side, whole in zip(shape, framed, strict=True)]
-    return np.outer(*sides).astype(np.float32)
+def frame_sides(shape: tuple[int, ...], framed: tuple[int, ...]) -> list[Floats]:
+    """Weights of a frame's rows and of its columns within what is mirrored around it."""
+    return [tukey_window(side, MARGIN, whole - side - MARGIN) for side, whole in zip(shape, framed, strict=True)]
 
 
 def mirrored_patterns(n: int, period: int) -> NDArray[np.intp]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.mosaic import MARGIN, StokesPrior, fitted_prior, frame_window, framed_samples, mirrored_patterns
+from polaropt.capture.mosaic import MARGIN, StokesPrior, fitted_prior, frame_sides, framed_samples, mirrored_patterns
 from polaropt.numerics import filter_of_groups, mixed_spectra
 from polaropt.optics import Sampling, analyzer_matrix
 from solvers.kernels import in_blocks
@@ -84,15 +84,22 @@ class CellFilter:
         """Spectra (place, row, column) of the pixels of the patterns, mirrored around the frame."""
         from scipy.fft import rfft2
 
+        from polaropt.capture.reading.kernels import framed_pixels
+
         period = self.sampling.period
         rows, columns = (mirrored_patterns(side // period, period) for side in values.shape)
-        window = frame_window(values.shape, (period * rows.size, period * columns.size))
+        down, across = (
+            side.astype(np.float32) for side in frame_sides(values.shape, (period * rows.size, period * columns.size))
+        )
         spectra = np.empty((period**2, rows.size, columns.size // 2 + 1), np.complex64)
 
         def place(i: int, _: int) -> None:
             photograph, channel, row, column = self.sampling.places[i]
-            pixels = values[row::period, column::period] - np.float32(level[photograph, channel])
-            spectra[i] = rfft2(pixels[rows[:, None], columns] * window[row::period, column::period], norm="ortho")
+            sides = (np.ascontiguousarray(down[row::period]), np.ascontiguousarray(across[column::period]))
+            framed = np.empty((rows.size, columns.size), np.float32)
+            own = np.float32(level[photograph, channel])
+            framed_pixels(values, (row, column), period, rows, columns, own, *sides, framed)
+            spectra[i] = rfft2(framed, norm="ortho", overwrite_x=True)
 
         in_blocks(place, period**2, 1)
         return spectra

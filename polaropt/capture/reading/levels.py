@@ -36,8 +36,13 @@ class Levels:
     def apply(self, pixels: NDArray[Any], gamma: float | str | None = None) -> tuple[Images, Mask]:
         """Linear values of pixels (..., h, w) in an encoding, float32, and which of them are below white.
 
-        Some rows at a time: the doubles of all would be several times the photographs.
+        Small integers by a table of their values; others some rows at a time, as the doubles of all would be several
+        times the photographs.
         """
+        if pixels.dtype.kind == "u" and pixels.dtype.itemsize <= 2 and pixels.size > 1 << 16:
+            stored = np.arange(1 << (8 * pixels.dtype.itemsize)).astype(pixels.dtype)
+            table = np.ascontiguousarray(linearize(self._scaled(stored), gamma))
+            return table[pixels], pixels < self.white
         values, valid = np.empty(pixels.shape, np.float32), np.empty(pixels.shape, np.bool_)
         for plane in np.ndindex(pixels.shape[:-2]):
             for rows in strips(*pixels.shape[-2:]):

@@ -255,8 +255,11 @@ def _without_gains(samples: RawSamples, gains: Sequence[float]) -> RawSamples:
     """Samples less the gain of each photograph's analyzer."""
     if all(gain == 1 for gain in gains):
         return samples
-    of_channels = np.repeat(np.array(gains)[:, None], samples.sampling.n_channels, axis=1)
-    return replace(samples, values=samples.values / samples.sampling.laid_out(of_channels, samples.values.shape))
+    values, period = samples.values.copy(), samples.sampling.period
+    for photograph, _, row, column in samples.sampling.places:
+        if gains[photograph] != 1:
+            values[row::period, column::period] /= np.float32(gains[photograph])
+    return replace(samples, values=values)
 
 
 def _seen_by(rows: NDArray[np.float64], photographs: Images, analyzer: NDArray[np.float64]) -> Images:
