@@ -67,6 +67,10 @@ _OF_SCENE = ("refractive_index", "single_surface", "model", "thickness_px", "thi
 
 # Share by which the noise of a film may change before what was fitted to a frame is fitted anew: set by hand.
 _SAME_NOISE = 0.1
+# When the solve of a film's frame ends, unless a rule is given: where it starts from what is expected, the first slow
+# iteration is the last that shows. A frame that moves loses at most 0.1 dB of either layer by it and by windows that
+# take one turn (six films of training photographs, 45 to 70 degrees, noise 0.5 to 2 %).
+_FRAME_CHANGE, _FRAME_ITERATIONS = 1e-3, 1
 # How far the estimation has come, in parts of the whole separation, for the progress alone: set by hand.
 _INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
 
@@ -357,9 +361,19 @@ def separate_frame(
         if scene_errors is not None:
             case = replace(case, given_errors=scene_errors)
         solved = () if before is None or not _as_noisy(case, before.case) else before.solved
+        case = replace(case, settings=_settings_of_frame(settings) if solved else settings)
         judged = None if before is None else before.diagnostics
         result, memories = _solved(case, start, stages, before=solved, remember=True, judged=judged)
         return result, FrameMemory(case, memories, result.diagnostics)
+
+
+def _settings_of_frame(settings: Settings) -> Settings:
+    """Those of a frame that begins with what the one before has left: without a rule, its solve ends sooner."""
+    rule, default = settings.stopping, StoppingRule()
+    if (rule.relative_change, rule.slow_iterations) != (default.relative_change, default.slow_iterations):
+        return settings
+    sooner = replace(rule, relative_change=_FRAME_CHANGE, slow_iterations=_FRAME_ITERATIONS)
+    return replace(settings, stopping=sooner)
 
 
 def _next_case(capture: Capture, before: FrameMemory) -> Case:

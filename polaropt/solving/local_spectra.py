@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,10 @@ from numpy.typing import NDArray
 from polaropt.inversion import RESOLUTION, Canvas, ClosedForm, unknown_share
 from polaropt.numerics import Basis, column_multiplicity, squared_frequencies
 from priors.natural_image import in_basis
+from solvers.kernels import in_blocks
+
+if TYPE_CHECKING:
+    from polaropt.solving.kernels.windows import Photographed
 
 Images = NDArray[np.float32]
 Power = NDArray[np.float32]
@@ -35,8 +40,10 @@ _TURNS = 2
 # it: there the layers at hand are smoother than the scene.
 _OPEN = 0.25
 # Mean square by which a window differs from that of the frame before, in units of what noise may do, from which on it
-# shows something else, and the share of such windows up to which one turn does for them: set by hand.
+# shows something else, and the share of such windows up to which a frame is the same: set by hand.
 _CHANGED, _FEW = np.float32(3.0), 0.1
+# Root of two: the power of pixels seen through a window, whose mean square is a quarter, is that of the pixels.
+_SQUARED = np.float32(np.sqrt(2))
 # Power of a window's frequency that is divided by.
 _LEAST_POWER = 1e-12
 
@@ -90,7 +97,7 @@ class SeenSpectra:
     light: Images
 
     def changed(self, light: Images, variance: NDArray[np.float64], precision: Images) -> NDArray[np.bool_]:
-        """Windows (down, across, 1, 1) in which another frame shows something else.
+        """Windows (down, across) in which another frame shows something else.
 
         Parameters
         ----------
@@ -103,7 +110,7 @@ class SeenSpectra:
         """
         apart = np.square(light - self.light)
         sigmas = sum(of_layer / np.float32(2 * of_noise) for of_layer, of_noise in zip(apart, variance, strict=True))
-        return np.asarray(precision * self.windows.means(np.asarray(sigmas)) > len(apart) * _CHANGED)
+        return np.asarray(precision * self.windows.means(np.asarray(sigmas)) > len(apart) * _CHANGED)[..., 0, 0]
 
 
 def expected_layers(
@@ -130,7 +137,7 @@ def expected_layers(
         Those at hand that the first spectra are taken from. Default: the closed form's.
     before : SeenSpectra, optional
         Of the frame before, behind the same pane and of the same size: where this one shows the same, its spectra are
-        taken, and one turn does.
+        taken. One turn does then, in which other windows take their spectra from what they would expect first.
     remember : bool
         Whether the result tells what the next frame may begin with.
     """
@@ -138,20 +145,24 @@ def expected_layers(
     of_windows = windows.means(precision)
     layers, share = known.layers if layers is None else layers, np.empty(0, dtype=np.float32)
     light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
-    same, turns = None, _TURNS
-    if before is not None:
-        other = before.changed(light, known.variance[:, 0], of_windows)
-        same = [np.where(row, np.float32(0), power) for row, power in zip(other, before.power, strict=True)]
-        turns = 1 if other.mean() < _FEW else _TURNS
-    for turn in reversed(range(turns)):
-        step = windows.step(layers, misfit_gradient(layers), of_windows, same, remember=remember and turn == 0)
-        layers, share, same = layers.copy(), step.share, None
+    changed = None if before is None else before.changed(light, known.variance[:, 0], of_windows)
+    for turn in reversed(range(_TURNS if before is None else 1)):
+        step = windows.step(
+            layers,
+            misfit_gradient(layers),
+            of_windows,
+            None if before is None else before.power,
+            changed,
+            remember=remember and turn == 0,
+        )
+        layers, share = layers.copy(), step.share
         canvas.crop(layers)[...] += in_basis(known.basis.T.astype(np.float32), step.change, np)
     seen = SeenSpectra(windows, step.power, light) if remember else None
     own = in_basis(known.basis.astype(np.float32), layers, np)
     # At the canvas's own frequencies, as ghosts farther apart than a window leave some of them open.
     left = np.stack(_inverse(known.told[:, None], known.cross, _inverse_of(known.prior))[:2])
-    return Expectation(np.asarray(own, dtype=np.float32), left * windows.on_canvas(share), seen, turns < _TURNS)
+    still = changed is not None and bool(changed.mean() < _FEW)
+    return Expectation(np.asarray(own, dtype=np.float32), left * windows.on_canvas(share), seen, still)
 
 
 @dataclass(frozen=True)
@@ -184,9 +195,9 @@ class Windows:
 
     def __init__(self, known: ClosedForm, canvas: Canvas) -> None:
         self._canvas, self._basis, self._mean = canvas, known.basis.astype(np.float32), known.mean
-        side = np.sin(np.pi * (np.arange(_SIDE) + 0.5) / _SIDE).astype(np.float32)
         # The squares of all windows that a pixel lies in add up to one; within a window their mean is a quarter.
-        self._window = np.outer(side, side)
+        self._side = np.sin(np.pi * (np.arange(_SIDE) + 0.5) / _SIDE).astype(np.float32)
+        self._window = np.outer(self._side, self._side)
         rows, columns = np.fft.fftfreq(_SIDE), np.fft.rfftfreq(_SIDE)
         self._fast = (np.hypot(rows[:, None], columns) * _SIDE > _SLOWEST).astype(np.float32)
         # One axis more, for the windows of a row.
@@ -234,7 +245,8 @@ class Windows:
         layers: Images,
         gradient: Images,
         precision: Images,
-        same: Sequence[Power] | None = None,
+        before: Sequence[Power] | None = None,
+        changed: NDArray[np.bool_] | None = None,
         *,
         remember: bool = False,
     ) -> Step:
@@ -248,34 +260,64 @@ class Windows:
             Of the misfit there.
         precision : ndarray
             `means` of what a pixel's photographs tell.
-        same : sequence of ndarray, optional
-            Power of the layers in each row of windows where another frame shows the same, 0 where it does not. Default:
-            that of the layers at hand.
+        before : sequence of ndarray, optional
+            Power of another frame's layers in each row of windows. Default: that of the layers at hand.
+        changed : ndarray of bool, shape (windows down, windows across), optional
+            Windows in which the other frame shows something else: they take what they expect with the power at hand.
         remember : bool
             Whether the power after it is told.
         """
-        own = self._extended(layers) - self._mean
-        downhill = -self._extended(gradient)
-        change, left, n = np.zeros_like(own), np.zeros(self._open.shape, dtype=np.float64), 0
-        after: list[Power] = []
-        for i, told in enumerate(precision):
+        from polaropt.solving.kernels.windows import expect, likely_power, power_of
+
+        photographed = self._photographed()
+        own = self._extended(layers)
+        own -= self._mean.astype(np.float32)
+        downhill = self._extended(gradient)
+        np.negative(downhill, out=downhill)
+        change = np.zeros_like(own)
+        left = np.zeros((len(precision), *self._open.shape[:2], self._fast.size), dtype=np.float32)
+        after: list[Power] = [np.empty(0, dtype=np.float32)] * len(precision)
+
+        def turn(i: int) -> None:
             rows = np.s_[..., i * _STEP : i * _STEP + _SIDE, :]
-            here = self._spectra(own[rows])
-            at_hand = _power_of(here)
-            stiffness = _inverse_of(
-                (at_hand if same is None else np.where(same[i] > 0, same[i], at_hand)) + self._counted
-            )
-            t, r = self._spectra(downhill[rows]) - stiffness * here
-            of_t, of_r, of_both = _inverse(told * self._told, told * self._cross, stiffness)
-            moved = self._fast * np.stack([of_t * t + of_both * r, of_r * r + of_both.conj() * t])
-            self._add(moved, change[rows])
+            here, moved = self._spectra(own[rows]), self._spectra(downhill[rows])
+            told = (_parts(here), _parts(moved), precision[i].ravel(), photographed)
+            if before is None or changed is None:
+                power = np.empty(here.shape, dtype=np.float32)
+                power_of(told[0], _flat(power))
+            else:
+                power = before[i].copy()
+                likely_power(*told, changed[i], _flat(power))
+            expect(*told, _flat(power), left[i])
             if remember:
-                after.append(_power_of(here + moved))
-            left += np.stack([of_t, of_r]).sum(axis=2, dtype=np.float64, keepdims=True)
-            n += of_t.shape[1]
-        share = np.where(self._fast > 0, left / n / self._open, 1.0)[:, :, 0]
+                after[i] = power
+            self._add(moved, change[rows])
+
+        def every_second(first: int, place: int, _: int) -> None:
+            turn(2 * place + first)
+
+        # Every second row of windows by itself: they share no pixel.
+        for first in (0, 1):
+            in_blocks(partial(every_second, first), (len(precision) - first + 1) // 2, 1)
+        n = precision.size
+        mean = (left.sum(axis=0, dtype=np.float64) / n).reshape(self._open[:, :, 0].shape)
+        share = np.where(self._fast > 0, mean / self._open[:, :, 0], 1.0)
         inside = np.s_[..., _STEP : _STEP + self._canvas.height, _STEP : _STEP + self._canvas.width]
-        return Step(change[inside], share.astype(np.float32), tuple(after))
+        return Step(change[inside], share.astype(np.float32), tuple(after) if remember else ())
+
+    def _photographed(self) -> Photographed:
+        """The same for the kernels."""
+        from polaropt.solving.kernels.windows import Photographed
+
+        fast = self._fast.ravel()
+        return Photographed(
+            self._told.reshape(2, fast.size),
+            _parts(self._cross),
+            _flat(np.asarray(self._counted, dtype=np.float32))[:, :, 0],
+            fast,
+            np.float32(_LEAST_POWER),
+            np.float32(RESOLUTION),
+        )
 
     def _extended(self, images: Images) -> Images:
         """Canvas images in the colour basis within the frame, mirrored around it so far that windows fill it."""
@@ -287,16 +329,20 @@ class Windows:
         """Of a row of windows: (2, channel, 32, width) to (2, channel, window, 32, 17)."""
         from scipy.fft import rfft2
 
-        pieces = np.lib.stride_tricks.sliding_window_view(rows, _SIDE, axis=-1)[..., ::_STEP, :]
-        return np.asarray(rfft2(np.moveaxis(pieces, -3, -2) * (2 * self._window), norm="ortho"))
+        from polaropt.solving.kernels.windows import cut
+
+        pieces = np.empty((*rows.shape[:2], rows.shape[-1] // _STEP - 1, _SIDE, _SIDE), dtype=np.float32)
+        cut(rows, _SQUARED * self._side, _STEP, pieces)
+        return np.asarray(rfft2(pieces, norm="ortho", overwrite_x=True))
 
     def _add(self, spectra: Spectrum, rows: Images) -> None:
         """Add a row of windows' change to (2, channel, 32, width)."""
         from scipy.fft import irfft2
 
-        pieces = irfft2(spectra, s=(_SIDE, _SIDE), norm="ortho") * (self._window / 2)
-        for i in range(pieces.shape[2]):
-            rows[..., i * _STEP : i * _STEP + _SIDE] += pieces[:, :, i]
+        from polaropt.solving.kernels.windows import put
+
+        pieces = irfft2(spectra, s=(_SIDE, _SIDE), norm="ortho", overwrite_x=True)
+        put(pieces, self._side / _SQUARED, _STEP, rows)
 
     def on_canvas(self, share: Power) -> Power:
         """A share at the frequencies of a window (..., 32, 17) at those of the canvas."""
@@ -314,8 +360,15 @@ def _inverse(told: Power, cross: Spectrum, stiffness: Power) -> tuple[Power, Pow
     return of_r / determinant, of_t / determinant, -cross / determinant
 
 
-def _power_of(spectra: Spectrum) -> Power:
-    return np.asarray(np.square(spectra.real) + np.square(spectra.imag), dtype=np.float32)
+def _flat(power: Power) -> Power:
+    """Power (..., 32, 17) as (..., frequency)."""
+    return power.reshape(*power.shape[:-2], power.shape[-2] * power.shape[-1])
+
+
+def _parts(spectra: Spectrum) -> Images:
+    """Real and imaginary parts (..., frequency, 2) of spectra (..., 32, 17), which share their memory."""
+    assert spectra.flags.c_contiguous  # of a copy, what is written would be lost
+    return spectra.view(np.float32).reshape(*spectra.shape[:-2], spectra.shape[-2] * spectra.shape[-1], 2)
 
 
 def _inverse_of(power: NDArray[Any]) -> Power:

@@ -195,7 +195,7 @@ class Problem:
             self.expected = around
 
     def _misfit_of(self, layers: Images) -> float:
-        return self._compiled_misfit().value_and_grad(layers, np.empty_like(layers))
+        return self._misfit.value_and_grad(layers, np.empty_like(layers))
 
     @cached_property
     def penalties(self) -> Penalties:
@@ -244,7 +244,7 @@ class Problem:
         return plain and near and self._weights.factor("misfit") > 0
 
     def _expected_layers(self, layers: Images | None = None) -> Expectation:
-        misfit = self._compiled_misfit()
+        misfit = self._misfit
 
         def gradient(layers: Images) -> Images:
             slope = np.empty_like(layers)
@@ -295,9 +295,11 @@ class Problem:
         """The objective in compiled passes, in coordinates made for `start` (2, channel, H, W)."""
         from polaropt.solving.compiled import FusedObjective
 
-        return FusedObjective(self._compiled_misfit(), self.penalties, self._weights, self.known, self.canvas, start)
+        return FusedObjective(self._misfit, self.penalties, self._weights, self.known, self.canvas, start)
 
-    def _compiled_misfit(self) -> MisfitInPlace:
+    @cached_property
+    def _misfit(self) -> MisfitInPlace:
+        """The misfit in compiled passes."""
         from polaropt.solving.compiled import FusedGhostMisfit, FusedMisfit, FusedVaryingMisfit, ReadableMisfit
 
         if self._robust:
