@@ -264,6 +264,16 @@ def _check_versions(client: Any, name: str) -> None:
             raise InputError(f"{name}: its worker {worker} {what}; install polaropt {polaropt.__version__} there")
 
 
+# How often processes look at their own loop, memory and load: set by hand. What grows by a GB a second is still seen in
+# time.
+_LOOKED_AFTER = {
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.worker.memory.monitor-interval": "500ms",
+    "distributed.admin.system-monitor.interval": "2s",
+    "distributed.admin.system-monitor.disk": False,
+}
+
+
 @contextmanager
 def local_cluster(workers: int, threads: int, memory: int | None, *, dashboard: bool = False) -> Iterator[Any]:
     """A client of processes of this machine, each at one job at a time, with so many threads and bytes of memory."""
@@ -278,9 +288,12 @@ def local_cluster(workers: int, threads: int, memory: int | None, *, dashboard: 
     # On a busy machine the process that replaces a dead one may take longer to begin than the usual 15 s, after which
     # it would be given up for good, and with the last one all that is left.
     settings["distributed.deploy.lost-worker-timeout"] = _REPLACED_WITHIN
+    # Looking after themselves twenty times to a hundred times a second, idle processes took a tenth of a core.
+    settings |= _LOOKED_AFTER
     if not dashboard:
-        # Each has a server of pages, whether or not there is a dashboard.
+        # Each has a server of pages, whether or not there is a dashboard, and an eye on what its thread does.
         settings |= {f"distributed.{who}.http.routes": [] for who in ("scheduler", "worker", "nanny")}
+        settings["distributed.worker.profile.enabled"] = False
     with (
         dask.config.set(settings),
         LocalCluster(
