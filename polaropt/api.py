@@ -295,6 +295,7 @@ def separate_sequence(
     pane: Literal["follow", "still"] = "follow",
     first: int = FIRST,
     every: int = EVERY,
+    ahead: bool = True,
     **options: Any,
 ) -> Iterator[Separation]:
     """Separate frames one after another, as they come.
@@ -306,7 +307,8 @@ def separate_sequence(
     Parameters
     ----------
     captures : iterable of Capture
-        Such as frames that a camera gives; no more of them is taken than `first` before the first result comes.
+        Such as frames that a camera gives; no more of them is taken than `first`, and one ahead, before the first
+        result comes.
     scene : SceneParameters, optional
         As of `separate`. A complete one is not looked for, nor followed.
     pane : {"follow", "still"}
@@ -315,6 +317,9 @@ def separate_sequence(
         Frames that the pane is found from.
     every : int
         Frames after which one that is followed is looked at again.
+    ahead : bool
+        Whether another thread takes the next capture while one is separated, so that it is read meanwhile. The time of
+        a separation's stages then holds some of that.
     **options
         As of `separate`.
 
@@ -341,7 +346,8 @@ def separate_sequence(
     ((96, 96, 3), 2)
     """
     taken: deque[Capture] = deque()
-    found = sequence.separate_sequence(_noted(captures, taken), scene, pane=pane, first=first, every=every, **options)
+    noted = _noted(captures, taken)
+    found = sequence.separate_sequence(noted, scene, pane=pane, first=first, every=every, ahead=ahead, **options)
     yield from _shown(found, taken)
 
 

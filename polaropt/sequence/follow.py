@@ -15,6 +15,7 @@ from polaropt.capture import Capture
 from polaropt.errors import InputError
 from polaropt.optics import SceneErrors, SceneParameters
 from polaropt.separation import FrameMemory, Separation, estimate, scene_options, separate, separate_frame
+from polaropt.sequence.ahead import read_ahead
 
 FIRST = 5
 """Frames that the pane is found from; set by hand."""
@@ -42,6 +43,7 @@ def separate_sequence(
     pane: Literal["follow", "still"] = "follow",
     first: int = FIRST,
     every: int = EVERY,
+    ahead: bool = True,
     **options: Any,
 ) -> Iterator[Separation]:
     """`polaropt.separate_sequence`, which adds what shows the results."""
@@ -49,7 +51,7 @@ def separate_sequence(
         raise InputError(f"unknown pane {pane!r}; there are: follow, still")
     if first < 1 or every < 1:
         raise InputError(f"first is {first} and every {every}; give 1 or more")
-    frames = iter(captures)
+    frames = read_ahead(captures) if ahead else iter(captures)
     known: _Pane | None = None
     if scene is not None and scene.complete and options.get("thickness_px") is None:
         known = _Pane(SharedScene(scene, SceneErrors(), 0, ()), scene, options, math.inf)

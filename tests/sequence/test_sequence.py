@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import tifffile
 from polaropt import Capture, FrameReader, InputError, SceneParameters, separate, separate_sequence, simulate
 from polaropt.capture.files.headless import PIXEL_FORMATS
 from polaropt.cli.app import main
+from polaropt.sequence.ahead import read_ahead
 from polaropt.sequence.averaging import averaged
 from polaropt.sequence.follow import flicker
 from polaropt.sequence.frames import open_frames
@@ -81,6 +83,56 @@ def test_a_frame_is_as_good_as_separated_alone(shift: int) -> None:
         assert change[0] < 2 * raw_change
 
 
+def test_the_next_item_is_taken_while_one_is_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polaropt.sequence.ahead.thread_count", lambda: 2)
+    taken = []
+    two = threading.Event()
+
+    def items() -> Iterator[int]:
+        for i in range(4):
+            taken.append(threading.get_ident())
+            if i == 1:
+                two.set()
+            if i == 3:
+                raise InputError("no frame 3")
+            yield i
+
+    ahead = read_ahead(items())
+    assert next(ahead) == 0
+    # Of another thread, and no third one before the second is asked for.
+    assert two.wait(20)
+    assert len(taken) == 2
+    assert threading.get_ident() not in taken
+    assert [next(ahead), next(ahead)] == [1, 2]
+    with pytest.raises(InputError, match="no frame 3"):
+        next(ahead)
+
+
+def test_who_leaves_waits_for_no_item(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polaropt.sequence.ahead.thread_count", lambda: 2)
+    last = threading.Event()
+
+    def items() -> Iterator[int]:
+        yield 0
+        last.wait(20)
+
+    ahead = read_ahead(items())
+    assert next(ahead) == 0
+    ahead.close()
+    last.set()
+
+
+def test_frames_that_are_read_ahead_give_the_same_layers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polaropt.sequence.ahead.thread_count", lambda: 2)
+    raws, _ = raw_film(8)
+    layers = []
+    for ahead in (True, False):
+        reader = FrameReader(resolution="cell", sensor="mono")
+        captures = (reader.read(raw) for raw in raws)
+        layers.append([result.layers for result in separate_sequence(captures, PANE, ahead=ahead)])
+    np.testing.assert_array_equal(*layers)
+
+
 def test_results_come_as_frames_do() -> None:
     taken = []
 
@@ -89,7 +141,7 @@ def test_results_come_as_frames_do() -> None:
             taken.append(i)
             yield capture
 
-    results = separate_sequence(live(), PANE)
+    results = separate_sequence(live(), PANE, ahead=False)
     next(results)
     assert taken == [0]
     next(results)
