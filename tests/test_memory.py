@@ -11,12 +11,17 @@ import numpy as np
 import pytest
 
 from polaropt.capture import Capture, polarization, read_capture, stokes_images, write_capture
+from polaropt.capture import capture as capture_module
 from polaropt.capture.alignment import _aligned, _shifted_back, _turned_back
 from polaropt.capture.registration import Motions
-from polaropt.numerics import blocks, fill_gaps
+from polaropt.numerics import BitMask, blocks, fill_gaps
 from polaropt.optics import SceneParameters
+from polaropt.progress import Stages
 from polaropt.reporting.pictures import reduced_intensity
+from polaropt.separation import separate
 from polaropt.simulation import simulate
+from polaropt.solving import solution
+from solvers.base import StoppingRule
 
 PANE = SceneParameters(60.0, 20.0, 6.3)
 SIZE = (640, 800)
@@ -39,6 +44,7 @@ def narrow(monkeypatch: pytest.MonkeyPatch) -> None:
     """Strips as small against these photographs as usual ones are against 24 megapixels."""
     monkeypatch.setattr(blocks, "_STRIP_VALUES", 2**17)
     monkeypatch.setattr(polarization, "_LARGE", 2**17)
+    monkeypatch.setattr(capture_module, "_LARGE", 2**17)
 
 
 @contextmanager
@@ -130,7 +136,49 @@ def test_moving_photographs_back_in_place_takes_a_few_planes(capture: Capture, n
     apart = capture.replace(intensities=capture.intensities.copy(), valid=capture.valid.copy())
     with peak() as taken:
         aligned = _aligned(apart, motions, put_back, overwrite=True, tell=no_progress)
-        assert taken() < 7 * apart.intensities[0, 0].nbytes
+        assert taken() < 6.5 * apart.intensities[0, 0].nbytes
     assert np.shares_memory(aligned.intensities, apart.intensities)
     np.testing.assert_array_equal(aligned.intensities, expected.intensities)
     np.testing.assert_array_equal(aligned.valid, expected.valid)
+
+
+def test_the_mask_of_large_photographs_is_kept_in_bits(capture: Capture, narrow: None) -> None:
+    clipped = np.random.default_rng(2).uniform(size=capture.intensities.shape) > 0.2
+    large = capture.replace(valid=clipped)
+    assert isinstance(large.mask, BitMask)
+    np.testing.assert_array_equal(large.valid, clipped)
+    assert large.n_valid == clipped.sum()
+    part = large.part(slice(3, 99), slice(5, 77))
+    np.testing.assert_array_equal(part.valid, clipped[..., 3:99, 5:77])
+    assert isinstance(large.with_origin(focal_px=1000.0).mask, BitMask)
+    assert isinstance(large.part(slice(0, 32), slice(0, 32)).mask, np.ndarray)
+
+
+def test_tiles_leave_little_but_their_layers(capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiles = solution.tiles
+    monkeypatch.setattr(solution, "tiles", lambda height, width: tiles(height, width, 160))
+    settings = solution.Settings(stopping=StoppingRule(max_evaluations=1))
+
+    def most(height: int, width: int) -> tuple[float, solution.Solution]:
+        frame = Capture.of_planes(capture.intensities[:, 0, :height, :width])
+        with peak() as taken:
+            solved = solution.solve(frame.part(slice(height), slice(width)), PANE, 0.005, settings, Stages())
+            return taken(), solved
+
+    most(64, 64)
+    (of_one, _), (of_many, solved) = most(160, 160), most(352, 448)
+    assert len(solved.pieces) == 12
+    # Spectra are told at some thousand frequencies of each tile, which are much beside tiles as small as these.
+    spectra = sum(piece.known.prior.nbytes for piece in solved.pieces)
+    of_tile = 160 * 160 * len(capture.angles_deg) * (4 + 1)
+    assert of_many < 1.1 * (of_one + of_tile + solved.layers.nbytes + spectra)
+
+
+def test_a_large_frame_is_solved_in_smaller_tiles(layers: list[np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+    made, tiles = [], solution.tiles
+    monkeypatch.setattr(solution, "tiles", lambda *given: made.append(tiles(*given)) or made[-1])
+    monkeypatch.setattr(solution, "_MUCH", 2 * 3 * 64 * 520 - 1)
+    for width in (519, 520):
+        capture = simulate(*(layer[:64, :width] for layer in layers), PANE)
+        separate(capture, PANE, stopping=StoppingRule(max_evaluations=1))
+    assert [len(parts) for parts in made] == [1, 2]

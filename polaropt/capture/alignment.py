@@ -22,11 +22,12 @@ from polaropt.capture.registration import (
     moved_back,
 )
 from polaropt.errors import InputError
+from polaropt.numerics import BitMask
 from polaropt.progress import Progress
 
 Mask = NDArray[np.bool_]
-Moved = Callable[[FloatImages, FloatImages, int], tuple[FloatImages, FloatImages]]
-"""Puts a plane of photograph k and the shares of its valid pixels back."""
+Moved = Callable[[FloatImages, Mask, int], tuple[FloatImages, Mask]]
+"""Puts a plane of photograph k and its valid pixels back; what touches invalid pixels is not valid."""
 # Fractions of the progress; set by hand.
 _SHIFTS_MEASURED, _TURNS_MEASURED = 0.15, 0.4
 
@@ -114,18 +115,19 @@ def _aligned(
     """The frame that all photographs show, those that moved put back."""
     frame = _common_frame(motions, capture.shape[-2:])
     shape = (*capture.intensities.shape[:-2], *(lines.stop - lines.start for lines in frame))
-    images, valid = (_room(array, shape, overwrite) for array in (capture.intensities, capture.valid))
-    for k, (photograph, trusted) in enumerate(zip(capture.intensities, capture.valid, strict=True)):
+    images = _room(capture.intensities, shape, overwrite)
+    valid = BitMask(np.empty((*shape[:-1], -(-shape[-1] // 8)), np.uint8), shape[-1])
+    for k, photograph in enumerate(capture.intensities):
         moved = motions.offsets[k].any() or (motions.matrices[k] != np.eye(2)).any()
         # Overshoot at clipped pixels and at dark edges; what noise has left below black stays there.
         bounds = min(0.9 * MOST_NEGATIVE, float(photograph.min())), max(1.0, float(photograph.max()))
         for plane in np.ndindex(photograph.shape[:-2]):
-            image, kept = photograph[plane], trusted[plane]
+            image, kept = photograph[plane], capture.mask[k, *plane]
             if moved:
-                image, share = moved_back(image, kept.astype(np.float32), k)
-                # What touches invalid pixels is not valid.
-                image, kept = np.clip(image, *bounds, out=image), share > WHOLE
-            images[k, *plane], valid[k, *plane] = image[frame], kept[frame]
+                image, kept = moved_back(image, kept, k)
+                np.clip(image, *bounds, out=image)
+            images[k, *plane] = image[frame]
+            valid.bits[k, *plane] = np.packbits(kept[frame], axis=-1)
         tell(_TURNS_MEASURED + (1 - _TURNS_MEASURED) * (k + 1) / len(capture.intensities))
     return Capture.of_planes(images, capture.angles_deg, valid, capture.origin)
 
@@ -159,17 +161,20 @@ def _common_frame(motions: Motions, shape: tuple[int, ...]) -> tuple[slice, slic
 def _shifted_back(motions: Motions) -> Moved:
     from scipy.ndimage import shift
 
-    def moved(plane: FloatImages, valid: FloatImages, k: int) -> tuple[FloatImages, FloatImages]:
+    def moved(plane: FloatImages, valid: Mask, k: int) -> tuple[FloatImages, Mask]:
         back = -motions.offsets[k]
-        return _fourier_moved(plane, back), shift(valid, back, order=1, mode="nearest")
+        # First, so that one plane's shares are gone when the other is moved.
+        whole = shift(valid.astype(np.float32), back, order=1, mode="nearest") > WHOLE
+        return _fourier_moved(plane, back), whole
 
     return moved
 
 
 def _turned_back(motions: Motions) -> Moved:
-    def moved(plane: FloatImages, valid: FloatImages, k: int) -> tuple[FloatImages, FloatImages]:
+    def moved(plane: FloatImages, valid: Mask, k: int) -> tuple[FloatImages, Mask]:
         part = motions.matrices[k], motions.offsets[k]
-        return finely_moved_back(plane, *part), moved_back(valid, *part, order=1)
+        whole = moved_back(valid.astype(np.float32), *part, order=1) > WHOLE
+        return finely_moved_back(plane, *part), whole
 
     return moved
 

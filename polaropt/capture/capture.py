@@ -18,7 +18,10 @@ from polaropt.capture.files.jpeg import JpegFacts
 from polaropt.capture.pair_gain import redundancy_residual
 from polaropt.errors import InputError
 from polaropt.numerics import (
+    AnyMask,
+    BitMask,
     block_mean,
+    count_true,
     quantization_step,
     quietest_combination,
     robust_spread,
@@ -46,6 +49,8 @@ def planes_last(image: FloatImages) -> FloatImages:
 
 FloatImages = NDArray[np.float32]
 
+_LARGE = 2**24
+"""Values of photographs from which on their mask is kept in bits: 4 in colour of 1.4 megapixels; set by hand."""
 SMALLEST_SIDE = 16
 """Least height and width of a capture in pixels; set by hand."""
 MOST_NEGATIVE = -0.01
@@ -298,7 +303,10 @@ class Capture:
         The photographs as planes: unlike those that the constructor takes their channels come first, as they do in
         `shape`, `stokes`, `PSE.forward` and `Separation.layers`.
     angles_deg : tuple of float
+    mask : ndarray of bool or BitMask, shape (k, [channel,] h, w)
+        Pixels that can be trusted, of large photographs in one bit each: what looks at parts takes them from here.
     valid : ndarray of bool, shape (k, [channel,] h, w)
+        The same as an array, which is made of the bits each time that it is asked for.
     origin : Origin or None
         Where it was read from; None for a capture made in memory.
     samples : RawSamples or None
@@ -332,7 +340,7 @@ class Capture:
     # `dataclasses.replace` would give planes to a constructor that takes colours last: it is refused.
     intensities: FloatImages = field(init=False)
     angles_deg: tuple[float, ...] = field(init=False)
-    valid: NDArray[np.bool_] = field(init=False)
+    mask: AnyMask = field(init=False)
     origin: Origin | None = field(init=False)
     samples: RawSamples | None = field(init=False)
     cells: RegisteredCells | None = field(init=False)
@@ -358,7 +366,7 @@ class Capture:
         cls,
         intensities: ArrayLike,
         angles_deg: Sequence[float] = ANGLES_DEG,
-        valid: ArrayLike | None = None,
+        valid: ArrayLike | BitMask | None = None,
         origin: Origin | None = None,
         samples: RawSamples | None = None,
         cells: RegisteredCells | None = None,
@@ -369,13 +377,13 @@ class Capture:
         ----------
         intensities : array_like, shape (k, h, w) or (k, channel, h, w)
         angles_deg : sequence of k floats
-        valid : array_like of bool, same shape, optional
+        valid : array_like of bool or BitMask, same shape, optional
         origin : Origin, optional
         samples : RawSamples, optional
         cells : RegisteredCells, optional
         """
         capture = cls.__new__(cls)
-        trusted = None if valid is None else np.asarray(valid, dtype=bool)
+        trusted = valid if valid is None or isinstance(valid, BitMask) else np.asarray(valid, dtype=bool)
         capture._take(_photographs(intensities), angles_deg, trusted, origin, samples, cells)
         return capture
 
@@ -383,33 +391,33 @@ class Capture:
         self,
         planes: NDArray[Any],
         angles_deg: Sequence[float],
-        valid: NDArray[np.bool_] | None,
+        valid: AnyMask | None,
         origin: Origin | None,
         samples: RawSamples | None = None,
         cells: RegisteredCells | None = None,
     ) -> None:
         """Keep photographs (k, [channel,] h, w) that pass all checks."""
         intensities = np.ascontiguousarray(planes, dtype=np.float32)
-        trusted = intensities < 1 if valid is None else np.ascontiguousarray(valid)
+        trusted = _below_white(intensities) if valid is None else valid
         self._keep(intensities, _angles(angles_deg), trusted, origin, samples, cells)
-        _check_values(intensities, trusted)
+        _check_values(intensities, self.mask)
         # What is interpolated between samples has no noise of its own: their cells are checked instead.
         if samples is None and cells is None:
-            _check_black_level(intensities, trusted, self.angles_deg)
+            _check_black_level(intensities, self.mask, self.angles_deg)
 
     def _keep(
         self,
         intensities: FloatImages,
         angles_deg: tuple[float, ...],
-        valid: NDArray[np.bool_],
+        mask: AnyMask,
         origin: Origin | None,
         samples: RawSamples | None,
         cells: RegisteredCells | None,
     ) -> None:
         """Keep planes of the right shape, whatever their values."""
         _check_angles(angles_deg)
-        _check_shape(intensities, angles_deg, valid)
-        kept = {"intensities": intensities, "angles_deg": angles_deg, "valid": valid, "origin": origin}
+        _check_shape(intensities, angles_deg, mask)
+        kept = {"intensities": intensities, "angles_deg": angles_deg, "mask": _kept(mask), "origin": origin}
         kept |= {"samples": samples, "cells": cells}
         for name, value in kept.items():
             object.__setattr__(self, name, value)
@@ -433,7 +441,7 @@ class Capture:
         return self._with(
             intensities=self.intensities if intensities is None else intensities,
             angles_deg=self.angles_deg if angles_deg is None else _angles(angles_deg),
-            valid=self.valid if valid is None else valid,
+            mask=self.mask if valid is None else valid,
             origin=self.origin if origin is None else origin,
             cells=cells,
         )
@@ -446,7 +454,6 @@ class Capture:
         """The same capture but for some attributes, whose values are not checked."""
         kept = {attribute.name: getattr(self, attribute.name) for attribute in fields(self)} | changes
         kept["intensities"] = np.ascontiguousarray(kept["intensities"], dtype=np.float32)
-        kept["valid"] = np.ascontiguousarray(kept["valid"])
         other = object.__new__(type(self))
         other._keep(**kept)
         return other
@@ -459,6 +466,16 @@ class Capture:
         if changes.get("focal_px") is not None:
             changes["focal_px"] /= self.cells.scale
         return other._with(cells=self.cells.changed(methodcaller("with_origin", **changes)))
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Pixels that can be trusted, (k, [channel,] h, w)."""
+        return np.asarray(self.mask)
+
+    @property
+    def n_valid(self) -> int:
+        """Number of values that can be trusted."""
+        return count_true(self.mask)
 
     @property
     def registered(self) -> Capture:
@@ -525,17 +542,31 @@ class Capture:
         """A part of the frame, which need not be a capture that makes sense by itself (all clipped, all black)."""
         part = (..., rows, columns)
         samples = None if self.samples is None else self.samples.part(rows, columns)
-        return self._with(intensities=self.intensities[part], valid=self.valid[part], samples=samples, cells=None)
+        return self._with(intensities=self.intensities[part], mask=self.mask[part], samples=samples, cells=None)
 
     def in_blocks(self, block: int) -> Capture:
         """Means over blocks of so many pixels a side, of the photographs alone; like a part it is not checked."""
         height, width = (side // block * block for side in self.shape[-2:])
         inside = (..., slice(height), slice(width))
         means = block_mean(self.intensities[inside], block)
-        return self._with(intensities=means, valid=whole_blocks(self.valid[inside], block), samples=None, cells=None)
+        return self._with(intensities=means, mask=whole_blocks(self.valid[inside], block), samples=None, cells=None)
 
     def __repr__(self) -> str:
         return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"
+
+
+def _below_white(intensities: FloatImages) -> AnyMask:
+    """Pixels that did not clip."""
+    if intensities.size <= _LARGE:
+        return intensities < 1
+    return BitMask.made(intensities.shape, lambda part: intensities[part] < 1)
+
+
+def _kept(mask: AnyMask) -> AnyMask:
+    """A mask as a capture keeps it."""
+    if mask.size <= _LARGE:
+        return np.ascontiguousarray(mask)
+    return mask if isinstance(mask, BitMask) else BitMask.of(mask)
 
 
 def _photographs(intensities: ArrayLike) -> NDArray[Any]:
@@ -589,7 +620,7 @@ def _check_angles(angles_deg: tuple[float, ...]) -> None:
         )
 
 
-def _check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid: NDArray[np.bool_]) -> None:
+def _check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid: AnyMask) -> None:
     if intensities.ndim not in (3, 4):
         expected = "(angle, height, width) or (angle, height, width, 3)"
         raise InputError(f"photographs have shape {intensities.shape}; expected {expected}")
@@ -603,27 +634,36 @@ def _check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid:
         raise InputError(f"images are {width}x{height} px; at least {SMALLEST_SIDE}x{SMALLEST_SIDE} px are needed")
 
 
-def _check_values(intensities: FloatImages, valid: NDArray[np.bool_]) -> None:
+def _trusted_range(intensities: FloatImages, valid: AnyMask) -> tuple[float, float]:
+    """Least and largest value that can be trusted, photograph by photograph; infinite where there is none."""
+    lowest, highest = math.inf, -math.inf
+    for photograph, trusted in zip(intensities, valid, strict=True):
+        lowest = min(lowest, float(photograph.min(where=trusted, initial=np.inf)))
+        highest = max(highest, float(photograph.max(where=trusted, initial=-np.inf)))
+    return lowest, highest
+
+
+def _check_values(intensities: FloatImages, valid: AnyMask) -> None:
     if not all(np.isfinite(intensities[plane]).all() for plane in np.ndindex(intensities.shape[:-2])):
         raise InputError("photographs hold NaN or infinite values; replace them, or mask them in finite images")
-    if not valid.any():
+    lowest, highest = _trusted_range(intensities, valid)
+    if lowest > highest:
         raise InputError("every pixel is saturated; take the photographs again with a shorter exposure")
-    lowest = float(intensities.min(where=valid, initial=np.inf))
-    highest = float(intensities.max(where=valid, initial=-np.inf))
     if highest <= 0:
         raise InputError("the capture is all black; check the exposure and the black level")
     if highest == lowest:
         raise InputError(f"the capture is constant ({highest:g} everywhere); it holds no scene")
 
 
-def _check_black_level(intensities: FloatImages, valid: NDArray[np.bool_], angles_deg: tuple[float, ...]) -> None:
+def _check_black_level(intensities: FloatImages, valid: AnyMask, angles_deg: tuple[float, ...]) -> None:
     """InputError where values lie further below black than their noise reaches, single ones or means of blocks.
 
     Light is not negative: what noise leaves below black comes nearer to it where it is averaged, a black level that is
     too high does not. A percentile instead of the least value would hide it where little is dark.
     """
-    if float(intensities.min(where=valid, initial=np.inf)) >= MOST_NEGATIVE:
+    if _trusted_range(intensities, valid)[0] >= MOST_NEGATIVE:
         return
+    valid = np.asarray(valid)
     _check_above_noise(intensities, valid, angles_deg, "values")
     means = block_mean(intensities, _AVERAGED)
     if means[0].size >= _FEWEST_BLOCKS:

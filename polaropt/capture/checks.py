@@ -26,7 +26,7 @@ from polaropt.capture.registration import (
     measure_shifts,
     products,
 )
-from polaropt.numerics import MAD_TO_SIGMA, block_mean, middle_part
+from polaropt.numerics import MAD_TO_SIGMA, AnyMask, block_mean, middle_part
 
 # All of these by trial.
 _FEWEST_BLOCKS, _ENOUGH_BLOCKS = 50, 3000
@@ -87,10 +87,10 @@ class GammaFit:
 
 def checked_blocks(capture: Capture) -> Floats:
     """Means (k, n) of 8x8 blocks that are valid throughout, evenly chosen where there are many."""
-    return blocks_of(capture.intensities, capture.valid)
+    return blocks_of(capture.intensities, capture.mask)
 
 
-def blocks_of(intensities: Images, valid: Mask) -> Floats:
+def blocks_of(intensities: Images, valid: AnyMask) -> Floats:
     """The same of photographs (k, [channel,] h, w)."""
     blocks = trusted_blocks(intensities, valid)
     return blocks[:, :: max(1, blocks.shape[1] // _ENOUGH_BLOCKS)]
@@ -242,7 +242,7 @@ def visible_shift(capture: Capture, least_px: float = _VISIBLE_PX) -> float:
         return 0.0
     block = 2 if min(capture.shape[-2:]) >= 1.5 * _LOOKED_AT_PX else 1
     rows, columns = middle_part(capture.shape, block * _LOOKED_AT_PX)
-    images, valid = capture.intensities[..., rows, columns], capture.valid[..., rows, columns]
+    images, valid = capture.intensities[..., rows, columns], capture.mask[..., rows, columns]
     if capture.color:
         channel = capture.shape[0] // 2
         images, valid = images[:, channel], valid[:, channel]
@@ -356,7 +356,7 @@ def identity_ratio(capture: Capture) -> float:
     if len(capture.angles_deg) < 4:
         return 1.0
     step = max(1, capture.intensities[0].size // _ENOUGH_SAMPLES)
-    valid = capture.valid.reshape(len(capture.angles_deg), -1)[:, ::step].all(axis=0)
+    valid = np.asarray(capture.mask.all(axis=0)).reshape(-1)[::step]
     samples = capture.intensities.reshape(len(capture.angles_deg), -1)[:, ::step][:, valid]
     if samples.shape[1] < 2:
         return 1.0

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from polaropt.capture.capture import Capture, RawSamples, RegisteredCells
 from polaropt.capture.pair_gain import (
     BLOCK,
+    Change,
     divide_out_gain,
     orthogonal_pairs,
     pair_gain_of,
@@ -19,7 +22,14 @@ from polaropt.capture.pair_gain import (
     redundancy_residual,
     trusted_blocks,
 )
-from polaropt.numerics import block_mean, quantization_step, quietest_combination, robust_spread, second_differences
+from polaropt.numerics import (
+    AnyMask,
+    block_mean,
+    quantization_step,
+    quietest_combination,
+    robust_spread,
+    second_differences,
+)
 
 _LEAST = 1e-6
 """Noise of photographs without any (white = 1): weights go with its inverse square."""
@@ -158,7 +168,7 @@ def _flattest(means: NDArray[np.float32], trusted: NDArray[np.bool_]) -> NDArray
 def redundancy(capture: Capture) -> Redundancy:
     """Residuals of more than three photographs with their intensities; of a large capture, bands of rows."""
     rows = _sampled_rows(capture.intensities[0].size, capture.shape[-2])
-    intensities, valid = capture.intensities[..., rows, :], capture.valid[..., rows, :]
+    intensities, valid = capture.intensities[..., rows, :], capture.mask[..., rows, slice(None)]
     trusted = _trusted(intensities, valid)
     intensities = _without_gain(intensities, capture.angles_deg, valid)
     residual = redundancy_residual(intensities, capture.angles_deg)
@@ -179,19 +189,26 @@ def noise_of_blocks(capture: Capture, noise: float) -> float:
     """
     if len(capture.angles_deg) == 3 or noise >= ROUNDED * quantization_step(capture.intensities):
         return noise
-    intensities = _without_gain(capture.intensities, capture.angles_deg, capture.valid)
-    residual = redundancy_residual(trusted_blocks(intensities, capture.valid), capture.angles_deg)
+    without_gain = _gain_remover(capture.intensities, capture.angles_deg, capture.mask)
+    blocks = trusted_blocks(capture.intensities, capture.mask, change=without_gain)
+    residual = redundancy_residual(blocks, capture.angles_deg)
     return max(noise, BLOCK * float(residual.std())) if residual.size else noise
 
 
 def _without_gain(
     intensities: NDArray[np.float32], angles_deg: Sequence[float], valid: NDArray[np.bool_]
-) -> NDArray[np.float32]:
+) -> NDArray[np.floating[Any]]:
     """Photographs after a plausible pair gain is divided out."""
-    if orthogonal_pairs(angles_deg) is None:
-        return intensities
-    gain = pair_gain_of(intensities, angles_deg, valid)
-    return intensities if gain is None or not plausible(gain) else divide_out_gain(intensities, angles_deg, gain)
+    change = _gain_remover(intensities, angles_deg, valid)
+    return intensities if change is None else change(intensities)
+
+
+def _gain_remover(intensities: NDArray[np.float32], angles_deg: Sequence[float], valid: AnyMask) -> Change | None:
+    """What divides a plausible pair gain out of photographs; None where there is none."""
+    gain = None if orthogonal_pairs(angles_deg) is None else pair_gain_of(intensities, angles_deg, valid)
+    if gain is None or not plausible(gain):
+        return None
+    return partial(divide_out_gain, angles_deg=angles_deg, gain=gain)
 
 
 def _sampled_rows(size: int, height: int) -> slice | NDArray[np.intp]:

@@ -7,16 +7,17 @@ image.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.numerics import block_mean, whole_blocks
+from polaropt.numerics import AnyMask, block_mean, strips, whole_blocks
 from polaropt.optics import analyzer_matrix
 
 Floats = NDArray[np.floating[Any]]
+Change = Callable[[Floats], Floats]
 Pairs = tuple[tuple[int, int], tuple[int, int]]
 
 BLOCK = 8
@@ -45,10 +46,18 @@ def orthogonal_pairs(angles_deg: Sequence[float], tolerance_deg: float = 0.5) ->
     return None
 
 
-def trusted_blocks(intensities: Floats, valid: NDArray[np.bool_], block: int = BLOCK) -> Floats:
-    """Block means of photographs (k, [channel,] h, w) where all of a block is valid in all of them, shape (k, n)."""
-    means = block_mean(intensities, block)
-    whole = whole_blocks(np.asarray(valid.all(axis=0)), block)
+def trusted_blocks(intensities: Floats, valid: AnyMask, block: int = BLOCK, change: Change | None = None) -> Floats:
+    """Block means of photographs (k, [channel,] h, w) where all of a block is valid in all of them, shape (k, n).
+
+    `change`, if any, is made of the photographs before. Some rows at a time: photographs are much memory.
+    """
+    of_means, of_whole = [], []
+    height = intensities.shape[-2]
+    for rows in strips(height, intensities.size // height, block):
+        part = intensities[..., rows, :]
+        of_means.append(block_mean(part if change is None else change(part), block))
+        of_whole.append(whole_blocks(np.asarray(valid[..., rows, slice(None)].all(axis=0)), block))
+    means, whole = np.concatenate(of_means, axis=-2), np.concatenate(of_whole, axis=-2)
     bright = means.mean(axis=0)
     if not bright.size:
         return means.reshape(len(means), 0)
@@ -65,7 +74,7 @@ def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:
     return np.tensordot(left[:, 3:].T.astype(intensities.dtype), intensities, axes=1)
 
 
-def closure_share(intensities: Floats, angles_deg: Sequence[float], valid: NDArray[np.bool_]) -> float:
+def closure_share(intensities: Floats, angles_deg: Sequence[float], valid: AnyMask) -> float:
     """Share of the light by which photographs do not add up as those of any light would; 0 where that may be noise.
 
     Gains that differ by sigma leave about sigma / 2. Three photographs always add up.
@@ -76,7 +85,7 @@ def closure_share(intensities: Floats, angles_deg: Sequence[float], valid: NDArr
         Linear photographs.
     angles_deg : sequence of k floats
         Their polarizer angles in degrees.
-    valid : ndarray of bool, same shape
+    valid : ndarray of bool or BitMask, same shape
         Pixels that can be trusted.
     """
     means = trusted_blocks(intensities, valid).astype(np.float64)
@@ -89,9 +98,7 @@ def closure_share(intensities: Floats, angles_deg: Sequence[float], valid: NDArr
     return found if found > _SURE * error else 0.0
 
 
-def pair_gain_of(
-    intensities: Floats, angles_deg: Sequence[float], valid: NDArray[np.bool_] | None = None
-) -> float | None:
+def pair_gain_of(intensities: Floats, angles_deg: Sequence[float], valid: AnyMask | None = None) -> float | None:
     """Gain g of the second orthogonal pair against the first, ``I45 + I135 = g (I0 + I90)``.
 
     Parameters
@@ -100,7 +107,7 @@ def pair_gain_of(
         Linear photographs.
     angles_deg : sequence of 4 floats
         Their polarizer angles in degrees: two orthogonal pairs.
-    valid : ndarray of bool, same shape, optional
+    valid : ndarray of bool or BitMask, same shape, optional
         Pixels that can be trusted.
 
     Returns
@@ -112,7 +119,7 @@ def pair_gain_of(
     pairs = orthogonal_pairs(angles_deg)
     if pairs is None:
         return None
-    trusted = np.ones(intensities.shape, dtype=bool) if valid is None else valid
+    trusted = np.broadcast_to(np.True_, intensities.shape) if valid is None else valid
     means = trusted_blocks(intensities, trusted)
     if means.shape[1] < _FEWEST_BLOCKS:
         return None

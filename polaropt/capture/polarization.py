@@ -183,8 +183,7 @@ def stokes_images(capture: Capture, noise: float) -> StokesImages:
     analyzer = analyzer_matrix(capture.angles_deg)
     inverse = np.linalg.pinv(analyzer)
     # Three photographs tell a pixel, if less exactly: gaps would cost more.
-    valid = np.add.reduce(capture.valid, axis=0, dtype=np.uint16) >= analyzer.shape[1]
-    valid = valid.reshape(-1, *valid.shape[-2:])
+    valid = _known_by(capture, analyzer.shape[1])
     # Where fewer do, what one of them tells beside what is filled in looks like polarized light.
     images: AnyImages
     if capture.intensities.size > _LARGE:
@@ -194,6 +193,16 @@ def stokes_images(capture: Capture, noise: float) -> StokesImages:
         images = images if valid.all() else fill_gaps(images, valid)
     aliased = capture.origin is not None and capture.origin.low_passed
     return StokesImages(images, noise**2 * inverse @ inverse.T, valid, aliased)
+
+
+def _known_by(capture: Capture, n: int) -> Mask:
+    """Pixels (channel, h, w) that at least `n` photographs tell."""
+    known = np.empty(capture.shape, dtype=np.bool_)
+    height = capture.shape[-2]
+    for rows in strips(height, capture.intensities.size // height):
+        counts = np.add.reduce(capture.mask[..., rows, slice(None)], axis=0, dtype=np.uint16)
+        known[..., rows, :] = counts >= n
+    return known.reshape(-1, *known.shape[-2:])
 
 
 def plate_frame(stokes: StokesImages, azimuth_deg: float) -> PlateFrame:
@@ -223,16 +232,16 @@ def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:
 def _mixed_in_strips(capture: Capture, mixing: Matrix, known: Mask) -> MixedImages:
     """The entries of `least_squares_entries`, with gaps filled once more where they are not `known` (channel, h, w)."""
     photographs = capture.intensities if capture.color else capture.intensities[:, None]
-    valid = capture.valid if capture.color else capture.valid[:, None]
     nowhere = np.zeros((3, 0), np.intp), np.zeros((mixing.shape[1], 0), np.float32)
     mixed = MixedImages(photographs, (np.asarray(np.linalg.pinv(mixing), dtype=np.float64),), *nowhere)
-    whole = np.asarray(valid.all(axis=0))
+    whole = np.asarray(capture.mask.all(axis=0)).reshape(photographs.shape[1:])
     if whole.all():
         return mixed
     gaps, values = gap_values((images, whole[:, rows]) for rows, images in mixed.strips(GAP_STRIP))
-    partly = valid[:, *gaps].any(axis=0)
+    trusted = np.stack([photograph.reshape(whole.shape)[*gaps] for photograph in capture.mask])
+    partly = trusted.any(axis=0)
     of_partly = gaps[:, partly]
-    values[:, partly] = _weighted_entries(photographs[:, *of_partly], valid[:, *of_partly], mixing, values[:, partly])
+    values[:, partly] = _weighted_entries(photographs[:, *of_partly], trusted[:, partly], mixing, values[:, partly])
     mixed = replace(mixed, gaps=gaps, values=values)
     if known.all():
         return mixed

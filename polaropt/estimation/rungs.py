@@ -211,7 +211,7 @@ def _gains_explain(evidence: Evidence) -> bool:
     Wrong gains tilt the plane of the Stokes vectors just as polarized light does.
     """
     capture = evidence.capture
-    apart = closure_share(capture.intensities, capture.angles_deg, capture.valid)
+    apart = closure_share(capture.intensities, capture.angles_deg, capture.mask)
     return apart > 0 and evidence.polarized_share <= _OF_GAINS * apart
 
 

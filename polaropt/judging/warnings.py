@@ -247,8 +247,8 @@ def diagnose(
         Of a frame before: what is wrong with the camera's analyzers is so in every frame.
     """
     moving_share = 0.0 if moving is None else float(moving.mean())
-    n_still = (1 - moving_share) * capture.valid.size
-    clipped = 1 - np.count_nonzero(capture.valid) / n_still
+    n_still = (1 - moving_share) * capture.mask.size
+    clipped = 1 - capture.n_valid / n_still
     polarized = estimate is None or estimate.polarized
     if scene is None and estimate is not None:
         scene = estimate.scene
@@ -329,7 +329,7 @@ def _loses(loss: SceneLoss | None) -> bool:
 def _far_apart(capture: Capture) -> bool:
     """Whether the photographs contradict each other by much of the polarized light that they show."""
     registered = capture.registered
-    apart = closure_share(registered.intensities, registered.angles_deg, registered.valid)
+    apart = closure_share(registered.intensities, registered.angles_deg, registered.mask)
     if not apart:
         return False
     light, *polarized = stokes_from_intensities(block_mean(registered.intensities, _BLOCK), registered.angles_deg)

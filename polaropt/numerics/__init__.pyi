@@ -3,12 +3,15 @@ __all__ = [
     "MAD_TO_SIGMA",
     "NATURAL_POWER_LAW",
     "AliasGroups",
+    "AnyMask",
     "Basis",
+    "BitMask",
     "Box",
     "Members",
     "block_mean",
     "block_shares",
     "column_multiplicity",
+    "count_true",
     "each_plane",
     "explained_groups",
     "fill_gaps",
@@ -48,6 +51,9 @@ from .aliases import explained_groups as explained_groups
 from .aliases import filter_of_groups as filter_of_groups
 from .aliases import mixed_spectra as mixed_spectra
 from .aliases import wiener_spectra as wiener_spectra
+from .bit_mask import AnyMask as AnyMask
+from .bit_mask import BitMask as BitMask
+from .bit_mask import count_true as count_true
 from .blocks import GAP_STRIP as GAP_STRIP
 from .blocks import block_mean as block_mean
 from .blocks import block_shares as block_shares

@@ -209,7 +209,7 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
         noise=noise_level(photographs),
         pair_gain=_gain_as_photographed(capture, removed),
         pair_gain_removed=removed,
-        saturated_share=float(np.mean(~whole.registered.valid.all(axis=0))),
+        saturated_share=float(np.mean(~whole.registered.mask.all(axis=0))),
         **_polarization(capture),
         gamma_exponent=gamma.exponent if gamma is not None and gamma.certain else None,
         gamma_error=gamma.standard_error if gamma is not None and gamma.certain else None,
@@ -264,7 +264,7 @@ def _looks_encoded(gamma: GammaFit | None, hint: EncodingHint) -> bool | None:
 
 
 def _gain_as_photographed(capture: Capture, removed: float) -> float | None:
-    gain = pair_gain_of(capture.intensities, capture.angles_deg, capture.valid)
+    gain = pair_gain_of(capture.intensities, capture.angles_deg, capture.mask)
     return None if gain is None else gain * removed
 
 
@@ -280,7 +280,8 @@ def _grey_levels(capture: Capture) -> int | None:
 
 def _polarization(capture: Capture) -> dict[str, Any]:
     """DoLP and AoLP of small blocks that are valid at every angle (of all blocks, if there are none)."""
-    valid = np.asarray(capture.valid.all(axis=(0, 1)) if capture.color else capture.valid.all(axis=0))
+    in_all = np.asarray(capture.mask.all(axis=0))
+    valid = np.asarray(in_all.all(axis=0)) if capture.color else in_all
     stokes = stokes_from_intensities(grey_means(capture, _SUMMARY_BLOCK), capture.angles_deg)
     whole = whole_blocks(valid, _SUMMARY_BLOCK)
     whole &= stokes[0] > 0

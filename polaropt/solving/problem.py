@@ -226,6 +226,13 @@ class Problem:
         """Derive what follows from the closed form's layers, before these are given up."""
         self.penalties = self.penalties
 
+    def give_up_expected(self) -> None:
+        """Give up the layers that were expected and the priors, which a compiled objective has taken over."""
+        self.__dict__.pop("penalties", None)
+        if self.expected is not None:
+            nothing = np.empty(0, dtype=np.float32)
+            self.expected = replace(self.expected, layers=nothing, variance=nothing)
+
     def _closed_form(self) -> ClosedForm:
         known = self._closed_form_of(self.capture)
         for _ in range(FILLINGS if worth_filling(self.capture) else 0):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from itertools import count, zip_longest
 from typing import Any, Literal
 
@@ -25,6 +26,8 @@ from solvers.registry import get_solver
 
 LARGEST_TILE = 800
 """Longest side in pixels that is solved in one piece: what a tile needs of memory; set by hand."""
+_MUCH, _TILE_BESIDE_MUCH = 90_000_000, 512
+"""Values of layers that are much memory themselves (15 megapixels in colour), and the longest side beside them."""
 # Pixels in which neighbours overlap and fade into each other: more than ghosts reach; set by hand.
 _OVERLAP = 64
 
@@ -36,13 +39,19 @@ class Tile:
     Attributes
     ----------
     rows, columns : slice
-    weights : ndarray of float32, shape (rows, columns)
-        Falling linearly where neighbours overlap; over all tiles they add up to 1 in every pixel.
+    down, across : ndarray of float32, shape (rows,), (columns,)
+        Weights of its rows and columns: falling linearly where neighbours overlap.
     """
 
     rows: slice
     columns: slice
-    weights: NDArray[np.float32]
+    down: NDArray[np.float32]
+    across: NDArray[np.float32]
+
+    @property
+    def weights(self) -> NDArray[np.float32]:
+        """Weights (rows, columns); over all tiles they add up to 1 in every pixel."""
+        return np.outer(self.down, self.across)
 
     @property
     def where(self) -> tuple[slice, slice]:
@@ -60,7 +69,7 @@ def tiles(height: int, width: int, largest: int = LARGEST_TILE) -> list[Tile]:
         More than twice the overlap of 64 px.
     """
     return [
-        Tile(rows, columns, np.outer(down, across))
+        Tile(rows, columns, down, across)
         for rows, down in _parts(height, largest)
         for columns, across in _parts(width, largest)
     ]
@@ -105,6 +114,8 @@ Images = NDArray[np.float32]
 # Fractions of a separation at which its stages begin, for the progress alone: set by hand.
 _CLOSED_FORM, _SOLVING, _TAKING_STOCK = 0.3, 0.4, 0.97
 _REACH = _TAKING_STOCK - _CLOSED_FORM
+# What is known of a tile's layers that no photograph changes.
+_OF_PANE = ("told", "cross", "share", "squared_frequency")
 # Of tiles that ended differently the whole has the status that stands first.
 _BY_SEVERITY = (
     Status.NOT_FINITE,
@@ -254,7 +265,9 @@ def solve(
         The solver cannot take so many unknowns.
     """
     height, width = capture.shape[-2:]
-    parts = tiles(height, width)
+    colors = capture.shape[0] if capture.color else 1
+    much = 2 * colors * height * width > _MUCH
+    parts = tiles(height, width, _TILE_BESIDE_MUCH) if much else tiles(height, width)
     middle = ((width - 1) / 2, (height - 1) / 2)
 
     def solved(part: Capture, place: Part) -> Solution:
@@ -275,17 +288,28 @@ def solve(
 
     if len(parts) == 1:
         return solved(capture, Part(parts[0], 0, 1, middle))
-    colors = capture.shape[0] if capture.color else 1
     layers = np.zeros((2, colors, height, width), dtype=np.float32)
     solutions: list[Solution] = []
+    shared: dict[Any, NDArray[Any]] = {}
     for i, tile in enumerate(parts):
         place = Part(tile, i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
         solution = solved(capture.part(*tile.where), place)
         layers[:, :, tile.rows, tile.columns] += tile.weights * solution.layers
         nothing = np.empty(0, dtype=np.float32)
-        solutions.append(replace(solution, layers=nothing, canvas_layers=nothing))
+        pieces = tuple(replace(piece, known=_sharing(piece.known, shared)) for piece in solution.pieces)
+        solutions.append(replace(solution, layers=nothing, canvas_layers=nothing, pieces=pieces))
+        # The next tile needs the memory of this one's layers.
+        del solution
     pse = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:])
     return _merge(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
+
+
+def _sharing(known: Knowledge, shared: dict[Any, NDArray[Any]]) -> Knowledge:
+    """The same with arrays of `shared` where these are equal: what is the pane's alone is so for nearly all tiles."""
+    arrays: dict[str, Any] = {name: np.ascontiguousarray(getattr(known, name)) for name in _OF_PANE}
+    keys = {name: (name, array.shape, sha256(array.data).digest()) for name, array in arrays.items()}
+    one_of_each: dict[str, Any] = {name: shared.setdefault(keys[name], array) for name, array in arrays.items()}
+    return replace(known, **one_of_each)
 
 
 def _solve_tile(
@@ -306,6 +330,8 @@ def _solve_tile(
     device = settings.device_of_tensors
     objective = problem.compiled(start) if device is None else problem.readable(start, device)
     z = objective.coordinates(start)
+    if device is None:
+        problem.give_up_expected()
     kept = start if settings.keep_start > 0 else None
     # A solve of a large image needs the memory.
     del start

@@ -247,7 +247,7 @@ def _write_tiff(capture: Capture, target: Path) -> None:
     import tifffile
 
     def pages() -> Iterator[FloatImages]:
-        for photograph, valid in zip(capture.intensities, capture.valid, strict=True):
+        for photograph, valid in zip(capture.intensities, capture.mask, strict=True):
             yield planes_last(np.where(valid, photograph, np.maximum(photograph, 1)))
 
     size = capture.shape[-2:]
@@ -264,7 +264,7 @@ def _write_tiff(capture: Capture, target: Path) -> None:
 
 def _write_pngs(capture: Capture, target: Path) -> tuple[Path, ...]:
     files = tuple(target.with_name(f"{target.stem}_{angle:03g}.png") for angle in capture.angles_deg)
-    for name, photograph, valid in zip(files, capture.intensities, capture.valid, strict=True):
+    for name, photograph, valid in zip(files, capture.intensities, capture.mask, strict=True):
         pixels = np.empty((*capture.shape[-2:], *capture.shape[:-2]), dtype=np.uint16)
         for rows in strips(len(pixels), pixels[0].size):
             levels = np.round(np.clip(photograph[..., rows, :].astype(np.float64), 0, 1) * WHITE_16)

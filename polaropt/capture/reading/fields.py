@@ -49,7 +49,8 @@ def field_means(
                 raise InputError("holds several photographs; give one raw mosaic a file")
             raw = single_plane(content.pixels)
             levels = find_levels(raw, options.black_level, options.white_level, content.bits)
-            values, valid = levels.apply(raw)
+            values, below_white = levels.apply(raw)
+            valid = np.asarray(below_white)
             height, width = (side // 8 * 4 for side in values.shape)
             if min(height, width) < SMALLEST_SIDE:
                 raise InputError(f"is {raw.shape[1]}x{raw.shape[0]} px; at least 64x64 are needed")

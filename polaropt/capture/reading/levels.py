@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from polaropt.capture.files.encoding import linearize
 from polaropt.errors import InputError
-from polaropt.numerics import strips
+from polaropt.numerics import BitMask, strips
 
-Mask = NDArray[np.bool_]
 Images = NDArray[np.float32]
 
 # Where values are clipped below full scale, see `_is_clipped`; all by trial.
@@ -33,29 +32,33 @@ class Levels:
     black: float
     white: float
 
-    def apply(self, pixels: NDArray[Any], gamma: float | str | None = None) -> tuple[Images, Mask]:
+    def apply(self, pixels: NDArray[Any], gamma: float | str | None = None) -> tuple[Images, BitMask]:
         """Linear values of pixels (..., h, w) in an encoding, float32, and which of them are below white.
 
         Small integers by a table of their values; others some rows at a time, as the doubles of all would be several
         times the photographs.
         """
+        below = BitMask.made(pixels.shape, lambda part: pixels[part] < self.white)
         if pixels.dtype.kind == "u" and pixels.dtype.itemsize <= 2 and pixels.size > 1 << 16:
             stored = np.arange(1 << (8 * pixels.dtype.itemsize)).astype(pixels.dtype)
             table = np.ascontiguousarray(linearize(self._scaled(stored), gamma))
-            return table[pixels], pixels < self.white
-        values, valid = np.empty(pixels.shape, np.float32), np.empty(pixels.shape, np.bool_)
+            return table[pixels], below
+        values = np.empty(pixels.shape, np.float32)
         for plane in np.ndindex(pixels.shape[:-2]):
             for rows in strips(*pixels.shape[-2:]):
                 part = (*plane, rows)
                 values[part] = linearize(self._scaled(pixels[part]), gamma)
-                np.less(pixels[part], self.white, out=valid[part])
-        return values, valid
+        return values, below
 
     def _scaled(self, pixels: NDArray[Any]) -> NDArray[np.float32]:
         scale = 1 / (self.white - self.black)
         if pixels.dtype.kind == "f" and pixels.dtype.itemsize <= 4:
             return np.asarray((pixels - np.float32(self.black)) * np.float32(scale), dtype=np.float32)
-        return np.asarray((pixels.astype(np.float64) - self.black) * scale, dtype=np.float32)
+        # In place: of strips as large as these each copy counts.
+        scaled = pixels.astype(np.float64)
+        scaled -= self.black
+        scaled *= scale
+        return scaled.astype(np.float32)
 
 
 def find_levels(pixels: NDArray[Any], black: float, white: float | None, bits: int | None = None) -> Levels:

@@ -93,7 +93,8 @@ def first_frame(content: FileContent, levels: Levels, options: ReaderOptions) ->
     if options.angles_deg != ANGLES_DEG and sorted(options.angles_deg) != sorted(cell_order):
         raise InputError("one single image is taken as a mosaic; give its angles as the cell order")
     raw = single_plane(content.pixels)
-    intensities, valid = levels.apply(raw)
+    intensities, below_white = levels.apply(raw)
+    valid = np.asarray(below_white)
     color = looks_color(intensities) if options.sensor == "auto" else options.sensor == "color"
     sampling, angles = sampling_of(color, cell_order)
     samples = _whole_patterns(intensities, valid, sampling, options)
@@ -106,7 +107,8 @@ def first_frame(content: FileContent, levels: Levels, options: ReaderOptions) ->
 def next_frame(content: FileContent, levels: Levels, options: ReaderOptions, sensor: Sensor) -> Capture:
     """Another frame of a camera whose photographs are those of patterns: gains, noise and filter are known."""
     assert sensor.cell_filter is not None
-    intensities, good = levels.apply(single_plane(content.pixels))
+    intensities, below_white = levels.apply(single_plane(content.pixels))
+    good = np.asarray(below_white)
     samples = _whole_patterns(intensities, good, sensor.sampling, options)
     samples = _without_gains(samples, sensor.gains(options.analyzer))
     cells = partial(_cells_of, samples, sensor, options)

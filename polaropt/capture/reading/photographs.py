@@ -12,8 +12,8 @@ from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs
 from polaropt.capture.reading.levels import Levels
 from polaropt.capture.reading.options import ReaderOptions, origin_of
 from polaropt.errors import InputError
+from polaropt.numerics import AnyMask
 
-Mask = NDArray[np.bool_]
 Images = NDArray[np.float32]
 
 _MOST_EXPOSED = 1e5
@@ -31,6 +31,7 @@ def from_photographs(content: FileContent, levels: Levels, options: ReaderOption
     stored = content.angles_deg if options.angles_deg == ANGLES_DEG else None
     angles = options.counted(stored or options.angles_deg)
     colored = content.pixels.ndim == 4
+    valid: AnyMask
     intensities, valid = levels.apply(np.moveaxis(content.pixels, -1, 1) if colored else content.pixels, options.gamma)
     if content.valid is not None:
         valid = np.moveaxis(content.valid, -1, 1) if colored else content.valid
@@ -60,7 +61,7 @@ def _exposures_of(n: int, given: tuple[float, ...] | None, told: tuple[float, ..
     return exposures
 
 
-def _finished(images: Images, valid: Mask, angles: tuple[float, ...], origin: Origin, gain: float) -> Capture:
+def _finished(images: Images, valid: AnyMask, angles: tuple[float, ...], origin: Origin, gain: float) -> Capture:
     if gain != 1 and orthogonal_pairs(angles) is None:
         raise InputError("a pair gain needs four angles in two orthogonal pairs, such as 0,45,90,135; leave it out")
     return Capture.of_planes(divide_out_gain(images, angles, gain), angles, valid, replace(origin, pair_gain=gain))
