@@ -1,19 +1,25 @@
-"""Extreme but legal options work; numbers outside their range are refused in one line."""
+"""Extreme but legal options and photographs work; numbers outside their range are refused in one line.
+
+The one table of extremes: what a person may give, and what photographs may be, at the ends of what is allowed.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from polaropt import InputError, SceneParameters, Weights
+from polaropt import Capture, InputError, SceneParameters, Weights
 from polaropt.capture.files.write import write_capture
 from polaropt.cli.app import main
 from polaropt.estimation import estimate_scene
-from polaropt.optics import FARTHEST_SHIFT_PX
+from polaropt.optics import DARKEST_TINT, FARTHEST_SHIFT_PX
+from polaropt.separation import separate
 from polaropt.simulation import simulate
+from solvers.base import StoppingRule
 from tests.captured import photographed, scene_intensities
 from tests.command_line import QUICK
 
@@ -30,6 +36,13 @@ def shelf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ghosts = simulate(layers[0], layers[1], SceneParameters(60.0, 25.0, 4.0), bits=12, seed=1)
     write_capture(ghosts, folder / "ghosts64.png")
     return folder
+
+
+def read_float(path: Path) -> np.ndarray:
+    """A layer as it was written."""
+    import tifffile
+
+    return tifffile.imread(path)
 
 
 def files(folder: Path, name: str) -> list[str]:
@@ -54,6 +67,8 @@ ESTIMATES = {
     "an eye that sees all": ("glass64", "--focal-px", "0.01"),
     "a telescope": ("glass64", "--field-of-view-deg", "0.001", "--model", "perspective"),
     "far turned": ("glass64", "--azimuth", "1e300"),
+    "as wide a lens as can be": ("glass64", "--field-of-view-deg", "170", "--model", "perspective"),
+    "four panes": ("glass64", "--panes", "4"),
 }
 
 
@@ -75,6 +90,37 @@ SEPARATED = {
     "a pane that mirrors nothing": ("ghosts64", "--index", "1", "--incidence", "60", "--azimuth", "25", "--shift", "4"),
     "ghosts out of sight": ("ghosts64", "--incidence", "60", "--shift", "1000"),
     "the farthest transmission": ("glass16", "--transmission-shift", f"{FARTHEST_SHIFT_PX:g}", "--index", "2"),
+    "shifted by more than the picture": ("ghosts64", "--incidence", "50", "--azimuth", "0", "--shift", "65"),
+    "hardly frontal": ("ghosts64", "--incidence", "0.001", "--azimuth", "0", "--shift", "0"),
+    "nearly grazing": ("ghosts64", "--incidence", "89.9", "--azimuth", "25", "--shift", "4"),
+    "hardly a pane": ("ghosts64", "--incidence", "60", "--index", "1.0001", "--azimuth", "25", "--shift", "4"),
+    "diamond": ("ghosts64", "--incidence", "60", "--index", "4", "--azimuth", "25", "--shift", "4"),
+    "a lens that sees nearly all": (
+        "glass64",
+        "--incidence",
+        "50",
+        "--azimuth",
+        "0",
+        "--shift",
+        "0",
+        "--field-of-view-deg",
+        "170",
+    ),
+    "four dark panes": (
+        "ghosts64",
+        "--incidence",
+        "60",
+        "--azimuth",
+        "25",
+        "--shift",
+        "4",
+        "--panes",
+        "4",
+        "--gap-shift",
+        "9",
+        "--tint",
+        f"{DARKEST_TINT:g}",
+    ),
     "heavy": ("glass64", "--weights", "gradient_sparsity=1e6,misfit=1e-300"),
     "light": ("glass64", "--weights", "misfit=0,natural_image=0"),
 }
@@ -87,6 +133,68 @@ def test_extreme_panes_are_separated(shelf, tmp_path, name, capsys):
     said = capsys.readouterr()
     assert said.err == ""
     assert json.loads(said.out)["solver"]["status"] != "NOT_FINITE"
+
+
+BENT = SceneParameters(45.0, 20.0, 0.0, focal_px=60.0, bend_deg_per_px=(0.3, -0.2, 0.3))
+PANES = {
+    "strongly bent": BENT,
+    "bent to beyond grazing": BENT.replace(incidence_deg=80.0),
+    "a pane across a lens that sees nearly all": SceneParameters(80.0, 90.0, 3.0, focal_px=3.0),
+    "four panes that let hardly any light pass": SceneParameters(
+        60.0, 20.0, 3.0, n_panes=4, gap_shift=20.0, absorption=-math.log(DARKEST_TINT) / 4
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PANES)
+def test_extreme_panes_are_simulated_and_separated(name):
+    capture = simulate(*scene_intensities((2, 48, 48), (0.0,))[0], PANES[name], noise=0.0)
+    result = separate(capture, PANES[name], stopping=StoppingRule(max_evaluations=2))
+    assert np.isfinite(result.layers).all()
+    assert np.isfinite(result.uncertainty).all()
+
+
+def grey(values: float) -> np.ndarray:
+    """The usual photographs with so many grey levels."""
+    return np.round(photographed((40, 40)).intensities * (values - 1)) / (values - 1)
+
+
+def one_black() -> np.ndarray:
+    """The usual photographs, of which the second was taken with the lens cap on."""
+    images = photographed((40, 40)).intensities.copy()
+    images[1] = 0
+    return images
+
+
+PHOTOGRAPHS = {
+    "no noise": lambda: scene_intensities((40, 40)),
+    "much noise": lambda: photographed((40, 40), noise=0.4).intensities,
+    "two grey levels": lambda: grey(2) * 0.9,
+    "three grey levels": lambda: grey(3) * 0.9,
+    "one black": one_black,
+    "all but one black": lambda: one_black() * np.array([1, 0, 0, 0])[:, None, None],
+    "one bright pixel in the dark": lambda: np.where(np.arange(1600).reshape(40, 40) == 820, 0.9, np.zeros((4, 1, 1))),
+    "hardly any light": lambda: 1e-6 * photographed((40, 40)).intensities,
+    "all the same": lambda: np.broadcast_to(scene_intensities((40, 40))[:1], (4, 40, 40)),
+    "nearly all clipped": lambda: np.minimum(4 * scene_intensities((40, 40)), 1),
+    "the least size": lambda: scene_intensities((16, 16)),
+    "one column more": lambda: scene_intensities((16, 17)),
+    "one row more": lambda: scene_intensities((17, 16)),
+    "narrow": lambda: scene_intensities((16, 300)),
+}
+
+
+@pytest.mark.parametrize("name", PHOTOGRAPHS)
+def test_extreme_photographs_are_separated_or_refused_in_a_line(name, tmp_path, capsys):
+    files = [str(path) for path in write_capture(Capture.of_planes(PHOTOGRAPHS[name]()), tmp_path / "a.png")]
+    code = main(["separate", *files, "-o", str(tmp_path / "out"), *QUICK, "--json"])
+    said = capsys.readouterr()
+    assert (code, said.err) == (0, "") or (code == 2 and said.err.count("\n") == 1), said.err
+    if code == 0:
+        layers = [read_float(tmp_path / "out" / f"{layer}.tiff") for layer in ("transmission", "reflection")]
+        assert all(np.isfinite(layer).all() for layer in layers)
+    else:
+        assert not (tmp_path / "out").exists()
 
 
 REFUSED = {

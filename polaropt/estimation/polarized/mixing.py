@@ -166,8 +166,10 @@ class Windows:
         pooled = pooled[:, pooled[3] > 0].astype(np.float64)
         self._moments: Values = pooled[:3] / pooled[3]
         self._count: Values = 2 * len(seen) * _WINDOW**2 * pooled[3]
-        (xx, xy, yy) = self._moments @ self._count / self._count.sum()
-        self._spread = np.linalg.cholesky(np.array([[xx, xy], [xy, yy]]))
+        # Where hardly anything is seen no window tells anything: all directions cost the same.
+        self._total = float(self._count.sum()) or 1.0
+        (xx, xy, yy) = self._moments @ self._count / self._total
+        self._spread = np.linalg.cholesky(np.array([[xx, xy], [xy, yy]])) if pooled.size else np.eye(2)
 
     @property
     def certainty(self) -> float:
@@ -189,7 +191,7 @@ class Windows:
         det = c_xx * c_yy - c_xy**2
         distance = self._count * (c_yy * xx - 2 * c_xy * xy + c_xx * yy) / det
         value = self._count * np.log(det) + (FREEDOM + 2 * self._count) * np.log(FREEDOM + distance)
-        return np.asarray(value.sum(axis=1) / self._count.sum())
+        return np.asarray(value.sum(axis=1) / self._total)
 
     def directions(self, possible: tuple[float, float]) -> list[tuple[float, float]]:
         """Angles (rad) of the likeliest pairs of directions, the best first, each likelier than its neighbours.
