@@ -502,10 +502,17 @@ class Case:
         """Standard errors of the scene, as they were found or given."""
         return self.found.errors if self.given_errors is None else self.given_errors
 
+    @property
+    def near_errors(self) -> SceneErrors:
+        """The same but for what other panes add to them."""
+        estimate = self.found.estimate
+        return self.errors if estimate is None or self.given_errors is not None else estimate.errors
+
 
 def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnostics | None) -> Separation:
     still, found = case.still, case.found
     capture, noise = still.capture, still.noise
+    others = () if found.estimate is None else found.estimate.others
     diagnostics = diagnose(
         capture,
         noise,
@@ -520,7 +527,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         doubtful_incidence=case.doubtful_incidence,
         coated=case.coated,
         likelier_index=case.likelier_index,
-        loss=scene_loss(capture, noise, found.scene, case.errors, solution.variance, still.growth),
+        loss=scene_loss(capture, noise, found.scene, case.near_errors, solution.variance, still.growth, others),
         finite=solution.solver.status is not Status.NOT_FINITE,
         before=judged,
     )
@@ -547,8 +554,9 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
             noise,
             solution.pieces,
             still.growth,
-            of_scene=case.errors,
+            of_scene=case.near_errors,
             rivals=() if found.estimate is None else found.estimate.rivals,
+            others=others,
         ),
     )
 

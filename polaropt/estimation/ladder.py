@@ -23,7 +23,7 @@ from polaropt.estimation.refractive_index import IndexFit, with_index
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneErrors, SceneParameters
+from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneErrors, SceneParameters, widened
 
 _LOWER = ("none", "pixelwise", "ghosts")
 _OF_ALIASES_DEG = 0.6
@@ -75,8 +75,10 @@ class LadderResult:
 
     @property
     def errors(self) -> SceneErrors:
-        """Standard errors of what was estimated."""
-        return SceneErrors(refractive_index=self.index_error) if self.estimate is None else self.estimate.errors
+        """Standard errors of what was estimated; they reach the other panes that it may be."""
+        if self.estimate is None:
+            return SceneErrors(refractive_index=self.index_error)
+        return widened(self.estimate.errors, self.scene, self.estimate.others)
 
     def scaled(self, factor: float) -> LadderResult:
         """The same of photographs with so many times the pixels a side."""
@@ -89,7 +91,7 @@ class LadderResult:
             return self
         if self.estimate is None:
             return dataclasses.replace(self, index_error=fit.error)
-        errors = dataclasses.replace(self.errors, refractive_index=fit.error)
+        errors = dataclasses.replace(self.estimate.errors, refractive_index=fit.error)
         return dataclasses.replace(self, estimate=dataclasses.replace(self.estimate, errors=errors))
 
     @property
@@ -204,17 +206,16 @@ def _completed(
 
 def _with_spectra(found: LadderResult, stokes: StokesImages) -> LadderResult:
     """The same with the incidence that edges and spectra agree on, where the pane is single and seen from far."""
-    scene, edges_error = found.scene, found.errors.incidence_deg
+    scene, estimate = found.scene, found.estimate
     plain = scene.rung in ("pixelwise", "ghosts") and not scene.stacked and not scene.absorption
-    if found.estimate is None or edges_error is None or not plain:
+    if estimate is None or estimate.errors.incidence_deg is None or not plain:
         return found
     incidence, azimuth, _ = scene.values()
     told = spectral_incidence(cross_spectra(plate_frame(stokes, azimuth)), scene)
-    by_edges = incidence, _EDGES_WIDER * edges_error
+    by_edges = incidence, _EDGES_WIDER * estimate.errors.incidence_deg
     mean, error = by_edges if told is None else weighted_incidence(by_edges, told)
-    error = math.hypot(error, found.estimate.incidence_doubt_deg)
-    scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(found.errors, incidence_deg=error)
-    estimate = dataclasses.replace(found.estimate, scene=scene, errors=errors)
+    scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(estimate.errors, incidence_deg=error)
+    estimate = dataclasses.replace(estimate, scene=scene, errors=errors)
     return dataclasses.replace(found, scene=scene, estimate=estimate)
 
 
@@ -256,7 +257,7 @@ def in_full(
     )
     if sampled is None or (model == "ghosts" and not sampled.shift_px):
         return whole
-    scene, errors = whole.scene, whole.errors
+    scene, errors = whole.scene, whole.estimate.errors
     if open_shift:
         scene = scene.replace(ghost_shift=sampled.shift_px)
         error = errors.ghost_shift if sense_only else sampled.shift_error_px
@@ -323,7 +324,10 @@ def _climbed(evidence: Evidence, seconds: float, remark: str) -> LadderResult:
     steps[steps.index(best)] = taken
     tried = tuple(step.tried(evidence, step is taken, _reason(evidence, steps, step, taken)) for step in steps)
     found = taken.attempt
-    estimate = dataclasses.replace(evidence.estimate, scene=found.scene, errors=found.errors, rivals=found.rivals)
+    others = evidence.estimate.others if taken is steps[0] else ()
+    estimate = dataclasses.replace(
+        evidence.estimate, scene=found.scene, errors=found.errors, rivals=found.rivals, others=others
+    )
     return LadderResult(found.scene, estimate, tried)
 
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseModel
-from polaropt.judging.uncertainty import doubts, scene_variance
+from polaropt.judging.uncertainty import Doubt, doubts, scene_variance
 from polaropt.numerics import middle_part
-from polaropt.optics import SceneErrors, SceneParameters
+from polaropt.optics import Alternative, SceneErrors, SceneParameters, widened
 
 Pair = NDArray[np.float64]
 
@@ -35,7 +36,8 @@ class SceneLoss:
     transmission_db, reflection_db : float
         Mean squared error by the noise and the scene's errors together, over that by the noise alone.
     chance : float
-        That the transmission loses more than `MUCH_DB`, if the errors are normal and independent.
+        That the transmission loses more than `MUCH_DB`, if the errors are normal and independent, and other panes as
+        likely as they are said to be.
     number : str
         The number of the scene whose error costs the transmission most.
     error : float
@@ -56,8 +58,9 @@ def scene_loss(
     errors: SceneErrors,
     of_noise: Pair,
     growth: NoiseModel | None = None,
+    others: Sequence[Alternative] = (),
 ) -> SceneLoss | None:
-    """Expected loss for the standard errors of a scene; None where it has none.
+    """Expected loss for the standard errors of a scene, and the others that it may be; None where it has none.
 
     Parameters
     ----------
@@ -71,24 +74,37 @@ def scene_loss(
         Variance that the noise leaves to a pixel of each layer.
     growth : NoiseModel, optional
         How the noise grows with the light. Default: it is the same everywhere.
+    others : sequence of Alternative
+        Scenes that the errors do not reach.
     """
     rows, columns = middle_part(capture.shape, _SIDE)
     height, width = capture.shape[-2:]
     center = ((width - 1) / 2 - columns.start, (height - 1) / 2 - rows.start)
     part = capture.part(rows, columns)
-    shares: list[Pair] = []
-    added: dict[str, float] = defaultdict(float)
-    for doubt in doubts(scene, replace(errors, **_OF_RIVALS)):
+
+    def share(doubt: Doubt) -> Pair:
+        """What a doubt adds to the variance of both layers, in units of the noise's."""
         variance = scene_variance(part, noise, (doubt,), center, growth)
-        share = variance.mean(axis=tuple(range(1, variance.ndim)), dtype=np.float64) / of_noise
-        shares.append(share)
-        added[doubt.number] += float(share[0])
-    if not shares:
+        mean: Pair = variance.mean(axis=tuple(range(1, variance.ndim)), dtype=np.float64)
+        return mean / of_noise
+
+    near = doubts(scene, replace(errors, **_OF_RIVALS))
+    far = doubts(scene, SceneErrors(), others=others)
+    if not (near or far):
         return None
-    transmission, reflection = (float(loss) for loss in 10 * np.log10(1 + np.sum(shares, axis=0)))
-    chance = _chance(np.array(shares)[:, 0], 10 ** (MUCH_DB / 10) - 1)
+    # The errors' own are those of the scene that was taken.
+    by_errors, by_others = (np.array([share(doubt) for doubt in some]).reshape(-1, 2) for some in (near, far))
+    chances = np.array([other.chance for other in others])
+    left, limit = 1 - chances.sum(), 10 ** (MUCH_DB / 10) - 1
+    expected = left * by_errors.sum(axis=0) + by_others.sum(axis=0)
+    transmission, reflection = (float(loss) for loss in 10 * np.log10(1 + expected))
+    chance = left * _chance(by_errors[:, 0], limit) + chances[by_others[:, 0] / chances > limit].sum()
+    added: dict[str, float] = defaultdict(float)
+    for doubt, (of_transmission, _) in zip((*near, *far), (*by_errors, *by_others), strict=True):
+        added[doubt.number] += float(of_transmission)
     number = max(added, key=lambda name: added[name])
-    return SceneLoss(transmission, reflection, chance, number, float(np.max(getattr(errors, number))))
+    error = float(np.max(getattr(widened(errors, scene, others), number)))
+    return SceneLoss(transmission, reflection, float(chance), number, error)
 
 
 def _chance(weights: Pair, limit: float) -> float:

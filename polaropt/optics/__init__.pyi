@@ -10,6 +10,7 @@ __all__ = [
     "MOST_PANES",
     "PSE",
     "SEARCHED",
+    "Alternative",
     "Analyzer",
     "Bend",
     "Calibration",
@@ -91,6 +92,7 @@ from .plate import in_place_weights as in_place_weights
 from .plate import plate_at as plate_at
 from .plate import plate_of as plate_of
 from .plate import window_orders as window_orders
+from .rivals import Alternative as Alternative
 from .rivals import Rival as Rival
 from .rivals import expected_error as expected_error
 from .rivals import widened as widened

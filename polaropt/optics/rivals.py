@@ -6,13 +6,14 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 from polaropt.optics.scene import SceneErrors, SceneParameters
 
 
 @dataclass(frozen=True)
-class Rival:
-    """A scene that may be the true one, and what becomes of the layers then.
+class Alternative:
+    """A scene that may be the true one.
 
     Attributes
     ----------
@@ -20,17 +21,27 @@ class Rival:
         Complete.
     chance : float
         That it, or one like it, is the true one.
-    off : float
-        Error of the transmission found if it is, as a share of the transmission; 1 where the layers are exchanged.
     """
 
     scene: SceneParameters
     chance: float
-    off: float
 
-    def scaled(self, factor: float) -> Rival:
+    def scaled(self, factor: float) -> Self:
         """The same of photographs with so many times the pixels a side."""
         return dataclasses.replace(self, scene=self.scene.scaled(factor))
+
+
+@dataclass(frozen=True)
+class Rival(Alternative):
+    """One before polarized light, and what becomes of the layers if it is.
+
+    Attributes
+    ----------
+    off : float
+        Error of the transmission found if it is, as a share of the transmission; 1 where the layers are exchanged.
+    """
+
+    off: float
 
 
 def expected_error(rivals: Sequence[Rival]) -> float:
@@ -38,7 +49,7 @@ def expected_error(rivals: Sequence[Rival]) -> float:
     return math.sqrt(sum(rival.chance * rival.off**2 for rival in rivals))
 
 
-def widened(errors: SceneErrors, scene: SceneParameters, rivals: Sequence[Rival]) -> SceneErrors:
+def widened(errors: SceneErrors, scene: SceneParameters, rivals: Sequence[Alternative]) -> SceneErrors:
     """Errors of a scene that reach its rivals: added to them is how far these lie, root mean square by chance."""
 
     def spread(name: str, period: float = math.inf, part: int | None = None) -> float:

@@ -10,7 +10,7 @@ from polaropt import separate
 from polaropt.capture.noise import measured_noise
 from polaropt.judging.loss import _chance, scene_loss
 from polaropt.judging.uncertainty import doubts, scene_variance
-from polaropt.optics.rivals import Rival
+from polaropt.optics.rivals import Alternative, Rival, widened
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.solving import Problem, Weights
 from polaropt.solving.solution import tiles
@@ -137,6 +137,22 @@ def test_errors_of_polarized_light_cost_the_layers_as_well():
     loss = scene_loss(example.capture, noise, example.scene, errors, of_noise, growth)
     assert loss.number == "transmission_polarization"
     assert loss.chance > 0.5
+
+
+@pytest.mark.parametrize(("incidence_deg", "chance"), [(30.0, 0.2), (60.001, 0.0)])
+def test_another_pane_costs_the_layers_much_as_often_as_it_is_the_true_one(incidence_deg, chance):
+    example = blend(60, 64)
+    noise, growth = measured_noise(example.capture)
+    other = Alternative(example.scene.replace(incidence_deg=incidence_deg), 0.2)
+    near, of_noise = SceneErrors(incidence_deg=0.001), np.full(2, noise**2)
+    loss = scene_loss(example.capture, noise, example.scene, near, of_noise, growth, [other])
+    assert loss.chance == pytest.approx(chance, abs=1e-3)
+    assert (loss.transmission_db > 1) == (chance > 0)
+    # Were it an error of that size, the scene found would hardly be the true one.
+    wide = widened(near, example.scene, [other])
+    assert loss.error == pytest.approx(wide.incidence_deg)
+    if chance:
+        assert scene_loss(example.capture, noise, example.scene, wide, of_noise, growth).chance > 0.5
 
 
 def test_degree_and_angle_of_polarized_light_are_in_doubt_where_ghosts_tell_them():

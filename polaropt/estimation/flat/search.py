@@ -70,8 +70,8 @@ _MIMIC_DEG, _MIMIC_POWER, _IN_NOISE = 27.0, 8, 3
 _FAR_DEG, _FAR_WEIGHT, _FAR_SLACK = 4.0, 0.5, 0.05
 """From where on an incidence is another one, what a unit of log overlap counts there beside the misfit, and the score
 that it may lack on the grid to be looked at closely."""
-_NO_ERROR = 1e-12
-"""Least standard error of a score."""
+_NO_ERROR, _LEAST_CHANCE = 1e-12, 1e-3
+"""Least standard error of a score, and what is left of the chance of what is sure; chance from which on it counts."""
 _BRIGHT_REFLECTANCE, _LEAST_SHARE = 0.6, 0.025
 """Reflectance of one face from which on the overlap counts fully where shifts are compared, and the least share of it.
 """
@@ -182,7 +182,7 @@ class SceneSearch:
             trial = self._with_tied_shift(trial)
         return Trial(trial.incidence_deg, trial.ghost_shift, self._score(trial))
 
-    def best_of_far(self, trial: Trial) -> tuple[Trial, float]:
+    def best_of_far(self, trial: Trial) -> tuple[Trial, list[tuple[Trial, float]]]:
         """The trial, or the one far from it that spectra and edges together find likelier, if the spectra alone do.
 
         Towards the first trials' incidences, which know few spectra, a search may lead to the wrong one of two minima.
@@ -190,11 +190,11 @@ class SceneSearch:
         Returns
         -------
         trial : Trial
-        doubt_deg : float
-            How far the other minima lie, root mean square by the chance that the truth is there.
+        others : list of (Trial, float)
+            The other minima, and the chance that the truth is there.
         """
         if self._scene.incidence_deg is not None or self._thickness is not None:
-            return trial, 0.0
+            return trial, []
         grid, here = INCIDENCE_GRID_DEG, self._judged(trial)
         misfit = IncidenceLikelihood(self._seen.spectra, self._scene, trial.ghost_shift).misfit(grid)
         score = misfit + _FAR_WEIGHT * np.log(self.curve(trial))
@@ -204,10 +204,9 @@ class SceneSearch:
         found = [other for other in found if abs(other.incidence_deg - trial.incidence_deg) > _FAR_DEG]
         panes = [here, *map(self._judged, found)]
         best = min((pane for pane in panes if pane.misfit <= here.misfit), key=lambda pane: pane.score)
-        squares = (
-            pane.chance_beside(best) * (pane.trial.incidence_deg - best.trial.incidence_deg) ** 2 for pane in panes
-        )
-        return best.trial, math.sqrt(sum(squares))
+        odds = {pane.trial: _odds(pane.chance_beside(best)) for pane in panes if pane is not best}
+        chances = {trial: own / (1 + sum(odds.values())) for trial, own in odds.items()}
+        return best.trial, [(trial, chance) for trial, chance in chances.items() if chance > _LEAST_CHANCE]
 
     def _judged(self, trial: Trial) -> _Judged:
         incidence, spectra = trial.incidence_deg, self._seen.spectra
@@ -376,6 +375,10 @@ class SceneSearch:
             return np.array([step, -step])
         most = math.floor(self._most_shift / spacing)
         return np.arange(-most, most + 1.0) * spacing
+
+
+def _odds(chance: float) -> float:
+    return chance / max(1 - chance, _NO_ERROR)
 
 
 def _likely(trials: list[Trial]) -> list[int]:

@@ -571,7 +571,7 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
         taken, found = min(pairs, key=lambda pair: pair[1].score)
     scene, errors = taken.refined(found.window)
     errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
-    return replace(estimate, scene=scene, errors=errors, axis_stake=0.0)
+    return replace(estimate, scene=scene, errors=errors, axis_stake=0.0, others=())
 
 
 def judged_pane(
