@@ -8,7 +8,6 @@ its smoothing no longer matters, and pictures of half the size will do.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,10 +88,14 @@ class LayerOverlap:
         Complete; its shifts and azimuth hold for all trials.
     incidence_deg : float
         Where the layers' powers are fitted.
+    seen : SeenCoarsely, optional
+        Of the frame, where it is at hand.
     """
 
-    def __init__(self, frame: PlateFrame, scene: SceneParameters, incidence_deg: float) -> None:
-        self._wiener = _Wiener(frame, scene)
+    def __init__(
+        self, frame: PlateFrame, scene: SceneParameters, incidence_deg: float, seen: SeenCoarsely | None = None
+    ) -> None:
+        self._wiener = _Wiener(SeenCoarsely(frame) if seen is None else seen, scene)
         self._wiener.fit(incidence_deg)
 
     def at(self, incidence_deg: float) -> float:
@@ -125,30 +128,49 @@ def _gradients(layers: Images) -> tuple[Images, Images]:
     return t, r
 
 
+class SeenCoarsely:
+    """Spectra of a frame's luminance at half its size, whatever the pane.
+
+    Parameters
+    ----------
+    frame : PlateFrame
+    """
+
+    def __init__(self, frame: PlateFrame) -> None:
+        from scipy.fft import rfft2
+
+        images = block_mean(frame.images[..., *middle_part(frame.images.shape, _SIDE)].mean(axis=1), _HALF)
+        self.shape: tuple[int, int] = images.shape[-2:]
+        images -= images.mean(axis=(-2, -1), keepdims=True)
+        images *= np.outer(*(fading(side) for side in self.shape))
+        self.spectrum: Spectrum = rfft2(images, norm="ortho")
+        self._rows, self._columns = frequencies(*self.shape)
+        self.radius2 = (self._rows**2 + self._columns**2).astype(np.float32)
+        self.radius2[0, 0] = (2 * np.pi / max(self.shape)) ** 2
+        self.noise = (frame.covariance / (_HALF**2 * frame.images.shape[1])).astype(np.float32)
+        self.azimuth_deg = frame.azimuth_deg
+
+    def turned(self, shift: float, azimuth_deg: float) -> Spectrum:
+        """What a shift in pixels along an azimuth does to each frequency."""
+        azimuth = math.radians(azimuth_deg)
+        along = self._columns * math.cos(azimuth) - self._rows * math.sin(azimuth)
+        return np.asarray(np.exp(-1j * along * shift / _HALF), np.complex64)
+
+
 class _Wiener:
     """Wiener filter for the luminance of both layers: in the Fourier domain each ghost is a phase.
 
     Power of the layers is ``level / |omega|^2``.
     """
 
-    def __init__(self, frame: PlateFrame, scene: SceneParameters) -> None:
-        from scipy.fft import rfft2
-
-        images = block_mean(frame.images[..., *middle_part(frame.images.shape, _SIDE)].mean(axis=1), _HALF)
-        self._shape: tuple[int, int] = images.shape[-2:]
-        images -= images.mean(axis=(-2, -1), keepdims=True)
-        images *= np.outer(*(fading(side) for side in self._shape))
-        self._seen: Spectrum = rfft2(images, norm="ortho")
-        rows, columns = frequencies(*self._shape)
-        azimuth = math.radians(frame.azimuth_deg)
-        along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
+    def __init__(self, coarse: SeenCoarsely, scene: SceneParameters) -> None:
+        self._shape, self._seen = coarse.shape, coarse.spectrum
+        self._radius2, self._noise = coarse.radius2, coarse.noise
         shift, own = scene.values()[2], scene.transmission_ghost_shift
-        self._z_r = np.exp(-1j * along * shift / _HALF).astype(np.complex64)
-        self._z_t = self._z_r if own is None else np.exp(-1j * along * own / _HALF).astype(np.complex64)
-        self._z_gap = None if not scene.stacked else _gap_phase(scene, rows, columns)
-        self._radius2 = (rows**2 + columns**2).astype(np.float32)
-        self._radius2[0, 0] = (2 * np.pi / max(self._shape)) ** 2
-        self._noise = (frame.covariance / (_HALF**2 * frame.images.shape[1])).astype(np.float32)
+        self._z_r = coarse.turned(shift, coarse.azimuth_deg)
+        self._z_t = self._z_r if own is None else coarse.turned(own, coarse.azimuth_deg)
+        gap_deg = scene.values()[1] if scene.gap_azimuth_deg is None else scene.gap_azimuth_deg
+        self._z_gap = None if not scene.stacked else coarse.turned(scene.gap_shift or 0.0, gap_deg)
         self._levels: Images = np.full(2, _FIRST_LEVEL, np.float32)
         self._scene = scene
 
@@ -185,13 +207,6 @@ class _Wiener:
         white_perp = (power_par * seen_perp - cross.conj() * seen_par) / determinant
         found: Spectrum = p * (par.conj() * white_par + perp.conj() * white_perp)
         return found
-
-
-def _gap_phase(scene: SceneParameters, rows: Any, columns: Any) -> Spectrum:
-    """What a gap between panes, there and back, does to each frequency."""
-    azimuth = math.radians(scene.values()[1] if scene.gap_azimuth_deg is None else scene.gap_azimuth_deg)
-    along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
-    return np.asarray(np.exp(-1j * along * (scene.gap_shift or 0.0) / _HALF), np.complex64)
 
 
 def _transfer(

@@ -24,6 +24,7 @@ from polaropt.numerics import hann_autocorrelation, local_minima
 
 Values = NDArray[np.float64]
 Floats = NDArray[np.float32]
+Waves = NDArray[np.complex64]
 
 # All set by hand.
 _STEP_PX, _MOST_ACROSS_PX = 1.0, 10
@@ -54,25 +55,31 @@ class GapMap:
 
     def likely(self, window: Window, most: int) -> list[tuple[float, float]]:
         """The likeliest gaps of a window whose own does not count: pixels along the azimuth, and clockwise from it."""
-        gains = np.zeros(len(self._gaps))
-        for (cosine, sine), common, (even, odd) in zip(self._waves, self._common, self._gradient(window), strict=True):
-            gains += common * (cosine @ even + sine @ odd)
-        table = gains.reshape(2 * self._n + 1, -1)
+        table = np.zeros((2 * self._n + 1, 2 * _MOST_ACROSS_PX + 1))
+        for (along, across), common, (even, odd) in zip(self._waves, self._common, self._gradient(window), strict=True):
+            table += common.reshape(table.shape) * (along @ ((even + 1j * odd)[:, None] * across)).real
         minima = np.flatnonzero(local_minima(table) & local_minima(table.T).T)
-        best = minima[np.argsort(gains[minima])][:most]
+        best = minima[np.argsort(table.ravel()[minima])][:most]
         return [(float(along), float(across)) for along, across in self._gaps[best]]
+
+    @cached_property
+    def _sides(self) -> tuple[Values, Values]:
+        """Along, and across."""
+        along, across = (_STEP_PX * np.arange(-n, n + 1.0) for n in (self._n, _MOST_ACROSS_PX))
+        return along, across
 
     @cached_property
     def _gaps(self) -> Values:
         """Along and across, (gap, 2)."""
-        sides = np.arange(-self._n, self._n + 1), np.arange(-_MOST_ACROSS_PX, _MOST_ACROSS_PX + 1)
-        return np.asarray(_STEP_PX * np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2))
+        return np.stack(np.meshgrid(*self._sides, indexing="ij"), axis=-1).reshape(-1, 2)
 
     @cached_property
-    def _waves(self) -> list[tuple[Floats, Floats]]:
-        """Cosine and sine of what 1, 2, ... of each gap turn each frequency by, (gap, frequency)."""
-        once = (self._gaps @ np.stack([self._spectra.along, self._spectra.across_azimuth])).astype(np.float32)
-        return [(np.cos(k * once), np.sin(k * once)) for k in range(1, _MOST_GAPS + 1)]
+    def _waves(self) -> list[tuple[Waves, Waves]]:
+        """What 1, 2, ... gaps do to each frequency, turned back: (along, frequency) and (frequency, across)."""
+        along, across = self._sides
+        once = np.outer(along, self._spectra.along), np.outer(self._spectra.across_azimuth, across)
+        waves = [[np.exp(-1j * k * turn).astype(np.complex64) for turn in once] for k in range(1, _MOST_GAPS + 1)]
+        return [(first, second) for first, second in waves]
 
     @cached_property
     def _common(self) -> list[Values]:
@@ -106,15 +113,19 @@ class GapMap:
         damped = weights[:, still] * np.prod(common, axis=0).astype(np.float32)[still, None]
         powers, toward = self._fitted(np.stack([_response(w, cosine[still], sine[still]) for w in damped]))
         multiplicity = self._spectra.multiplicity
-        even, odd = np.zeros((2, _MOST_GAPS, multiplicity.size), np.float32)
-        for power, w in zip(powers * multiplicity / multiplicity.sum(), weights, strict=True):
-            for k in np.flatnonzero(~still & (np.abs(orders[:, 1]) <= _MOST_GAPS)):
-                n, sign = abs(int(orders[k, 1])) - 1, np.float32(np.sign(orders[k, 1]))
-                of_cosine = power * (toward[0] * w[k, 1] + toward[1] * w[k, 0] - 2 * toward[2] * w[k, 2])
-                of_sine = 2 * power * toward[3] * w[k, 3]
-                even[n] += of_cosine * cosine[k] + of_sine * sine[k]
-                odd[n] += sign * (of_sine * cosine[k] - of_cosine * sine[k])
-        return list(zip(even, odd, strict=True))
+        shares = powers * multiplicity / multiplicity.sum()
+        found = []
+        for n in range(1, _MOST_GAPS + 1):
+            moved = np.abs(orders[:, 1]) == n
+            sign = np.sign(orders[moved, 1]).astype(np.float32)[:, None]
+            # Of both layers, by lag and frequency.
+            par, perp, both, turned = np.moveaxis(weights[:, moved], -1, 0)[..., None]
+            of_cosine = (shares[:, None] * (perp * toward[0] + par * toward[1] - 2 * both * toward[2])).sum(axis=0)
+            of_sine = 2 * (shares[:, None] * (turned * toward[3])).sum(axis=0)
+            even = (of_cosine * cosine[moved] + of_sine * sine[moved]).sum(axis=0)
+            odd = (sign * (of_sine * cosine[moved] - of_cosine * sine[moved])).sum(axis=0)
+            found.append((even, odd))
+        return found
 
     def _fitted(self, layers: Floats) -> tuple[Floats, Floats]:
         """Powers of both layers (2, frequency), and the misfit's derivative by the covariance that they make.
