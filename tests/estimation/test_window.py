@@ -95,6 +95,16 @@ def test_two_panes_are_found_blind_and_one_is_left_alone() -> None:
     assert (single.n_panes, single.gap_shift) == (1, 0)
 
 
+@pytest.mark.parametrize(
+    "window",
+    [SceneParameters(40.0, 25.0, 0.5, n_panes=2, gap_shift=1.5), SceneParameters(51.0, 25.0, 2.0)],
+)
+def test_two_close_panes_and_the_single_one_that_looks_like_them_are_told_apart(window: SceneParameters) -> None:
+    found = find_scene(taken(window, size=256), OPEN, NOISE).scene
+    assert found.n_panes == window.n_panes
+    assert found.incidence_deg == pytest.approx(window.incidence_deg, abs=0.7)
+
+
 @pytest.mark.parametrize("gap", [(9.0, 0.0), (-12.0, 5.0)])
 def test_a_map_of_gaps_holds_the_true_one(gap: tuple[float, float]) -> None:
     """Though it is made a few degrees off, and no scan along the azimuth would meet the second."""
