@@ -504,15 +504,17 @@ class Case:
 
     @property
     def near_errors(self) -> SceneErrors:
-        """The same but for what other panes add to them."""
+        """The same without what rivals add; before polarized light in place these say how all numbers move."""
         estimate = self.found.estimate
-        return self.errors if estimate is None or self.given_errors is not None else estimate.errors
+        if estimate is None or self.given_errors is not None:
+            return self.errors
+        return SceneErrors() if estimate.rivals and estimate.scene.polarized else estimate.errors
 
 
 def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnostics | None) -> Separation:
     still, found = case.still, case.found
     capture, noise = still.capture, still.noise
-    others = () if found.estimate is None else found.estimate.others
+    rivals = () if found.estimate is None else found.estimate.rivals
     diagnostics = diagnose(
         capture,
         noise,
@@ -527,7 +529,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         doubtful_incidence=case.doubtful_incidence,
         coated=case.coated,
         likelier_index=case.likelier_index,
-        loss=scene_loss(capture, noise, found.scene, case.near_errors, solution.variance, still.growth, others),
+        loss=scene_loss(capture, noise, found.scene, case.near_errors, solution.variance, still.growth, rivals),
         finite=solution.solver.status is not Status.NOT_FINITE,
         before=judged,
     )
@@ -555,8 +557,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
             solution.pieces,
             still.growth,
             of_scene=case.near_errors,
-            rivals=() if found.estimate is None else found.estimate.rivals,
-            others=others,
+            rivals=rivals,
         ),
     )
 

@@ -75,10 +75,10 @@ class LadderResult:
 
     @property
     def errors(self) -> SceneErrors:
-        """Standard errors of what was estimated; they reach the other panes that it may be."""
+        """Standard errors of what was estimated; they reach its rivals."""
         if self.estimate is None:
             return SceneErrors(refractive_index=self.index_error)
-        return widened(self.estimate.errors, self.scene, self.estimate.others)
+        return widened(self.estimate.errors, self.scene, self.estimate.rivals)
 
     def scaled(self, factor: float) -> LadderResult:
         """The same of photographs with so many times the pixels a side."""
@@ -324,10 +324,8 @@ def _climbed(evidence: Evidence, seconds: float, remark: str) -> LadderResult:
     steps[steps.index(best)] = taken
     tried = tuple(step.tried(evidence, step is taken, _reason(evidence, steps, step, taken)) for step in steps)
     found = taken.attempt
-    others = evidence.estimate.others if taken is steps[0] else ()
-    estimate = dataclasses.replace(
-        evidence.estimate, scene=found.scene, errors=found.errors, rivals=found.rivals, others=others
-    )
+    rivals = evidence.estimate.rivals if taken is steps[0] else found.rivals
+    estimate = dataclasses.replace(evidence.estimate, scene=found.scene, errors=found.errors, rivals=rivals)
     return LadderResult(found.scene, estimate, tried)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, NoiseModel
 from polaropt.judging.uncertainty import Doubt, doubts, scene_variance
 from polaropt.numerics import middle_part
-from polaropt.optics import Alternative, SceneErrors, SceneParameters, widened
+from polaropt.optics import Rival, SceneErrors, SceneParameters, widened
 
 Pair = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ class SceneLoss:
     transmission_db, reflection_db : float
         Mean squared error by the noise and the scene's errors together, over that by the noise alone.
     chance : float
-        That the transmission loses more than `MUCH_DB`, if the errors are normal and independent, and other panes as
-        likely as they are said to be.
+        That the transmission loses more than `MUCH_DB`, if the errors are normal and independent, and rivals as likely
+        as they are said to be.
     number : str
         The number of the scene whose error costs the transmission most.
     error : float
@@ -58,9 +58,9 @@ def scene_loss(
     errors: SceneErrors,
     of_noise: Pair,
     growth: NoiseModel | None = None,
-    others: Sequence[Alternative] = (),
+    rivals: Sequence[Rival] = (),
 ) -> SceneLoss | None:
-    """Expected loss for the standard errors of a scene, and the others that it may be; None where it has none.
+    """Expected loss for the standard errors of a scene, and its rivals; None where it has none.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def scene_loss(
         Variance that the noise leaves to a pixel of each layer.
     growth : NoiseModel, optional
         How the noise grows with the light. Default: it is the same everywhere.
-    others : sequence of Alternative
+    rivals : sequence of Rival
         Scenes that the errors do not reach.
     """
     rows, columns = middle_part(capture.shape, _SIDE)
@@ -89,21 +89,22 @@ def scene_loss(
         return mean / of_noise
 
     near = doubts(scene, replace(errors, **_OF_RIVALS))
-    far = doubts(scene, SceneErrors(), others=others)
+    far = doubts(scene, SceneErrors(), rivals=rivals)
     if not (near or far):
         return None
     # The errors' own are those of the scene that was taken.
-    by_errors, by_others = (np.array([share(doubt) for doubt in some]).reshape(-1, 2) for some in (near, far))
-    chances = np.array([other.chance for other in others])
+    by_errors, by_rivals = (np.array([share(doubt) for doubt in some]).reshape(-1, 2) for some in (near, far))
+    chances = np.array([rival.chance for rival in rivals])
     left, limit = 1 - chances.sum(), 10 ** (MUCH_DB / 10) - 1
-    expected = left * by_errors.sum(axis=0) + by_others.sum(axis=0)
+    expected = left * by_errors.sum(axis=0) + by_rivals.sum(axis=0)
     transmission, reflection = (float(loss) for loss in 10 * np.log10(1 + expected))
-    chance = left * _chance(by_errors[:, 0], limit) + chances[by_others[:, 0] / chances > limit].sum()
+    chance = left * _chance(by_errors[:, 0], limit) + chances[by_rivals[:, 0] / chances > limit].sum()
     added: dict[str, float] = defaultdict(float)
-    for doubt, (of_transmission, _) in zip((*near, *far), (*by_errors, *by_others), strict=True):
+    for doubt, (of_transmission, _) in zip((*near, *far), (*by_errors, *by_rivals), strict=True):
         added[doubt.number] += float(of_transmission)
     number = max(added, key=lambda name: added[name])
-    error = float(np.max(getattr(widened(errors, scene, others), number)))
+    stated = replace(errors, incidence_deg=errors.incidence_deg or 0.0)
+    error = float(np.max(getattr(widened(stated, scene, rivals), number)))
     return SceneLoss(transmission, reflection, float(chance), number, error)
 
 

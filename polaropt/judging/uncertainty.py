@@ -20,7 +20,7 @@ from polaropt.capture import Capture, NoiseModel, noise_classes
 from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
 from polaropt.numerics import middle_part, strips
-from polaropt.optics import FIELDS, Alternative, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
+from polaropt.optics import FIELDS, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.solving import Piece, Problem, Tile, Weights
 from priors.base import CHROMA_WEIGHT
 from solvers.kernels import in_blocks
@@ -55,9 +55,7 @@ class Doubt:
     n_errors: float
 
 
-def doubts(
-    scene: SceneParameters, errors: SceneErrors, rivals: Sequence[Rival] = (), others: Sequence[Alternative] = ()
-) -> tuple[Doubt, ...]:
+def doubts(scene: SceneParameters, errors: SceneErrors, rivals: Sequence[Rival] = ()) -> tuple[Doubt, ...]:
     """Moved scenes for every number of a complete scene that was estimated, and its rivals.
 
     Parameters
@@ -67,15 +65,13 @@ def doubts(
         What is None in it adds nothing; nor does the azimuth of a flat pane that is seen from far, as polarization
         falls with the cosine of its error.
     rivals : sequence of Rival
-        Where there are any, they say how the numbers that they differ in move together.
-    others : sequence of Alternative
         Scenes that the errors do not reach.
     """
     # Ghosts hardly matter to how slow changes answer, and before a wide lens they cost many times as much.
     base = scene.replace(ghost_shift=0.0, transmission_ghost_shift=None, gap_shift=0.0) if scene.varies else scene
     # Half of what the layers move by from below to above, per error, is what chance makes of the whole.
-    far = [Doubt("incidence_deg", base, other.scene, 0.5 / math.sqrt(other.chance)) for other in (*rivals, *others)]
-    return tuple(far) if rivals else (*_moved(base, errors), *far)
+    far = (Doubt("incidence_deg", base, rival.scene, 0.5 / math.sqrt(rival.chance)) for rival in rivals)
+    return (*_moved(base, errors), *far)
 
 
 def scene_variance(
@@ -232,7 +228,6 @@ def estimate_uncertainty(
     *,
     of_scene: SceneErrors = SceneErrors(),  # noqa: B008 (frozen)
     rivals: Sequence[Rival] = (),
-    others: Sequence[Alternative] = (),
     tell: Callable[[float], None] | None = None,
 ) -> Iterator[UncertaintyStrip]:
     """Standard errors from the variance that each place's photographs and spectra leave, and from the scene's errors.
@@ -250,13 +245,13 @@ def estimate_uncertainty(
         How the noise grows with the light. Default: it is the same everywhere.
     of_scene : SceneErrors
         Of what was estimated of the scene. Default: it is known.
-    rivals, others : sequence of Alternative
-        Other scenes that the true one may be; see `doubts`.
+    rivals : sequence of Rival
+        Other scenes that the true one may be.
     tell : callable, optional
         Called with the fraction done, 0..1.
     """
     colors, (height, width) = layers.shape[1], layers.shape[-2:]
-    doubtful = doubts(pieces[0].pse.scene, of_scene, rivals, others)
+    doubtful = doubts(pieces[0].pse.scene, of_scene, rivals)
     blocks = _Blocks.of(capture, noise, doubtful, growth) if doubtful else None
     done = 0.0
 

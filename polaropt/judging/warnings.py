@@ -12,7 +12,7 @@ from polaropt.capture import Capture, Mistakes, NoiseModel, closure_share, find_
 from polaropt.estimation import NOTABLE_STAKE, AngleMistake, LikelierIndex, SceneEstimate, angle_mistake
 from polaropt.judging.loss import SceneLoss
 from polaropt.numerics import block_mean
-from polaropt.optics import SceneParameters, expected_error, stokes_from_intensities
+from polaropt.optics import SceneParameters, stokes_from_intensities
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -42,9 +42,6 @@ _LIKELY = 0.5
 not. Of 72 random windows to fit on (`studies.random_windows`, even seeds) whose chance is 0.02 or more 34 fail, by the
 chances 39; of the 37 above a half 28, by the chances 30. Of 88 below it 15 fail for what errors do not tell of: other
 panes, another index, gains."""
-_MUCH_OFF = 0.02
-"""Expected error of the transmission, as a share of it, for panes that show the same: about what noise alone leaves (44
-dB) on the random windows to fit on (`studies.random_windows`)."""
 # Pixels per side that the contrast is taken from, at most about twice as many.
 _SAMPLE = 128
 
@@ -265,8 +262,9 @@ def diagnose(
     # Of photographs in a wrong order, moved or encoded there is a warning of its own.
     contradictory = _far_apart(capture) if before is None else before.contradictory
     explained = explained and not (mistakes == Mistakes() and contradictory)
-    # Rivals widen the scene's errors, and have a warning of their own.
-    uncertain = _loses(loss) and (estimate is None or not estimate.rivals)
+    # Panes before polarized light that show the same have a warning of their own.
+    alike = estimate is not None and bool(estimate.rivals) and _found_polarized(scene, estimate)
+    uncertain = _loses(loss) and not alike
     deserved = {
         SeparationWarning.NO_POLARIZATION: not polarized,
         SeparationWarning.REFLECTION_NOT_IDENTIFIABLE: not polarized or reflection_unknown > _UNKNOWN_REFLECTION,
@@ -279,7 +277,7 @@ def diagnose(
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
         SeparationWarning.COATED: coated,
         SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),
-        SeparationWarning.POLARIZATION_DOUBTFUL: estimate is not None and expected_error(estimate.rivals) > _MUCH_OFF,
+        SeparationWarning.POLARIZATION_DOUBTFUL: _loses(loss) and alike,
         SeparationWarning.MODEL_DOES_NOT_EXPLAIN: polarized and not explained,
         SeparationWarning.MOVING: moving is not None,
         SeparationWarning.SOLVER_FAILED: not finite,

@@ -10,7 +10,6 @@ __all__ = [
     "MOST_PANES",
     "PSE",
     "SEARCHED",
-    "Alternative",
     "Analyzer",
     "Bend",
     "Calibration",
@@ -34,7 +33,6 @@ __all__ = [
     "change_basis",
     "dolp_aolp",
     "engine_for",
-    "expected_error",
     "frame_matrix",
     "ghost_step",
     "ghost_sum",
@@ -92,9 +90,7 @@ from .plate import in_place_weights as in_place_weights
 from .plate import plate_at as plate_at
 from .plate import plate_of as plate_of
 from .plate import window_orders as window_orders
-from .rivals import Alternative as Alternative
 from .rivals import Rival as Rival
-from .rivals import expected_error as expected_error
 from .rivals import widened as widened
 from .sampling import SampledPSE as SampledPSE
 from .sampling import Sampling as Sampling

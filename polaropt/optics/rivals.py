@@ -12,7 +12,7 @@ from polaropt.optics.scene import SceneErrors, SceneParameters
 
 
 @dataclass(frozen=True)
-class Alternative:
+class Rival:
     """A scene that may be the true one.
 
     Attributes
@@ -31,25 +31,7 @@ class Alternative:
         return dataclasses.replace(self, scene=self.scene.scaled(factor))
 
 
-@dataclass(frozen=True)
-class Rival(Alternative):
-    """One before polarized light, and what becomes of the layers if it is.
-
-    Attributes
-    ----------
-    off : float
-        Error of the transmission found if it is, as a share of the transmission; 1 where the layers are exchanged.
-    """
-
-    off: float
-
-
-def expected_error(rivals: Sequence[Rival]) -> float:
-    """Root mean square error of the transmission, as a share of it, for the chance of each rival."""
-    return math.sqrt(sum(rival.chance * rival.off**2 for rival in rivals))
-
-
-def widened(errors: SceneErrors, scene: SceneParameters, rivals: Sequence[Alternative]) -> SceneErrors:
+def widened(errors: SceneErrors, scene: SceneParameters, rivals: Sequence[Rival]) -> SceneErrors:
     """Errors of a scene that reach its rivals: added to them is how far these lie, root mean square by chance."""
 
     def spread(name: str, period: float = math.inf, part: int | None = None) -> float:

@@ -94,7 +94,7 @@ def test_of_two_minima_far_from_each_other_the_likelier_one_is_taken(number: int
     found = estimate_scene(capture, asked)
     assert found.scene.incidence_deg == pytest.approx(window.scene.incidence_deg, abs=0.5)
     # The other one lies 40 degrees off, where the search no longer ends, and 14 degrees.
-    reached = widened(SceneErrors(0.0), found.scene, found.others).incidence_deg
+    reached = widened(SceneErrors(0.0), found.scene, found.rivals).incidence_deg
     assert least_doubt_deg < reached < 10
 
 

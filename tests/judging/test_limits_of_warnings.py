@@ -11,6 +11,7 @@ from polaropt import Capture, SeparationWarning
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.judging.loss import SceneLoss
 from polaropt.judging.warnings import diagnose
+from polaropt.optics import Rival
 from tests.blends import blend
 
 UNCERTAIN = SceneLoss(8.0, 8.0, 0.51, "incidence_deg", 0.2)
@@ -34,7 +35,7 @@ LIMITS = {
     "grazing, noisy": ("GRAZING", "incidence", 83.9, 84.1, {"noise_share": 0.5}),
     "grazing, uncertain": ("GRAZING", "incidence", 83.9, 84.1, {"loss": UNCERTAIN}),
     "clipped": ("SATURATED", "clipped", 0.009, 0.011, {}),
-    "rivals": ("POLARIZATION_DOUBTFUL", "rivals", 0.019, 0.021, {}),
+    "rivals": ("POLARIZATION_DOUBTFUL", "rivals", 0.5, 0.51, {}),
     "a pane across": ("AXIS_DOUBTFUL", "axis", 0.99, 1.0, {}),
     "gains apart": ("MODEL_DOES_NOT_EXPLAIN", "apart", 0.95, 1.05, {}),
 }
@@ -52,8 +53,9 @@ def said(what: str, value: object, more: dict[str, object], patch: pytest.Monkey
         valid.reshape(-1)[: round(value * valid.size)] = False
         capture = Capture.of_planes(capture.intensities, valid=valid)
     elif what == "rivals":
-        patch.setattr("polaropt.judging.warnings.expected_error", lambda rivals: value)
-        told["estimate"] = estimate_scene(capture, scene)
+        scene = scene.replace(transmission_polarization=(0.5, 30.0))
+        told["estimate"] = replace(estimate_scene(capture, scene), rivals=(Rival(scene, 0.5),))
+        told["loss"] = replace(UNCERTAIN, chance=value)
     elif what == "axis":
         from polaropt.estimation import NOTABLE_STAKE
 

@@ -10,7 +10,7 @@ from polaropt import separate
 from polaropt.capture.noise import measured_noise
 from polaropt.judging.loss import _chance, scene_loss
 from polaropt.judging.uncertainty import doubts, scene_variance
-from polaropt.optics.rivals import Alternative, Rival, widened
+from polaropt.optics.rivals import Rival, widened
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.solving import Problem, Weights
 from polaropt.solving.solution import tiles
@@ -143,7 +143,7 @@ def test_errors_of_polarized_light_cost_the_layers_as_well():
 def test_another_pane_costs_the_layers_much_as_often_as_it_is_the_true_one(incidence_deg, chance):
     example = blend(60, 64)
     noise, growth = measured_noise(example.capture)
-    other = Alternative(example.scene.replace(incidence_deg=incidence_deg), 0.2)
+    other = Rival(example.scene.replace(incidence_deg=incidence_deg), 0.2)
     near, of_noise = SceneErrors(incidence_deg=0.001), np.full(2, noise**2)
     loss = scene_loss(example.capture, noise, example.scene, near, of_noise, growth, [other])
     assert loss.chance == pytest.approx(chance, abs=1e-3)
@@ -171,7 +171,7 @@ def test_what_a_rival_makes_of_the_layers_counts_by_its_chance():
     noise, _ = measured_noise(example.capture)
     other = example.scene.replace(incidence_deg=50.0)
     likely, sure = (
-        scene_variance(example.capture, noise, doubts(example.scene, SceneErrors(5.0), [Rival(other, chance, 0.1)]))
+        scene_variance(example.capture, noise, doubts(example.scene, SceneErrors(), [Rival(other, chance)]))
         for chance in (0.25, 1.0)
     )
     np.testing.assert_allclose(4 * likely, sure, rtol=1e-4)

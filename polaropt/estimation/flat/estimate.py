@@ -19,7 +19,7 @@ from polaropt.estimation.flat.azimuth import HIGH_STAKE, AxisCandidate, choose_a
 from polaropt.estimation.flat.errors import widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
-from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_LIMITS_DEG, Alternative, Rival, SceneErrors, SceneParameters
+from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_LIMITS_DEG, Rival, SceneErrors, SceneParameters
 
 _POLARIZED_SNR = 10.0
 """Standard errors of what noise alone would leave that polarized light must have to be believed. Set by hand."""
@@ -59,9 +59,7 @@ class SceneEstimate:
     shift_grid, shift_misfit : ndarray
         Minus log likelihood over trial ghost shifts, less its minimum.
     rivals : tuple of Rival
-        Other scenes before polarized light that explain the capture about as well.
-    others : tuple of Alternative
-        Other panes before light that is not; the errors do not reach them.
+        Other scenes that explain the capture about as well; the errors do not reach them.
     """
 
     scene: SceneParameters
@@ -76,15 +74,13 @@ class SceneEstimate:
     shift_grid: Curve
     shift_misfit: Curve
     rivals: tuple[Rival, ...] = ()
-    others: tuple[Alternative, ...] = ()
 
     def scaled(self, factor: float) -> SceneEstimate:
         """The same of photographs with so many times the pixels a side."""
         grid = factor * self.shift_grid
         rivals = tuple(rival.scaled(factor) for rival in self.rivals)
-        others = tuple(other.scaled(factor) for other in self.others)
         scene, errors = self.scene.scaled(factor), self.errors.scaled(factor)
-        return replace(self, scene=scene, errors=errors, shift_grid=grid, rivals=rivals, others=others)
+        return replace(self, scene=scene, errors=errors, shift_grid=grid, rivals=rivals)
 
     @property
     def better_left(self) -> bool:
@@ -160,7 +156,7 @@ def estimate_scene(
         overlap=overlap,
         shift_grid=shift_grid,
         shift_misfit=shift_misfit - shift_misfit.min(),
-        others=tuple(Alternative(_completed(scene, frame.azimuth_deg, other), chance) for other, chance in far),
+        rivals=tuple(Rival(_completed(scene, frame.azimuth_deg, other), chance) for other, chance in far),
     )
 
 

@@ -286,4 +286,4 @@ def _of_group(points: Values, weights: Values, off: Values, chance: float, asked
     error = math.sqrt(float(weights @ np.square(off)) / float(weights.sum()))
     near = np.abs(np.abs(off) - error)
     place = int(np.argmax(np.where(near <= max(_NEAR, float(near[weights > 0].min())), weights, -1.0)))
-    return Rival(scene_at(points[place], asked), chance, min(error, 1.0))
+    return Rival(scene_at(points[place], asked), chance)

@@ -45,7 +45,7 @@ from polaropt.estimation.polarized.light import (
 from polaropt.estimation.polarized.likelihood import Levels, PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture
 from polaropt.numerics import Box, jackknife_error, left_out
-from polaropt.optics import GHOST_SHIFT_SEARCH_PX, Rival, SceneErrors, SceneParameters, brewster_angle_deg, widened
+from polaropt.optics import GHOST_SHIFT_SEARCH_PX, Rival, SceneErrors, SceneParameters, brewster_angle_deg
 
 Values = NDArray[np.float64]
 
@@ -530,11 +530,12 @@ class PolarizedFit:
     n : int
         How many numbers it is the mean of.
     errors : SceneErrors
+        They do not reach the rivals.
     gain : float
         How much more likely the polarized light makes the capture, per frequency and colour, doubt deducted: the plain
         pane's score less this one's.
     rivals : tuple of Rival
-        Panes that show the same; the errors reach them.
+        Panes that show the same.
     """
 
     scene: SceneParameters
@@ -581,4 +582,4 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
         alike = panes_alike(mixture, likelihood, asked)
         candidate, rivals = (candidate, ()) if alike is None else (alike.candidate, alike.rivals)
     scene, errors = scene_at(candidate.point, asked), search.errors(candidate)
-    return PolarizedFit(scene, *likelihood.leftover(candidate.point), widened(errors, scene, rivals), gain, rivals)
+    return PolarizedFit(scene, *likelihood.leftover(candidate.point), errors, gain, rivals)
