@@ -265,6 +265,8 @@ def angle_mistake(
         return AngleMistake.REVERSED if _fits_reversed(capture, noise, scene, unexplained) else None
     if scene.single_surface or scene.focal_px is not None or scene.polarized or _ghosts_along(estimate):
         return None
+    if _gap_is_turned(scene):
+        return None
     incidence, azimuth, _ = scene.values()
     if not LEAST_DEG <= incidence <= MOST_DEG - min(LOWER_DEG):
         return None
@@ -273,6 +275,14 @@ def angle_mistake(
         return None
     mirrored = (found.direction_deg + found.azimuth_deg + 90) % 180 - 90
     return AngleMistake.REVERSED if abs(mirrored) < _MIRRORED_DEG else AngleMistake.ROTATED
+
+
+def _gap_is_turned(scene: SceneParameters) -> bool:
+    """Whether panes of a window have images beside the azimuth: what was found tells more than their direction."""
+    if not scene.stacked or not scene.gap_shift or scene.gap_azimuth_deg is None:
+        return False
+    turned = (scene.gap_azimuth_deg - scene.values()[1] + 90) % 180 - 90
+    return abs(turned) > _ELSEWHERE_DEG
 
 
 def _ghosts_along(estimate: SceneEstimate) -> bool:

@@ -22,9 +22,9 @@ from polaropt.capture import PlateFrame, StokesImages, plate_frame
 from polaropt.estimation.flat.errors import widened_incidence, widened_shift
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap, SeenCoarsely, overlap_of, refined_incidence
-from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, CrossSpectra, cross_spectra
+from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.windows.gaps import GapMap
-from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
+from polaropt.estimation.flat.windows.likelihood import DETAIL, Window, WindowLikelihood
 from polaropt.numerics import jackknife_error, left_out, local_minima, minimum_error, vertex
 from polaropt.optics import (
     GHOST_SHIFT_SEARCH_PX,
@@ -55,6 +55,8 @@ _CLOSE_PX, _BESIDE_DEG = 3.0, (-9.0, -6.0, -3.0, 0.0, 3.0)
 _TURNED_DEG, _HARDLY_PX = 12.0, 1.0
 """Angle between gap and azimuth from which on, and shift of a pane up to which, a window is one pane for all that its
 images tell: as far as ghosts may lie beside the azimuth without a warning (`polaropt.estimation.angles`); by hand."""
+_BESIDE_PX, _TURNED_INCIDENCES_DEG = np.arange(-2.0, 2.5, 0.5), np.arange(10.0, INCIDENCE_SEARCH_DEG[1], 3.0)
+"""Shifts beside the gap, and incidences, at which that pane is looked at; by hand."""
 _MOST_LIKELIEST, _MOST_CANDIDATES = 2, 4
 """How many of these are looked at closely: the likeliest, and those with the best scores, as patterns make many a wrong
 window likelier than the true one."""
@@ -420,6 +422,23 @@ class _Axis:
         """The best of some windows."""
         return min((self.judged(found.window) for found in candidates), key=lambda found: found.score)
 
+    def likelier_than_turned(self, found: LikelyWindow) -> bool:
+        """Whether the spectra are clearly likelier than of a single pane whose ghosts lie along a window's gap."""
+        window = found.window
+        single, direction = self.scene(Window(window.incidence_deg, 0.0)).plainest, self.scene(window).gap_azimuth_deg
+        apart = math.hypot(window.gap_along, window.gap_across) + _BESIDE_PX
+        shifts = np.concatenate([apart, -apart])
+
+        def misfit(spectra: CrossSpectra, incidences_deg: Values, shifts: Values) -> Values:
+            turned = spectra if direction is None else spectra.with_ghosts_along(direction)
+            return np.asarray(ShiftLikelihood(turned, single, DETAIL).misfit(incidences_deg, shifts, _ROUNDS))
+
+        misfits = misfit(self._spectra, _TURNED_INCIDENCES_DEG, shifts)
+        i, k = np.unravel_index(np.argmin(misfits), misfits.shape)
+        rest = [misfit(part, _TURNED_INCIDENCES_DEG[[i]], shifts[[k]]).item() for part in self._spectra.left_out()]
+        error = jackknife_error(np.array(rest) - found.parts[0])
+        return bool(misfits[i, k] - found.misfit > max(_LEAST_GAIN, _SURE * error))
+
     def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:
         """The better of two single panes, with a ghost where a window's first one lies, or that of its next pane."""
         shifts = window.pane_shift, window.pane_shift + window.gap_along
@@ -523,9 +542,11 @@ def _with_panes(
             best = more if more.score < best.score - _LEAST_GAIN else best
         likely.append((axis, best))
     for axis, window in sorted(likely, key=lambda pair: pair[1].score):
-        if _looks_turned(window.window) or not axis.shows(window.window):
+        if not axis.shows(window.window):
             continue
         if _shows_another(window, plain) and window.score < found.score:
+            if _looks_turned(window.window) and not axis.likelier_than_turned(window):
+                continue
             # Two thin panes look much like the faces of one, whose ghost may have been missed.
             single = axis.with_ghost_of(window.window, plain.window)
             if _shows_another(window, single):
