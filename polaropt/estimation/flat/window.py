@@ -22,7 +22,7 @@ from polaropt.capture import PlateFrame, StokesImages, plate_frame
 from polaropt.estimation.flat.errors import widened_incidence, widened_shift
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap, SeenCoarsely, overlap_of, refined_incidence
-from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, CrossSpectra, ShiftLikelihood, cross_spectra
+from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import DETAIL, Window, WindowLikelihood
 from polaropt.numerics import jackknife_error, left_out, local_minima, minimum_error, vertex
@@ -79,7 +79,7 @@ photographs tell gain a log likelihood of 0.008 and more, single panes up to 0.0
 _SURE_OF_CLOSE = 1.5
 """Those added where all images lie close together, and the single pane's do, too. With pairs of photographs that no
 figure is taken of and those inside scikit-image, two panes at 30 to 70 degrees and single ones at 20 to 80 (shifts of
-0.5 to 3 px, noise 0.3 to 2 %): all of 18 of two panes have 2.2 and more, of 20 single ones 19 have 0.3 at most."""
+1 to 3 px, noise 0.3 to 2 %): all of 18 of two panes have 2.2 and more, of 18 single ones 17 have 0.3 at most."""
 _NO_ERROR = 1e-9
 """For none at all, of a frame that is all alike."""
 _LEAST_GAIN_OF_TINT = 0.001
@@ -484,12 +484,12 @@ def _shows_another(window: LikelyWindow, other: LikelyWindow) -> bool:
 
     Where more numbers are free, edges overlap less by chance; where layers have edges in common they may overlap more.
     Images a pixel or two apart hardly change the spectra, but leave edges doubled. They suit few windows: no chance
-    likeness was chosen from many.
+    likeness was chosen from many. What lies closer passes for a pane of another index, or a tinted one.
     """
     gains = other.misfit - window.misfit, other.edges - window.edges
     errors = [jackknife_error(b - a) for a, b in zip(window.parts, other.parts, strict=True)]
     seen, overlap = (gain / max(error, _NO_ERROR) for gain, error in zip(gains, errors, strict=True))
-    if _close(window.window) and LEAST_SHIFT_PX <= abs(other.window.pane_shift) <= _CLOSE_PX:
+    if _close(window.window) and _HARDLY_PX <= abs(other.window.pane_shift) <= _CLOSE_PX:
         return bool(seen + overlap > _SURE_OF_CLOSE and window.score < other.score)
     together = gains[0] > _LEAST_GAIN and seen + overlap > _SURE_TOGETHER and window.score < other.score
     return seen > _SURE and (together or window.clearly_better(other, _LEAST_GAIN, _SURE))
