@@ -90,11 +90,14 @@ class SeenSpectra:
         Of each row of windows, (2, channel, window, 32, 17).
     light : ndarray of float32, shape (2, h, w)
         Of the layers in closed form: the first of the basis's colours.
+    left : ndarray of float32, shape (2, channel, H, W // 2 + 1)
+        What is left open per frequency without windows.
     """
 
     windows: Windows
     power: tuple[Power, ...]
     light: Images
+    left: Power
 
     def changed(self, light: Images, variance: NDArray[np.float64], precision: Images) -> NDArray[np.bool_]:
         """Windows (down, across) in which another frame shows something else.
@@ -157,10 +160,13 @@ def expected_layers(
         )
         layers, share = layers.copy(), step.share
         canvas.crop(layers)[...] += in_basis(known.basis.T.astype(np.float32), step.change, np)
-    seen = SeenSpectra(windows, step.power, light) if remember else None
     own = in_basis(known.basis.astype(np.float32), layers, np)
     # At the canvas's own frequencies, as ghosts farther apart than a window leave some of them open.
-    left = np.stack(_inverse(known.told[:, None], known.cross, _inverse_of(known.prior))[:2])
+    if before is None:
+        left = np.stack(_inverse(known.told[:, None], known.cross, _inverse_of(known.prior))[:2])
+    else:
+        left = before.left
+    seen = SeenSpectra(windows, step.power, light, left) if remember else None
     still = changed is not None and bool(changed.mean() < _FEW)
     return Expectation(np.asarray(own, dtype=np.float32), left * windows.on_canvas(share), seen, still)
 
