@@ -234,11 +234,15 @@ def _mixed_in_strips(capture: Capture, mixing: Matrix, known: Mask) -> MixedImag
     photographs = capture.intensities if capture.color else capture.intensities[:, None]
     nowhere = np.zeros((3, 0), np.intp), np.zeros((mixing.shape[1], 0), np.float32)
     mixed = MixedImages(photographs, (np.asarray(np.linalg.pinv(mixing), dtype=np.float64),), *nowhere)
-    whole = np.asarray(capture.mask.all(axis=0)).reshape(photographs.shape[1:])
-    if whole.all():
+    if capture.n_valid == capture.mask.size:
         return mixed
-    gaps, values = gap_values((images, whole[:, rows]) for rows, images in mixed.strips(GAP_STRIP))
-    trusted = np.stack([photograph.reshape(whole.shape)[*gaps] for photograph in capture.mask])
+
+    def whole(rows: slice) -> Mask:
+        in_all = np.asarray(capture.mask[..., rows, slice(None)].all(axis=0))
+        return in_all.reshape(-1, *in_all.shape[-2:])
+
+    gaps, values = gap_values((images, whole(rows)) for rows, images in mixed.strips(GAP_STRIP))
+    trusted = np.stack([photograph.reshape(photographs.shape[1:])[*gaps] for photograph in capture.mask])
     partly = trusted.any(axis=0)
     of_partly = gaps[:, partly]
     values[:, partly] = _weighted_entries(photographs[:, *of_partly], trusted[:, partly], mixing, values[:, partly])

@@ -264,28 +264,24 @@ def estimate_uncertainty(
     bands = [list(band) for _, band in groupby(pieces, key=lambda piece: piece.tile.rows.start)]
     ends = [*(band[0].tile.rows.start for band in bands[1:]), height]
     # What the band above has left in the rows that both cover.
-    nothing = np.empty((0, width), dtype=np.float32)
-    total, added = (2 * colors + 1) * [nothing], (2 * colors if doubtful else 0) * [nothing]
+    total = (2 * colors + 1) * [np.empty((0, width), dtype=np.float32)]
     for band, end in zip(bands, ends, strict=True):
         top, bottom = band[0].tile.rows.start, band[0].tile.rows.stop
-        total, added = ([_continued(plane, bottom - top) for plane in planes] for planes in (total, added))
+        total = [_continued(plane, bottom - top) for plane in total]
         for piece in band:
-            _add_noise(total, capture.part(*piece.tile.where), layers, noise, piece, growth)
+            found = _of_noise(capture.part(*piece.tile.where), layers, noise, piece, growth)
             advance(_NOISE_SHARE)
             if doubtful:
-                _add_scene(added, capture, noise, piece.tile, doubtful, growth, blocks)
+                of_scene_errors = _of_scene(capture, noise, piece.tile, doubtful, growth, blocks)
+                np.hypot(found[:-1], of_scene_errors, out=found[:-1])
+            for plane, values in zip(total, found, strict=True):
+                plane[:, piece.tile.columns] += piece.tile.weights * values
             advance(1 - _NOISE_SHARE)
         for rows in strips(end - top, len(total) * width):
             errors, known = np.stack([plane[rows] for plane in total[:-1]]), 1 - np.clip(total[-1][rows], 0, 1)
-            if doubtful:
-                np.hypot(errors, np.stack([plane[rows] for plane in added]), out=errors)
             uncertainty = Uncertainty(errors.reshape(2, *capture.shape[:-2], *known.shape), known)
             yield UncertaintyStrip(slice(top + rows.start, top + rows.stop), uncertainty)
-        total, added = ([plane[end - top :] for plane in planes] for planes in (total, added))
-
-
-# Planes (rows, w) of a band, apart: they are stacked for a few rows at a time alone.
-Planes = list[Images]
+        total = [plane[end - top :] for plane in total]
 
 
 def _continued(rows: Images, n: int) -> Images:
@@ -295,10 +291,8 @@ def _continued(rows: Images, n: int) -> Images:
     return plane
 
 
-def _add_noise(
-    total: Planes, part: Capture, layers: Images, noise: float, piece: Piece, growth: NoiseModel | None
-) -> None:
-    """Add to the rows of a band what the noise leaves in a tile of it, and what it does not tell of the reflection."""
+def _of_noise(part: Capture, layers: Images, noise: float, piece: Piece, growth: NoiseModel | None) -> Images:
+    """What the noise leaves in a tile, and what it does not tell of the reflection, (2 channel + 1, h, w)."""
     classes = None if growth is None else noise_classes(part, growth)
     usual = noise if classes is None else classes.typical
     precision = local_precision(part, piece.pse, usual, piece.known, classes)
@@ -307,21 +301,18 @@ def _add_noise(
         known, exact = _by_pixel(piece.pse, known, usual, part.shape[-2:])
         exact = exact if precision is None else exact * precision
     still_open = _STILL_OPEN if piece.expected else 1.0
-    looked_up = _looked_up(layers[..., piece.tile.rows, piece.tile.columns], known, exact, still_open)
-    for plane, values in zip(total, looked_up, strict=True):
-        plane[:, piece.tile.columns] += piece.tile.weights * values
+    return _looked_up(layers[..., piece.tile.rows, piece.tile.columns], known, exact, still_open)
 
 
-def _add_scene(
-    added: Planes,
+def _of_scene(
     capture: Capture,
     noise: float,
     tile: Tile,
     doubtful: tuple[Doubt, ...],
     growth: NoiseModel | None,
     blocks: _Blocks | None,
-) -> None:
-    """Add to the rows of a band the standard errors that the scene's own leave in a tile of it."""
+) -> Images:
+    """Standard errors that the scene's own leave in a tile, (2 channel, h, w)."""
     height, width = capture.shape[-2:]
     center = ((width - 1) / 2 - tile.columns.start, (height - 1) / 2 - tile.rows.start)
     part = capture.part(*tile.where)
@@ -329,9 +320,7 @@ def _add_scene(
         variance = scene_variance(part, noise, doubtful, center, growth)
     else:
         variance = blocks.variance(part, noise, doubtful, center, growth)
-    errors = np.sqrt(variance, out=variance).reshape(len(added), *variance.shape[-2:])
-    for plane, error in zip(added, errors, strict=True):
-        plane[:, tile.columns] += tile.weights * error
+    return np.sqrt(variance, out=variance).reshape(-1, *variance.shape[-2:])
 
 
 @dataclass(frozen=True)

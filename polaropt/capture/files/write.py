@@ -6,6 +6,7 @@ encoded.
 
 from __future__ import annotations
 
+import math
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -46,7 +47,7 @@ def write_tiff(path: AnyPath, image: ArrayLike, camera: CameraFacts | None = Non
     """Write a linear image (h, w) or (h, w, 3) as float32 TIFF, values as they are, compressed without loss."""
     pixels = np.ascontiguousarray(image, dtype=np.float32)
     with _opened(path) as file:
-        _pack(file, pixels, camera)
+        _pack(file, pixels.shape, pixels.__getitem__, camera)
 
 
 def made_by() -> str:
@@ -54,17 +55,31 @@ def made_by() -> str:
     return f"polaropt {polaropt.__version__}"
 
 
-def _pack(file: BinaryIO, pixels: NDArray[np.float32], camera: CameraFacts | None) -> None:
-    """Pixels (h, w[, channel]) as a TIFF, deflated after a predictor for floating point."""
+def _pack(
+    file: BinaryIO, shape: tuple[int, ...], rows_of: Callable[[slice], NDArray[np.float32]], camera: CameraFacts | None
+) -> None:
+    """Pixels (h, w[, channel]), asked for from top to bottom, as a TIFF: deflated after a predictor for floating point.
+
+    A map of a large file into memory would count as memory.
+    """
     import tifffile
+    from imagecodecs import floatpred_encode, zlib_encode
+
+    def packed() -> Iterator[bytes]:
+        # tifffile takes strips that are packed already, or all pixels at once.
+        for first in range(0, shape[0], _ROWS_PER_STRIP):
+            strip = rows_of(slice(first, min(first + _ROWS_PER_STRIP, shape[0])))
+            predicted: Any = floatpred_encode(strip.reshape(-1, shape[1], math.prod(shape[2:])), axis=-2)
+            yield bytes(zlib_encode(predicted, level=_LEVEL))
 
     tifffile.imwrite(
         file,
-        pixels,
-        photometric="rgb" if pixels.ndim == 3 and pixels.shape[-1] == 3 else "minisblack",
+        packed(),
+        shape=shape,
+        dtype=np.float32,
+        photometric="rgb" if shape[2:] == (3,) else "minisblack",
         metadata=None,
         compression="zlib",
-        compressionargs={"level": _LEVEL},
         predictor=3,
         rowsperstrip=_ROWS_PER_STRIP,
         software=made_by(),
@@ -117,8 +132,13 @@ def tiff_rows(
                 waiting.write((_coarse(values) if coarse else values).tobytes())
 
         yield write
-        waiting.flush()
-        _pack(file, np.memmap(waiting, np.float32, "r", shape=(height, width, *channels)), camera)
+        waiting.seek(0)
+        per_row = width * math.prod(channels)
+
+        def rows_of(rows: slice) -> FloatImages:
+            return np.frombuffer(waiting.read(4 * (rows.stop - rows.start) * per_row), np.float32)
+
+        _pack(file, (height, width, *channels), rows_of, camera)
 
 
 def write_png_view(
