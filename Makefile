@@ -12,15 +12,17 @@ PEERS := .venv-peers
 WORKERS ?= 2
 MINUTES ?= 10
 KILLS ?= 30
+N ?= 60
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fuzz crash lint package docs linkcheck peers clean
+.PHONY: help setup demo test fuzz crash mutants lint package docs linkcheck peers clean
 
 help:
 	@echo "make demo   set up, separate an example and name the pictures to look at"
 	@echo "make test   set up and run the tests"
 	@echo "make fuzz   attack it with damaged files and random command lines on fresh seeds, for MINUTES=10"
 	@echo "make crash  kill commands at random moments, each KILLS=30 times, and look at what is left"
+	@echo "make mutants  break N=60 lines one by one and see whether the tests of their modules catch it"
 	@echo "make lint   set up and run ruff and mypy"
 	@echo "make package  build wheel and source distribution, and try them on every Python there is"
 	@echo "make docs   set up and build the documentation: $(DOCS)/index.html"
@@ -54,6 +56,11 @@ fuzz: setup
 
 crash: setup
 	$(BIN)/python -m tests.crash --kills $(KILLS)
+
+# Beside a sample that is always the same, SEED=1 and so on break other lines.
+mutants: setup
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[mutants]"
+	$(BIN)/python -m tests.mutants --number $(N) --seed $(or $(SEED),0)
 
 lint: setup
 	$(BIN)/ruff check .

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from polaropt import Capture, SeparationWarning
+from polaropt.capture import Mistakes
 from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.estimation.safeguard import correction, with_incidence_checked
 from polaropt.judging.loss import SceneLoss
 from polaropt.judging.warnings import diagnose
-from polaropt.optics import Rival
+from polaropt.optics import Rival, SceneParameters
 from tests.blends import blend
 
 UNCERTAIN = SceneLoss(8.0, 8.0, 0.51, "incidence_deg", 0.2)
@@ -37,6 +39,9 @@ LIMITS = {
     "clipped": ("SATURATED", "clipped", 0.009, 0.011, {}),
     "rivals": ("POLARIZATION_DOUBTFUL", "rivals", 0.5, 0.51, {}),
     "a pane across": ("AXIS_DOUBTFUL", "axis", 0.99, 1.0, {}),
+    "shifted": ("MISALIGNED", "mistakes", Mistakes(shift_px=0.49), Mistakes(shift_px=0.51), {}),
+    "encoded": ("GAMMA_ENCODED", "mistakes", Mistakes(gamma=1.0), Mistakes(gamma=1.01), {}),
+    "in a wrong order": ("ANGLES_SWAPPED", "mistakes", Mistakes(), Mistakes(swapped=True), {}),
     "gains apart": ("MODEL_DOES_NOT_EXPLAIN", "apart", 0.95, 1.05, {}),
 }
 
@@ -78,3 +83,31 @@ def test_the_limit_of_a_warning(name: str, monkeypatch: pytest.MonkeyPatch) -> N
     warning, what, within, beyond, more = LIMITS[name]
     assert SeparationWarning[warning] not in said(what, within, more, monkeypatch)
     assert SeparationWarning[warning] in said(what, beyond, more, monkeypatch)
+
+
+@pytest.mark.parametrize(("ratio", "doubtful"), [(0.69, False), (0.64, True), (1.31, False), (1.36, True)])
+def test_the_limit_of_an_incidence_that_was_given(ratio: float, doubtful: bool) -> None:
+    example = blend(40, 96)
+    found = estimate_scene(example.capture, SceneParameters(None, None, None), noise=0.005).scene
+    given = SceneParameters(at_correction(found, ratio), None, None)
+    checked = with_incidence_checked(example.capture, given, 0.005)
+    assert checked.doubtful is doubtful
+    # Twice what is right is as far off as the plain intensity is: a third more does no such harm.
+    assert not checked.harmful
+    assert (checked.scene.azimuth_deg is None) is not doubtful
+
+
+@pytest.mark.parametrize(("ratio", "harmful"), [(1.9, False), (2.5, True)])
+def test_the_limit_of_an_incidence_that_does_harm(ratio: float, harmful: bool) -> None:
+    example = blend(40, 96)
+    found = estimate_scene(example.capture, SceneParameters(None, None, None), noise=0.005).scene
+    given = SceneParameters(at_correction(found, ratio), None, None)
+    assert with_incidence_checked(example.capture, given, 0.005).harmful is harmful
+
+
+def at_correction(scene: SceneParameters, ratio: float) -> float:
+    """Incidence whose pane corrects so many times as much as a scene's."""
+    wanted = ratio * correction(scene)
+    angles = np.linspace(5, 85, 3201)
+    apart = [abs(correction(scene.replace(incidence_deg=float(angle), n_panes=1)) - wanted) for angle in angles]
+    return float(angles[np.argmin(apart)])
