@@ -1,6 +1,7 @@
 """``python -m tests.crash --kills N``: kill commands at random moments and look at what is left.
 
 Nothing that was there before is lost, what is there is whole, and the same command goes on and leaves nothing behind.
+In the end one process separates 200 times, and keeps neither memory nor open files.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import shutil
 import signal
 import sys
@@ -22,6 +24,7 @@ import imagecodecs
 import numpy as np
 import tifffile
 
+from polaropt import StoppingRule, read_capture, separate
 from polaropt.capture.files import results
 from polaropt.capture.files.limits import complaints
 from polaropt.cli.app import main
@@ -129,10 +132,31 @@ def crash(name: str, kills: int, seed: int) -> Counter[str]:
     return ended
 
 
+def keeps_nothing(times: int) -> int:
+    """Separate so many times in this process; by how many kB its memory grew after the first tenth.
+
+    Raises
+    ------
+    AssertionError
+        Files stayed open, or memory grew by more than 4 MB.
+    """
+
+    def solve(n: int) -> tuple[int, int]:
+        for _ in range(n):
+            separate(read_capture("glass.tiff"), stopping=StoppingRule(max_evaluations=4))
+        return len(os.listdir("/proc/self/fd")), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    before, after = solve(times // 10), solve(times - times // 10)
+    assert after[0] == before[0], f"{after[0] - before[0]} files stayed open"
+    assert after[1] - before[1] < 4096, f"memory grew by {after[1] - before[1]} kB"
+    return after[1] - before[1]
+
+
 def command_line(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.crash", description=__doc__)
     parser.add_argument("--kills", type=int, default=30, help="Of each command.")
     parser.add_argument("--seed", type=int, default=int(time.time()))
+    parser.add_argument("--only", choices=[*WORKS, "many"], help="One of them.")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as place, heard(Path(place)):
         here = os.getcwd()
@@ -141,9 +165,16 @@ def command_line(arguments: Sequence[str] | None = None) -> int:
         for work in WORKS.values():  # compiles, and loads what is loaded late
             assert work() == 0
         os.chdir(here)
-    for name in WORKS:
+    for name in [name for name in WORKS if options.only in (None, name)]:
         told = crash(name, options.kills, options.seed)
         print(f"{name}: {told['killed']} times killed, {told['ended']} times too late; nothing lost", flush=True)
+    if options.only in (None, "many"):
+        with tempfile.TemporaryDirectory() as place:
+            os.chdir(place)
+            write_seeds(Path())
+            grown = keeps_nothing(200)
+            os.chdir(here)
+        print(f"200 separations in one process: no files kept, {grown} kB more memory", flush=True)
     return 0
 
 

@@ -27,7 +27,7 @@ SECONDS = 900
 
 _PLATE = ("tests/optics/test_fresnel.py", "tests/optics/test_plate.py", "tests/optics/test_stack.py")
 _ENGINE = ("tests/optics/test_forward.py", "tests/optics/test_stack.py", "tests/optics/test_varying.py")
-_SCENE = ("tests/optics/test_scene.py", "tests/optics/test_stack.py", "tests/cli/test_extreme_options.py")
+_SCENE = ("tests/optics/test_scene.py", "tests/optics/test_stack.py")
 _WARNED = ("tests/judging/test_limits_of_warnings.py", "tests/judging/test_diagnostics.py")
 _ERRORS = ("tests/judging/test_uncertainty.py", "tests/judging/test_scene_uncertainty.py")
 _WRITTEN = ("tests/capture/test_output.py", "tests/test_crashes.py", "tests/capture/test_color_profiles.py")
@@ -41,7 +41,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "polaropt/optics/analyzer.py": ("tests/optics/test_analyzer.py",),
     "polaropt/optics/engine.py": _ENGINE,
     "polaropt/optics/fresnel.py": _PLATE,
-    "polaropt/optics/geometry.py": ("tests/optics/test_varying.py", *_PLATE),
+    "polaropt/optics/geometry.py": ("tests/optics/test_geometry.py", "tests/optics/test_varying.py"),
     "polaropt/optics/plate.py": _PLATE,
     "polaropt/optics/sampling.py": ("tests/optics/test_sampling.py",),
     "polaropt/optics/scene.py": _SCENE,

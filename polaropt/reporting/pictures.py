@@ -32,6 +32,8 @@ _WHITE_QUANTILE = 0.99
 _LEAST_WHITE = 1e-6
 # Values that a quantile is taken of, for the sake of time and memory.
 _MOST_SAMPLES = 4_000_000
+# The same of standard errors, which change slowly and wait until all rows are known.
+_MOST_ERRORS = 1_000_000
 _PAPER = (255, 255, 255)
 # Of pictures side by side, in pixels: height of a title, room between pictures, size of letters.
 _TITLE, _GAP, _LETTERS = 24, 8, 14
@@ -320,7 +322,7 @@ class UncertaintySummary:
         shown = (..., slice(-strip.rows.start % self._step, None, self._step), slice(None, None, self._step))
         self._errors.append(errors[shown].copy())
         self._known.append(known[shown].copy())
-        every = max(1, math.prod(self._shape[1:]) // _MOST_SAMPLES)
+        every = max(1, math.prod(self._shape[1:]) // _MOST_ERRORS)
         self._samples.append(errors.reshape(2, -1)[:, ::every].copy())
         self._squares += [np.square(error).sum(dtype=np.float64) for error in errors]
         self._faded += int(np.count_nonzero(known < FADED))
