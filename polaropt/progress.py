@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 
 Progress = Callable[[str, float], None]
 
+COMPILING = "Compiling (first use only)"
+
 
 class Stages:
     """Times the stages and tells the progress.
@@ -65,7 +67,7 @@ class Stages:
     def compiling(self, kernel: str) -> None:
         """Tell that a kernel is being compiled, which happens once on a computer."""
         if self._progress is not None:
-            self._progress("Compiling (first use only)", self._at)
+            self._progress(COMPILING, self._at)
 
     def end(self) -> None:
         """End the running stage."""

@@ -44,7 +44,7 @@ from polaropt.judging import (
     uncertainty_without_polarization,
 )
 from polaropt.optics import GLASS_INDEX, PSE, SceneErrors, SceneParameters, VaryingPSE
-from polaropt.progress import Progress, Stages
+from polaropt.progress import COMPILING, Progress, Stages
 from polaropt.solving import (
     ComponentStrip,
     Memory,
@@ -57,6 +57,7 @@ from polaropt.solving import (
     inpainted,
     solve,
 )
+from solvers.ahead import compile_ahead
 from solvers.base import SolverResult, Status, StoppingRule
 from solvers.kernels import compilations_reported_to
 from solvers.registry import get_solver
@@ -73,6 +74,16 @@ _SAME_NOISE = 0.1
 _FRAME_CHANGE, _FRAME_ITERATIONS = 1e-3, 1
 # How far the estimation has come, in parts of the whole separation, for the progress alone: set by hand.
 _INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
+
+# Kernels that a plain separation needs, those that take longest to compile first.
+_KERNELS = (
+    "polaropt.solving.kernels.penalties",
+    "polaropt.solving.kernels.misfit",
+    "polaropt.inversion.compiled_whitening",
+    "polaropt.estimation.flat.windows.kernels",
+    "solvers.passes",
+    "polaropt.judging.kernels",
+)
 
 
 @dataclass(frozen=True)
@@ -414,6 +425,7 @@ def _one_thread(stages: Stages) -> Iterator[None]:
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, "blas"), compilations_reported_to(stages.compiling):
+        compile_ahead(_KERNELS, lambda: stages.begin(COMPILING, 0.0))
         yield
 
 

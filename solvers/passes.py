@@ -12,8 +12,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.ahead import Call
 from solvers.base import Vector
-from solvers.kernels import compiled, in_blocks
+from solvers.kernels import compiled, in_blocks, inlined
 
 Sums = NDArray[np.float64]
 Vectors = NDArray[np.float32]
@@ -68,13 +69,13 @@ class Pairs:
         return in_blocks(kernel, self._n, _BLOCK, smallest=2 * _BLOCK)
 
 
-@compiled
+@inlined
 def _add(total: Vector, a: np.float32, s: Vector, b: np.float32, y: Vector) -> None:
     for j in range(total.size):
         total[j] += a * s[j] + b * y[j]
 
 
-@compiled
+@inlined
 def _finish(x: Vector, weight: np.float32, gradient: Vector, total: Vector, trial: Vector) -> None:
     for j in range(trial.size):
         trial[j] = x[j] + (total[j] + weight * gradient[j])
@@ -101,19 +102,19 @@ def propose(
         _finish(x[begin:end], np.float32(weights[0]), gradient[begin:end], total, trial[begin:end])
 
 
-@compiled
+@inlined
 def _difference(a: Vector, factor: np.float32, b: Vector, difference: Vector) -> None:
     for j in range(difference.size):
         difference[j] = factor * a[j] - b[j]
 
 
-@compiled
+@inlined
 def _copy(a: Vector, factor: np.float32, copy: Vector) -> None:
     for j in range(copy.size):
         copy[j] = factor * a[j]
 
 
-@compiled
+@inlined
 def _products(a: Vector, b: Vector, s: Vector, y: Vector) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """Inner products of a and b with s and y."""
     a_s = a_y = b_s = b_y = np.float32(0)
@@ -125,7 +126,7 @@ def _products(a: Vector, b: Vector, s: Vector, y: Vector) -> tuple[np.float32, n
     return a_s, a_y, b_s, b_y
 
 
-@compiled
+@inlined
 def _square(a: Vector) -> np.float32:
     total = np.float32(0)
     for j in range(a.size):
@@ -192,3 +193,13 @@ def square(a: Vector, start: int, stop: int) -> float:
     for begin in range(start, stop, _TILE):
         total += _square(a[begin : min(begin + _TILE, stop)])
     return float(total)
+
+
+def first_calls() -> list[Call]:
+    """Calls on next to nothing of the kernels that every separation needs, for `solvers.ahead`."""
+    vector, vectors = np.zeros(1, np.float32), np.zeros((1, 1), np.float32)
+    return [
+        (absorb, (vector, vector, vector, vector.copy(), 1.0, vectors, vectors.copy(), 0, 0, 0, 0)),
+        (propose, (vector, vector, vectors, vectors, np.zeros(3), vector.copy(), 0, 0)),
+        (square, (vector, 0, 0)),
+    ]

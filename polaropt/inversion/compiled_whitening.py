@@ -15,7 +15,8 @@ from polaropt.inversion.spectra import RESOLUTION, Spectrum
 from polaropt.inversion.whitening import AssumedHessian
 from polaropt.numerics import Basis, column_multiplicity, each_plane, squared_frequencies
 from priors.natural_image import in_basis
-from solvers.kernels import compiled, in_blocks
+from solvers.ahead import Call
+from solvers.kernels import compiled, in_blocks, inlined
 
 Array = NDArray[Any]
 
@@ -39,13 +40,15 @@ class Hessian(NamedTuple):
     """Squared frequency as the sum of a row's part (H,) and a column's (W // 2 + 1,)."""
 
 
-@compiled
-def _diagonal(hessian: Hessian, c: int, y: int, t: Array, r: Array) -> None:
-    for i in range(2):
-        out, told, stiffness = (t if i == 0 else r), hessian.told[i, y], hessian.stiffness[i, c, y]
-        curvature, row, columns = hessian.curvature[i, c], hessian.squared_rows[y], hessian.squared_columns
-        for x in range(out.size):
-            out[x] = told[x] + stiffness[x] + curvature * (row + columns[x])
+# To have less to compile, kernels take tuples of arrays apart once, pick rows once, and read from an array that there
+# are two layers, and two parts of a complex number: loops over a number that is written out are unrolled.
+
+
+@inlined
+def _curved(told: Array, stiffness: Array, curvature: Any, row: Any, columns: Array, out: Array) -> None:
+    """A row of H's diagonal."""
+    for x in range(out.size):
+        out[x] = told[x] + stiffness[x] + curvature * (row + columns[x])
 
 
 @compiled
@@ -55,11 +58,9 @@ def _determinant(t: Any, r: Any, k_re: Any, k_im: Any) -> Any:
     return max(product - (k_re * k_re + k_im * k_im), RESOLUTION * product)
 
 
-@compiled
-def _inverse_root(hessian: Hessian, c: int, y: int, t: Array, r: Array, mixed: Array) -> None:
-    """Diagonal of H^(-1/2) in row y, and the factor on the cross information off it."""
-    _diagonal(hessian, c, y, t, r)
-    k_re, k_im = hessian.cross_re[y], hessian.cross_im[y]
+@inlined
+def _invert_root(t: Array, r: Array, k_re: Array, k_im: Array, mixed: Array) -> None:
+    """Diagonal of H^(-1/2) in place of H's, and the factor on the cross information off it."""
     for x in range(t.size):
         determinant = _determinant(t[x], r[x], k_re[x], k_im[x])
         root = np.sqrt(determinant)
@@ -70,11 +71,9 @@ def _inverse_root(hessian: Hessian, c: int, y: int, t: Array, r: Array, mixed: A
         mixed[x] = -factor
 
 
-@compiled
-def _root(hessian: Hessian, c: int, y: int, t: Array, r: Array, mixed: Array) -> None:
-    """As `_inverse_root` for H^(1/2)."""
-    _diagonal(hessian, c, y, t, r)
-    k_re, k_im = hessian.cross_re[y], hessian.cross_im[y]
+@inlined
+def _take_root(t: Array, r: Array, k_re: Array, k_im: Array, mixed: Array) -> None:
+    """As `_invert_root` for H^(1/2)."""
     for x in range(t.size):
         root = np.sqrt(_determinant(t[x], r[x], k_re[x], k_im[x]))
         factor = _ONE / np.sqrt(t[x] + r[x] + root + root)
@@ -83,7 +82,7 @@ def _root(hessian: Hessian, c: int, y: int, t: Array, r: Array, mixed: Array) ->
         mixed[x] = factor
 
 
-@compiled
+@inlined
 def _multiply(t: Array, r: Array, mixed: Array, k_re: Array, k_im: Array, pair: Array) -> None:
     """Apply a row of 2x2 matrices to a pair of layers (layer, re/im, w) in place."""
     t_re, t_im, r_re, r_im = pair[0, 0], pair[0, 1], pair[1, 0], pair[1, 1]
@@ -96,38 +95,37 @@ def _multiply(t: Array, r: Array, mixed: Array, k_re: Array, k_im: Array, pair: 
         r_im[x] = r[x] * d + (m_re * b - m_im * a)
 
 
-@compiled
+@inlined
 def _apart(pairs: Array, re: Array, im: Array) -> None:
     for x in range(re.size):
         re[x] = pairs[2 * x]
         im[x] = pairs[2 * x + 1]
 
 
-@compiled
+@inlined
 def _together(re: Array, im: Array, factor: Array, pairs: Array) -> None:
     for x in range(re.size):
         pairs[2 * x] = factor[x] * re[x]
         pairs[2 * x + 1] = factor[x] * im[x]
 
 
-@compiled
-def _turned(spectra: Array, weights: Array, i: int, y: int, part: Array, out: Array) -> None:
-    """Sum of the colours' spectra in row y with weights (channel,), as (re/im, w)."""
-    for x in range(out.shape[1]):
-        out[0, x] = 0
-        out[1, x] = 0
-    re, im = out[0], out[1]
+@inlined
+def _turned(spectra: Array, weights: Array, y: int, part_re: Array, part_im: Array, re: Array, im: Array) -> None:
+    """Sum of the colours' spectra (channel, H, ...) in row y with weights (channel,)."""
+    for x in range(re.size):
+        re[x] = 0
+        im[x] = 0
     for o in range(weights.size):
-        _apart(spectra[i, o, y], part[0], part[1])
-        part_re, part_im = part[0], part[1]
+        weight = weights[o]
+        _apart(spectra[o, y], part_re, part_im)
         for x in range(re.size):
-            re[x] += weights[o] * part_re[x]
-            im[x] += weights[o] * part_im[x]
+            re[x] += weight * part_re[x]
+            im[x] += weight * part_im[x]
 
 
-@compiled
-def _energy(stiffness: Array, pair: Array) -> Any:
-    re, im, total = pair[0], pair[1], np.float32(0)
+@inlined
+def _energy(stiffness: Array, re: Array, im: Array) -> Any:
+    total = np.float32(0)
     for x in range(re.size):
         total += stiffness[x] * (re[x] * re[x] + im[x] * im[x])
     return total
@@ -139,21 +137,26 @@ def color(z: Array, hessian: Hessian, inverse_length: Array, basis: Array, out: 
 
     Basis (channel of the basis, channel); inverse_length (W // 2 + 1,) undoes that a column may stand for two.
     """
-    colors, width = z.shape[1], inverse_length.size
+    told, cross_re, cross_im, stiffness, curvature, squared_rows, columns = hessian
+    two, colors, width = len(out), z.shape[1], inverse_length.size
     own, part = np.empty((colors, 2, 2, width), np.float32), np.empty((2, width), np.float32)
     root = np.empty((3, width), np.float32)
+    t, r, mixed, re, im = root[0], root[1], root[2], part[0], part[1]
     total = 0.0
     for y in range(start, stop):
+        k_re, k_im = cross_re[y], cross_im[y]
         for c in range(colors):
-            _inverse_root(hessian, c, y, root[0], root[1], root[2])
-            for i in range(2):
-                _apart(z[i, c, y], own[c, i, 0], own[c, i, 1])
-            _multiply(root[0], root[1], root[2], hessian.cross_re[y], hessian.cross_im[y], own[c])
-            for i in range(2):
-                total += 0.5 * _energy(hessian.stiffness[i, c, y], own[c, i])
-        for i in range(2):
+            for i in range(two):
+                _curved(told[i, y], stiffness[i, c, y], curvature[i, c], squared_rows[y], columns, root[i])
+            _invert_root(t, r, k_re, k_im, mixed)
+            pair = own[c]
+            for i in range(two):
+                _apart(z[i, c, y], pair[i, 0], pair[i, 1])
+            _multiply(t, r, mixed, k_re, k_im, pair)
+            for i in range(two):
+                total += 0.5 * _energy(stiffness[i, c, y], pair[i, 0], pair[i, 1])
+        for i in range(two):
             for o in range(colors):
-                re, im = part[0], part[1]
                 for x in range(width):
                     re[x] = 0
                     im[x] = 0
@@ -169,16 +172,21 @@ def color(z: Array, hessian: Hessian, inverse_length: Array, basis: Array, out: 
 @compiled
 def whiten(spectra: Array, hessian: Hessian, length: Array, basis: Array, out: Array, start: int, stop: int) -> None:
     """Coordinates of spectra, rows start..stop: the inverse of `color`."""
-    colors, width = spectra.shape[1], length.size
+    told, cross_re, cross_im, stiffness, curvature, squared_rows, columns = hessian
+    two, colors, width = len(out), spectra.shape[1], length.size
     pair, part = np.empty((2, 2, width), np.float32), np.empty((2, width), np.float32)
     root = np.empty((3, width), np.float32)
+    t, r, mixed, part_re, part_im = root[0], root[1], root[2], part[0], part[1]
     for y in range(start, stop):
+        k_re, k_im = cross_re[y], cross_im[y]
         for c in range(colors):
-            _root(hessian, c, y, root[0], root[1], root[2])
-            for i in range(2):
-                _turned(spectra, basis[c], i, y, part, pair[i])
-            _multiply(root[0], root[1], root[2], hessian.cross_re[y], hessian.cross_im[y], pair)
-            for i in range(2):
+            for i in range(two):
+                _curved(told[i, y], stiffness[i, c, y], curvature[i, c], squared_rows[y], columns, root[i])
+            _take_root(t, r, k_re, k_im, mixed)
+            for i in range(two):
+                _turned(spectra[i], basis[c], y, part_re, part_im, pair[i, 0], pair[i, 1])
+            _multiply(t, r, mixed, k_re, k_im, pair)
+            for i in range(two):
                 _together(pair[i, 0], pair[i, 1], length, out[i, c, y])
 
 
@@ -198,33 +206,51 @@ def whiten_gradient(
 
     Spectra are those of the function's gradient by the layers.
     """
-    colors, width = z.shape[1], length.size
-    pair, part = np.empty((2, 2, width), np.float32), np.empty((2, width), np.float32)
-    point, root = np.empty((2, 2, width), np.float32), np.empty((3, width), np.float32)
+    told, cross_re, cross_im, stiffness, curvature, squared_rows, columns = hessian
+    two, colors, width = len(out), z.shape[1], length.size
+    # First the point, then the slope at it.
+    both, part = np.empty((2, 2, 2, width), np.float32), np.empty((2, width), np.float32)
+    root = np.empty((3, width), np.float32)
+    t, r, mixed, part_re, part_im = root[0], root[1], root[2], part[0], part[1]
     for y in range(start, stop):
-        k_re, k_im = hessian.cross_re[y], hessian.cross_im[y]
+        k_re, k_im = cross_re[y], cross_im[y]
         for c in range(colors):
-            _inverse_root(hessian, c, y, root[0], root[1], root[2])
-            for i in range(2):
-                _apart(z[i, c, y], point[i, 0], point[i, 1])
-                _turned(spectra, basis[c], i, y, part, pair[i])
-            _multiply(root[0], root[1], root[2], k_re, k_im, point)
-            for i in range(2):
-                stiffness = hessian.stiffness[i, c, y]
-                for part_of in range(2):
-                    slope, at = pair[i, part_of], point[i, part_of]
-                    for x in range(width):
-                        slope[x] = length[x] * slope[x] + weight * stiffness[x] * at[x]
-            _multiply(root[0], root[1], root[2], k_re, k_im, pair)
-            for i in range(2):
-                _interleave(pair[i, 0], pair[i, 1], out[i, c, y])
+            for i in range(two):
+                _curved(told[i, y], stiffness[i, c, y], curvature[i, c], squared_rows[y], columns, root[i])
+                _apart(z[i, c, y], both[0, i, 0], both[0, i, 1])
+                _turned(spectra[i], basis[c], y, part_re, part_im, both[1, i, 0], both[1, i, 1])
+            _invert_root(t, r, k_re, k_im, mixed)
+            for which in range(two):
+                _multiply(t, r, mixed, k_re, k_im, both[which])
+                if which == 0:
+                    for i in range(two):
+                        stiff = stiffness[i, c, y]
+                        for part_of in range(two):
+                            slope, at = both[1, i, part_of], both[0, i, part_of]
+                            for x in range(width):
+                                slope[x] = length[x] * slope[x] + weight * stiff[x] * at[x]
+            for i in range(two):
+                _interleave(both[1, i, 0], both[1, i, 1], out[i, c, y])
 
 
-@compiled
+@inlined
 def _interleave(re: Array, im: Array, pairs: Array) -> None:
     for x in range(re.size):
         pairs[2 * x] = re[x]
         pairs[2 * x + 1] = im[x]
+
+
+def first_calls() -> list[Call]:
+    """Calls on next to nothing of the kernels that every separation needs, for `solvers.ahead`."""
+    plane, one = np.ones((1, 1), np.float32), np.float32(1)
+    line = plane[0]
+    pairs, stiffness = np.zeros((2, 1, 1, 2), np.float32), np.ones((2, 1, 1, 1), np.float32)
+    hessian = Hessian(np.ones((2, 1, 1), np.float32), plane, plane, stiffness, np.ones((2, 1), np.float32), line, line)
+    return [
+        (whiten_gradient, (pairs, pairs, hessian, line, plane, one, pairs.copy(), 0, 0)),
+        (color, (pairs, hessian, line, plane, pairs.copy(), 0, 0)),
+        (whiten, (pairs, hessian, line, plane, pairs.copy(), 0, 0)),
+    ]
 
 
 Images = NDArray[np.float32]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.ahead import Call
 from solvers.kernels import compiled
 
 Array = NDArray[Any]
@@ -41,3 +42,9 @@ def interpolated(table: Array, positions: Array, out: Array, start: int, stop: i
                         (one - c) * table[i_next, j + 1, k, v] + c * table[i_next, j + 1, k + 1, v]
                     )
                 out[v, y, x] = low + a * (high - low)
+
+
+def first_calls() -> list[Call]:
+    """Calls on next to nothing of the kernels that every separation needs, for `solvers.ahead`."""
+    planes = np.zeros((3, 1, 1), np.float32)
+    return [(interpolated, (np.zeros((1, 1, 1, 1), np.float32), planes, planes.copy(), 0, 0))]

@@ -202,8 +202,11 @@ def ghosts_at(displacements: Displacements, taps: NDArray[np.float64]) -> Ghosts
     distance = np.array(displacements)
     whole = np.floor(distance + _SNAP)
     fraction = np.where(np.abs(distance - whole) < _SNAP, 0, distance - whole)
-    shown = np.any(taps != 0, axis=2)
-    return Ghosts(taps.astype(np.float32), whole.astype(np.int64), fraction.astype(np.float32), shown)
+    shown = np.ascontiguousarray(np.any(taps != 0, axis=2))
+    # Laid out by rows wherever they come from: each other layout is a kernel to compile.
+    return Ghosts(
+        np.ascontiguousarray(taps, dtype=np.float32), whole.astype(np.int64), fraction.astype(np.float32), shown
+    )
 
 
 def kinds_of_pixels(valid: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.uint16]]:

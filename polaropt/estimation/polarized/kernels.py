@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.kernels import compiled
+from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
 
@@ -52,7 +52,7 @@ def pane_vectors(mixing: Array, light: Array, cosine: Array, sine: Array, out: A
                     out[n, layer, i, 1] += mixing[i, e] * im
 
 
-@compiled
+@inlined
 def _gram(pane: Array) -> tuple[float, float, float, float]:
     """``|a|^2, |b|^2`` and the real and imaginary part of ``a^H b``."""
     a_a, b_b, re, im = 0.0, 0.0, 0.0, 0.0
@@ -65,7 +65,7 @@ def _gram(pane: Array) -> tuple[float, float, float, float]:
     return a_a, b_b, re, im
 
 
-@compiled
+@inlined
 def _along(pane: Array, seen_re: Array, seen_im: Array, n: int) -> tuple[float, float]:
     """What a vector has in common with the data, ``a^H y``."""
     re, im = 0.0, 0.0
@@ -76,7 +76,7 @@ def _along(pane: Array, seen_re: Array, seen_im: Array, n: int) -> tuple[float, 
     return re, im
 
 
-@compiled
+@inlined
 def _estimate(gram: tuple[float, float, float, float], along: Array, powers: Array, out: Array) -> float:
     """Wiener estimate of both layers into `out` (layer, re/im), its variances into `along` row 2, and the determinant.
 

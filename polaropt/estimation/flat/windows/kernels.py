@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.kernels import compiled
+from solvers.ahead import Call
+from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
 
@@ -39,37 +40,41 @@ class Lags(NamedTuple):
     """Of cosines in par, perp and cross, and of the sine in cross, (kind, 2, lag, 4)."""
 
 
-@compiled
+@inlined
 def _powers(phase: Array, cosines: Array, sines: Array) -> None:
     """Cosine and sine of 0, 1, ... times a phase (n,), each (order, n)."""
+    first_cos, first_sin = cosines[1], sines[1]
     for f in range(phase.size):
         cosines[0, f], sines[0, f] = np.float32(1), np.float32(0)
-        cosines[1, f], sines[1, f] = np.cos(phase[f]), np.sin(phase[f])
+        first_cos[f], first_sin[f] = np.cos(phase[f]), np.sin(phase[f])
     for k in range(2, len(cosines)):
+        before_cos, before_sin, here_cos, here_sin = cosines[k - 1], sines[k - 1], cosines[k], sines[k]
         for f in range(phase.size):
-            cosines[k, f] = cosines[k - 1, f] * cosines[1, f] - sines[k - 1, f] * sines[1, f]
-            sines[k, f] = sines[k - 1, f] * cosines[1, f] + cosines[k - 1, f] * sines[1, f]
+            here_cos[f] = before_cos[f] * first_cos[f] - before_sin[f] * first_sin[f]
+            here_sin[f] = before_sin[f] * first_cos[f] + before_cos[f] * first_sin[f]
 
 
-@compiled
+@inlined
 def _response(orders: Array, weights: Array, common: Array, pane: Array, gap: Array, out: Array) -> None:
     """Outer product of a layer's transfer functions: par, perp, cross (real, imaginary) into out (4, n)."""
     out[:] = 0
+    par, perp, cross_re, cross_im = out[0], out[1], out[2], out[3]
     for k in range(len(orders)):
-        w = weights[k]
-        if w[0] == 0 and w[1] == 0 and w[2] == 0:
+        w0, w1, w2, w3 = weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3]
+        if w0 == 0 and w1 == 0 and w2 == 0:
             continue
-        i, j = orders[k, 0], abs(orders[k, 1])
-        sign = np.float32(1) if orders[k, 1] >= 0 else np.float32(-1)
-        p, q, s, d = common[k] * w[0], common[k] * w[1], common[k] * w[2], common[k] * w[3]
+        of_gap, at = orders[k, 1], common[k]
+        i, j = orders[k, 0], abs(of_gap)
+        sign = np.float32(1) if of_gap >= 0 else np.float32(-1)
+        p, q, s, d = at * w0, at * w1, at * w2, at * w3
         pane_cos, pane_sin, gap_cos, gap_sin = pane[0, i], pane[1, i], gap[0, j], gap[1, j]
-        for f in range(out.shape[1]):
+        for f in range(par.size):
             cosine = pane_cos[f] * gap_cos[f] - sign * pane_sin[f] * gap_sin[f]
             sine = pane_sin[f] * gap_cos[f] + sign * pane_cos[f] * gap_sin[f]
-            out[0, f] += p * cosine
-            out[1, f] += q * cosine
-            out[2, f] += s * cosine
-            out[3, f] -= d * sine
+            par[f] += p * cosine
+            perp[f] += q * cosine
+            cross_re[f] += s * cosine
+            cross_im[f] -= d * sine
 
 
 @compiled
@@ -78,11 +83,11 @@ def _dot(a0: Any, a1: Any, a2: Any, a3: Any, b0: Any, b1: Any, b2: Any, b3: Any)
     return a0 * b1 + a1 * b0 - np.float32(2) * (a2 * b2 + a3 * b3)
 
 
-@compiled
-def _products(layers: Array, seen: Seen, out: Array) -> None:
+@inlined
+def _products(layers: Array, d: Array, n: Array, out: Array) -> None:
     """Products of transmission B, reflection A, noise N and data D: aa, bb, ab, an, bn, ad, bd, nn, nd, (9, n)."""
-    b, a, d, n = layers[0], layers[1], seen.data, seen.noise
-    zero = np.float32(0)
+    b, a = layers[0], layers[1]
+    zero, n0, n1, n2 = np.float32(0), n[0], n[1], n[2]
     for f in range(out.shape[1]):
         a0, a1, a2, a3 = a[0, f], a[1, f], a[2, f], a[3, f]
         b0, b1, b2, b3 = b[0, f], b[1, f], b[2, f], b[3, f]
@@ -90,25 +95,27 @@ def _products(layers: Array, seen: Seen, out: Array) -> None:
         out[0, f] = max(_dot(a0, a1, a2, a3, a0, a1, a2, a3), np.float32(2e-6) * a0 * a1)
         out[1, f] = max(_dot(b0, b1, b2, b3, b0, b1, b2, b3), np.float32(2e-6) * b0 * b1)
         out[2, f] = max(_dot(a0, a1, a2, a3, b0, b1, b2, b3), zero)
-        out[3, f] = _dot(a0, a1, a2, a3, n[0], n[1], n[2], zero)
-        out[4, f] = _dot(b0, b1, b2, b3, n[0], n[1], n[2], zero)
+        out[3, f] = _dot(a0, a1, a2, a3, n0, n1, n2, zero)
+        out[4, f] = _dot(b0, b1, b2, b3, n0, n1, n2, zero)
         out[5, f] = _dot(a0, a1, a2, a3, d0, d1, d2, d3)
         out[6, f] = _dot(b0, b1, b2, b3, d0, d1, d2, d3)
-        out[7, f] = _dot(n[0], n[1], n[2], zero, n[0], n[1], n[2], zero)
-        out[8, f] = _dot(n[0], n[1], n[2], zero, d0, d1, d2, d3)
+        out[7, f] = _dot(n0, n1, n2, zero, n0, n1, n2, zero)
+        out[8, f] = _dot(n0, n1, n2, zero, d0, d1, d2, d3)
 
 
-@compiled
+@inlined
 def _model(of: Array, shapes: Array, levels: Array, out: Array) -> None:
     """A.M, B.M, det M and the data's squared distance from M, (4, n), at levels (2, level), reflection first."""
     for f in range(out.shape[1]):
         p, q = np.float32(0), np.float32(0)
         for s in range(len(shapes)):
-            p += levels[0, s] * shapes[s, f]
-            q += levels[1, s] * shapes[s, f]
-        a = p * of[0, f] + q * of[2, f] + of[3, f]
-        b = q * of[1, f] + p * of[2, f] + of[4, f]
-        determinant = np.float32(0.5) * (p * (a + of[3, f]) + q * (b + of[4, f]) + of[7, f])
+            shape = shapes[s, f]
+            p += levels[0, s] * shape
+            q += levels[1, s] * shape
+        an, bn = of[3, f], of[4, f]
+        a = p * of[0, f] + q * of[2, f] + an
+        b = q * of[1, f] + p * of[2, f] + bn
+        determinant = np.float32(0.5) * (p * (a + an) + q * (b + bn) + of[7, f])
         out[0, f], out[1, f], out[2, f] = a, b, determinant
         out[3, f] = (p * of[5, f] + q * of[6, f] + of[8, f]) / determinant
 
@@ -134,44 +141,60 @@ def window_misfits(
     `lags`, common (trial, 2, lag) what the tiles' window has in common with itself so far off. `freedom` is that of
     Student's likelihood, `least` the factor by which a level shrinks at most, `first` the level to start from.
     """
-    n, n_levels, n_orders = seen.along.size, len(seen.shapes), lags.orders.max() + 1
-    n_orders = max(n_orders, 2)
+    orders, weights = lags
+    along, across, multiplicity, shapes, data, noise = seen
+    two, n, n_levels, n_orders = orders.shape[1], along.size, len(shapes), 2
+    for order in orders.flat:
+        n_orders = max(n_orders, order + 1)
     pane, gap = np.empty((2, n_orders, n), np.float32), np.empty((2, n_orders, n), np.float32)
     layers, of, model = np.empty((2, 4, n), np.float32), np.empty((9, n), np.float32), np.empty((4, n), np.float32)
     phase, levels = np.empty(n, np.float32), np.empty((2, n_levels), np.float32)
     more, less = np.empty(n, np.float32), np.empty(n, np.float32)
+    determinant, distance = model[2], model[3]
     one = np.float32(1)
     total_weight = 0.0
     for f in range(n):
-        total_weight += seen.multiplicity[f]
+        total_weight += multiplicity[f]
     for t in range(start, stop):
+        of_pane, of_gap, aside, kind = trials[t, 0], trials[t, 1], trials[t, 2], kinds[t]
         for f in range(n):
-            phase[f] = trials[t, 0] * seen.along[f]
+            phase[f] = of_pane * along[f]
         _powers(phase, pane[0], pane[1])
         for f in range(n):
-            phase[f] = trials[t, 1] * seen.along[f] + trials[t, 2] * seen.across[f]
+            phase[f] = of_gap * along[f] + aside * across[f]
         _powers(phase, gap[0], gap[1])
-        for i in range(2):
-            _response(lags.orders[kinds[t], i], lags.weights[kinds[t], i], common[t, i], pane, gap, layers[i])
-        _products(layers, seen, of)
+        for i in range(two):
+            _response(orders[kind, i], weights[kind, i], common[t, i], pane, gap, layers[i])
+        _products(layers, data, noise, of)
         levels[:] = first
-        for _ in range(rounds):
-            _model(of, seen.shapes, levels, model)
-            for i in range(2):
+        for left in range(rounds, -1, -1):
+            _model(of, shapes, levels, model)
+            if left == 0:
+                break
+            for i in range(two):
+                by_layer, of_data = model[i], of[5 + i]
                 for f in range(n):
-                    scale = seen.multiplicity[f] / model[2, f]
-                    surprise = (freedom + 2) / (freedom + model[3, f])
-                    more[f] = (model[3, f] * model[i, f] - of[5 + i, f]) * surprise * scale
-                    less[f] = model[i, f] * scale
+                    scale = multiplicity[f] / determinant[f]
+                    surprise = (freedom + 2) / (freedom + distance[f])
+                    more[f] = (distance[f] * by_layer[f] - of_data[f]) * surprise * scale
+                    less[f] = by_layer[f] * scale
                 for s in range(n_levels):
-                    gain, loss = np.float32(0), np.float32(0)
+                    gain, loss, shape = np.float32(0), np.float32(0), shapes[s]
                     for f in range(n):
-                        gain += more[f] * seen.shapes[s, f]
-                        loss += less[f] * seen.shapes[s, f]
+                        gain += more[f] * shape[f]
+                        loss += less[f] * shape[f]
                     levels[i, s] *= max(gain / loss, least * one)
-        _model(of, seen.shapes, levels, model)
         total = 0.0
         for f in range(n):
-            value = np.log(model[2, f]) + (freedom + 2) * np.log(freedom + model[3, f])
-            total += seen.multiplicity[f] * value
+            value = np.log(determinant[f]) + (freedom + 2) * np.log(freedom + distance[f])
+            total += multiplicity[f] * value
         out[t] = total / total_weight
+
+
+def first_calls() -> list[Call]:
+    """Calls on next to nothing of the kernels that every separation needs, for `solvers.ahead`."""
+    one, numbers, table = np.float32(1), np.ones(1, np.float32), np.ones((1, 1), np.float32)
+    lags = Lags(np.zeros((1, 2, 1, 2), np.int64), np.zeros((1, 2, 1, 4), np.float32))
+    seen = Seen(numbers, numbers, numbers, table, np.ones((4, 1), np.float32), np.ones(3, np.float32))
+    trials, kinds, common = np.zeros((1, 3), np.float32), np.zeros(1, np.int64), np.ones((1, 2, 1), np.float32)
+    return [(window_misfits, (trials, kinds, lags, common, seen, one, one, 0, one, np.zeros(1), 0, 0))]

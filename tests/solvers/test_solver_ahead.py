@@ -1,0 +1,77 @@
+"""Kernels compiled ahead: by several processes, once, and no others than are needed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from skimage.data import astronaut, coffee
+
+from polaropt import SceneParameters, separate, simulate
+from polaropt.separation import _KERNELS
+from solvers.ahead import _dealt
+
+ROOT = Path(__file__).parents[2]
+KERNEL = """
+from solvers.kernels import compiled
+
+@compiled
+def {name}(x):
+    return 2 * x
+
+def first_calls():
+    return [({name}, (3,))]
+"""
+RUN = """
+import sys
+from solvers.ahead import compile_ahead
+from solvers.kernels import compilations_reported_to
+told = []
+with compilations_reported_to(told.append):
+    compile_ahead(["one", "two"], lambda: print("begun"))
+    import one, two
+    assert (one.first(3), two.second(3)) == (6, 6)
+print(*told)
+"""
+
+
+def run(folder: Path, threads: int) -> list[str]:
+    """What a new process tells: that it has begun, and the kernels that it has compiled itself."""
+    clean = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
+    clean |= {"PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)]), "OMP_NUM_THREADS": str(threads)}
+    ran = subprocess.run([sys.executable, "-c", RUN], env=clean, capture_output=True, text=True, check=True)
+    return ran.stdout.split()
+
+
+def test_another_process_compiles_a_part_which_is_then_loaded(tmp_path):
+    (tmp_path / "one.py").write_text(KERNEL.format(name="first"))
+    (tmp_path / "two.py").write_text(KERNEL.format(name="second"))
+    several = len(os.sched_getaffinity(0)) > 1 if hasattr(os, "sched_getaffinity") else False
+    assert run(tmp_path, 2) == (["begun", "first"] if several else ["first", "second"])
+    assert run(tmp_path, 2) == []
+
+
+@pytest.mark.parametrize(
+    ("n", "parts"),
+    [(1, ["abcde"]), (2, ["ade", "bc"]), (3, ["a", "be", "cd"]), (6, ["a", "b", "c", "d", "e", ""])],
+)
+def test_the_long_ones_are_dealt_first_and_the_short_ones_to_those_with_less(n, parts):
+    assert ["".join(part) for part in _dealt("abcde", n)] == parts
+
+
+def test_the_first_calls_are_those_of_a_separation():
+    """Their types are its types: otherwise all would be compiled twice."""
+    from importlib import import_module
+
+    pane = SceneParameters(60.0, 20.0, 4.0)
+    capture = simulate(coffee()[150:230, 200:280], astronaut()[30:110, 160:240], pane, noise=0.01)
+    assert separate(capture).uncertainty is not None
+    calls = [call for name in _KERNELS for call in import_module(name).first_calls()]
+    types = {kernel: list(kernel.signatures) for kernel, _ in calls}
+    assert all(types.values())
+    for kernel, arguments in calls:
+        kernel(*arguments)
+        assert kernel.signatures == types[kernel]
