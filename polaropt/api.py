@@ -74,7 +74,7 @@ class Separation(separation.Separation):
         return "\n".join(result_lines(self))
 
     def _repr_html_(self) -> str:
-        return result_html(self)
+        return result_html(self, self.capture)
 
     def plot(self) -> Figure:
         """Photograph, transmission and reflection side by side, each with an exposure of its own.

@@ -51,7 +51,7 @@ def result_lines(result: Separation) -> list[str]:
     return [_title(result), *(f"  {name:{width}}  {value}" for name, value in rows)]
 
 
-def result_html(result: Separation) -> str:
+def result_html(result: Separation, capture: Capture) -> str:
     """Layers and scene for a notebook, as a piece of a page."""
     from base64 import b64encode
 
@@ -60,7 +60,8 @@ def result_html(result: Separation) -> str:
     pictures = []
     for name, layer in zip(LAYERS, result.layers, strict=True):
         image = _small(layer)
-        pixels = np.round(255 * encode_srgb(image * np.float32(viewing_exposure(image)))).astype(np.uint8)
+        exposed = image * np.float32(viewing_exposure(image))
+        pixels = np.round(255 * encode_srgb(exposed, capture.camera)).astype(np.uint8)
         data = b64encode(jpeg_encode(np.ascontiguousarray(pixels))).decode("ascii")
         pictures.append(
             f'<figure style="margin:0"><img alt="{name}" src="data:image/jpeg;base64,{data}" style="max-width:100%">'

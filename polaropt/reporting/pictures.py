@@ -231,9 +231,10 @@ def reduced_intensity(capture: Capture, block: int) -> Image:
 
 def _intensity_panel(capture: Capture) -> Picture:
     s0 = reduced_intensity(capture, _reduction(capture))
-    view = encode_srgb(s0 / max(float(np.quantile(s0, _WHITE_QUANTILE)), _LEAST_WHITE))
-    if capture.color and view.shape[0] == 3:
-        return np.round(255 * np.moveaxis(view, 0, -1)).astype(np.uint8)
+    bright = s0 / max(float(np.quantile(s0, _WHITE_QUANTILE)), _LEAST_WHITE)
+    if capture.color and bright.shape[0] == 3:
+        return np.round(255 * encode_srgb(planes_last(bright), capture.camera)).astype(np.uint8)
+    view = encode_srgb(bright)
     gray = view.mean(axis=0) if capture.color else view
     return np.repeat(np.round(255 * gray).astype(np.uint8)[..., None], 3, axis=-1)
 

@@ -212,7 +212,7 @@ def _video(path: Path, frames_per_second: float) -> Iterator[Callable[[Separatio
             parts = [
                 planes_last(np.asarray(part * e, dtype=np.float32)) for part, e in zip(shown, exposures, strict=True)
             ]
-            pixels = np.round(255 * encode_srgb(np.concatenate(parts, axis=1))).astype(np.uint8)
+            pixels = np.round(255 * encode_srgb(np.concatenate(parts, axis=1), capture.camera)).astype(np.uint8)
             pixels = pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, axis=-1)
             # Video has whole pairs of pixels.
             video.append_data(pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2])

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
+import re
+import subprocess
+from base64 import b64decode
+from dataclasses import replace
 from pathlib import Path
 
 import imagecodecs
 import numpy as np
 import pytest
 import tifffile
-from PIL import ImageCms
+from PIL import Image, ImageCms
 
 from polaropt.capture.capture import EncodingHint
 from polaropt.capture.files.colors import color_profile, linear_profile
@@ -18,8 +23,11 @@ from polaropt.capture.read import read_capture
 from polaropt.optics.scene import SceneParameters
 from polaropt.reporting.files import write_separation
 from polaropt.reporting.inspection import inspect_capture
+from polaropt.reporting.notebook import result_html
+from polaropt.reporting.pictures import inspection_picture
 from polaropt.reporting.words import inspection_sentences
 from polaropt.separation import separate
+from polaropt.sequence.files import _video
 from tests.capture.test_camera_facts import photographs, written
 
 ADOBE_RGB = bytes(imagecodecs.cms_profile("adobergb"))
@@ -74,3 +82,25 @@ def test_a_profile_that_encodes_is_a_sign_of_encoded_values(tmp_path: Path) -> N
     looked_at = inspect_capture(read_capture(written(tmp_path, photographs(48, 48), icc_profile=ADOBE_RGB)))
     assert looked_at.encoding_hint is EncodingHint.PROFILE
     assert looked_at.profile_exponent == pytest.approx(2.2, abs=0.01)
+
+
+def test_inspections_notebooks_and_films_are_in_srgb_too(tmp_path: Path) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    flat = np.broadcast_to(np.array([200, 100, 10], dtype=np.uint8), (4, 48, 48, 3))
+    capture = read_capture(written(tmp_path, flat, icc_profile=WIDE))
+    result = separate(read_capture(written(tmp_path, photographs(48, 48))), SceneParameters(60.0, 20.0, 3.0))
+    result = replace(result, layers=np.stack(2 * [capture.intensities[0]]))
+    with _video(tmp_path / "film.mp4", 1) as show:
+        show(result, capture)
+    subprocess.run([ffmpeg, "-v", "quiet", "-i", "film.mp4", "film.png"], cwd=tmp_path, check=True)
+    (in_page, _) = re.findall(r"base64,([^\"]+)", result_html(result, capture))
+    shown = {
+        "inspection": inspection_picture(capture)[40, 30],
+        "notebook": np.asarray(Image.open(io.BytesIO(b64decode(in_page))))[24, 24],
+        "film": imagecodecs.png_decode((tmp_path / "film.png").read_bytes())[24, 24],
+    }
+    # White is what is brightest, here the red.
+    expected = 255 * encode_srgb(np.array([1, 0.5, 0.05]) @ WIDE_TO_SRGB.T)
+    assert np.abs(expected - 255 * encode_srgb(np.array([1, 0.5, 0.05]))).max() > 50
+    for name, color in shown.items():
+        np.testing.assert_allclose(color, expected, atol=6, err_msg=name)
