@@ -92,9 +92,10 @@ def write_separation(
     for name in LAYERS:
         layer = result.layers[LAYERS.index(name)]
         exposures[name] = viewing_exposure(layer)
-        with tiff_rows(folder / f"{name}.tiff", layer.shape, camera=camera) as write:
+        note = f"{name}, {_made_with(result)}"
+        with tiff_rows(folder / f"{name}.tiff", layer.shape, camera=camera, note=note) as write:
             write(layer)
-        write_png_view(folder / f"{name}.png", layer, exposures[name], camera)
+        write_png_view(folder / f"{name}.png", layer, exposures[name], camera, note)
         stages.advance((1 - judged) * _LAYER_WRITTEN * len(exposures))
     inspection = inspect_still(capture, result.moving)
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
@@ -123,6 +124,12 @@ def write_separation(
     if not layers_only:
         write_html_report(folder / "report.html", result, document, pictures)
     return document
+
+
+def _made_with(result: Separation) -> str:
+    """What a layer's files say of how it was found; all of it is in ``report.json``."""
+    asked = result.settings
+    return f"model {result.scene.rung or asked.model}, solver {asked.solver}, start {asked.init}"
 
 
 def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:

@@ -222,12 +222,14 @@ def test_results_carry_on_what_the_camera_tells(tmp_path: Path) -> None:
         assert picture.size == (64, 96)
         assert "srgb" in picture.info
         assert picture.info["Software"].startswith("polaropt ")
+        assert picture.info["Description"] == "transmission, model ghosts, solver lbfgs, start closed-form"
         exif = picture.getexif()
         assert (exif[0x010F], exif[0x0112]) == ("Maker", 1)
         assert float(exif.get_ifd(0x8769)[0x829A]) == pytest.approx(0.02)
     with tifffile.TiffFile(out / "reflection.tiff") as tiff:
         tags = tiff.pages.first.tags
         assert tags["Software"].value.startswith("polaropt ")
+        assert tags["ImageDescription"].value.startswith("reflection, model ghosts, solver lbfgs, start closed-form; ")
         assert (tags["Make"].value, tags["Model"].value, tags["DateTime"].value) == (
             "Maker",
             "Model 1",

@@ -56,7 +56,11 @@ def made_by() -> str:
 
 
 def _pack(
-    file: BinaryIO, shape: tuple[int, ...], rows_of: Callable[[slice], NDArray[np.float32]], camera: CameraFacts | None
+    file: BinaryIO,
+    shape: tuple[int, ...],
+    rows_of: Callable[[slice], NDArray[np.float32]],
+    camera: CameraFacts | None,
+    note: str = "",
 ) -> None:
     """Pixels (h, w[, channel]), asked for from top to bottom, as a TIFF: deflated after a predictor for floating point.
 
@@ -83,7 +87,7 @@ def _pack(
         predictor=3,
         rowsperstrip=_ROWS_PER_STRIP,
         software=made_by(),
-        description=_LINEAR,
+        description=f"{note}; {_LINEAR}" if note else _LINEAR,
         datetime=(camera.taken or None) if camera is not None else None,
         iccprofile=None if camera is None or camera.colors.to_srgb is None else linear_profile(camera.colors.to_srgb),
         extratags=[(tag, _ASCII, 0, text.encode("ascii", "replace"), True) for tag, text in _names_of(camera)],
@@ -104,7 +108,7 @@ def _coarse(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @contextmanager
 def tiff_rows(
-    path: AnyPath, shape: tuple[int, ...], *, coarse: bool = False, camera: CameraFacts | None = None
+    path: AnyPath, shape: tuple[int, ...], *, coarse: bool = False, camera: CameraFacts | None = None, note: str = ""
 ) -> Iterator[Callable[[FloatImages], None]]:
     """File of a linear image as `write_tiff` makes it, some rows at a time, which wait in a temporary file beside it.
 
@@ -117,6 +121,8 @@ def tiff_rows(
         Whether three digits are enough, as of standard errors.
     camera : CameraFacts, optional
         Whose name, date and colours the file carries.
+    note : str
+        What the file is and how it was made, for its description; in ASCII.
 
     Yields
     ------
@@ -138,11 +144,11 @@ def tiff_rows(
         def rows_of(rows: slice) -> FloatImages:
             return np.frombuffer(waiting.read(4 * (rows.stop - rows.start) * per_row), np.float32)
 
-        _pack(file, (height, width, *channels), rows_of, camera)
+        _pack(file, (height, width, *channels), rows_of, camera, note)
 
 
 def write_png_view(
-    path: AnyPath, planes: FloatImages, exposure: float = 1.0, camera: CameraFacts | None = None
+    path: AnyPath, planes: FloatImages, exposure: float = 1.0, camera: CameraFacts | None = None, note: str = ""
 ) -> None:
     """Write a linear image as 8-bit sRGB PNG to look at, clipped at black and white.
 
@@ -154,13 +160,15 @@ def write_png_view(
         What it is multiplied by.
     camera : CameraFacts, optional
         Whose EXIF the file carries, and whose colours the values are in.
+    note : str
+        As for `tiff_rows`.
     """
     *channels, height, width = planes.shape
     pixels = np.empty((height, width, *channels), dtype=np.uint8)
     for rows in strips(height, pixels[0].size):
         part = planes_last(np.asarray(planes[..., rows, :], dtype=np.float32))
         pixels[rows] = np.round(255 * encode_srgb(part * np.float32(exposure), camera))
-    write_picture(path, pixels, camera)
+    write_picture(path, pixels, camera, note)
 
 
 def write_png(path: AnyPath, pixels: Pixels) -> None:
@@ -176,12 +184,14 @@ _AFTER_HEADER = 8 + 25
 _PERCEPTUAL = b"\0"
 
 
-def write_picture(path: AnyPath, pixels: Pixels, camera: CameraFacts | None = None) -> None:
-    """Write 8-bit pixels in sRGB as PNG to look at, which says so, what made it, and what the camera tells."""
+def write_picture(path: AnyPath, pixels: Pixels, camera: CameraFacts | None = None, note: str = "") -> None:
+    """Write 8-bit pixels in sRGB as PNG to look at, which says so, what made it and how, and what the camera tells."""
     import imagecodecs
 
     data = bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels)))
     chunks = [(b"sRGB", _PERCEPTUAL), (b"tEXt", b"Software\0" + made_by().encode("latin-1"))]
+    if note:
+        chunks.append((b"tEXt", b"Description\0" + note.encode("latin-1", "replace")))
     if camera is not None and camera.exif:
         chunks.append((b"eXIf", camera.exif))
     told = b"".join(
