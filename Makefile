@@ -48,7 +48,9 @@ $(PLAIN): pyproject.toml constraints.txt
 demo: $(PLAIN)
 	$(BIN)/polaropt demo --output demo-output
 
+# Kernels first, once, on all cores: side by side the processes of tests would all compile the same.
 test: setup
+	$(BIN)/python -c "from polaropt.separation import compile_kernels; compile_kernels()"
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal $(PYTEST_OPTIONS)
 
 fuzz: setup

@@ -419,6 +419,11 @@ def _separate(
         return _solved(case, start, stages)[0]
 
 
+def compile_kernels() -> None:
+    """Compile what a plain separation needs and is not kept on disk, on all cores."""
+    compile_ahead(_KERNELS)
+
+
 @contextmanager
 def _one_thread(stages: Stages) -> Iterator[None]:
     """Many small products: a second BLAS thread waits more than it works, many times so on a busy machine."""

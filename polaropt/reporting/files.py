@@ -129,7 +129,7 @@ def write_separation(
 def _made_with(result: Separation) -> str:
     """What a layer's files say of how it was found; all of it is in ``report.json``."""
     asked = result.settings
-    return f"model {result.scene.rung or asked.model}, solver {asked.solver}, start {asked.init}"
+    return f"model {result.scene.rung}, solver {asked.solver}, start {asked.init}"
 
 
 def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:

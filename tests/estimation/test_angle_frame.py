@@ -95,8 +95,7 @@ def test_angles_that_count_the_other_way_or_from_elsewhere(incidence: float, azi
     assert mistake(find_start_angle(counted(capture, 52))) is None
 
 
-@pytest.mark.parametrize("incidence", [15, 45, 75, 85])
-@pytest.mark.parametrize("shift", [0.0, -4.0])
+@pytest.mark.parametrize(("incidence", "shift"), [(15, 0.0), (45, -4.0), (75, 0.0), (85, -4.0)])
 @pytest.mark.parametrize("sense", [1, -1])
 def test_azimuths_that_are_their_own_mirror_image_are_no_mistake(incidence: float, shift: float, sense: int) -> None:
     capture = blend(incidence, 128, azimuth_deg=90, ghost_shift=shift).capture
