@@ -35,19 +35,19 @@ class Levels:
     def apply(self, pixels: NDArray[Any], gamma: float | str | None = None) -> tuple[Images, BitMask]:
         """Linear values of pixels (..., h, w) in an encoding, float32, and which of them are below white.
 
-        Small integers by a table of their values; others some rows at a time, as the doubles of all would be several
-        times the photographs.
+        Small integers by a table of their values. Some rows at a time: the doubles of all, or their places in the
+        table, would be several times the photographs.
         """
         below = BitMask.made(pixels.shape, lambda part: pixels[part] < self.white)
+        table = None
         if pixels.dtype.kind == "u" and pixels.dtype.itemsize <= 2 and pixels.size > 1 << 16:
             stored = np.arange(1 << (8 * pixels.dtype.itemsize)).astype(pixels.dtype)
             table = np.ascontiguousarray(linearize(self._scaled(stored), gamma))
-            return table[pixels], below
         values = np.empty(pixels.shape, np.float32)
         for plane in np.ndindex(pixels.shape[:-2]):
             for rows in strips(*pixels.shape[-2:]):
                 part = (*plane, rows)
-                values[part] = linearize(self._scaled(pixels[part]), gamma)
+                values[part] = linearize(self._scaled(pixels[part]), gamma) if table is None else table[pixels[part]]
         return values, below
 
     def _scaled(self, pixels: NDArray[Any]) -> NDArray[np.float32]:
