@@ -18,6 +18,7 @@ __all__ = [
     "filter_of_groups",
     "frequencies",
     "gap_values",
+    "give_back_freed",
     "grid_minimum",
     "grid_sums",
     "hann_autocorrelation",
@@ -70,6 +71,7 @@ from .jackknife import grid_sums as grid_sums
 from .jackknife import jackknife_error as jackknife_error
 from .jackknife import left_out as left_out
 from .jackknife import minimum_error as minimum_error
+from .memory import give_back_freed as give_back_freed
 from .minima import Box as Box
 from .minima import grid_minimum as grid_minimum
 from .minima import local_minima as local_minima

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, linearize, tiff_rows, write_picture, write_png_view, write_tiff
 from polaropt.judging import SeparationWarning
+from polaropt.numerics import give_back_freed
 from polaropt.progress import Stages
 from polaropt.reporting.inspection import inspect_still
 from polaropt.reporting.names import RESULT_FILES
@@ -87,6 +88,8 @@ def write_separation(
         begun.begin("Error maps", reached)
         told, errors = write_uncertainty(folder, result, lambda fraction: begun.advance(span * fraction))
     stages.begin("Writing", judged)
+    # What tiles and error maps took is much beside the pictures that are made now.
+    give_back_freed()
     camera = capture.camera
     exposures = {}
     for name in LAYERS:
