@@ -162,8 +162,9 @@ def command_line(arguments: Sequence[str] | None = None) -> int:
         here = os.getcwd()
         os.chdir(place)
         write_seeds(Path())
-        for work in WORKS.values():  # compiles, and loads what is loaded late
-            assert work() == 0
+        if options.only != "many":
+            for work in WORKS.values():  # compiles, and loads what is loaded late
+                assert work() == 0
         os.chdir(here)
     for name in [name for name in WORKS if options.only in (None, name)]:
         told = crash(name, options.kills, options.seed)

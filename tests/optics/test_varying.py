@@ -239,3 +239,12 @@ def test_a_rung_that_does_not_exist_is_an_error():
 def test_a_focal_length_is_positive(focal_px):
     with pytest.raises(InputError, match="focal length"):
         SceneParameters(focal_px=focal_px)
+
+
+def test_a_number_of_ghosts_that_was_given_is_kept_wherever_the_engine_is_moved():
+    scene = SceneParameters(70.0, 20.0, 5.0, focal_px=200.0)
+    found = VaryingPSE(scene, (0.0, 45.0, 90.0)).n_ghosts(120, 120)
+    given = VaryingPSE(scene, (0.0, 45.0, 90.0), n_ghosts=found + 2)
+    assert given.n_ghosts(120, 120) == found + 2
+    assert given.moved(10, 20, 120, 120).n_ghosts(30, 30) == found + 2
+    assert VaryingPSE(scene.replace(ghost_shift=0.0), (0.0, 45.0, 90.0)).n_ghosts(120, 120) == 1
