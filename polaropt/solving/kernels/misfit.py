@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.ahead import Call
-from solvers.kernels import compiled, inlined
+from solvers.kernels import compiled
 
 Array = NDArray[Any]
 
 
-@inlined
+@compiled
 def add_scaled(source: Array, factor: Any, out: Array) -> None:
     for x in range(out.size):
         out[x] += factor * source[x]
 
 
-@inlined
+@compiled
 def _whiten_row(entries: Array, root: Array, data: Array, c: int, y: int, residual: Array) -> None:
     """Residual root entries - data of one row, (entry, w), for pixels of one kind."""
     for e in range(root.shape[0]):
@@ -34,7 +34,7 @@ def _whiten_row(entries: Array, root: Array, data: Array, c: int, y: int, residu
             add_scaled(entries[f], root[e, f], out)
 
 
-@inlined
+@compiled
 def _whiten_row_of_kinds(
     entries: Array, roots: Array, kinds: Array, data: Array, c: int, y: int, residual: Array
 ) -> None:
@@ -47,7 +47,7 @@ def _whiten_row_of_kinds(
             residual[e, x] = total
 
 
-@inlined
+@compiled
 def _unwhiten_row(residual: Array, root: Array, weight: Any, out: Array, c: int, y: int) -> None:
     """Derivative by the entries: weight times root residual; the root is symmetric."""
     for e in range(root.shape[0]):
@@ -58,7 +58,7 @@ def _unwhiten_row(residual: Array, root: Array, weight: Any, out: Array, c: int,
             add_scaled(residual[f], weight * root[e, f], target)
 
 
-@inlined
+@compiled
 def _unwhiten_row_of_kinds(
     residual: Array, roots: Array, kinds: Array, weight: Any, out: Array, c: int, y: int
 ) -> None:
@@ -71,7 +71,7 @@ def _unwhiten_row_of_kinds(
             out[e, c, y, x] = weight * total
 
 
-@inlined
+@compiled
 def _half_squares(residual: Array) -> Any:
     total: Any = 0.0
     for e in range(residual.shape[0]):
@@ -82,7 +82,7 @@ def _half_squares(residual: Array) -> Any:
     return 0.5 * total
 
 
-@inlined
+@compiled
 def residual_row(
     entries: Array,
     roots: Array,
@@ -116,13 +116,20 @@ class Ghosts(NamedTuple):
     shown: Array
 
 
-@inlined
+@compiled
 def _continued_row(plane: Array, y: int, first: int, out: Array) -> None:
     """Samples first, first + 1, ... of row y, continued by the edge values."""
-    height, width, n = plane.shape[0], plane.shape[1], out.size
+    height, width = plane.shape
     row = plane[min(max(y, 0), height - 1)]
-    for x in range(n):
-        out[x] = row[min(max(first + x, 0), width - 1)]
+    begin, end = min(max(-first, 0), out.size), max(min(width - first, out.size), 0)
+    if end > begin:
+        inside, source = out[begin:end], row[first + begin : first + end]
+        for x in range(inside.size):
+            inside[x] = source[x]
+    for x in range(begin):
+        out[x] = row[0]
+    for x in range(max(end, begin), out.size):
+        out[x] = row[width - 1]
 
 
 @compiled
@@ -130,20 +137,20 @@ def _moves(whole: Array, fraction: Array) -> bool:
     return bool(whole[0] != 0 or whole[1] != 0 or fraction[0] != 0 or fraction[1] != 0)
 
 
-@inlined
+@compiled
 def _shifted_row(
     plane: Array, y: int, left: int, whole: Array, fraction: Array, padded: Array, other: Array, out: Array
 ) -> None:
     """Row y from column left on of a plane shifted by whole + fraction (columns, rows), bilinear."""
-    first, across, down = left - whole[0] - 1, fraction[0], fraction[1]
+    first = left - whole[0] - 1
     _continued_row(plane, y - whole[1], first, padded)
-    if down != 0:
+    if fraction[1] != 0:
         _continued_row(plane, y - whole[1] - 1, first, other)
         for x in range(padded.size):
-            padded[x] += down * (other[x] - padded[x])
-    at = padded[1:]
+            padded[x] += fraction[1] * (other[x] - padded[x])
+    before, at = padded[:-1], padded[1:]
     for x in range(out.size):
-        out[x] = at[x] + across * (padded[x] - at[x])
+        out[x] = at[x] + fraction[0] * (before[x] - at[x])
 
 
 @compiled
@@ -152,7 +159,7 @@ def _within(first: int, n: int, y: int, height: int, width: int) -> bool:
     return first >= 0 and first + n <= width and 1 <= y < height
 
 
-@inlined
+@compiled
 def _interpolate(above: Array, row: Array, fraction: Array, out: Array) -> None:
     """Bilinear shift by a fraction to the right and down: n samples from n + 1 of a row and of the one above."""
     across, down = fraction[0], fraction[1]
@@ -163,14 +170,14 @@ def _interpolate(above: Array, row: Array, fraction: Array, out: Array) -> None:
         out[x] = here + across * (before - here)
 
 
-@inlined
+@compiled
 def _add_to_both(source: Array, first: Any, second: Any, out: Array, other: Array) -> None:
     for x in range(out.size):
         out[x] += first * source[x]
         other[x] += second * source[x]
 
 
-@inlined
+@compiled
 def _add_to_entries(source: Array, taps: Array, entries: Array) -> None:
     if taps.size == 2:
         _add_to_both(source, taps[0], taps[1], entries[0], entries[1])
@@ -179,9 +186,9 @@ def _add_to_entries(source: Array, taps: Array, entries: Array) -> None:
             add_scaled(source, taps[e], entries[e])
 
 
-@inlined
+@compiled
 def read_shifted(plane: Array, y: int, left: int, whole: Array, fraction: Array, scratch: Array, out: Array) -> None:
-    """Row y from column left on of a plane shifted by whole + fraction; two rows of scratch, one longer than out's."""
+    """Row y from column left on of a plane shifted by whole + fraction, with scratch (2, more than out's size)."""
     width = out.size
     first, row = left - whole[0] - 1, y - whole[1]
     if not _moves(whole, fraction):
@@ -189,35 +196,36 @@ def read_shifted(plane: Array, y: int, left: int, whole: Array, fraction: Array,
         for x in range(width):
             out[x] = source[x]
     elif _within(first, width + 1, row, plane.shape[0], plane.shape[1]):
-        near = plane[row - 1 : row + 1, first : first + width + 1]
-        _interpolate(near[0], near[1], fraction, out)
+        _interpolate(plane[row - 1, first : first + width + 1], plane[row, first : first + width + 1], fraction, out)
     else:
-        _shifted_row(plane, y, left, whole, fraction, scratch[0], scratch[1], out)
+        _shifted_row(plane, y, left, whole, fraction, scratch[0, : width + 1], scratch[1, : width + 1], out)
 
 
-@inlined
+@compiled
 def _entries_row(layers: Array, c: int, y: int, left: int, ghosts: Ghosts, entries: Array, scratch: Array) -> None:
     """One row of the plate's entries (entry, w), all ghosts of both layers; `read_shifted` written out for speed."""
-    taps, wholes, fractions, shown = ghosts
     width = entries.shape[1]
-    padded, other, shifted = scratch[0], scratch[1], scratch[2, :width]
+    padded, other, shifted = scratch[0, : width + 1], scratch[1, : width + 1], scratch[2, :width]
     entries[:] = 0
-    for k in range(taps.shape[1]):
-        whole, fraction = wholes[k], fractions[k]
-        first, row, moved = left - whole[0] - 1, y - whole[1], _moves(whole, fraction)
+    for k in range(ghosts.taps.shape[1]):
+        whole, fraction = ghosts.whole[k], ghosts.fraction[k]
+        first, row = left - whole[0] - 1, y - whole[1]
         inside = _within(first, width + 1, row, layers.shape[2], layers.shape[3])
-        for i in range(len(layers)):
-            if not shown[i, k]:
+        for i in range(2):
+            if not ghosts.shown[i, k]:
                 continue
-            plane, source = layers[i, c], shifted
-            if not moved:
-                source = plane[y, left : left + width]
+            source = shifted
+            if not _moves(whole, fraction):
+                source = layers[i, c, y, left : left + width]
             elif inside:
-                near = plane[row - 1 : row + 1, first : first + width + 1]
-                _interpolate(near[0], near[1], fraction, shifted)
+                above, at = (
+                    layers[i, c, row - 1, first : first + width + 1],
+                    layers[i, c, row, first : first + width + 1],
+                )
+                _interpolate(above, at, fraction, shifted)
             else:
-                _shifted_row(plane, y, left, whole, fraction, padded, other, shifted)
-            _add_to_entries(source, taps[i, k], entries)
+                _shifted_row(layers[i, c], y, left, whole, fraction, padded, other, shifted)
+            _add_to_entries(source, ghosts.taps[i, k], entries)
 
 
 @compiled
@@ -250,38 +258,38 @@ def residuals(
     return total
 
 
-@inlined
+@compiled
 def _add_continued_row(samples: Array, factor: Any, y: int, first: int, plane: Array) -> None:
     """Transpose of `_continued_row`, times factor."""
     height, width = plane.shape
     row = plane[min(max(y, 0), height - 1)]
     begin, end = min(max(-first, 0), samples.size), max(min(width - first, samples.size), 0)
-    for x in range(begin, end):
-        row[first + x] += factor * samples[x]
+    if end > begin:
+        add_scaled(samples[begin:end], factor, row[first + begin : first + end])
     for x in range(begin):
         row[0] += factor * samples[x]
     for x in range(max(end, begin), samples.size):
         row[width - 1] += factor * samples[x]
 
 
-@inlined
+@compiled
 def _add_shifted_row(
     row: Array, y: int, left: int, whole: Array, fraction: Array, samples: Array, plane: Array
 ) -> None:
     """Transpose of `_shifted_row`."""
-    one, across, down = np.float32(1), fraction[0], fraction[1]
+    one = np.float32(1)
     samples[0] = 0
-    at = samples[1:]
+    at, before = samples[1:], samples[:-1]
     for x in range(row.size):
-        at[x] = (one - across) * row[x]
-    for x in range(row.size):
-        samples[x] += across * row[x]
-    for above in range(2 if down != 0 else 1):
-        part = down if above == 1 else one - down
-        _add_continued_row(samples, part, y - whole[1] - above, left - whole[0] - 1, plane)
+        at[x] = (one - fraction[0]) * row[x]
+    add_scaled(row, fraction[0], before)
+    first = left - whole[0] - 1
+    _add_continued_row(samples, one - fraction[1], y - whole[1], first, plane)
+    if fraction[1] != 0:
+        _add_continued_row(samples, fraction[1], y - whole[1] - 1, first, plane)
 
 
-@inlined
+@compiled
 def _interpolate_transposed(row: Array, fraction: Array, above: Array, at: Array) -> None:
     """Transpose of `_interpolate`: adds n samples to n + 1 of a row and of the one above."""
     n, one = row.size, np.float32(1)
@@ -298,7 +306,7 @@ def _interpolate_transposed(row: Array, fraction: Array, above: Array, at: Array
         inner[x] += here * mixed
 
 
-@inlined
+@compiled
 def _mix(slopes: Array, c: int, y: int, taps: Array, out: Array) -> None:
     """Sum of the entries' slopes in row y, weighted by taps."""
     first, second, t0, t1 = slopes[0, c, y], slopes[1, c, y], taps[0], taps[1]
@@ -308,7 +316,7 @@ def _mix(slopes: Array, c: int, y: int, taps: Array, out: Array) -> None:
         add_scaled(slopes[e, c, y], taps[e], out)
 
 
-@inlined
+@compiled
 def spread_row(row: Array, y: int, left: int, whole: Array, fraction: Array, samples: Array, plane: Array) -> None:
     """Transpose of `read_shifted`: add a row to a plane, with scratch for one sample more."""
     width = row.size
@@ -316,19 +324,18 @@ def spread_row(row: Array, y: int, left: int, whole: Array, fraction: Array, sam
     if not _moves(whole, fraction):
         add_scaled(row, np.float32(1), plane[y, left : left + width])
     elif _within(first, width + 1, at, plane.shape[0], plane.shape[1]):
-        near = plane[at - 1 : at + 1, first : first + width + 1]
-        _interpolate_transposed(row, fraction, near[0], near[1])
+        here = slice(first, first + width + 1)
+        _interpolate_transposed(row, fraction, plane[at - 1, here], plane[at, here])
     else:
         _add_shifted_row(row, y, left, whole, fraction, samples, plane)
 
 
 @compiled
 def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, start: int, stop: int) -> None:
-    """Bring slopes by the entries (entry, channel, h, w) back to the layers.
+    """Bring slopes by the entries (entry, channel, h, w) back to the layers; `spread_row` written out for speed.
 
     Planes start..stop of gradient (2, channel, H, W), counted through both layers, are overwritten.
     """
-    taps, wholes, fractions, shown = ghosts
     colors, height, width = slopes.shape[1], slopes.shape[2], slopes.shape[3]
     mixed, samples = np.empty(width, np.float32), np.empty(width + 1, np.float32)
     for which in range(start, stop):
@@ -336,15 +343,22 @@ def spread(slopes: Array, top: int, left: int, ghosts: Ghosts, gradient: Array, 
         plane = gradient[i, c]
         plane[:] = 0
         for y in range(top, top + height):
-            for k in range(taps.shape[1]):
-                if not shown[i, k]:
+            for k in range(ghosts.taps.shape[1]):
+                if not ghosts.shown[i, k]:
                     continue
-                whole, fraction = wholes[k], fractions[k]
-                _mix(slopes, c, y - top, taps[i, k], mixed)
-                spread_row(mixed, y, left, whole, fraction, samples, plane)
+                whole, fraction = ghosts.whole[k], ghosts.fraction[k]
+                _mix(slopes, c, y - top, ghosts.taps[i, k], mixed)
+                first, row = left - whole[0] - 1, y - whole[1]
+                if not _moves(whole, fraction):
+                    add_scaled(mixed, np.float32(1), plane[y, left : left + width])
+                elif _within(first, width + 1, row, plane.shape[0], plane.shape[1]):
+                    above, at = plane[row - 1, first : first + width + 1], plane[row, first : first + width + 1]
+                    _interpolate_transposed(mixed, fraction, above, at)
+                else:
+                    _add_shifted_row(mixed, y, left, whole, fraction, samples, plane)
 
 
-@inlined
+@compiled
 def _mixed_row(layers: Array, mixtures: Array, c: int, y: int, top: int, left: int, entries: Array) -> None:
     """Entries (entry, w) of row y of the frame from layers on the canvas."""
     width = entries.shape[1]
@@ -382,7 +396,7 @@ def varying_residuals(
         for c in range(colors):
             _mixed_row(layers, mixtures, c, y, top, left, entries)
             total += residual_row(entries, roots, kinds, data, weight, c, y, residual, slopes)
-            for i in range(len(layers)):
+            for i in range(2):
                 out = gradient[i, c, top + y, left : left + width]
                 for x in range(width):
                     out[x] = 0
@@ -393,7 +407,7 @@ def varying_residuals(
     return total
 
 
-@inlined
+@compiled
 def _add_product(weights: Array, source: Array, out: Array) -> None:
     for x in range(out.size):
         out[x] += weights[x] * source[x]
@@ -421,18 +435,17 @@ def varying_ghost_residuals(
     """
     n, colors, _, width = data.shape
     entries, residual = np.empty((n, width), np.float32), np.empty((n, width), np.float32)
-    _, wholes, fractions, shown = ghosts
     scratch = np.empty((3, width + 1), np.float32)
     shifted = scratch[2, :width]
     total: Any = 0.0
     for y in range(start, stop):
         for c in range(colors):
             entries[:] = 0
-            for k in range(len(wholes)):
-                for i in range(len(layers)):
-                    if not shown[i, k]:
+            for k in range(ghosts.taps.shape[1]):
+                for i in range(2):
+                    if not ghosts.shown[i, k]:
                         continue
-                    read_shifted(layers[i, c], top + y, left, wholes[k], fractions[k], scratch, shifted)
+                    read_shifted(layers[i, c], top + y, left, ghosts.whole[k], ghosts.fraction[k], scratch, shifted)
                     for e in range(n):
                         _add_product(mixtures[e, i, k, y], shifted, entries[e])
             total += residual_row(entries, roots, kinds, data, weight, c, y, residual, slopes)
@@ -447,7 +460,6 @@ def varying_ghost_spread(
 
     Planes start..stop of gradient (2, channel, H, W), counted through both layers, are overwritten.
     """
-    _, wholes, fractions, shown = ghosts
     n, colors, height, width = slopes.shape
     mixed, samples = np.empty(width, np.float32), np.empty(width + 1, np.float32)
     for which in range(start, stop):
@@ -455,13 +467,13 @@ def varying_ghost_spread(
         plane = gradient[i, c]
         plane[:] = 0
         for y in range(height):
-            for k in range(len(wholes)):
-                if not shown[i, k]:
+            for k in range(ghosts.taps.shape[1]):
+                if not ghosts.shown[i, k]:
                     continue
                 mixed[:] = 0
                 for e in range(n):
                     _add_product(mixtures[e, i, k, y], slopes[e, c, y], mixed)
-                spread_row(mixed, top + y, left, wholes[k], fractions[k], samples, plane)
+                spread_row(mixed, top + y, left, ghosts.whole[k], ghosts.fraction[k], samples, plane)
 
 
 def first_calls() -> list[Call]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.ahead import Call
-from solvers.kernels import compiled, inlined
+from solvers.kernels import compiled
 
 Array = NDArray[Any]
 
@@ -37,7 +37,7 @@ _LOG2 = _polynomial(np.log2, 8, 1, 2)
 _EXP2 = _polynomial(np.exp2, 6, 0, 1)
 
 
-@inlined
+@compiled
 def raise_to_power(base: Array, exponent: Any, out: Array) -> None:
     """out = base ** exponent for float32 that are positive and normal."""
     fraction = np.empty(base.size, np.float32)
@@ -69,27 +69,27 @@ def raise_to_power(base: Array, exponent: Any, out: Array) -> None:
         out[x] *= fraction[x]
 
 
-@inlined
+@compiled
 def _row(layers: Array, i: int, c: int, frame: Frame, y: int) -> Array:
     """Row y of the frame; the last one stands for those below it."""
     row: Array = layers[i, c, frame.top + min(y, frame.height - 1), frame.left : frame.left + frame.width]
     return row
 
 
-@inlined
-def _differ(row: Array, below: Array, dx: Array, dy: Array, sum_x: Array, sum_y: Array, anew: bool) -> None:
-    """Differences of a row to the right and down, which are added to sums or begin them."""
+@compiled
+def _differ(row: Array, below: Array, dx: Array, dy: Array, sums: Array, anew: bool) -> None:
+    """Differences of a row to the right and down, which are added to sums (2, w) or begin them."""
     # Loops that write one array each: more of them in one do not vectorize.
     for x in range(row.size - 1):
         dx[x] = row[x + 1] - row[x]
     dx[row.size - 1] = 0
     for x in range(row.size):
         dy[x] = below[x] - row[x]
-    _accumulate(dx, sum_x, anew)
-    _accumulate(dy, sum_y, anew)
+    _accumulate(dx, sums[0], anew)
+    _accumulate(dy, sums[1], anew)
 
 
-@inlined
+@compiled
 def _accumulate(source: Array, total: Array, anew: bool) -> None:
     if anew:
         for x in range(total.size):
@@ -102,17 +102,15 @@ def _accumulate(source: Array, total: Array, anew: bool) -> None:
 @compiled
 def energies(layers: Array, frame: Frame, chroma: Any, energy: Array, start: int, stop: int) -> None:
     """Gradient energy of rows start..stop of the frame, all colours together, into energy (2, h, w)."""
-    top, left, height, width = frame
     colors = layers.shape[1]
     excess = (chroma - np.float32(1)) / np.float32(colors)
-    scratch = np.zeros((4, width), np.float32)
-    dx, dy, sum_x, sum_y = scratch[0], scratch[1], scratch[2], scratch[3]
-    for i in range(len(layers)):
+    scratch, sums = np.zeros((2, frame.width), np.float32), np.zeros((2, frame.width), np.float32)
+    dx, dy, sum_x, sum_y = scratch[0], scratch[1], sums[0], sums[1]
+    for i in range(2):
         for y in range(start, stop):
             q = energy[i, y]
             for c in range(colors):
-                plane = layers[i, c, top : top + height, left : left + width]
-                _differ(plane[y], plane[min(y + 1, height - 1)], dx, dy, sum_x, sum_y, c == 0)
+                _differ(_row(layers, i, c, frame, y), _row(layers, i, c, frame, y + 1), dx, dy, sums, c == 0)
                 if c == 0:
                     for x in range(q.size):
                         q[x] = 0
@@ -122,7 +120,7 @@ def energies(layers: Array, frame: Frame, chroma: Any, energy: Array, start: int
                 q[x] -= excess * (sum_x[x] * sum_x[x] + sum_y[x] * sum_y[x])
 
 
-@inlined
+@compiled
 def _pooled_row(plane: Array, y: int, rows: Array, out: Array) -> None:
     """Mean over 3x3 pixels of row y, nothing beyond the frame."""
     height, width = plane.shape
@@ -156,7 +154,7 @@ def sparsity(
     scratch = np.empty((2, energy.shape[2]), np.float32)
     rows, pooled = scratch[0], scratch[1]
     total: Any = 0.0
-    for i in range(len(energy)):
+    for i in range(2):
         least, offset = floor[i] ** (exponent / 2), np.float32(floor[i])
         derivative = np.float32(weight * factor[i] * exponent / 2)
         for y in range(start, stop):
@@ -187,7 +185,7 @@ def independence(energy: Array, typical: Array, start: int, stop: int) -> Any:
     return total
 
 
-@inlined
+@compiled
 def _add_independence(energy: Array, y: int, typical: Array, strength: float, twice: Array) -> None:
     """Add twice the derivative of strength times `independence` by the energies of row y to twice (2, w)."""
     one, t0, t1 = np.float32(1), np.float32(typical[0]), np.float32(typical[1])
@@ -199,14 +197,14 @@ def _add_independence(energy: Array, y: int, typical: Array, strength: float, tw
         out1[x] += s1 * w1 * w1 * (one - w0)
 
 
-@inlined
+@compiled
 def _flows(difference: Array, total: Array, slope: Array, chroma: Any, excess: Any, out: Array) -> None:
     """Slope times half the derivative of the energy by one colour's differences."""
     for x in range(out.size):
         out[x] = slope[x] * (chroma * difference[x] - excess * total[x])
 
 
-@inlined
+@compiled
 def _add_divergence(across: Array, down: Array, from_above: Array, out: Array) -> None:
     out[0] += from_above[0] - down[0] - across[0]
     inner, before, here, below, above = out[1:], across[:-1], across[1:], down[1:], from_above[1:]
@@ -214,10 +212,10 @@ def _add_divergence(across: Array, down: Array, from_above: Array, out: Array) -
         inner[x] += (above[x] - below[x]) + (before[x] - here[x])
 
 
-@inlined
+@compiled
 def _twice_slopes(energy: Array, slope: Array, y: int, typical: Array, shared: float, rows: Array, out: Array) -> None:
     """Twice the derivative of all penalties on edges by the energies of row y, into out (2, w)."""
-    for i in range(len(slope)):
+    for i in range(2):
         s = out[i]
         _pooled_row(slope[i], y, rows, s)
         for x in range(s.size):
@@ -240,28 +238,24 @@ def add_gradient(
     stop: int,
 ) -> None:
     """Add the gradient of sparsity and of `shared` times the independence in rows start..stop of the frame."""
-    top, left, height, width = frame
-    colors = layers.shape[1]
+    colors, width = layers.shape[1], frame.width
     excess = (chroma - np.float32(1)) / np.float32(colors)
     rows, twice, across = np.empty(width, np.float32), np.empty((2, width), np.float32), np.empty(width, np.float32)
     differences, sums = np.empty((colors, 2, width), np.float32), np.zeros((2, width), np.float32)
-    sum_x, sum_y = sums[0], sums[1]
     # Of two rows in turn: what flows down out of a row flows into the next.
     down = np.zeros((2, 2, colors, width), np.float32)
     for y in range(max(start - 1, 0), stop):
         _twice_slopes(energy, slope, y, typical, shared, rows, twice)
-        for i in range(len(layers)):
-            of_layer = twice[i]
+        for i in range(2):
             for c in range(colors):
-                plane = layers[i, c, top : top + height, left : left + width]
-                below = plane[min(y + 1, height - 1)]
-                _differ(plane[y], below, differences[c, 0], differences[c, 1], sum_x, sum_y, c == 0)
+                row, below = _row(layers, i, c, frame, y), _row(layers, i, c, frame, y + 1)
+                _differ(row, below, differences[c, 0], differences[c, 1], sums, c == 0)
             for c in range(colors):
                 flow, from_above = down[y % 2, i, c], down[1 - y % 2, i, c]
-                _flows(differences[c, 1], sum_y, of_layer, chroma, excess, flow)
+                _flows(differences[c, 1], sums[1], twice[i], chroma, excess, flow)
                 if y >= start:
-                    _flows(differences[c, 0], sum_x, of_layer, chroma, excess, across)
-                    out = gradient[i, c, top + y, left : left + width]
+                    _flows(differences[c, 0], sums[0], twice[i], chroma, excess, across)
+                    out = gradient[i, c, frame.top + y, frame.left : frame.left + width]
                     _add_divergence(across, flow, from_above, out)
 
 
@@ -271,7 +265,7 @@ def add_negativity(
 ) -> Any:
     """Half of strength (2,) times the squares below zero in rows start..stop; adds weight times the gradient."""
     total: Any = 0.0
-    for i in range(len(layers)):
+    for i in range(2):
         factor = np.float32(weight * strength[i])
         for c in range(layers.shape[1]):
             for y in range(start, stop):
