@@ -58,8 +58,8 @@ def compiled(function: Kernel) -> Kernel:
 def inlined(function: Kernel) -> Kernel:
     """Decorate a part of kernels: its statements are put where it is called before anything is compiled.
 
-    It costs a quarter of the seconds less than a kernel that others call, which is compiled for itself as well; for a
-    part that is called in many places, and has no loops, it costs more.
+    A kernel that others call is compiled for itself as well, this is not. Where many parts become one it may run
+    slower, as those of the misfit did: measure both.
 
     Parameters
     ----------
