@@ -83,12 +83,12 @@ class Mutant:
 
 
 def mutants_of(module: str) -> Iterator[Mutant]:
-    """All of a module, but for its annotations, which nothing runs."""
+    """All of a module, but for annotations, which nothing runs, and checks that lengths are equal, which they are."""
     from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.plugins import get_operator
 
     source = (ROOT / module).read_text(encoding="utf-8")
-    idle = list(_annotations(ast.parse(source)))
+    idle = list(_idle(ast.parse(source)))
     for name in OPERATORS:
         operator = get_operator(f"core/{name}")()
         places = (place for node in ast_nodes(get_ast(source)) for place in operator.mutation_positions(node))
@@ -97,10 +97,11 @@ def mutants_of(module: str) -> Iterator[Mutant]:
                 yield Mutant(module, name, occurrence, start[0])
 
 
-def _annotations(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Where annotations begin and end, as (line, column)."""
+def _idle(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """Where annotations, and values of ``strict`` of `zip`, begin and end, as (line, column)."""
     for node in ast.walk(tree):
-        for name in ("annotation", "returns"):
+        strict = isinstance(node, ast.keyword) and node.arg == "strict"
+        for name in ("value",) if strict else ("annotation", "returns"):
             part = getattr(node, name, None)
             if isinstance(part, ast.expr):
                 yield (part.lineno, part.col_offset), (part.end_lineno or 0, part.end_col_offset or 0)
