@@ -116,7 +116,7 @@ def _aligned(
     frame = _common_frame(motions, capture.shape[-2:])
     shape = (*capture.intensities.shape[:-2], *(lines.stop - lines.start for lines in frame))
     images = _room(capture.intensities, shape, overwrite)
-    valid = BitMask(np.empty((*shape[:-1], -(-shape[-1] // 8)), np.uint8), shape[-1])
+    valid = BitMask.empty(shape)
     for k, photograph in enumerate(capture.intensities):
         moved = motions.offsets[k].any() or (motions.matrices[k] != np.eye(2)).any()
         # Overshoot at clipped pixels and at dark edges; what noise has left below black stays there.
@@ -127,7 +127,7 @@ def _aligned(
                 image, kept = moved_back(image, kept, k)
                 np.clip(image, *bounds, out=image)
             images[k, *plane] = image[frame]
-            valid.bits[k, *plane] = np.packbits(kept[frame], axis=-1)
+            valid.keep((k, *plane), kept[frame])
         tell(_TURNS_MEASURED + (1 - _TURNS_MEASURED) * (k + 1) / len(capture.intensities))
     return Capture.of_planes(images, capture.angles_deg, valid, capture.origin)
 

@@ -473,6 +473,12 @@ class Capture:
         return np.asarray(self.mask)
 
     @property
+    def valid_in_all(self) -> NDArray[np.bool_]:
+        """Pixels (h, w) that can be trusted in all photographs and colours."""
+        in_all = np.asarray(self.mask.all(axis=0))
+        return np.asarray(in_all.all(axis=0)) if self.color else in_all
+
+    @property
     def n_valid(self) -> int:
         """Number of values that can be trusted."""
         return count_true(self.mask)

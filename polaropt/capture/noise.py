@@ -168,7 +168,7 @@ def _flattest(means: NDArray[np.float32], trusted: NDArray[np.bool_]) -> NDArray
 def redundancy(capture: Capture) -> Redundancy:
     """Residuals of more than three photographs with their intensities; of a large capture, bands of rows."""
     rows = _sampled_rows(capture.intensities[0].size, capture.shape[-2])
-    intensities, valid = capture.intensities[..., rows, :], capture.mask[..., rows, slice(None)]
+    intensities, valid = capture.intensities[..., rows, :], capture.mask[..., rows, :]
     trusted = _trusted(intensities, valid)
     intensities = _without_gain(intensities, capture.angles_deg, valid)
     residual = redundancy_residual(intensities, capture.angles_deg)

@@ -56,7 +56,7 @@ def trusted_blocks(intensities: Floats, valid: AnyMask, block: int = BLOCK, chan
     for rows in strips(height, intensities.size // height, block):
         part = intensities[..., rows, :]
         of_means.append(block_mean(part if change is None else change(part), block))
-        of_whole.append(whole_blocks(np.asarray(valid[..., rows, slice(None)].all(axis=0)), block))
+        of_whole.append(whole_blocks(np.asarray(valid[..., rows, :].all(axis=0)), block))
     means, whole = np.concatenate(of_means, axis=-2), np.concatenate(of_whole, axis=-2)
     bright = means.mean(axis=0)
     if not bright.size:

@@ -200,7 +200,7 @@ def _known_by(capture: Capture, n: int) -> Mask:
     known = np.empty(capture.shape, dtype=np.bool_)
     height = capture.shape[-2]
     for rows in strips(height, capture.intensities.size // height):
-        counts = np.add.reduce(capture.mask[..., rows, slice(None)], axis=0, dtype=np.uint16)
+        counts = np.add.reduce(capture.mask[..., rows, :], axis=0, dtype=np.uint16)
         known[..., rows, :] = counts >= n
     return known.reshape(-1, *known.shape[-2:])
 
@@ -238,7 +238,7 @@ def _mixed_in_strips(capture: Capture, mixing: Matrix, known: Mask) -> MixedImag
         return mixed
 
     def whole(rows: slice) -> Mask:
-        in_all = np.asarray(capture.mask[..., rows, slice(None)].all(axis=0))
+        in_all = np.asarray(capture.mask[..., rows, :].all(axis=0))
         return in_all.reshape(-1, *in_all.shape[-2:])
 
     gaps, values = gap_values((images, whole(rows)) for rows, images in mixed.strips(GAP_STRIP))

@@ -232,7 +232,7 @@ def _trusted(capture: Capture, growth: NoiseModel) -> Mask:
     from scipy.ndimage import binary_erosion
 
     photographs = _planes(capture)
-    trusted = np.asarray(capture.valid.reshape(photographs.shape).all(axis=(0, 1)))
+    trusted = capture.valid_in_all
     if not trusted.all():
         far = _FROM_WHITE * math.sqrt(float(growth.variance(np.ones(1, np.float32))[0]))
         trusted = binary_erosion(trusted & (photographs.max(axis=(0, 1)) < 1 - far), border_value=1)

@@ -49,11 +49,20 @@ class BitMask:
     @classmethod
     def made(cls, shape: tuple[int, ...], part: Callable[[tuple[Any, ...]], Mask]) -> BitMask:
         """Pack a mask of a shape (..., h, w), some rows of a plane at a time: `part` makes them of their index."""
-        bits = np.empty((*shape[:-1], -(-shape[-1] // 8)), np.uint8)
+        mask = cls.empty(shape)
         for plane in np.ndindex(shape[:-2]):
             for rows in strips(*shape[-2:]):
-                bits[*plane, rows] = np.packbits(part((*plane, rows)), axis=-1)
-        return cls(bits, shape[-1])
+                mask.keep((*plane, rows), part((*plane, rows)))
+        return mask
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> BitMask:
+        """Room for a mask of a shape (..., h, w), whose parts are still to be kept."""
+        return cls(np.empty((*shape[:-1], -(-shape[-1] // 8)), np.uint8), shape[-1])
+
+    def keep(self, part: tuple[Any, ...], values: Mask) -> None:
+        """Pack whole rows into their place, an index of all axes but the last one."""
+        self.bits[part] = np.packbits(values, axis=-1)
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -280,10 +280,8 @@ def _grey_levels(capture: Capture) -> int | None:
 
 def _polarization(capture: Capture) -> dict[str, Any]:
     """DoLP and AoLP of small blocks that are valid at every angle (of all blocks, if there are none)."""
-    in_all = np.asarray(capture.mask.all(axis=0))
-    valid = np.asarray(in_all.all(axis=0)) if capture.color else in_all
     stokes = stokes_from_intensities(grey_means(capture, _SUMMARY_BLOCK), capture.angles_deg)
-    whole = whole_blocks(valid, _SUMMARY_BLOCK)
+    whole = whole_blocks(capture.valid_in_all, _SUMMARY_BLOCK)
     whole &= stokes[0] > 0
     s0, s1, s2 = stokes = stokes[:, whole] if whole.any() else stokes.reshape(3, -1)
     polarized = np.hypot(s1, s2)

@@ -89,7 +89,7 @@ def misfit_map(result: Separation, capture: Capture) -> NDArray[np.float32]:
     observed = capture.observed
     for strip in result.component_strips():
         of_strip, n = total[strip.rows], count[strip.rows]
-        trusted = observed.mask[..., strip.rows, slice(None)]
+        trusted = observed.mask[..., strip.rows, :]
         for k, valid in enumerate(trusted):
             photograph = observed.intensities[k][..., strip.rows, :]
             squares = np.square(strip.components[0, k] + strip.components[1, k] - photograph) * valid
@@ -197,10 +197,8 @@ def _reduction(capture: Capture) -> int:
 
 
 def _gray_stokes(capture: Capture) -> tuple[Floats, NDArray[np.bool_]]:
-    in_all = np.asarray(capture.mask.all(axis=0))
-    valid = in_all.all(axis=0) if capture.color else in_all
     block = _reduction(capture)
-    whole = block_mean(np.asarray(valid, dtype=np.float32), block) > 0.5
+    whole = block_mean(np.asarray(capture.valid_in_all, dtype=np.float32), block) > 0.5
     return stokes_from_intensities(grey_means(capture, block), capture.angles_deg), whole
 
 
