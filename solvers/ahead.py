@@ -43,6 +43,8 @@ def compile_ahead(modules: Sequence[str], begun: Callable[[], None] = lambda: No
         return
     _looked_at.add(asked)
     n = min(thread_count(), _MOST_PROCESSES)
+    if n < 2:
+        return
     missing = [module for module in asked if _is_missing(module)]
     parts = [part for part in _dealt(missing, n) if part]
     if len(parts) < 2:
