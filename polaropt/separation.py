@@ -57,6 +57,7 @@ from polaropt.solving import (
     component_strips,
     inpainted,
     solve,
+    with_likelier_side,
 )
 from solvers.ahead import compile_ahead
 from solvers.base import SolverResult, Status, StoppingRule
@@ -500,6 +501,8 @@ def _case_of(
     sense_only = settings.thickness_px is not None
     stages.advance(_INDEX_CHECKED)
     found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
+    if asked.ghost_shift is None:
+        found = with_likelier_side(found, source, of_source, still.growth)
     return Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)
 
 

@@ -29,11 +29,13 @@ __all__ = [
     "start_names",
     "take_start",
     "term_names",
+    "with_likelier_side",
 ]
 
 from .compiled import FusedMisfit as FusedMisfit
 from .compiled import FusedPenalties as FusedPenalties
 from .compiled import kinds_of_pixels as kinds_of_pixels
+from .ghost_side import with_likelier_side as with_likelier_side
 from .inpainting import inpainted as inpainted
 from .kernels.penalties import Frame as Frame
 from .kernels.penalties import energies as energies

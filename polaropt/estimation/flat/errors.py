@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,10 +154,27 @@ def widened_shift(error_px: float) -> float:
     return math.hypot(_SHIFT_WIDER * error_px, _LEAST_PX)
 
 
-def shift_errors(
-    spectra: CrossSpectra, scene: SceneParameters, rivals: Sequence[float] = ()
-) -> tuple[float, float | None]:
-    """Standard errors in pixels of both ghost shifts of a complete scene; None for one the transmission has not.
+@dataclass(frozen=True)
+class ShiftErrors:
+    """Standard errors in pixels of the ghost shifts of a scene.
+
+    Attributes
+    ----------
+    ghost_shift : float or None
+        None where there are no ghosts to see.
+    transmission_ghost_shift : float or None
+        None where the transmission has none of its own.
+    of_side : float or None
+        That of `ghost_shift` once it is known on which side the ghosts lie.
+    """
+
+    ghost_shift: float | None = None
+    transmission_ghost_shift: float | None = None
+    of_side: float | None = None
+
+
+def shift_errors(spectra: CrossSpectra, scene: SceneParameters, rivals: Sequence[float] = ()) -> ShiftErrors:
+    """Standard errors of both ghost shifts of a complete scene.
 
     Parameters
     ----------
@@ -171,15 +189,19 @@ def shift_errors(
     likelihoods = [ShiftLikelihood(part, scene) for part in spectra.left_out()]
     around = _STEP_PX * np.arange(-1.0, 2.0)
 
-    def error(shifts: Values, of_transmission: Values | None, rest: Sequence[float]) -> float:
-        trials = np.concatenate([shifts, rest])
-        others = None if of_transmission is None else np.resize(of_transmission, trials.size)
-        rows = [likelihood.misfit(incidence, trials, 4, others) for likelihood in likelihoods]
-        return _error(np.array(rows), np.abs(np.asarray(rest) - shift))
+    def misfits(shifts: Values, of_transmission: Values | None) -> Values:
+        others = None if of_transmission is None else np.resize(of_transmission, shifts.size)
+        return np.array([likelihood.misfit(incidence, shifts, 4, others) for likelihood in likelihoods])
 
-    if own is None:
-        return error(shift + around, None, rivals), None
-    return error(shift + around, np.full(3, own), ()), error(np.full(3, shift), own + around, ())
+    if own is not None:
+        of_both = misfits(shift + around, np.full(3, own)), misfits(np.full(3, shift), own + around)
+        return ShiftErrors(*(_error(part, np.zeros(0)) for part in of_both))
+    rest = np.array(rivals, dtype=np.float64)
+    here = rest * shift > 0
+    rows = misfits(np.concatenate([shift + around, rest]), None)
+    kept = np.concatenate([np.ones(around.size, dtype=bool), here])
+    distances = np.abs(rest - shift)
+    return ShiftErrors(_error(rows, distances), of_side=_error(rows[:, kept] if rows.size else rows, distances[here]))
 
 
 def _error(misfits: Values, distances: Values) -> float:

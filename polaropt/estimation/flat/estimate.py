@@ -16,7 +16,7 @@ import numpy as np
 from polaropt.capture import Capture, PlateFrame, noise_level, plate_frame, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.azimuth import HIGH_STAKE, AxisCandidate, choose_axis, principal_axis
-from polaropt.estimation.flat.errors import widened_incidence
+from polaropt.estimation.flat.errors import ShiftErrors, widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
 from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_LIMITS_DEG, Rival, SceneErrors, SceneParameters
@@ -60,6 +60,8 @@ class SceneEstimate:
         Minus log likelihood over trial ghost shifts, less its minimum.
     rivals : tuple of Rival
         Other scenes that explain the capture about as well; the errors do not reach them.
+    shift_error_of_side : float or None
+        Standard error of the ghost shift once it is known on which side the ghosts lie, in pixels.
     """
 
     scene: SceneParameters
@@ -74,13 +76,15 @@ class SceneEstimate:
     shift_grid: Curve
     shift_misfit: Curve
     rivals: tuple[Rival, ...] = ()
+    shift_error_of_side: float | None = None
 
     def scaled(self, factor: float) -> SceneEstimate:
         """The same of photographs with so many times the pixels a side."""
         grid = factor * self.shift_grid
         rivals = tuple(rival.scaled(factor) for rival in self.rivals)
         scene, errors = self.scene.scaled(factor), self.errors.scaled(factor)
-        return replace(self, scene=scene, errors=errors, shift_grid=grid, rivals=rivals)
+        of_side = None if self.shift_error_of_side is None else factor * self.shift_error_of_side
+        return replace(self, scene=scene, errors=errors, shift_grid=grid, rivals=rivals, shift_error_of_side=of_side)
 
     @property
     def better_left(self) -> bool:
@@ -135,11 +139,12 @@ def estimate_scene(
     told = axis.snr > _POLARIZED_SNR and not stokes.aliased
     trial, far = search.best_of_far(trial) if told else (trial, [])
     found = _completed(scene, frame.azimuth_deg, trial)
-    errors = SceneErrors()
+    errors, of_shifts = SceneErrors(), ShiftErrors()
     if axis.snr > _POLARIZED_SNR:
         found = search.with_own_shifts(frame, found)
         found, error = _refined(frame, scene, found, thickness)
-        errors = _errors(search, (scene, found, trial), error, axis.error_deg)
+        of_shifts = search.shift_errors(found) if scene.ghost_shift is None else of_shifts
+        errors = _errors(search, (scene, trial), (error, axis.error_deg), of_shifts)
         if thickness is not None:
             errors = _tied(errors, found, thickness)
     overlap = search.curve(trial)
@@ -157,6 +162,7 @@ def estimate_scene(
         shift_grid=shift_grid,
         shift_misfit=shift_misfit - shift_misfit.min(),
         rivals=tuple(Rival(_completed(scene, frame.azimuth_deg, other), chance) for other, chance in far),
+        shift_error_of_side=of_shifts.of_side,
     )
 
 
@@ -225,21 +231,21 @@ def _refined(
 
 def _errors(
     search: SceneSearch,
-    scenes: tuple[SceneParameters, SceneParameters, Trial],
-    refined_error_deg: float | None,
-    azimuth_error_deg: float,
+    scenes: tuple[SceneParameters, Trial],
+    errors_deg: tuple[float | None, float],
+    of_shifts: ShiftErrors,
 ) -> SceneErrors:
     """Of what was asked for, from the search's own sums; the incidence's where it was looked at again is known."""
-    asked, found, trial = scenes
-    shift, of_transmission = search.shift_errors(found) if asked.ghost_shift is None else (None, None)
+    asked, trial = scenes
+    refined_error_deg, azimuth_error_deg = errors_deg
     incidence = None
     if asked.incidence_deg is None:
         incidence = search.incidence_error(trial) if refined_error_deg is None else widened_incidence(refined_error_deg)
     return SceneErrors(
         incidence_deg=incidence,
         azimuth_deg=azimuth_error_deg if asked.azimuth_deg is None else None,
-        ghost_shift=shift,
-        transmission_ghost_shift=of_transmission,
+        ghost_shift=of_shifts.ghost_shift,
+        transmission_ghost_shift=of_shifts.transmission_ghost_shift,
     )
 
 

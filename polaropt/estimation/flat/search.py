@@ -8,7 +8,7 @@ likeliest shift, are compared first, and from the best of them incidence and shi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Literal
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
-from polaropt.estimation.flat.errors import IncidenceLikelihood, incidence_error, shift_errors
+from polaropt.estimation.flat.errors import IncidenceLikelihood, ShiftErrors, incidence_error, shift_errors
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.layer_shifts import own_shifts
 from polaropt.estimation.flat.overlap import BlockImages, EdgeOverlap, block_images
@@ -248,15 +248,16 @@ class SceneSearch:
         """Standard error in degrees of the incidence of least edge overlap."""
         return incidence_error(lambda blocks: self._best_scales(trial, blocks), self._seen.fine, trial.incidence_deg)
 
-    def shift_errors(self, found: SceneParameters) -> tuple[float | None, float | None]:
-        """Standard errors in pixels of the ghost shifts of both layers; None where there are none to see."""
+    def shift_errors(self, found: SceneParameters) -> ShiftErrors:
+        """Standard errors of the ghost shifts of both layers."""
         if not found.has_ghosts:
-            return None, None
+            return ShiftErrors()
         incidence, _, shift = found.values()
         likely = [] if self._thickness else self._likely_shifts(incidence, _CANDIDATE_STEP_PX, _N_CANDIDATES)
         rivals = [rival for rival in likely if abs(rival - shift) > 1]
-        error, of_transmission = shift_errors(self._seen.spectra, found, rivals)
-        return error, of_transmission if self._scene.transmission_ghost_shift is None else None
+        errors = shift_errors(self._seen.spectra, found, rivals)
+        told = self._scene.transmission_ghost_shift is not None
+        return replace(errors, transmission_ghost_shift=None) if told else errors
 
     def _likeliest(self, incidence_deg: float) -> Trial:
         grid = self._shift_grid(incidence_deg, _TRIAL_STEP_PX)
