@@ -30,6 +30,7 @@ from polaropt.estimation import (
     still_photographs,
     with_incidence_checked,
     with_index,
+    with_likelier_side,
 )
 from polaropt.inversion import Canvas
 from polaropt.judging import (
@@ -55,9 +56,9 @@ from polaropt.solving import (
     Weights,
     check_start,
     component_strips,
+    edges_of_layers,
     inpainted,
     solve,
-    with_likelier_side,
 )
 from solvers.ahead import compile_ahead
 from solvers.base import SolverResult, Status, StoppingRule
@@ -502,7 +503,8 @@ def _case_of(
     stages.advance(_INDEX_CHECKED)
     found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
     if asked.ghost_shift is None:
-        found = with_likelier_side(found, source, of_source, still.growth)
+        edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
+        found = with_likelier_side(found, source, edges)
     return Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)
 
 

@@ -22,6 +22,7 @@ __all__ = [
     "still_photographs",
     "with_incidence_checked",
     "with_index",
+    "with_likelier_side",
     "without_moving",
 ]
 
@@ -31,6 +32,7 @@ from .angles import find_start_angle as find_start_angle
 from .flat.azimuth import NOTABLE_STAKE as NOTABLE_STAKE
 from .flat.estimate import SceneEstimate as SceneEstimate
 from .flat.estimate import estimate_scene as estimate_scene
+from .ghost_side import with_likelier_side as with_likelier_side
 from .ladder import LadderResult as LadderResult
 from .ladder import RungReport as RungReport
 from .ladder import find_scene as find_scene

@@ -19,6 +19,7 @@ __all__ = [
     "check_start",
     "component_strips",
     "conditioned_observation",
+    "edges_of_layers",
     "energies",
     "initializers",
     "inpainted",
@@ -29,16 +30,15 @@ __all__ = [
     "start_names",
     "take_start",
     "term_names",
-    "with_likelier_side",
 ]
 
 from .compiled import FusedMisfit as FusedMisfit
 from .compiled import FusedPenalties as FusedPenalties
 from .compiled import kinds_of_pixels as kinds_of_pixels
-from .ghost_side import with_likelier_side as with_likelier_side
 from .inpainting import inpainted as inpainted
 from .kernels.penalties import Frame as Frame
 from .kernels.penalties import energies as energies
+from .layer_edges import edges_of_layers as edges_of_layers
 from .objective import Misfit as Misfit
 from .objective import Term as Term
 from .objective import Weights as Weights

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import pytest
 
 from polaropt import SceneParameters
 from polaropt.estimation import LadderResult, SceneEstimate, find_scene
-from polaropt.solving import with_likelier_side
-from polaropt.solving.ghost_side import opposite
+from polaropt.estimation.ghost_side import opposite, with_likelier_side
+from polaropt.solving import edges_of_layers
 from tests.blends import blend
 
 NOISE = 0.005
+
+
+def edges(example):
+    return partial(edges_of_layers, example.capture, noise=NOISE)
 
 
 def estimate_of(example, scene: SceneParameters, **changes) -> LadderResult:
@@ -28,10 +33,10 @@ def estimate_of(example, scene: SceneParameters, **changes) -> LadderResult:
 def test_images_on_the_wrong_side_are_put_on_the_right_one(shift: float, incidence_deg: float) -> None:
     example = blend(incidence_deg, 128, ghost_shift=shift, noise=NOISE)
     wrong = estimate_of(example, opposite(example.scene))
-    mended = with_likelier_side(wrong, example.capture, NOISE, None)
+    mended = with_likelier_side(wrong, example.capture, edges(example))
     assert mended.scene == mended.estimate.scene == example.scene
     assert [rung.reason for rung in mended.tried if rung.taken] != [rung.reason for rung in wrong.tried if rung.taken]
-    again = with_likelier_side(mended, example.capture, NOISE, None)
+    again = with_likelier_side(mended, example.capture, edges(example))
     assert again.scene == example.scene
     assert again.tried == mended.tried
 
@@ -41,14 +46,14 @@ def test_what_is_certain_of_the_side_has_the_error_of_one_side() -> None:
     found = estimate_of(example, example.scene, shift_error_of_side=0.2)
     open_error = dataclasses.replace(found.estimate.errors, ghost_shift=6.0)
     of_both = dataclasses.replace(found, estimate=dataclasses.replace(found.estimate, errors=open_error))
-    assert with_likelier_side(of_both, example.capture, NOISE, None).errors.ghost_shift == 0.2
+    assert with_likelier_side(of_both, example.capture, edges(example)).errors.ghost_shift == 0.2
 
 
 def test_images_in_place_and_panes_that_vary_are_left_as_they_are() -> None:
     example = blend(60, 96, ghost_shift=0.0, noise=NOISE)
     for scene in (example.scene, example.scene.replace(ghost_shift=4.0, focal_px=90.0)):
         found = estimate_of(example, scene)
-        assert with_likelier_side(found, example.capture, NOISE, None) is found
+        assert with_likelier_side(found, example.capture, edges(example)) is found
 
 
 def test_all_images_change_sides_and_come_back() -> None:
