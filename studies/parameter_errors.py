@@ -17,6 +17,7 @@ from pandas import DataFrame, concat
 
 from polaropt.capture import noise_level
 from polaropt.estimation import find_scene
+from polaropt.numerics import turn_between
 from polaropt.optics import SceneErrors, SceneParameters
 from studies.camera import photograph
 from studies.kit.charts import BLUE, new_figure
@@ -79,8 +80,8 @@ def compared(
     incidence, azimuth, shift = scene.values()
     found_incidence, found_azimuth, found_shift = estimate.values()
     period = 360.0 if scene.focal_px is not None and estimate.varies else 180.0
-    turned = (found_azimuth - azimuth + period / 2) % period - period / 2
-    sense = 1 if abs((found_azimuth - azimuth + 180) % 360 - 180) < 90 else -1
+    turned = turn_between(found_azimuth, azimuth, period)
+    sense = 1 if abs(turn_between(found_azimuth, azimuth, 360.0)) < 90 else -1
     numbers = [
         ("incidence_deg", incidence, found_incidence, errors.incidence_deg),
         ("azimuth_deg", azimuth, azimuth + turned, errors.azimuth_deg),
@@ -104,7 +105,7 @@ def _of_light(
         if stated is not None:
             yield f"{name}, degree", degree, found[0], stated[0]
             if degree:
-                yield f"{name}, angle", angle, angle + (found[1] - angle + 90) % 180 - 90, stated[1]
+                yield f"{name}, angle", angle, angle + turn_between(found[1], angle), stated[1]
 
 
 def judged(frame: DataFrame) -> DataFrame:

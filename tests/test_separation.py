@@ -7,6 +7,7 @@ import pytest
 
 from polaropt import SceneParameters, SeparationWarning, StoppingRule, Weights, separate, simulate
 from polaropt.capture.capture import Capture
+from polaropt.numerics import turn_between
 from polaropt.simulation.metrics import psnr_db
 from polaropt.solving.starts import start_names
 from solvers.base import Status
@@ -69,7 +70,7 @@ def test_blind_finds_the_scene_and_the_layers():
     example = blend(65, 160)
     result = separate(example.capture)
     assert result.scene.incidence_deg == pytest.approx(65, abs=3)
-    turn = (result.scene.azimuth_deg - 25 + 90) % 180 - 90
+    turn = turn_between(result.scene.azimuth_deg, 25)
     assert abs(turn) < 2
     doing_nothing = psnr_db(example.capture.stokes[0], example.layers[0], 8)
     assert psnr_db(result.layers[0], example.layers[0], 8) > doing_nothing + 8

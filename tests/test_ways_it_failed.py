@@ -9,6 +9,7 @@ import pytest
 
 from polaropt import SceneParameters, SeparationWarning, estimate, separate
 from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.numerics import turn_between
 from studies.camera import Sample, photograph
 from studies.photographs import Pair, shipped_pairs
 from studies.random_windows.judging import SAYS_NOTHING, WORSE_DB
@@ -41,7 +42,7 @@ def found_or_announced(sample: Sample) -> float:
 
 
 def off_deg(found: SceneParameters, azimuth_deg: float) -> float:
-    return abs((found.values()[1] - azimuth_deg + 90) % 180 - 90)
+    return abs(turn_between(found.values()[1], azimuth_deg))
 
 
 @pytest.mark.parametrize("pair", [2, 3])

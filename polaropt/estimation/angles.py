@@ -20,7 +20,7 @@ from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross
 from polaropt.estimation.rung import noise_misfit
 from polaropt.estimation.wide.blocks import SCATTERS, PolarizedBlocks
 from polaropt.estimation.wide.fits import fit_perspective
-from polaropt.numerics import grid_minimum, jackknife_error
+from polaropt.numerics import grid_minimum, jackknife_error, turn_between
 from polaropt.optics import SceneParameters
 
 Curve = NDArray[np.float64]
@@ -95,7 +95,7 @@ class GhostDirection:
     @property
     def start_deg(self) -> float:
         """Angle from the image's x axis to the polarizer's zero, -90 to 90."""
-        return (self.direction_deg - self.azimuth_deg + 90) % 180 - 90
+        return turn_between(self.direction_deg, self.azimuth_deg)
 
 
 def find_start_angle(capture: Capture) -> Capture:
@@ -183,7 +183,7 @@ def _likeliest(spectra: CrossSpectra, pane: SceneParameters, incidences: Curve, 
         places.append(np.unravel_index(np.argmin(misfit), misfit.shape))
         gains[k] = misfit[:, _SHIFTS.size // 2].min() - misfit.min()
     best = int(np.argmax(gains))
-    apart = np.abs((_DIRECTIONS_DEG - _DIRECTIONS_DEG[best] + 90) % 180 - 90) > _APART_DEG
+    apart = np.abs(turn_between(_DIRECTIONS_DEG, _DIRECTIONS_DEG[best])) > _APART_DEG
     row, column = places[best]
     direction, incidence, error = float(_DIRECTIONS_DEG[best]), float(incidences[row]), math.inf
     if gains[best] > least:
@@ -273,7 +273,7 @@ def angle_mistake(
     found = ghost_direction(capture, noise, incidence, azimuth, scene)
     if not found.certain or abs(found.start_deg) < _ELSEWHERE_DEG:
         return None
-    mirrored = (found.direction_deg + found.azimuth_deg + 90) % 180 - 90
+    mirrored = turn_between(found.direction_deg, -found.azimuth_deg)
     return AngleMistake.REVERSED if abs(mirrored) < _MIRRORED_DEG else AngleMistake.ROTATED
 
 
@@ -281,7 +281,7 @@ def _gap_is_turned(scene: SceneParameters) -> bool:
     """Whether panes of a window have images beside the azimuth: what was found tells more than their direction."""
     if not scene.stacked or not scene.gap_shift or scene.gap_azimuth_deg is None:
         return False
-    turned = (scene.gap_azimuth_deg - scene.values()[1] + 90) % 180 - 90
+    turned = turn_between(scene.gap_azimuth_deg, scene.values()[1])
     return abs(turned) > _ELSEWHERE_DEG
 
 

@@ -41,6 +41,7 @@ __all__ = [
     "squared_frequencies",
     "strips",
     "tukey_window",
+    "turn_between",
     "vertex",
     "whole_blocks",
     "wiener_spectra",
@@ -77,6 +78,7 @@ from .minima import grid_minimum as grid_minimum
 from .minima import local_minima as local_minima
 from .minima import local_minimum as local_minimum
 from .minima import vertex as vertex
+from .periodic import turn_between as turn_between
 from .robust import MAD_TO_SIGMA as MAD_TO_SIGMA
 from .robust import quantization_step as quantization_step
 from .robust import quietest_combination as quietest_combination

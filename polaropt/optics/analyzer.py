@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polaropt.errors import InputError
+from polaropt.numerics import turn_between
 from polaropt.optics.stokes import analyzer_matrix
 
 Floats = NDArray[np.float64]
@@ -62,7 +63,7 @@ class Analyzer:
             raise InputError("an analyzer needs an angle, gain, contrast and true angle for each corner of the cell")
         if not np.all(np.isfinite(np.array(lists))):
             raise InputError("a number of the analyzer is not finite; calibrate it anew")
-        turned = np.abs((np.array(self.true_angles_deg) - np.array(self.angles_deg) + 90) % 180 - 90)
+        turned = np.abs(turn_between(np.array(self.true_angles_deg), np.array(self.angles_deg)))
         for name, values, (least, most) in (
             ("gain", self.gains, GAIN_LIMITS),
             ("contrast", self.contrasts, CONTRAST_LIMITS),
@@ -201,7 +202,7 @@ def _different(turns_deg: Floats) -> int:
     """How many turns differ, modulo 180 degrees."""
     kept: list[float] = []
     for turn in turns_deg:
-        if all(abs((turn - other + 90) % 180 - 90) >= _LEAST_TURN_DEG for other in kept):
+        if all(abs(turn_between(turn, other)) >= _LEAST_TURN_DEG for other in kept):
             kept.append(float(turn))
     return len(kept)
 

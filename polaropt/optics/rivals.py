@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
+from polaropt.numerics import turn_between
 from polaropt.optics.scene import SceneErrors, SceneParameters
 
 
@@ -62,4 +63,4 @@ def widened(errors: SceneErrors, scene: SceneParameters, rivals: Sequence[Rival]
 
 def _apart(difference: float, period: float) -> float:
     """A difference of numbers that come round after a period."""
-    return difference if math.isinf(period) else (difference + period / 2) % period - period / 2
+    return difference if math.isinf(period) else turn_between(difference, 0.0, period)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pandas import DataFrame
 
 from polaropt.capture import ANGLES_DEG, WHITE_16, Capture, read_capture, sampling_of, write_png
-from polaropt.numerics import block_mean
+from polaropt.numerics import block_mean, turn_between
 from polaropt.optics import stokes_from_intensities
 from studies.kit.frames import Cell, markdown, mean, summary
 from studies.mosaic.demosaicking import LENS_BLUR_PX, bilinear, edge_aware, trained
@@ -127,7 +127,7 @@ def _scores(photographs: Images, truth: Images, scale: int) -> tuple[float, floa
         for images in (photographs, truth)
     )
     polarized = true.degree > POLARIZED
-    turn = np.abs((found.angle_deg - true.angle_deg + 90) % 180 - 90)[polarized]
+    turn = np.abs(turn_between(found.angle_deg, true.angle_deg))[polarized]
     return (
         _decibels((found.intensity - true.intensity) / 2),
         _decibels(found.degree - true.degree),

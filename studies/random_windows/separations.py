@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.numerics import turn_between
 from polaropt.optics import SceneErrors
 from polaropt.separation import Separation
 from studies.camera import Sample
@@ -172,7 +173,7 @@ def row_of(window: Window, size: int, sample: Sample, blind: Separation, known: 
         blind.scene.rung,
         blind.scene.n_panes or 1,
         found[0],
-        abs((found[1] - window.scene.values()[1] + 90) % 180 - 90),
+        abs(turn_between(found[1], window.scene.values()[1])),
         None if settled is None or math.isinf(settled) else settled,
         blind.diagnostics.misfit_ratio,
         _unexplained(blind),

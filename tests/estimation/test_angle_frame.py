@@ -15,6 +15,7 @@ from polaropt.estimation.angles import AngleMistake, angle_mistake, ghost_direct
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.ladder import find_scene
 from polaropt.estimation.wide.fits import fit_perspective
+from polaropt.numerics import turn_between
 from polaropt.reporting.words import start_sentence
 from polaropt.simulation.metrics import psnr_db
 from studies.camera import take
@@ -35,7 +36,7 @@ def counted(capture: Capture, turned_deg: float = 0.0, sense: int = 1) -> Captur
 
 
 def apart(first_deg: float, second_deg: float) -> float:
-    return abs((first_deg - second_deg + 90) % 180 - 90)
+    return abs(turn_between(first_deg, second_deg))
 
 
 def mistake(capture: Capture) -> AngleMistake | None:

@@ -15,6 +15,7 @@ from polaropt.errors import InputError
 from polaropt.estimation.ladder import find_scene
 from polaropt.estimation.wide.edges import VaryingOverlap
 from polaropt.estimation.wide.fits import fit_curved
+from polaropt.numerics import turn_between
 from polaropt.optics.engine import PSE, VaryingPSE
 from polaropt.optics.geometry import Pane, pixel_grid, plane_normal, scene_angles
 from polaropt.simulation.metrics import psnr_db
@@ -113,9 +114,9 @@ def test_polarization_and_edges_tell_how_the_pane_is_bent(focal_px):
     fit = fit_curved(stokes_images(capture, 0.005), SceneParameters(45.0, 20.0, 0.0), focal_px)
     assert abs(fit.incidence_deg - 50) < max(3 * fit.incidence_error_deg, 0.5)
     assert fit.incidence_error_deg < 1.5
-    turned = (fit.azimuth_deg - 200 + 90) % 180 - 90
+    turned = turn_between(fit.azimuth_deg, 200)
     assert abs(turned) < max(4 * fit.azimuth_error_deg, 0.1)
-    leaning = 1 if abs((fit.azimuth_deg - 200 + 180) % 360 - 180) < 90 else -1
+    leaning = 1 if abs(turn_between(fit.azimuth_deg, 200, 360.0)) < 90 else -1
     assert leaning == 1 or focal_px is None
     away = np.abs(leaning * np.array(fit.bend_deg_per_px) - bend)
     assert (away < np.maximum(4 * np.array(fit.bend_error_deg_per_px), 0.005)).all()

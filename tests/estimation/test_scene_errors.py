@@ -15,6 +15,7 @@ from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.ghost_overlap import refined_incidence
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.overlap import block_images
+from polaropt.numerics import turn_between
 from polaropt.optics.rivals import widened
 from polaropt.optics.scene import SceneErrors
 from polaropt.reporting.report import json_values, scene_report
@@ -34,7 +35,7 @@ def test_the_truth_lies_within_the_errors(incidence_deg: float) -> None:
     found = estimate_scene(example.capture, BLIND, noise=0.005)
     errors = found.errors
     assert abs(found.scene.incidence_deg - incidence_deg) < 3.5 * errors.incidence_deg
-    assert abs((found.scene.azimuth_deg - 25 + 90) % 180 - 90) < 4 * errors.azimuth_deg
+    assert abs(turn_between(found.scene.azimuth_deg, 25)) < 4 * errors.azimuth_deg
     assert abs(abs(found.scene.ghost_shift) - 6) < 3.5 * errors.ghost_shift
     assert errors.incidence_deg < 3
     assert errors.azimuth_deg < 0.3

@@ -14,6 +14,7 @@ from polaropt.capture.polarization import stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.ladder import find_scene
 from polaropt.estimation.wide.fits import fit_perspective
+from polaropt.numerics import turn_between
 from polaropt.optics.engine import PSE, VaryingPSE
 from polaropt.optics.geometry import pixel_grid, plane_normal, viewing_angles
 from polaropt.simulation.metrics import psnr_db
@@ -176,7 +177,7 @@ def test_polarization_tells_how_the_pane_stands(azimuth_deg, known):
     capture, _, _ = seen_wide(128, focal_px=150.0, azimuth_deg=azimuth_deg)
     fit = fit_perspective(stokes_images(capture, 0.005), 150.0 if known else None)
     assert abs(fit.incidence_deg - 55) < max(4 * fit.incidence_error_deg, 0.2)
-    assert abs((fit.azimuth_deg - azimuth_deg + 180) % 360 - 180) < max(4 * fit.azimuth_error_deg, 0.2)
+    assert abs(turn_between(fit.azimuth_deg, azimuth_deg, 360.0)) < max(4 * fit.azimuth_error_deg, 0.2)
     assert abs(fit.focal_px - 150) <= 4 * fit.focal_error_px
     assert fit.incidence_error_deg < 1.5
     assert fit.misfit == pytest.approx(1, abs=0.1)

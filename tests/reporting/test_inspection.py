@@ -13,6 +13,7 @@ from polaropt import Capture, read_capture
 from polaropt.capture import EncodingHint
 from polaropt.capture.checks import fit_gamma, swapped_photographs
 from polaropt.capture.files.write import encode_srgb, write_png
+from polaropt.numerics import turn_between
 from polaropt.reporting.inspection import inspect_capture
 from polaropt.reporting.pictures import aolp_colors, inspection_picture
 from polaropt.reporting.words import inspection_sentences
@@ -194,7 +195,7 @@ def test_real_mosaics(name, encoded, aolp, dolp):
     it = inspect_capture(read_capture(REAL / name))
     assert it.looks_encoded is encoded
     assert it.swapped_deg == ()
-    assert abs((it.aolp_deg - aolp + 90) % 180 - 90) < 3
+    assert abs(turn_between(it.aolp_deg, aolp)) < 3
     assert it.dolp_median == pytest.approx(dolp, abs=0.02)
 
 

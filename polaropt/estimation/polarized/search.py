@@ -44,7 +44,7 @@ from polaropt.estimation.polarized.light import (
 )
 from polaropt.estimation.polarized.likelihood import Levels, PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture
-from polaropt.numerics import Box, jackknife_error, left_out
+from polaropt.numerics import Box, jackknife_error, left_out, turn_between
 from polaropt.optics import GHOST_SHIFT_SEARCH_PX, Rival, SceneErrors, SceneParameters, brewster_angle_deg
 
 Values = NDArray[np.float64]
@@ -115,7 +115,7 @@ def _slope(point_at: Callable[[Values], Point], x: Values, i: int, step: float) 
     after, before = _numbers(point_at(x + move)), _numbers(point_at(x - move))
     change = after - before
     # Angles of polarization come round after half a turn.
-    change[[4, 6]] = (change[[4, 6]] + 90) % 180 - 90
+    change[[4, 6]] = turn_between(change[[4, 6]], 0.0)
     return change / (2 * step)
 
 
