@@ -215,7 +215,7 @@ class _IndexSearch:
             values.append(estimate.scene.values()[0])
             errors.append(estimate.errors.incidence_deg)
         least, most = int(np.argmin(values)), int(np.argmax(values))
-        return values[most] - values[least] > _COLOURED * math.hypot(errors[least], errors[most])
+        return bool(values[most] - values[least] > _COLOURED * math.hypot(errors[least], errors[most]))
 
 
 # What follows by trial, on the random windows to fit on (`studies.random_windows`, even seeds).

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
-from polaropt import Capture, SeparationWarning
+from polaropt import Capture, SeparationWarning, separate
 from polaropt.capture import Mistakes
-from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.estimation import likelier_index, still_photographs, with_index
+from polaropt.estimation.angles import GhostDirection
+from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
+from polaropt.estimation.flat.window import LikelyWindow
 from polaropt.estimation.safeguard import correction, with_incidence_checked
 from polaropt.judging.loss import SceneLoss
 from polaropt.judging.warnings import diagnose
+from polaropt.numerics import jackknife_error
 from polaropt.optics import Rival, SceneParameters
 from tests.blends import blend
 
@@ -111,3 +117,120 @@ def at_correction(scene: SceneParameters, ratio: float) -> float:
     angles = np.linspace(5, 85, 3201)
     apart = [abs(correction(scene.replace(incidence_deg=float(angle), n_panes=1)) - wanted) for angle in angles]
     return float(angles[np.argmin(apart)])
+
+
+@pytest.mark.parametrize(("errors", "polarized"), [(9.5, False), (10.5, True)])
+def test_the_limit_of_polarization(errors: float, polarized: bool) -> None:
+    capture = blend(60, 64).capture
+    grey = capture.intensities.mean(axis=0)
+    noise = np.random.default_rng(0).normal(0, 0.005, capture.intensities.shape)
+
+    def faded(share: float) -> Capture:
+        images = grey + share * (capture.intensities - grey) + noise
+        return Capture.of_planes(images.astype(np.float32), capture.angles_deg)
+
+    def snr(share: float) -> float:
+        return estimate_scene(faded(share), noise=0.005).polarization_snr
+
+    share = brentq(lambda x: snr(x) - errors, 0.0, 0.2, xtol=1e-5)
+    assert snr(share) == pytest.approx(errors, abs=0.3)
+    said = separate(faded(share)).diagnostics.warnings
+    assert (SeparationWarning.NO_POLARIZATION in said) is not polarized
+
+
+DIRECTION = GhostDirection(25.0, 25.0, 50.0, 0.1, 0.01, 0.008, 0.1)
+# Of ghosts in a direction: what is so within the limit, beyond it, and what else; and what is then said.
+DIRECTIONS = {
+    "beside the azimuth": ({"direction_deg": 36.9}, {"direction_deg": 37.1}, "ANGLES_ROTATED"),
+    "on the other side": ({"direction_deg": 148.9}, {"direction_deg": 149.1}, "ANGLES_REVERSED"),
+    "too few": ({"gain": 0.0079}, {"gain": 0.0081}, "ANGLES_ROTATED"),
+    "a rival": ({"rival": 0.0601}, {"rival": 0.0599}, "ANGLES_ROTATED"),
+    "unsteady": ({"shift_error_px": 0.31}, {"shift_error_px": 0.29}, "ANGLES_ROTATED"),
+    "faint": ({"incidence_deg": 31.9}, {"incidence_deg": 32.1}, "ANGLES_ROTATED"),
+    "steep": ({"incidence_deg": 76.1}, {"incidence_deg": 75.9}, "ANGLES_ROTATED"),
+}
+
+
+@pytest.mark.parametrize("name", DIRECTIONS)
+def test_the_limit_of_a_direction(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    within, beyond, warning = DIRECTIONS[name]
+    capture = blend(50, 64).capture
+    estimate = estimate_scene(capture, noise=0.005)
+    # Nothing is beyond doubt along the azimuth.
+    estimate = replace(estimate, shift_misfit=np.zeros_like(estimate.shift_misfit))
+    elsewhere = DIRECTION if "direction_deg" in within else replace(DIRECTION, direction_deg=60.0, rival=0.001)
+
+    def said(changes: dict[str, float]) -> set[SeparationWarning]:
+        found = replace(elsewhere, **changes)
+        monkeypatch.setattr("polaropt.estimation.angles.ghost_direction", lambda *_: found)
+        return set(diagnose(capture, 0.005, misfit_ratio=1.0, reflection_unknown=0.3, estimate=estimate).warnings)
+
+    assert SeparationWarning[warning] not in said(within)
+    assert SeparationWarning[warning] in said(beyond)
+
+
+@pytest.mark.parametrize(("gain", "error", "said"), [
+    (0.0039, 0.0, False), (0.0041, 0.0, True), (0.024, 0.01, False), (0.026, 0.01, True),
+])  # fmt: skip
+def test_the_limit_of_an_index(gain: float, error: float, said: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By how much a pane of another index must be likelier: at least, and in standard errors of it."""
+    example = blend(60, 64)
+
+    def judged(_frame: object, scene: SceneParameters, **_: object) -> LikelyWindow:
+        worse = gain * abs(scene.index - 1.6) / 0.1
+        # A part left out moves the score of the index told alone.
+        spread = jackknife(error) if scene.index == 1.5 else np.zeros(4)
+        return LikelyWindow(scene, worse, worse, (spread, np.zeros(4)))
+
+    def jackknife(of: float) -> np.ndarray:
+        parts = np.array([-1.0, -1.0, 1.0, 1.0])
+        return of * parts / jackknife_error(parts)
+
+    monkeypatch.setattr("polaropt.estimation.refractive_index.judged_pane", judged)
+    likelier = likelier_index(example.capture, example.scene, 0.005)
+    assert (likelier is not None) is said
+    told = diagnose(
+        example.capture, 0.005, misfit_ratio=1.0, reflection_unknown=0.3, estimate=None, likelier_index=likelier
+    )
+    assert (SeparationWarning.INDEX_DOUBTFUL in told.warnings) is said
+
+
+@pytest.mark.parametrize(("errors", "coated"), [(2.9, False), (3.1, True)])
+def test_the_limit_of_colours_that_tell_of_other_panes(
+    errors: float, coated: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = blend(60, 64).capture
+    of_color = iter([60.0, 60.0, 60.0 + errors * math.hypot(0.3, 0.3)])
+
+    def estimated(part: Capture, *arguments: object, **options: object) -> SceneEstimate:
+        found = estimate_scene(part, *arguments, **options)
+        if part.color:
+            return found
+        scene = found.scene.replace(incidence_deg=next(of_color))
+        return replace(found, scene=scene, errors=replace(found.errors, incidence_deg=0.3))
+
+    monkeypatch.setattr("polaropt.estimation.refractive_index.estimate_scene", estimated)
+    fit = with_index(capture, SceneParameters(None, None, None, None), 0.005)
+    assert fit.coated is coated
+    said = diagnose(capture, 0.005, misfit_ratio=1.0, reflection_unknown=0.3, estimate=None, coated=fit.coated)
+    assert (SeparationWarning.COATED in said.warnings) is coated
+
+
+@pytest.mark.parametrize(("errors", "side", "moves"), [(5.5, 16, False), (6.5, 16, True), (6.5, 12, False)])
+def test_the_limit_of_what_moves(errors: float, side: int, moves: bool) -> None:
+    """A square of 16 blocks or more is seen from 6 standard errors of its mean on."""
+    noise, light = 0.005, 0.4
+    down, across = np.mgrid[:96, :96] / 96 - 0.5
+    wave = 0.05 * np.sin(9 * across + 5 * down)
+    # The light and both of its polarized parts vary, so that wrong gains of a filter would show everywhere.
+    photographs = light + 0.1 * across + np.stack([0.1 * down, wave, -0.1 * down, -wave])
+    # Beside the noise photographs may be off by 0.5 % of the light and 0.3 % of its mean.
+    error = math.hypot(noise / side, 0.005 * light, 0.003 * light)
+    # Of what one photograph changes by, the closure fails by half.
+    photographs[1, 40 : 40 + side, 40 : 40 + side] += 2 * errors * error
+    photographs += np.random.default_rng(1).normal(0, noise, photographs.shape)
+    capture = Capture.of_planes(photographs.astype(np.float32)[:, None])
+    found = still_photographs(capture)
+    assert (found.moving is not None) is moves
+    said = diagnose(found.capture, noise, misfit_ratio=1.0, reflection_unknown=0.3, estimate=None, moving=found.moving)
+    assert (SeparationWarning.MOVING in said.warnings) is moves
