@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import fourier_shift
 
-from polaropt.capture.capture import MOST_NEGATIVE, Capture
+from polaropt.capture import MOST_NEGATIVE, Capture
 from tests.blends import Blend, blend
 
 RIM = 24

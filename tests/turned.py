@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polaropt.capture.capture import MOST_NEGATIVE, Capture
+from polaropt.capture import MOST_NEGATIVE, Capture
 from polaropt.capture.registration import Motions, finely_moved_back
 from polaropt.optics.scene import SceneParameters
 from tests.blends import blend

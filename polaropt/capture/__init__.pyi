@@ -74,12 +74,9 @@ __all__ = [
 
 from .alignment import align as align
 from .capture import ANGLES_DEG as ANGLES_DEG
-from .capture import MOST_NEGATIVE as MOST_NEGATIVE
-from .capture import SMALLEST_SIDE as SMALLEST_SIDE
 from .capture import Capture as Capture
 from .capture import EncodingHint as EncodingHint
 from .capture import FileContent as FileContent
-from .capture import FloatImages as FloatImages
 from .capture import Origin as Origin
 from .capture import RawSamples as RawSamples
 from .capture import RegisteredCells as RegisteredCells
@@ -143,3 +140,6 @@ from .read import read_capture as read_capture
 from .reading.fields import field_means as field_means
 from .reading.frames import FrameReader as FrameReader
 from .reading.frames import mosaic_capture as mosaic_capture
+from .validity import MOST_NEGATIVE as MOST_NEGATIVE
+from .validity import SMALLEST_SIDE as SMALLEST_SIDE
+from .validity import FloatImages as FloatImages

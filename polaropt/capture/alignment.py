@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import MOST_NEGATIVE, SMALLEST_SIDE, Capture, FloatImages
+from polaropt.capture.capture import Capture
 from polaropt.capture.registration import (
     MIRRORED_PX,
     WHOLE,
@@ -21,6 +21,7 @@ from polaropt.capture.registration import (
     measure_turns,
     moved_back,
 )
+from polaropt.capture.validity import MOST_NEGATIVE, SMALLEST_SIDE, FloatImages
 from polaropt.errors import InputError
 from polaropt.numerics import BitMask
 from polaropt.progress import Progress

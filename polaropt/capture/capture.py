@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
@@ -15,17 +14,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from polaropt.capture.files.exif import CameraFacts
 from polaropt.capture.files.jpeg import JpegFacts
-from polaropt.capture.pair_gain import redundancy_residual
-from polaropt.errors import InputError
+from polaropt.capture.validity import (
+    FloatImages,
+    angles_of,
+    check_angles,
+    check_black_level,
+    check_mask,
+    check_order,
+    check_shape,
+    check_values,
+    photographs_of,
+)
 from polaropt.numerics import (
     AnyMask,
     BitMask,
     block_mean,
     count_true,
-    quantization_step,
-    quietest_combination,
-    robust_spread,
-    second_differences,
     strips,
     whole_blocks,
 )
@@ -33,8 +37,6 @@ from polaropt.optics import Sampling, stokes_from_intensities
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 """Polarizer angles of polarization cameras (Sony IMX250MZR), and what is taken where none are given."""
-_EQUAL_DEG = 1e-3
-"""Polarizer angles that are nearer to each other are equal; set by hand, far below what a filter is turned to."""
 
 
 def planes_first(image: FloatImages) -> FloatImages:
@@ -47,22 +49,8 @@ def planes_last(image: FloatImages) -> FloatImages:
     return np.ascontiguousarray(np.moveaxis(image, 0, -1)) if image.ndim == 3 else image
 
 
-FloatImages = NDArray[np.float32]
-
 _LARGE = 2**24
 """Values of photographs from which on their mask is kept in bits: 4 in colour of 1.4 megapixels; set by hand."""
-SMALLEST_SIDE = 16
-"""Least height and width of a capture in pixels; set by hand."""
-MOST_NEGATIVE = -0.01
-"""Values down to here (white = 1) are below black by noise or by a black level that does little harm; set by hand."""
-_BEYOND_EXPECTED = 1.5
-"""Standard deviations: the least of n normal values lies about sqrt(2 ln n) below their mean, this more hardly ever."""
-_AVERAGED = 8
-"""Side of the blocks in pixels over which noise is averaged out."""
-_FEWEST_BLOCKS = 100
-"""Blocks of a plane whose own noise can be measured: with 64, one of 50 black captures of pure noise was refused."""
-_DARKEST_SHARE, _ENOUGH_DARK, _MOST_DARK = 0.1, 500, 2**18
-"""Pixels that the noise is measured on: the darkest tenth, not fewer than 500 (spread known to 5 %) nor too many."""
 
 
 class EncodingHint(StrEnum):
@@ -351,11 +339,11 @@ class Capture:
         angles_deg: Sequence[float] = ANGLES_DEG,
         valid: ArrayLike | None = None,
     ) -> None:
-        images = _photographs(intensities)
+        images = photographs_of(intensities)
         trusted = None if valid is None else np.asarray(valid, dtype=bool)
-        _check_order(images.shape)
+        check_order(images.shape)
         if trusted is not None:
-            _check_mask(trusted.shape, images.shape)
+            check_mask(trusted.shape, images.shape)
         if images.ndim == 4:
             images = np.moveaxis(images, -1, 1)
             trusted = None if trusted is None else np.moveaxis(trusted, -1, 1)
@@ -384,7 +372,7 @@ class Capture:
         """
         capture = cls.__new__(cls)
         trusted = valid if valid is None or isinstance(valid, BitMask) else np.asarray(valid, dtype=bool)
-        capture._take(_photographs(intensities), angles_deg, trusted, origin, samples, cells)
+        capture._take(photographs_of(intensities), angles_deg, trusted, origin, samples, cells)
         return capture
 
     def _take(
@@ -399,11 +387,11 @@ class Capture:
         """Keep photographs (k, [channel,] h, w) that pass all checks."""
         intensities = np.ascontiguousarray(planes, dtype=np.float32)
         trusted = _below_white(intensities) if valid is None else valid
-        self._keep(intensities, _angles(angles_deg), trusted, origin, samples, cells)
-        _check_values(intensities, self.mask)
+        self._keep(intensities, angles_of(angles_deg), trusted, origin, samples, cells)
+        check_values(intensities, self.mask)
         # What is interpolated between samples has no noise of its own: their cells are checked instead.
         if samples is None and cells is None:
-            _check_black_level(intensities, self.mask, self.angles_deg)
+            check_black_level(intensities, self.mask, self.angles_deg)
 
     def _keep(
         self,
@@ -415,8 +403,8 @@ class Capture:
         cells: RegisteredCells | None,
     ) -> None:
         """Keep planes of the right shape, whatever their values."""
-        _check_angles(angles_deg)
-        _check_shape(intensities, angles_deg, mask)
+        check_angles(angles_deg)
+        check_shape(intensities, angles_deg, mask)
         kept = {"intensities": intensities, "angles_deg": angles_deg, "mask": _kept(mask), "origin": origin}
         kept |= {"samples": samples, "cells": cells}
         for name, value in kept.items():
@@ -440,7 +428,7 @@ class Capture:
             cells = cells.changed(methodcaller("replace", angles_deg=angles_deg))
         return self._with(
             intensities=self.intensities if intensities is None else intensities,
-            angles_deg=self.angles_deg if angles_deg is None else _angles(angles_deg),
+            angles_deg=self.angles_deg if angles_deg is None else angles_of(angles_deg),
             mask=self.mask if valid is None else valid,
             origin=self.origin if origin is None else origin,
             cells=cells,
@@ -573,145 +561,3 @@ def _kept(mask: AnyMask) -> AnyMask:
     if mask.size <= _LARGE:
         return np.ascontiguousarray(mask)
     return mask if isinstance(mask, BitMask) else BitMask.of(mask)
-
-
-def _photographs(intensities: ArrayLike) -> NDArray[Any]:
-    try:
-        images = np.asarray(intensities)
-    except (TypeError, ValueError):
-        raise InputError("the photographs differ in shape; give images of one size") from None
-    if images.dtype.kind not in "buif":
-        raise InputError(f"photographs hold values of type {images.dtype}; real numbers are needed, white = 1")
-    return images
-
-
-def _check_order(shape: tuple[int, ...]) -> None:
-    """InputError for photographs in colour whose channels do not come last."""
-    if len(shape) != 4 or shape[-1] == 3:
-        return
-    if shape[1] == 3:
-        raise InputError(
-            f"photographs have shape {shape}, (angle, 3, height, width); "
-            "give channels last, (angle, height, width, 3): numpy.moveaxis(photographs, 1, -1)"
-        )
-    raise InputError(
-        f"photographs have shape {shape}; expected (angle, height, width), or (angle, height, width, 3) for red, green "
-        "and blue: leave out any other channel"
-    )
-
-
-def _check_mask(valid: tuple[int, ...], intensities: tuple[int, ...]) -> None:
-    if valid != intensities:
-        raise InputError(f"the validity mask has shape {valid}, the photographs {intensities}; make them equal")
-
-
-def _angles(angles_deg: Sequence[float]) -> tuple[float, ...]:
-    try:
-        return tuple(float(angle) for angle in angles_deg)
-    except (TypeError, ValueError):
-        raise InputError(f"{angles_deg!r} are no polarizer angles; give numbers in degrees") from None
-
-
-def _check_angles(angles_deg: tuple[float, ...]) -> None:
-    if len(angles_deg) < 3:
-        raise InputError(f"{len(angles_deg)} polarizer angles; at least 3 different ones are needed")
-    if not np.all(np.isfinite(angles_deg)):
-        raise InputError("a polarizer angle is not a number; give angles in degrees")
-    wrapped = np.sort(np.asarray(angles_deg) % 180)
-    gaps = np.diff(np.append(wrapped, wrapped[0] + 180))
-    if gaps.min() < _EQUAL_DEG:
-        listed = ", ".join(f"{angle:g}" for angle in angles_deg)
-        raise InputError(
-            f"two polarizer angles are equal (modulo 180 degrees): {listed}; each photograph needs its own"
-        )
-
-
-def _check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid: AnyMask) -> None:
-    if intensities.ndim not in (3, 4):
-        expected = "(angle, height, width) or (angle, height, width, 3)"
-        raise InputError(f"photographs have shape {intensities.shape}; expected {expected}")
-    if intensities.shape[0] != len(angles_deg):
-        raise InputError(
-            f"{intensities.shape[0]} photographs but {len(angles_deg)} polarizer angles; give one angle each"
-        )
-    _check_mask(valid.shape, intensities.shape)
-    height, width = intensities.shape[-2:]
-    if min(height, width) < SMALLEST_SIDE:
-        raise InputError(f"images are {width}x{height} px; at least {SMALLEST_SIDE}x{SMALLEST_SIDE} px are needed")
-
-
-def _trusted_range(intensities: FloatImages, valid: AnyMask) -> tuple[float, float]:
-    """Least and largest value that can be trusted, photograph by photograph; infinite where there is none."""
-    lowest, highest = math.inf, -math.inf
-    for photograph, trusted in zip(intensities, valid, strict=True):
-        lowest = min(lowest, float(photograph.min(where=trusted, initial=np.inf)))
-        highest = max(highest, float(photograph.max(where=trusted, initial=-np.inf)))
-    return lowest, highest
-
-
-def _check_values(intensities: FloatImages, valid: AnyMask) -> None:
-    if not all(np.isfinite(intensities[plane]).all() for plane in np.ndindex(intensities.shape[:-2])):
-        raise InputError("photographs hold NaN or infinite values; replace them, or mask them in finite images")
-    lowest, highest = _trusted_range(intensities, valid)
-    if lowest > highest:
-        raise InputError("every pixel is saturated; take the photographs again with a shorter exposure")
-    if highest <= 0:
-        raise InputError("the capture is all black; check the exposure and the black level")
-    if highest == lowest:
-        raise InputError(f"the capture is constant ({highest:g} everywhere); it holds no scene")
-
-
-def _check_black_level(intensities: FloatImages, valid: AnyMask, angles_deg: tuple[float, ...]) -> None:
-    """InputError where values lie further below black than their noise reaches, single ones or means of blocks.
-
-    Light is not negative: what noise leaves below black comes nearer to it where it is averaged, a black level that is
-    too high does not. A percentile instead of the least value would hide it where little is dark.
-    """
-    if _trusted_range(intensities, valid)[0] >= MOST_NEGATIVE:
-        return
-    valid = np.asarray(valid)
-    _check_above_noise(intensities, valid, angles_deg, "values")
-    means = block_mean(intensities, _AVERAGED)
-    if means[0].size >= _FEWEST_BLOCKS:
-        _check_above_noise(
-            means, whole_blocks(valid, _AVERAGED), angles_deg, f"means of {_AVERAGED}x{_AVERAGED} pixels"
-        )
-
-
-def _check_above_noise(values: FloatImages, valid: NDArray[np.bool_], angles_deg: tuple[float, ...], what: str) -> None:
-    lowest = float(values.min(where=valid, initial=np.inf))
-    if lowest >= MOST_NEGATIVE:
-        return
-    reach = math.sqrt(2 * math.log(values.size)) + _BEYOND_EXPECTED
-    limit = min(MOST_NEGATIVE, -reach * _noise_of_dark(values, angles_deg))
-    if lowest < limit:
-        raise InputError(
-            f"{what} down to {lowest:.3g} of white; below {limit:.2g} it is no noise: correct the black level"
-        )
-
-
-def _noise_of_dark(values: FloatImages, angles_deg: tuple[float, ...]) -> float:
-    """Robust standard deviation of the darkest values' noise.
-
-    From what more than three photographs say twice; of three, from their second differences. Neither depends on the
-    mean over the photographs (of the neighbours), by which the darkest are chosen.
-    """
-    step, brightness = quantization_step(values), values.mean(axis=0)
-    if len(values) > 3:
-        residual, step_of_residual = None, step / 2
-    else:
-        residual, step_of_residual = second_differences(values), step / 6
-        brightness = _sums_of_three(_sums_of_three(brightness).swapaxes(-1, -2)).swapaxes(-1, -2)
-    count = min(brightness.size, max(int(_DARKEST_SHARE * brightness.size), _ENOUGH_DARK))
-    darkest = np.argpartition(brightness.ravel(), count - 1)[:count]
-    chosen = darkest[:: math.ceil(count / _MOST_DARK)]
-    if residual is None:
-        samples = redundancy_residual(values.reshape(len(values), -1)[:, chosen], angles_deg)
-    else:
-        samples = quietest_combination(residual.reshape(len(residual), -1)[:, chosen])
-    return max(robust_spread(samples, step_of_residual), step / math.sqrt(12))
-
-
-def _sums_of_three(images: FloatImages) -> FloatImages:
-    """Sums of each value and its neighbours along the last axis but one, (..., h - 2, w)."""
-    return np.asarray(images[..., :-2, :] + images[..., 1:-1, :] + images[..., 2:, :], dtype=np.float32)

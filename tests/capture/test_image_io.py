@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from polaropt import Capture, InputError, read_capture
 from polaropt.capture.files.decode import read_file
 from polaropt.capture.files.encoding import linearize, parse_gamma
+from polaropt.capture.files.exif import CameraFacts
 from polaropt.capture.files.write import encode_srgb, write_capture, write_png, write_png_view, write_tiff
 from tests.captured import photographed
 
@@ -56,10 +57,14 @@ def test_tiffs_with_several_pages_or_planes(tmp_path):
     np.testing.assert_array_equal(read_file(tmp_path / "planar.tif").pixels, np.moveaxis(planar, 0, -1))
 
 
-def test_float_tiff_is_written_as_it_is(tmp_path):
-    image = RANDOM.standard_normal((20, 30, 3)).astype(np.float32)
-    write_tiff(tmp_path / "a.tiff", image)
+@pytest.mark.parametrize(("shape", "kind"), [((20, 30, 3), "RGB"), ((20, 30), "MINISBLACK")])
+def test_float_tiff_is_written_as_it_is(tmp_path, shape, kind):
+    image = RANDOM.standard_normal(shape).astype(np.float32)
+    write_tiff(tmp_path / "a.tiff", image, CameraFacts(make="Lucid", model="PHX050S"))
     np.testing.assert_array_equal(read_file(tmp_path / "a.tiff").pixels, image)
+    with tifffile.TiffFile(tmp_path / "a.tiff") as tiff:
+        page = tiff.pages[0]
+        assert (page.photometric.name, page.tags["Make"].value, page.tags["Model"].value) == (kind, "Lucid", "PHX050S")
 
 
 def test_the_view_is_srgb(tmp_path):

@@ -91,6 +91,23 @@ def test_an_exchange_that_fails_midway_is_undone(tmp_path: Path, monkeypatch: py
     assert contents(tmp_path) == {"a": "old", "b": "old", "c": "old"}
 
 
+def test_an_exchange_that_fails_at_what_is_not_written_again_is_undone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path, a="old", b="old", c="old", foreign="kept")
+    rename = Path.rename
+
+    def refused(self: Path, to: Path) -> Path:
+        if self == tmp_path / "c":
+            raise PermissionError(13, "Permission denied")
+        return rename(self, to)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    with pytest.raises(InputError, match="Permission denied"), result_folder(tmp_path, owned=("b", "c")) as work:
+        write(work, a="new", d="new")
+    assert contents(tmp_path) == {"a": "old", "b": "old", "c": "old", "foreign": "kept"}
+
+
 def test_a_folder_in_the_way_of_a_file_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     write(tmp_path, also="old")

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import polaropt
-from polaropt.capture.capture import Capture, FloatImages, planes_last
+from polaropt.capture.capture import Capture, planes_last
 from polaropt.capture.files.colors import in_srgb, linear_profile
 from polaropt.capture.files.exif import CameraFacts
 from polaropt.capture.files.opening import AnyPath
 from polaropt.capture.mosaic import WHITE_16
+from polaropt.capture.validity import FloatImages
 from polaropt.errors import InputError
 from polaropt.numerics import strips
 

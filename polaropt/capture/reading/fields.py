@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import SMALLEST_SIDE
 from polaropt.capture.files.opening import AnyPath
 from polaropt.capture.mosaic import SONY_CELL, sampling_of
 from polaropt.capture.reading.contents import content_of
 from polaropt.capture.reading.levels import find_levels
 from polaropt.capture.reading.mosaics import single_plane
 from polaropt.capture.reading.options import checked_options
+from polaropt.capture.validity import SMALLEST_SIDE
 from polaropt.errors import InputError
 
 _CLIPPED_FIELD = 1e-3

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from polaropt.capture.capture import (
     ANGLES_DEG,
-    SMALLEST_SIDE,
     Capture,
     FileContent,
     Origin,
@@ -38,6 +37,7 @@ from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_g
 from polaropt.capture.reading.cell_filter import CellFilter
 from polaropt.capture.reading.levels import Levels
 from polaropt.capture.reading.options import ReaderOptions, origin_of
+from polaropt.capture.validity import SMALLEST_SIDE
 from polaropt.errors import InputError
 from polaropt.numerics import quantization_step
 from polaropt.optics import Analyzer, Sampling, analyzer_matrix
