@@ -74,7 +74,7 @@ _SAME_NOISE = 0.1
 # When the solve of a film's frame ends, unless a rule is given: where it starts from what is expected, the first slow
 # iteration is the last that shows. A frame that moves loses at most 0.1 dB of either layer by it and by windows that
 # take one turn (six films of training photographs, 45 to 70 degrees, noise 0.5 to 2 %).
-_FRAME_CHANGE, _FRAME_ITERATIONS = 1e-3, 1
+_FRAME_CHANGE, _FRAME_ITERATIONS = 5e-4, 1
 # How far the estimation has come, in parts of the whole separation, for the progress alone: set by hand.
 _INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
 

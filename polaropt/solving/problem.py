@@ -194,13 +194,22 @@ class Problem:
         if misfits[1] - misfits[0] <= _SPOILT * self.misfit_of_noise:
             self.expected = around
 
+    def _slope_of_misfit(self, layers: Images) -> Images:
+        """Gradient of the photographs' misfit at canvas layers."""
+        slope = np.empty_like(layers)
+        self._misfit.value_and_grad(layers, slope)
+        return slope
+
     def _misfit_of(self, layers: Images) -> float:
         return self._misfit.value_and_grad(layers, np.empty_like(layers))
 
     @cached_property
     def penalties(self) -> Penalties:
         """The priors of the objective. Error maps, which solve nothing, do without them."""
-        penalties = default_penalties(self.known, self._mean_noise, self.capture.samples is not None, self.expected)
+        mosaic = self.capture.samples is not None
+        # Windows of a mosaic's samples are too sure of what they expect to be left where they are.
+        slope = None if mosaic or self.expected is None else self._slope_of_misfit(self.best_known())
+        penalties = default_penalties(self.known, self._mean_noise, mosaic, self.expected, slope)
         others = {**penalties.others, **plugged_penalties(self._weights, self.known, self._mean_noise)}
         return replace(penalties, others=others)
 
@@ -251,17 +260,10 @@ class Problem:
         return plain and near and self._weights.factor("misfit") > 0
 
     def _expected_layers(self, layers: Images | None = None) -> Expectation:
-        misfit = self._misfit
-
-        def gradient(layers: Images) -> Images:
-            slope = np.empty_like(layers)
-            misfit.value_and_grad(layers, slope)
-            return slope
-
         return expected_layers(
             self.known,
             self.canvas,
-            gradient,
+            self._slope_of_misfit,
             self._relative_precision(),
             layers,
             before=None if self._memory is None or layers is not None else self._memory.seen,

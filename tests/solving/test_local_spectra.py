@@ -9,6 +9,8 @@ from polaropt import SceneParameters, Weights, simulate
 from polaropt.solving.local_spectra import Windows
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
+from solvers.base import StoppingRule
+from solvers.registry import get_solver
 from tests.blends import blend
 
 
@@ -140,3 +142,15 @@ def test_a_frame_after_another_needs_one_turn(monkeypatch, shift):
     assert alone.memory is None
     assert errors[0][0] < 1.03 * errors[1][0]
     assert errors[0][1] < 1.03 * errors[1][1]
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.03])
+def test_photographs_that_the_expected_layers_know_of_count_once(noise: float) -> None:
+    """Without the other terms a solve ends where it begins: at the layers that are expected."""
+    weights = Weights(gradient_sparsity=0, edge_independence=0, nonnegativity=0)
+    _, problem = problem_of(weights=weights, noise=noise)
+    start = take_start(problem, "closed-form")
+    objective = problem.compiled(start)
+    result = get_solver("lbfgs").minimize(objective.value_and_grad, objective.coordinates(start), StoppingRule())
+    end = objective.solution(result.x)[0]
+    assert np.abs(problem.canvas.crop(end - start)).max() < 0.1 * noise
