@@ -482,6 +482,11 @@ class Capture:
         return None if self.origin is None else self.origin.camera
 
     @property
+    def low_passed(self) -> bool:
+        """Whether a mosaic's samples were filtered to make the photographs."""
+        return self.origin is not None and self.origin.low_passed
+
+    @property
     def scale(self) -> int:
         """Pixels of this capture per pixel of `registered`."""
         return 1 if self.cells is None else self.cells.scale

@@ -191,8 +191,7 @@ def stokes_images(capture: Capture, noise: float) -> StokesImages:
     else:
         images = least_squares_entries(capture, analyzer)
         images = images if valid.all() else fill_gaps(images, valid)
-    aliased = capture.origin is not None and capture.origin.low_passed
-    return StokesImages(images, noise**2 * inverse @ inverse.T, valid, aliased)
+    return StokesImages(images, noise**2 * inverse @ inverse.T, valid, capture.low_passed)
 
 
 def _known_by(capture: Capture, n: int) -> Mask:

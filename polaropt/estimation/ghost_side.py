@@ -40,8 +40,8 @@ def with_likelier_side(
     LadderResult
     """
     scene, estimate = found.scene, found.estimate
-    low_passed = capture.samples is not None or (capture.origin is not None and capture.origin.low_passed)
-    if estimate is None or low_passed or not scene.signal or not scene.has_ghosts or scene.varies:
+    of_mosaic = capture.samples is not None or capture.low_passed
+    if estimate is None or of_mosaic or not scene.signal or not scene.has_ghosts or scene.varies:
         return found
     more_edges = edges(opposite(scene)) - edges(scene)
     if abs(more_edges) > _SURE:

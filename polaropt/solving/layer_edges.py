@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseModel
+from polaropt.numerics import middle_part
 from polaropt.optics import SceneParameters
 from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
@@ -34,15 +35,10 @@ def edges_of_layers(capture: Capture, scene: SceneParameters, noise: float, grow
     growth : NoiseModel, optional
         How it grows with the light. Default: it is the same everywhere.
     """
-    problem = Problem(_middle(capture), scene, noise, Weights(), growth=growth)
+    middle = capture.part(*middle_part(capture.shape, MIDDLE_PX))
+    problem = Problem(middle, scene, noise, Weights(), growth=growth)
     layers = problem.canvas.crop(problem.known.layers)
     return sum(math.log(_total_variation(layer) + _LEAST_VARIATION) for layer in layers)
-
-
-def _middle(capture: Capture) -> Capture:
-    height, width = capture.shape[-2:]
-    top, left = (max(0, (side - MIDDLE_PX) // 2) for side in (height, width))
-    return capture.part(slice(top, top + MIDDLE_PX), slice(left, left + MIDDLE_PX))
 
 
 def _total_variation(layer: NDArray[np.float32]) -> float:

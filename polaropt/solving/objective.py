@@ -313,20 +313,19 @@ def default_penalties(
     scale, unknown = _gradient_energy(known.edges), _gradient_energy(known.unknown_edges)
     open_share = unknown_shares(known)
     known_enough = min(1.0, float(1 - open_share[1]) / _KNOWN_ENOUGH) ** 2
+    # The transmission's edges are told even where the reflection's detail is open.
+    of_each = np.array([1.0, known_enough]) * (1 - open_share)
     if mosaic:
-        # Samples of few angles leave the reflection's detail open; the transmission's edges they tell all the same.
         around, confidence = _OF_MONO_SAMPLES if len(known.basis) == 1 else _OF_COLOR_SAMPLES
         sparse = _SPARSITY_OF_MOSAIC if expected is None else np.array(around)
-        strength = sparse * np.array([1.0, known_enough]) * (1 - open_share)
-        uncertain = _UNCERTAIN
+        strength, uncertain = sparse * of_each, _UNCERTAIN
         spectral = np.full(2, _SPECTRAL_OF_MOSAIC, np.float32)
     else:
         confidence = 1.0
         if expected is None:
             strength, uncertain = _SPARSITY * known_enough * (1 - open_share), _UNCERTAIN
         else:
-            strength = np.array(_SPARSITY_OF_EXPECTED) * np.array([1.0, known_enough]) * (1 - open_share)
-            uncertain = _UNCERTAIN_OF_EXPECTED
+            strength, uncertain = np.array(_SPARSITY_OF_EXPECTED) * of_each, _UNCERTAIN_OF_EXPECTED
         spectral = np.maximum(open_share, 1 - known_enough * (1 - _LEAST_SPECTRAL)).astype(np.float32)
     floor = _INDISTINCT * scale + uncertain * unknown
     layers = [
