@@ -47,10 +47,11 @@ BELOW = {
     "web": _SEPARATION | {"separation", "reporting", "batch"},
     "training": _SOLVING | {"simulation", "solving"},
     "api": _SEPARATION | {"separation", "reporting", "batch", "sequence"},
+    "napari": _SEPARATION | {"reporting", "api"},
 }
 INSIDE_ESTIMATION = ("flat", "wide", "polarized")
 HEAVY = ("torch", "casadi", "nlopt", "kornia", "matplotlib", "scipy", "skimage", "cv2", "sklearn", "pandas", "zarr")
-HEAVY += ("dask", "distributed", "starlette", "uvicorn")
+HEAVY += ("dask", "distributed", "starlette", "uvicorn", "napari", "magicgui")
 MOST_LINES, MOST_LINES_OF_A_FUNCTION, MOST_MODULES = 800, 100, 12
 
 every_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))

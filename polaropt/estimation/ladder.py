@@ -280,9 +280,14 @@ def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> Ladder
 
 
 def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
-    """The estimate with a ghost shift that cannot be told from none taken as none: the lower rung does."""
-    shift = estimate.scene.values()[2]
-    if abs(shift) >= LEAST_SHIFT_PX:
+    """The estimate with a ghost shift that cannot be told from none taken as none: the lower rung does.
+
+    On which side the ghosts lie is not asked here: theirs may be as likely as the other, and far from none.
+    """
+    shift, error = estimate.scene.values()[2], estimate.shift_error_of_side
+    # A single tile of the frame tells no error.
+    unsure = error is not None and abs(shift) < error < math.inf
+    if abs(shift) >= LEAST_SHIFT_PX and not unsure:
         return estimate
     errors = dataclasses.replace(estimate.errors, ghost_shift=None)
     return dataclasses.replace(estimate, scene=estimate.scene.replace(ghost_shift=0.0), errors=errors)

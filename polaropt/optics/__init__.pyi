@@ -10,6 +10,7 @@ __all__ = [
     "MOST_PANES",
     "PSE",
     "SEARCHED",
+    "WATER_INDEX",
     "Analyzer",
     "Bend",
     "Calibration",
@@ -103,6 +104,7 @@ from .scene import INCIDENCE_LIMITS_DEG as INCIDENCE_LIMITS_DEG
 from .scene import INCIDENCE_SEARCH_DEG as INCIDENCE_SEARCH_DEG
 from .scene import MOST_PANES as MOST_PANES
 from .scene import SEARCHED as SEARCHED
+from .scene import WATER_INDEX as WATER_INDEX
 from .scene import Component as Component
 from .scene import Field as Field
 from .scene import SceneErrors as SceneErrors

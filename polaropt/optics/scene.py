@@ -14,6 +14,8 @@ SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
 
 GLASS_INDEX = 1.5
 """Refractive index of window glass for visible light; soda-lime glass has 1.52."""
+WATER_INDEX = 1.33
+"""The same of water."""
 HIGHEST_INDEX = 10.0
 """Nothing that light passes has a higher one: germanium has 4, lead telluride 6. Set by hand."""
 FARTHEST_SHIFT_PX = 1e5

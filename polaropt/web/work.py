@@ -10,7 +10,7 @@ from typing import Any
 
 from polaropt.capture import ANGLES_DEG, Capture, align, read_capture, write_picture, write_png_view
 from polaropt.errors import InputError
-from polaropt.optics import GLASS_INDEX
+from polaropt.optics import GLASS_INDEX, WATER_INDEX
 from polaropt.progress import Progress, Stages
 from polaropt.reporting import (
     alignment_sentence,
@@ -30,8 +30,6 @@ from polaropt.separation import separate
 RESULTS, ARCHIVE, LOOK, PHOTOGRAPH = "results", "polaropt-results.zip", "look.png", "photograph.png"
 """Of a capture's folder: what a separation writes, the same in one file, and pictures of the page alone."""
 _HERE = "polaropt.web"
-_WATER_INDEX = 1.33
-"""Refractive index of water for visible light."""
 # Shares of the progress, by what they take on large photographs: set by hand.
 _READ, _ALIGNED, _SEPARATED, _WRITTEN = 0.06, 0.3, 0.75, 0.97
 _GAMMAS = ("", "srgb", "2.2")
@@ -190,7 +188,7 @@ def separated(folder: Path, files: Sequence[Path], asked: Asked, tell: Progress)
         old.unlink()
     result = separate(
         capture,
-        refractive_index=_WATER_INDEX if asked.water else GLASS_INDEX,
+        refractive_index=WATER_INDEX if asked.water else GLASS_INDEX,
         single_surface=asked.water,
         index_known=asked.water,
         progress=stages.part(read_until, _SEPARATED),

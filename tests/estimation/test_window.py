@@ -150,6 +150,16 @@ def test_clear_glass_is_not_tinted() -> None:
     assert [found_at_random(number).absorption for number in (224, 308)] == [0, 0]
 
 
+def test_a_faint_likeness_far_off_is_no_ghost_of_tinted_glass() -> None:
+    """The best of many shifts, where clear glass shows no ghost."""
+    assert [found_at_random(number).absorption for number in (28, 288)] == [0, 0]
+
+
+def test_a_ghost_shift_smaller_than_its_error_is_none() -> None:
+    """In strong noise, where another on the same side is about as likely."""
+    assert not found_at_random(132).has_ghosts
+
+
 def test_the_incidence_of_a_known_number_of_panes_is_found_where_their_images_lie_on_each_other() -> None:
     window = TWO.replace(incidence_deg=50.0, ghost_shift=0.0, gap_shift=0.0)
     found = find_scene(taken(window), window.replace(incidence_deg=None, azimuth_deg=None), NOISE).scene
