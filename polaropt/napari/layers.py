@@ -65,7 +65,10 @@ def layers_of_result(result: Separation, capture: Capture, name: str, *, uncerta
     list of (ndarray, dict, "image")
         As of `layers_of_capture`.
     """
-    errors = [] if not uncertainty else maps_of_errors(*result.uncertainty, result.reflection_known, name)
+    errors = []
+    if uncertainty:
+        transmission, reflection = result.uncertainty
+        errors = maps_of_errors(name, transmission, reflection, result.reflection_known)
     shown = [
         view_of_layer(layer, f"{name} {kind}", capture.camera, {})
         for layer, kind in zip(result.layers[::-1], ("reflection", "transmission"), strict=True)
@@ -73,7 +76,7 @@ def layers_of_result(result: Separation, capture: Capture, name: str, *, uncerta
     return [*errors, *shown]
 
 
-def maps_of_errors(transmission: Image, reflection: Image, known: Image, name: str) -> list[LayerData]:
+def maps_of_errors(name: str, transmission: Image, reflection: Image, known: Image) -> list[LayerData]:
     """Standard errors ([channel,] h, w) of both layers, and what is known of the reflection's detail, (h, w)."""
     errors = [_over_colors(error) for error in (reflection, transmission)]
     return [

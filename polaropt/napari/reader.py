@@ -75,7 +75,7 @@ def layers_of_folder(folder: Path) -> list[LayerData]:
         A file of it cannot be read.
     """
     errors = [folder / f"{name}.tiff" for name in _ERRORS]
-    maps = maps_of_errors(*map(_planes, errors), folder.name) if all(path.is_file() for path in errors) else []
+    maps = maps_of_errors(folder.name, *map(_planes, errors)) if all(path.is_file() for path in errors) else []
     shown = [
         view_of_layer(_planes(folder / f"{name}.tiff"), f"{folder.name} {name}", None, {}) for name in reversed(_LAYERS)
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import subprocess
 import sys
@@ -20,13 +21,6 @@ from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
 from tests.captured import mono_mosaic
 
-with warnings.catch_warnings():
-    # Of its own use of pydantic.
-    warnings.simplefilter("ignore", DeprecationWarning)
-    npe2, components, layers = (
-        pytest.importorskip(name, reason="napari is not installed")
-        for name in ("npe2", "napari.components", "napari.layers")
-    )
 ROOT = Path(__file__).parents[2]
 PANE = SceneParameters(60.0, 25.0, 3.0)
 
@@ -38,16 +32,31 @@ def taken() -> Capture:
     return photograph_pair(*pair, PANE, Camera(noise=0.005), margin=photographs.margin)
 
 
+@pytest.fixture(scope="module")
+def napari() -> Any:
+    """The package with what is used of it; imported here, as it takes seconds."""
+    with warnings.catch_warnings():
+        # Of its own use of pydantic.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        package = pytest.importorskip("napari", reason="napari is not installed")
+        for part in ("components", "layers"):
+            importlib.import_module(f"napari.{part}")
+    return package
+
+
 @pytest.fixture
-def viewer(monkeypatch: pytest.MonkeyPatch) -> Any:
+def viewer(napari: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """A viewer without a window that knows this plugin and no other."""
+    import npe2
+
     manager = npe2.PluginManager()
     monkeypatch.setattr(npe2.PluginManager, "instance", classmethod(lambda _: manager))
     manager.register(npe2.PluginManifest.from_file(ROOT / "polaropt" / "napari" / "napari.yaml"))
-    return components.ViewerModel()
+    return napari.components.ViewerModel()
 
 
 def test_the_manifest_names_what_is_there() -> None:
+    npe2 = pytest.importorskip("npe2", reason="napari is not installed")
     manifest = npe2.PluginManifest.from_distribution("polaropt")
     manifest.validate_imports()
     assert [reader.command for reader in manifest.contributions.readers] == ["polaropt.read"]
@@ -108,14 +117,15 @@ def test_several_files_that_are_no_capture_are_named_in_one_line(taken: Capture,
     assert "\n" not in str(told.value)
 
 
-def test_a_stack_of_four_is_taken_as_photographs_and_nothing_else() -> None:
+def test_a_stack_of_four_is_taken_as_photographs_and_nothing_else(napari: Any) -> None:
+    image = napari.layers.Image
     stack = np.random.default_rng(0).uniform(0.1, 0.9, (4, 32, 40)).astype(np.float32)
-    np.testing.assert_array_equal(capture_of(layers.Image(stack)).intensities, stack)
+    np.testing.assert_array_equal(capture_of(image(stack)).intensities, stack)
     colors = np.stack([stack] * 3, axis=-1)
-    assert capture_of(layers.Image(colors, rgb=True)).color
+    assert capture_of(image(colors, rgb=True)).color
     for wrong in (stack[:3], stack[0]):
         with pytest.raises(InputError, match="through a polarizer"):
-            capture_of(layers.Image(wrong, name="other"))
+            capture_of(image(wrong, name="other"))
 
 
 def test_the_widgets_work_gives_layers_that_napari_shows(taken: Capture, viewer: Any) -> None:
@@ -149,7 +159,7 @@ print(shown)
 """
 
 
-def test_the_widget_separates_in_another_thread(taken: Capture, tmp_path: Path) -> None:
+def test_the_widget_separates_in_another_thread(napari: Any, taken: Capture, tmp_path: Path) -> None:
     (path,) = write_capture(taken, tmp_path / "glass.npz")
     screenless = os.environ | {"QT_QPA_PLATFORM": "offscreen", "PYTHONWARNINGS": "ignore"}
     if subprocess.run(
