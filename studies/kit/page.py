@@ -5,7 +5,8 @@ A run's page is written into its folder by ``polaropt study``. ``python -m studi
 ``studies/results``, and ``studies/README.md`` shows them between its marks. Without folders that page alone is made
 anew. What it says of a table is written by hand around it.
 
-All kept results come from one code state, and the page says which: results of several are not kept.
+Every kept result comes from a commit, and the page says which: all of them together take hours, and a study is run
+again where what it measures has changed.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import html
 import json
 import re
 import shutil
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -146,14 +146,9 @@ def keep(outs: Sequence[Path], results: Path = RESULTS) -> list[str]:
     Raises
     ------
     SystemExit
-        The results would not come from one code state, or from one that is no commit; nothing is changed.
+        A result comes from code that is no commit; nothing is changed.
     """
     runs = {study.name: out for study in STUDIES for out in outs if _document(out, study.name).is_file()}
-    kept = {study.name: results for study in STUDIES if _document(results, study.name).is_file()}
-    states = code_states([_document(folder, name) for name, folder in (kept | runs).items()])
-    if runs and len(states) > 1:
-        found = "; ".join(f"{state}: {', '.join(names)}" for state, names in states.items())
-        raise SystemExit(f"nothing was kept: the results would come from several code states ({found})")
     if changed := [name for name, out in runs.items() if read_metadata(_document(out, name))["modified"]]:
         raise SystemExit(f"nothing was kept: the code was changed without a commit ({', '.join(changed)})")
     for name, out in runs.items():
@@ -215,7 +210,7 @@ def _state_sentence(states: dict[str, list[str]]) -> str:
     if len(states) == 1:
         return f"All results on this page come from {next(iter(states))}."
     several = "; ".join(f"{state} ({', '.join(names)})" for state, names in states.items())
-    return f"**The results on this page do not come from one code state:** {several}."
+    return f"The results on this page come from several commits: {several}. Each names its own above its table."
 
 
 def _filled(study: str, name: str, results: Path) -> str:
@@ -231,20 +226,16 @@ def _filled(study: str, name: str, results: Path) -> str:
     return f"{begin}{origin(read_metadata(document))}\n\n{table}\n\n{end}"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Keep runs' results if folders are given, then refresh the page; 1 if it holds several code states."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Keep runs' results if folders are given, then refresh the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("out", type=Path, nargs="*", help="folders that polaropt study wrote; all of one code state")
+    parser.add_argument("out", type=Path, nargs="*", help="folders that polaropt study wrote")
     outs = parser.parse_args(arguments).out
     if outs:
         names = keep(outs)
         print(f"kept {', '.join(names) or 'nothing: no study has results there'}")
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
-    states = kept_states()
-    if len(states) > 1:
-        print(_state_sentence(states), file=sys.stderr)
-    return int(len(states) > 1)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

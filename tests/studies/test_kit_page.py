@@ -10,7 +10,7 @@ import pytest
 
 from studies.catalogue import STUDIES
 from studies.kit.captions import caption
-from studies.kit.page import PAGE, RESULTS, keep, page, write_index
+from studies.kit.page import PAGE, RESULTS, keep, kept_states, page, write_index
 from studies.kit.records import metadata, write_document
 
 TABLE = "| a | b |\n|---|---|\n| 1 | 2 |"
@@ -68,15 +68,12 @@ def test_a_part_of_a_study_names_its_own_command(out: Path, tmp_path: Path) -> N
     assert "`polaropt study peers --part`" in page("<!-- peers/part.md -->\n<!-- end -->\n", results)
 
 
-def test_results_of_several_code_states_are_refused(out: Path, tmp_path: Path) -> None:
+def test_a_study_that_was_run_again_stands_beside_those_of_an_earlier_commit(out: Path, tmp_path: Path) -> None:
     results = tmp_path / "results"
     keep([out], results)
     other = write_run(tmp_path / "other", "coverage", commit="b" * 40, sources="1" * 16)
-    with pytest.raises(SystemExit, match=r"several code states.*commit aaaaaaaaa: peers.*commit bbbbbbbbb: coverage"):
-        keep([other], results)
-    assert not (results / "coverage").exists()
-    again = write_run(tmp_path / "again", "peers", commit="b" * 40, sources="1" * 16)
-    assert keep([other, again], results) == ["peers", "coverage"]
+    assert keep([other], results) == ["coverage"]
+    assert kept_states(results) == {"commit aaaaaaaaa": ["peers"], "commit bbbbbbbbb": ["coverage"]}
 
 
 def test_results_of_code_that_is_no_commit_are_refused(tmp_path: Path) -> None:
@@ -94,7 +91,7 @@ def test_the_page_says_which_code_its_results_come_from(out: Path, tmp_path: Pat
     assert "All results on this page come from commit aaaaaaaaa." in page(text, results)
     write_run(results, "stability", commit="c" * 40, sources="1" * 16)
     made = page(text, results)
-    assert "do not come from one code state" in made
+    assert "come from several commits" in made
     assert "commit ccccccccc (stability)" in made
     assert page(made, results) == made
 
