@@ -286,6 +286,16 @@ def test_ghosts_beside_the_likelier_accident_are_found(name: str) -> None:
     assert scene.values()[0] == pytest.approx(60, abs=6)
 
 
+@pytest.mark.parametrize(("degree", "number"), [(0.4, 1), (0.1, 2)])
+def test_coarse_light_tells_a_screen_where_fine_light_is_wrong_or_hardly_sure(degree: float, number: int) -> None:
+    """Fine light takes one for polarized light in both layers before a pane at 37 degrees, the other for a sky."""
+    capture = take(SCENES[f"screen behind, degree: {degree:g}"], shipped_pairs(256, 128)[number]).capture
+    scene = find_scene(capture, BLIND, noise_level(capture)).scene
+    assert scene.reflection_polarization[0] == 0
+    assert scene.transmission_polarization[0] == pytest.approx(degree, abs=0.05)
+    assert scene.values()[0] == pytest.approx(60, abs=4)
+
+
 @pytest.mark.parametrize(("number", "azimuth_deg", "angle_deg"), [(2, 30.0, 50.0), (3, 100.0, 160.0)])
 def test_a_sky_is_not_taken_for_a_weak_screen_that_is_hardly_likelier(
     number: int, azimuth_deg: float, angle_deg: float
