@@ -34,6 +34,9 @@ _EDGES_WIDER = 1.2
 (`studies.random_windows`, even seeds to 798) it is off by 1.27 errors, root mean square, and a little the same way as
 that of the spectra."""
 
+_LIKE_BLUR_PX = 2.0
+"""Pixels up to which ghosts look like a blur, and are none where they may as well lie elsewhere. Set by hand."""
+
 
 @dataclass(frozen=True)
 class RungReport:
@@ -280,14 +283,11 @@ def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> Ladder
 
 
 def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
-    """The estimate with a ghost shift that cannot be told from none taken as none: the lower rung does.
-
-    On which side the ghosts lie is not asked here: theirs may be as likely as the other, and far from none.
-    """
-    shift, error = estimate.scene.values()[2], estimate.shift_error_of_side
-    # A single tile of the frame tells no error.
-    unsure = error is not None and abs(shift) < error < math.inf
-    if abs(shift) >= LEAST_SHIFT_PX and not unsure:
+    """The estimate with a ghost shift that cannot be told from none taken as none: the lower rung does."""
+    shift, error = abs(estimate.scene.values()[2]), estimate.shift_error_of_side
+    # A single tile of the frame tells no error; far ghosts with a rival are ghosts.
+    unsure = error is not None and shift < min(error, _LIKE_BLUR_PX) and error < math.inf
+    if shift >= LEAST_SHIFT_PX and not unsure:
         return estimate
     errors = dataclasses.replace(estimate.errors, ghost_shift=None)
     return dataclasses.replace(estimate, scene=estimate.scene.replace(ghost_shift=0.0), errors=errors)

@@ -155,8 +155,8 @@ def test_a_faint_likeness_far_off_is_no_ghost_of_tinted_glass() -> None:
     assert [found_at_random(number).absorption for number in (28, 288)] == [0, 0]
 
 
-def test_a_ghost_shift_smaller_than_its_error_is_none() -> None:
-    """In strong noise, where another on the same side is about as likely."""
+def test_close_ghosts_that_may_as_well_lie_elsewhere_are_none() -> None:
+    """In strong noise, where another shift on the same side is about as likely."""
     assert not found_at_random(132).has_ghosts
 
 
