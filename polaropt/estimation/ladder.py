@@ -16,7 +16,7 @@ from polaropt.capture import Capture, StokesImages, plate_frame, registered_nois
 from polaropt.errors import InputError
 from polaropt.estimation.flat.errors import spectral_incidence, weighted_incidence
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
-from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, cross_spectra
+from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, LIKE_BLUR_PX, cross_spectra
 from polaropt.estimation.flat.sampled_ghosts import pane_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -33,9 +33,6 @@ _EDGES_WIDER = 1.2
 """What the edges' standard error of a flat pane's incidence is multiplied by: on 137 random windows to fit on
 (`studies.random_windows`, even seeds to 798) it is off by 1.27 errors, root mean square, and a little the same way as
 that of the spectra."""
-
-_LIKE_BLUR_PX = 2.0
-"""Pixels up to which ghosts look like a blur, and are none where they may as well lie elsewhere. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -285,8 +282,8 @@ def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> Ladder
 def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
     """The estimate with a ghost shift that cannot be told from none taken as none: the lower rung does."""
     shift, error = abs(estimate.scene.values()[2]), estimate.shift_error_of_side
-    # A single tile of the frame tells no error; far ghosts with a rival are ghosts.
-    unsure = error is not None and shift < min(error, _LIKE_BLUR_PX) and error < math.inf
+    # Close ones that may as well lie elsewhere; far ones with a rival are ghosts. A single tile tells no error.
+    unsure = error is not None and shift < min(error, LIKE_BLUR_PX) and error < math.inf
     if shift >= LEAST_SHIFT_PX and not unsure:
         return estimate
     errors = dataclasses.replace(estimate.errors, ghost_shift=None)

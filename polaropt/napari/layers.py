@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from polaropt.api import Separation
 from polaropt.capture import CameraFacts, Capture, encode_srgb, planes_last
 from polaropt.optics import dolp_aolp, stokes_from_intensities
-from polaropt.reporting import reduced_intensity, viewing_exposure
+from polaropt.reporting import LAYERS, grey_means, reduced_intensity, viewing_exposure
 
 Image = NDArray[np.float32]
 LayerData = tuple[NDArray[Any], dict[str, Any], str]
@@ -37,8 +37,7 @@ def layers_of_capture(capture: Capture, name: str) -> list[LayerData]:
     list of (ndarray, dict, "image")
         Layer data of npe2, the one to be on top last. The capture is in the metadata of each.
     """
-    grey = capture.intensities.mean(axis=1) if capture.color else capture.intensities
-    degree, angle = dolp_aolp(stokes_from_intensities(grey, capture.angles_deg))
+    degree, angle = dolp_aolp(stokes_from_intensities(grey_means(capture, 1), capture.angles_deg))
     shared = {CAPTURE: capture, NAME: name}
     return [
         _map(angle, f"{name} angle of polarization (deg)", (0.0, 180.0), "hsv", shared),
@@ -71,7 +70,7 @@ def layers_of_result(result: Separation, capture: Capture, name: str, *, uncerta
         errors = maps_of_errors(name, transmission, reflection, result.reflection_known)
     shown = [
         view_of_layer(layer, f"{name} {kind}", capture.camera, {})
-        for layer, kind in zip(result.layers[::-1], ("reflection", "transmission"), strict=True)
+        for layer, kind in zip(result.layers[::-1], LAYERS[::-1], strict=True)
     ]
     return [*errors, *shown]
 
@@ -83,7 +82,7 @@ def maps_of_errors(name: str, transmission: Image, reflection: Image, known: Ima
         _map(known, f"{name} reflection known", (0.0, 1.0), "gray", {}),
         *(
             _map(error, f"{name} {kind} error", (0.0, max(float(error.max()), _LEAST_LIMIT)), "magma", {})
-            for error, kind in zip(errors, ("reflection", "transmission"), strict=True)
+            for error, kind in zip(errors, LAYERS[::-1], strict=True)
         ),
     ]
 

@@ -11,11 +11,11 @@ import numpy as np
 from polaropt.capture import planes_first, read_capture, read_file
 from polaropt.errors import InputError
 from polaropt.napari.layers import Image, LayerData, layers_of_capture, maps_of_errors, view_of_layer
+from polaropt.reporting import LAYERS
 
 Paths = str | Sequence[str]
 _REPORT = "report.json"
-_LAYERS = ("transmission", "reflection")
-_ERRORS = ("transmission_error", "reflection_error", "reflection_known")
+_ERRORS = (*(f"{layer}_error" for layer in LAYERS), "reflection_known")
 _OF_ANGLES = "_- 0123456789"
 """What the names of four photographs have before their angles."""
 
@@ -63,7 +63,7 @@ def _name(files: Sequence[Path]) -> str:
 
 
 def _is_result(folder: Path) -> bool:
-    return all((folder / name).is_file() for name in (_REPORT, *(f"{layer}.tiff" for layer in _LAYERS)))
+    return all((folder / name).is_file() for name in (_REPORT, *(f"{layer}.tiff" for layer in LAYERS)))
 
 
 def layers_of_folder(folder: Path) -> list[LayerData]:
@@ -77,7 +77,7 @@ def layers_of_folder(folder: Path) -> list[LayerData]:
     errors = [folder / f"{name}.tiff" for name in _ERRORS]
     maps = maps_of_errors(folder.name, *map(_planes, errors)) if all(path.is_file() for path in errors) else []
     shown = [
-        view_of_layer(_planes(folder / f"{name}.tiff"), f"{folder.name} {name}", None, {}) for name in reversed(_LAYERS)
+        view_of_layer(_planes(folder / f"{name}.tiff"), f"{folder.name} {name}", None, {}) for name in reversed(LAYERS)
     ]
     return [*maps, *shown]
 

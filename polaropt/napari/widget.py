@@ -65,7 +65,6 @@ def separated_layers(
         capture,
         refractive_index=WATER_INDEX if water else index,
         single_surface=water,
-        index_known=water or index != GLASS_INDEX,
     )
     return layers_of_result(result, capture, name, uncertainty=error_maps)
 

@@ -8,6 +8,7 @@ __all__ = [
     "cell_order_attention",
     "estimate_sentences",
     "explained_attention",
+    "grey_means",
     "inspect_capture",
     "inspection_picture",
     "inspection_sentences",
@@ -44,6 +45,7 @@ from .notebook import scene_of_report as scene_of_report
 from .page import page_template as page_template
 from .pictures import LAYERS as LAYERS
 from .pictures import Picture as Picture
+from .pictures import grey_means as grey_means
 from .pictures import inspection_picture as inspection_picture
 from .pictures import reduced_intensity as reduced_intensity
 from .pictures import side_by_side as side_by_side

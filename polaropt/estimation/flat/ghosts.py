@@ -35,6 +35,8 @@ HIGHEST_FREQUENCY = 2.8
 """Highest that is used, in rad per pixel (pi is the finest grid): interpolation in cameras spoils it. By trial."""
 LEAST_SHIFT_PX = 0.5
 """Ghosts that are closer fall onto each other and cannot be told from none: half a pixel."""
+LIKE_BLUR_PX = 2.0
+"""Pixels below which ghosts look like a blur. Set by hand."""
 _MOST_INVALID = 0.2
 """Share of a tile's pixels that may be unknown, if other tiles have less. Set by hand."""
 _MOST_TILES = 128

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
+from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX
 from polaropt.estimation.polarized.alike import panes_alike
 from polaropt.estimation.polarized.light import (
     AZIMUTH,
@@ -130,8 +131,8 @@ def _numbers(point: Point) -> Values:
 
 
 # A score, and what it must gain, is minus log likelihood per frequency and colour, as of `PolarizedLikelihood`.
-_LEAST_SHIFT, _N_SHIFTS = 2.0, 3
-"""Pixels below which ghosts are not told from a blur, and how many shifts are compared closely. Set by hand."""
+_N_SHIFTS = 3
+"""How many shifts are compared closely. Set by hand."""
 _SHIFTS = np.arange(-GHOST_SHIFT_SEARCH_PX, GHOST_SHIFT_SEARCH_PX + 1)
 """Ghost shifts that are looked at, in pixels: one pixel apart, all that are searched."""
 _TURNS_DEG = (-18.0, -13.5, -9.0, -4.5, 4.5, 9.0, 13.5, 18.0)
@@ -305,7 +306,7 @@ class Search:
         inside = scores[:, 1:-1]
         valleys = np.argwhere((inside <= scores[:, :-2]) & (inside < scores[:, 2:])) + np.array([0, 1])
         # That the least of the shifts is likelier than farther ones tells of no ghosts, not of close ones.
-        valleys = valleys[np.abs(_SHIFTS[valleys[:, 1]]) >= _LEAST_SHIFT]
+        valleys = valleys[np.abs(_SHIFTS[valleys[:, 1]]) >= LIKE_BLUR_PX]
         valleys = valleys[np.argsort(scores[tuple(valleys.T)])]
         far = np.abs(_SHIFTS[valleys[:, 1]]) >= _BLUR_PX
         return [
@@ -384,7 +385,7 @@ def _least_gain(candidate: Candidate) -> float:
     """What the ghosts of a candidate must gain; more numbers explain more by chance."""
     shift = abs(float(candidate.point[SHIFT]))
     least = _LEAST_GHOST_GAIN if _single(candidate) else _LEAST_GAIN_OF_BOTH
-    return least * (1 + (_BLUR_PX / shift) ** 4) if shift >= _LEAST_SHIFT else math.inf
+    return least * (1 + (_BLUR_PX / shift) ** 4) if shift >= LIKE_BLUR_PX else math.inf
 
 
 def _free(candidate: Candidate, asked: SceneParameters) -> NDArray[np.intp]:
