@@ -16,6 +16,7 @@ from polaropt.estimation.polarized.mixing import OBLIQUE_DEG, Mixture, looks_pol
 from polaropt.estimation.polarized.search import fit_polarized
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.blocks import SCATTERS
+from polaropt.estimation.wide.edges import MOST_NEGATIVE, negative_light
 from polaropt.estimation.wide.fits import PerspectiveFit, fit_curved, fit_perspective, fit_tolerant
 from polaropt.estimation.wide.ghosts import VaryingSpectra
 from polaropt.estimation.wide.pane import LONGEST
@@ -30,8 +31,6 @@ _MOSTLY = 0.8
 # The same of a pane before a lens where the light of its layers may be polarized as well: it has most numbers. By
 # trial.
 _NEARLY_ALL = 0.97
-# Share of the frame where layers may come out with less than no light. Set by hand.
-_MOST_NEGATIVE = 0.02
 # Share of what the plain pane leaves that may lie off the plane of two Stokes vectors, from and up to, where polarized
 # light may explain all, or most. By trial.
 _ALL_BUT, _MOST_BUT = (-math.inf, 0.2), (0.2, 0.7)
@@ -103,24 +102,33 @@ def with_ghosts(evidence: Evidence, attempt: RungFit) -> RungFit:
 
 def _perspective(evidence: Evidence) -> RungFit:
     fit, told = _best_fit(evidence)
-    known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
+    told_well = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
     if evidence.misfit - fit.misfit < LEAST_EXPLAINED * (evidence.misfit - 1) and not evidence.explained:
         tolerant = _tolerant(evidence)
         if tolerant is not None:
             return tolerant
-    if evidence.wanted == "perspective" and not known:
+    asked = evidence.wanted == "perspective"
+    if asked and not told_well:
         return _from_afar(evidence)
-    flat = fit.edges_agree or evidence.wanted == "perspective"
     focal = evidence.focal_px if told else fit.focal_px
     scene = _plain(evidence).replace(incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=focal)
+    negative = negative_light(evidence.blocks, scene)
+    known = asked or (told_well and negative <= MOST_NEGATIVE)
     remark = "The polarized light does not tell how incidence and azimuth change over the picture."
-    if known and not flat:
+    if told_well and not known:
+        remark = _less_than_no_light(negative)
+    elif known and not (fit.edges_agree or asked):
         remark = "The layers' edges tell another incidence: the pane is not flat."
     elif known:
         refused = evidence.focal_px is not None and not told
         remark = "The focal length that the file tells does not fit." if refused else ""
     errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
-    return RungFit(scene, fit.misfit, 2 if told else 3, known and flat, remark, errors)
+    flat = fit.edges_agree or asked
+    return RungFit(scene, fit.misfit, 2 if told else 3, known and flat, remark, errors, second=known and not flat)
+
+
+def _less_than_no_light(share: float) -> str:
+    return f"A layer would have less than no light in {100 * share:.0f} % of the picture."
 
 
 def _tolerant(evidence: Evidence) -> RungFit | None:
@@ -167,14 +175,18 @@ def _curved(evidence: Evidence) -> RungFit:
     asked = evidence.wanted == "curved"
     # A pane that leaves most of it is not bent so: its edges are not worth their time.
     fit = fit_curved(evidence.stokes, plain, evidence.focal_px, 0.0 if asked else _LEAST_BENT)
-    known = asked or (evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG)
+    told = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
     scene = _plain(evidence).replace(
         incidence_deg=fit.incidence_deg,
         azimuth_deg=fit.azimuth_deg,
         focal_px=fit.focal_px,
         bend_deg_per_px=fit.bend_deg_per_px,
     )
+    negative = negative_light(evidence.blocks, scene) if told else 0.0
+    known = asked or (told and negative <= MOST_NEGATIVE)
     remark = "" if known else "The polarized light does not tell how the pane is bent."
+    if told and not known:
+        remark = _less_than_no_light(negative)
     lens_found = evidence.focal_px is None and fit.focal_px is not None
     errors = SceneErrors(
         fit.incidence_error_deg,
@@ -238,10 +250,10 @@ def _polarized_perspective(evidence: Evidence) -> RungFit:
     fit = fit_polarized_perspective(evidence.stokes, _plain(evidence), evidence.asked.focal_px)
     told = (fit.errors.incidence_deg or 0.0) <= _WORST_ERROR_DEG
     explained = (evidence.misfit - fit.misfit) / (evidence.misfit - 1)
-    known = told and explained >= _NEARLY_ALL and evidence.shown(fit.misfit) and fit.negative <= _MOST_NEGATIVE
+    known = told and explained >= _NEARLY_ALL and evidence.shown(fit.misfit) and fit.negative <= MOST_NEGATIVE
     remark = "Incidence and azimuth change over the picture." if known else "Nor does it before a lens."
-    if fit.negative > _MOST_NEGATIVE:
-        remark = f"A layer would have less than no light in {100 * fit.negative:.0f} % of the picture."
+    if fit.negative > MOST_NEGATIVE:
+        remark = _less_than_no_light(fit.negative)
     return RungFit(fit.scene, fit.misfit, fit.n_parameters, known, remark, fit.errors)
 
 

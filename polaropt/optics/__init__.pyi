@@ -50,6 +50,7 @@ __all__ = [
     "plate_at",
     "plate_of",
     "scene_angles",
+    "scene_pane",
     "shown_stokes",
     "stokes_from_intensities",
     "stokes_vector",
@@ -79,6 +80,7 @@ from .geometry import largest_turn as largest_turn
 from .geometry import pixel_grid as pixel_grid
 from .geometry import plane_normal as plane_normal
 from .geometry import scene_angles as scene_angles
+from .geometry import scene_pane as scene_pane
 from .geometry import viewing_angles as viewing_angles
 from .plate import GhostSeries as GhostSeries
 from .plate import GhostSum as GhostSum

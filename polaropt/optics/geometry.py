@@ -86,12 +86,17 @@ class Pane:
         return viewing_angles(bent_normal(self.normal, self.bend, self.vergence, x, y), self.vergence, x, y)
 
 
-def scene_angles(scene: SceneParameters, x: Plane, y: Plane) -> tuple[Plane, Plane, Plane]:
-    """What `viewing_angles` gives for a complete scene, flat or bent, near or far."""
+def scene_pane(scene: SceneParameters) -> Pane:
+    """The pane of a complete scene, flat or bent, near or far."""
     incidence_deg, azimuth_deg, _ = scene.values()
     bend = tuple(math.radians(part) for part in scene.bend_deg_per_px)
     vergence = 0.0 if scene.focal_px is None else 1 / scene.focal_px
-    return Pane(plane_normal(incidence_deg, azimuth_deg), bend, vergence).angles(x, y)
+    return Pane(plane_normal(incidence_deg, azimuth_deg), bend, vergence)
+
+
+def scene_angles(scene: SceneParameters, x: Plane, y: Plane) -> tuple[Plane, Plane, Plane]:
+    """What `viewing_angles` gives for a complete scene."""
+    return scene_pane(scene).angles(x, y)
 
 
 def incidence_trace(normal: Any, vergence: Any, x: Any, y: Any) -> tuple[Any, Any]:

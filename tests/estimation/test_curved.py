@@ -13,15 +13,17 @@ from polaropt import SceneParameters, separate, simulate
 from polaropt.capture.polarization import stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.ladder import find_scene
-from polaropt.estimation.wide.edges import VaryingOverlap
+from polaropt.estimation.wide.blocks import PolarizedBlocks
+from polaropt.estimation.wide.edges import VaryingOverlap, negative_light
 from polaropt.estimation.wide.fits import fit_curved
 from polaropt.numerics import turn_between
 from polaropt.optics.engine import PSE, VaryingPSE
-from polaropt.optics.geometry import Pane, pixel_grid, plane_normal, scene_angles
+from polaropt.optics.geometry import Pane, pixel_grid, plane_normal, scene_angles, scene_pane
 from polaropt.simulation.metrics import psnr_db
 from polaropt.solving.problem import Problem
 from studies.camera import take
 from studies.photographs import pairs_of
+from studies.random_windows.windows import window_of
 from studies.scenes import SCENES
 from tests.blends import blend
 from tests.checks import assert_adjoint
@@ -177,3 +179,42 @@ def test_a_bent_pane_is_not_taken_for_a_flat_one_whose_layers_share_their_edges(
     found = find_scene(sample.capture, sample.hint, 0.005)
     assert found.scene.rung == "curved"
     assert abs(found.scene.incidence_deg - 55) < 2
+
+
+@pytest.mark.parametrize("focal_px", [190.0, None])
+def test_before_the_true_pane_layers_have_light_before_one_across_they_have_not(focal_px):
+    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=focal_px, bend_deg_per_px=(0.10, 0.04, -0.06))
+    blocks = PolarizedBlocks(stokes_images(seen_bent(128, scene)[0], 0.005))
+    across = scene.replace(azimuth_deg=290.0)
+    assert negative_light(blocks, scene) < 0.01
+    assert negative_light(blocks, across) > 0.1
+    assert negative_light(blocks, scene, scene_pane(across)) == negative_light(blocks, across)
+
+
+def test_a_slightly_bent_pane_from_far_is_not_taken_for_one_across():
+    # Before a lens, and bent otherwise, a pane across turns the azimuth alike: layers would have less than no light.
+    found = found_of_window(174)
+    assert found.scene.rung == "curved"
+    assert found.scene.incidence_deg == pytest.approx(20.9, abs=1)
+    assert turn_between(found.scene.azimuth_deg, 1.6) == pytest.approx(0, abs=1)
+
+
+def test_edges_that_ghosts_double_do_not_make_a_flat_pane_bent():
+    # Its double images lie 15 px apart, and the bent pane that edges tell leaves less than no light.
+    found = found_of_window(108)
+    assert found.scene.rung == "perspective"
+    assert found.scene.incidence_deg == pytest.approx(69.5, abs=1)
+    assert abs(found.scene.ghost_shift) == pytest.approx(15.4, abs=0.5)
+
+
+def test_ghosts_of_a_bent_pane_are_found_where_its_edges_are_far_off():
+    # Its double images lie 19.8 px apart: edges tell 72 degrees.
+    found = found_of_window(718)
+    assert found.scene.incidence_deg == pytest.approx(66.9, abs=1.5)
+    assert abs(found.scene.ghost_shift) == pytest.approx(19.8, abs=0.5)
+
+
+def found_of_window(number: int):
+    window = window_of(number, 192)
+    sample = window.sample(None, 192)
+    return find_scene(sample.capture, sample.hint, window.taking.noise)

@@ -29,6 +29,8 @@ LEAST_SEEN = 0.05
 _GROUPS = 8
 # Standard deviations of the noise beyond which something is no chance: 99.7 % of a normal distribution.
 SCATTERS = 3.0
+# Negative light, as a share of a layer's mean, that is not counted: the model is not that exact. Set by hand.
+_FAINT = 0.05
 
 
 class PolarizedBlocks:
@@ -86,6 +88,19 @@ class PolarizedBlocks:
         """Of the noise of `stokes`, (3, 3)."""
         return np.asarray(self._source.covariance * (self._of_blocks / (self._size * self.noise)) ** 2)
 
+    def negative(self, weights: Values) -> float:
+        """Share of the blocks where a layer has clearly less than no light.
+
+        Parameters
+        ----------
+        weights : ndarray, shape (2, 3, m)
+            What makes each block's layers, up to a factor, of its Stokes components.
+        """
+        light = np.einsum("lim,icm->lm", weights, self.stokes)
+        noise = np.sqrt(self.stokes.shape[1] * np.einsum("lim,ij,ljm->lm", weights, self.covariance, weights))
+        least = np.maximum(SCATTERS * noise, _FAINT * np.abs(light).mean(axis=1, keepdims=True))
+        return float((light < -least).any(axis=0).mean())
+
     @property
     def brightness(self) -> Values:
         """Mean square of each block's polarized light over the colours, without what is noise, (m,)."""
@@ -115,6 +130,11 @@ class PolarizedBlocks:
         """The same for the azimuth that leaves least."""
         s11, s12, s22 = self.moments.sum(axis=1) / self.n
         return float((s11 + s22) / 2 - math.hypot((s11 - s22) / 2, s12)) / self._trust
+
+    @property
+    def at_px(self) -> Values:
+        """Where the blocks lie, x to the right and y up from the middle in pixels, (2, m)."""
+        return np.stack([self._x, self._y])
 
     @cached_property
     def places(self) -> Values:

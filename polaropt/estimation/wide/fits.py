@@ -23,7 +23,17 @@ from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
 from polaropt.estimation.wide.blocks import COARSE_BLOCKS, PolarizedBlocks
-from polaropt.estimation.wide.edges import MIDDLE_BLOCKS, Candidate, PaneEdges, VaryingOverlap, candidate_near, named
+from polaropt.estimation.wide.edges import (
+    MIDDLE_BLOCKS,
+    MOST_NEGATIVE,
+    Candidate,
+    PaneEdges,
+    VaryingOverlap,
+    candidate_near,
+    named,
+    negative_light,
+    pane_at,
+)
 from polaropt.estimation.wide.pane import (
     ALONG_INCIDENCE,
     AZIMUTH,
@@ -258,14 +268,16 @@ def fit_curved(
         # A view beyond that of parallel rays has no focal length.
         seen = rough[0] if rough[0][VIEW] > FROM_AFAR else _from_afar(rough[0])
         return _result(blocks, PaneFit(seen, np.full((N_NUMBERS, N_NUMBERS), math.inf)))
-    found = _likeliest(blocks, rough, free, prior)
+    found = _likeliest(blocks, rough, free, prior, plain)
     edges = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS))
     if len(found) > 1:
         found = sorted((edges.with_worst_direction(candidate) for candidate in found), key=edges.log_overlap)
     best = edges.completed(found[0])
     if focal_px is None and not _lens_shows(best.fit):
         remote = candidate_near(blocks, best.prior, _OTHERS, _from_afar(best.fit.point))
-        best = edges.completed(replace(remote, directions=best.directions))
+        losses = [_chi_squared(blocks, one.fit.point, best.prior) for one in (remote, best)]
+        if losses[0] - losses[1] <= _AS_LIKELY * max(1.0, losses[1] / blocks.n):
+            best = edges.completed(replace(remote, directions=best.directions))
     return _result(blocks, best.fit)
 
 
@@ -293,20 +305,48 @@ def _rough(coarse: PolarizedBlocks, starts: list[Values], free: tuple[int, ...],
     return sorted(points, key=lambda point: _chi_squared(coarse, point, prior))
 
 
-def _likeliest(blocks: PolarizedBlocks, rough: list[Values], free: tuple[int, ...], prior: Prior) -> list[Candidate]:
-    """The likeliest pane by directions, and one whose plane of incidence lies across if it is about as likely."""
-    across = [point for point in rough if math.cos(2 * (point[AZIMUTH] - rough[0][AZIMUTH])) < 0]
-    found = [candidate_near(blocks, prior, free, point) for point in (rough[0], *across[:1])]
+def _before_lens(point: Values) -> Values:
+    """The same for a view beyond that of parallel rays: a pane that leans, and is bent, the other way before a lens."""
+    if point[VIEW] >= FROM_AFAR:
+        return point
+    turned = -point
+    turned[INCIDENCE], turned[AZIMUTH] = point[INCIDENCE], point[AZIMUTH] + math.pi
+    return turned
+
+
+def _likeliest(
+    blocks: PolarizedBlocks, rough: list[Values], free: tuple[int, ...], prior: Prior, plain: SceneParameters
+) -> list[Candidate]:
+    """The likeliest pane by directions, and one whose plane of incidence lies across if it is about as likely.
+
+    Where layers would have less than no light, one about as likely that leaves them more takes its place.
+    """
+    points = [_before_lens(point) for point in rough]
+    across = [i for i, point in enumerate(points) if math.cos(2 * (point[AZIMUTH] - points[0][AZIMUTH])) < 0]
+    negative = [negative_light(blocks, plain, pane_at(point, blocks)) for point in points]
+    lit = [i for i, share in enumerate(negative) if share <= MOST_NEGATIVE]
+    chosen = sorted({0, *across[:1], *lit[:1], int(np.argmin(negative))})
+    found = [candidate_near(blocks, prior, free, points[i]) for i in chosen]
     values = [_chi_squared(blocks, candidate.fit.point, prior) for candidate in found]
     enough = min(values) + _AS_LIKELY * max(1.0, min(values) / blocks.n)
-    return [candidate for candidate, value in zip(found, values, strict=True) if value <= enough]
+    likely = [candidate for candidate, value in zip(found, values, strict=True) if value <= enough]
+    return [candidate for candidate in likely if _lit(blocks, candidate.fit.point, plain)] or likely
+
+
+def _lit(blocks: PolarizedBlocks, point: Values, plain: SceneParameters) -> bool:
+    """Whether the layers have light all over the frame before the pane at a point."""
+    return negative_light(blocks, plain, pane_at(point, blocks)) <= MOST_NEGATIVE
 
 
 def _starts_of_bend(stokes: StokesImages, plain: SceneParameters, half_px: float, view: float) -> list[Values]:
-    """The best flat pane before the lens, and the plain one leaning any way: bent enough, all may fit."""
+    """The best flat pane before the lens, and the plain one leaning any way, before a lens and from far.
+
+    Bent enough, all may fit. From far a pane looks like one that leans the other way.
+    """
     incidence, azimuth, _ = plain.values()
     plains = [(math.radians(incidence), math.radians((azimuth + turn) % 360)) for turn in _TURNS_DEG]
-    return [flat_pane(stokes, half_px / view), *(np.array([*angles, view, 0.0, 0.0, 0.0]) for angles in plains)]
+    starts = [np.array([*angles, view, 0.0, 0.0, 0.0]) for angles in plains]
+    return [flat_pane(stokes, half_px / view), *starts, *(_from_afar(start) for start in starts[:2])]
 
 
 def _lens_shows(fit: PaneFit) -> bool:
