@@ -40,6 +40,8 @@ _COARSE_DEG, _FARTHEST_DEG = 2.0, 12.0
 # to have. With what the ladder adds to that of the edges 95 % of 137 random windows to fit on lie within two errors of
 # both together (`studies.random_windows`, even seeds to 798), with 0.3 and edges as they are 90 %.
 _SHAPES_DEG = 0.4
+# Standard error in degrees below which no incidence is believed to be known. Set by hand.
+_SUREST_DEG = 0.05
 # Standard errors by which one shift must explain the spectra better than another to be told from it.
 _SURE = 2.0
 
@@ -97,7 +99,7 @@ def weighted_incidence(first: tuple[float, float], second: tuple[float, float]) 
     of least squares, 1932).
     """
     values, errors = zip(first, second, strict=True)
-    information = [1 / max(error, _LEAST_DEG) ** 2 for error in errors]
+    information = [1 / max(error, _SUREST_DEG) ** 2 for error in errors]
     mean = sum(value * weight for value, weight in zip(values, information, strict=True)) / sum(information)
     contradiction = abs(values[0] - values[1]) / math.hypot(*errors)
     return mean, max(1.0, contradiction) / math.sqrt(sum(information))

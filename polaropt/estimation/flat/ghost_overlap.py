@@ -37,9 +37,9 @@ STRONG_GHOSTS_DEG = 64.0
 _STEP_DEG = 0.7
 _FARTHEST = 1.5
 """Steps up to which the parabola is followed."""
-_SIDE = 512
+SIDE = 512
 """Pixels per side of the frame's middle that is looked at: enough edges, and bounded time."""
-_HALF, _BLOCK = 2, 2
+HALF, _BLOCK = 2, 2
 """Pixels in a sample of the filter, and samples in a block of the overlap, along each side."""
 _FADED, _LEFT_OUT = 8, 6
 """Samples at each border over which the pictures fade out, and that do not count."""
@@ -128,18 +128,44 @@ def _gradients(layers: Images) -> tuple[Images, Images]:
     return t, r
 
 
-class SeenCoarsely:
-    """Spectra of a frame's luminance at half its size, whatever the pane.
+def images_with_ghosts_in_place(frame: PlateFrame, scene: SceneParameters) -> Images:
+    """The middle of a frame at half its size, (2, channel, h, w), as it would be with all ghosts in place.
+
+    What a Wiener filter takes for the ghosts is moved there. The borders, where that fades out, are left out.
 
     Parameters
     ----------
     frame : PlateFrame
+    scene : SceneParameters
+        Complete, with ghosts.
+    """
+    images = block_mean(frame.images[..., *middle_part(frame.images.shape, SIDE)], HALF)
+    for channel in range(images.shape[1]):
+        images[:, channel] += _Wiener(SeenCoarsely(frame, channel), scene).moved_into_place()
+    return without_borders(images)
+
+
+def without_borders(images: Images) -> Images:
+    """Images (..., h, w) at half size without the samples over which they fade out."""
+    edge = min(_LEFT_OUT, min(images.shape[-2:]) // _LEAST_SIDES)
+    return images[..., edge:-edge, edge:-edge] if edge else images
+
+
+class SeenCoarsely:
+    """Spectra of a frame's luminance at half its size, whatever the pane; or of one of its colours.
+
+    Parameters
+    ----------
+    frame : PlateFrame
+    channel : int, optional
+        Number of the colour.
     """
 
-    def __init__(self, frame: PlateFrame) -> None:
+    def __init__(self, frame: PlateFrame, channel: int | None = None) -> None:
         from scipy.fft import rfft2
 
-        images = block_mean(frame.images[..., *middle_part(frame.images.shape, _SIDE)].mean(axis=1), _HALF)
+        middle = frame.images[..., *middle_part(frame.images.shape, SIDE)]
+        images = block_mean(middle.mean(axis=1) if channel is None else middle[:, channel], HALF)
         self.shape: tuple[int, int] = images.shape[-2:]
         images -= images.mean(axis=(-2, -1), keepdims=True)
         images *= np.outer(*(fading(side) for side in self.shape))
@@ -147,14 +173,15 @@ class SeenCoarsely:
         self._rows, self._columns = frequencies(*self.shape)
         self.radius2 = (self._rows**2 + self._columns**2).astype(np.float32)
         self.radius2[0, 0] = (2 * np.pi / max(self.shape)) ** 2
-        self.noise = (frame.covariance / (_HALF**2 * frame.images.shape[1])).astype(np.float32)
+        n_colors = frame.images.shape[1] if channel is None else 1
+        self.noise = (frame.covariance / (HALF**2 * n_colors)).astype(np.float32)
         self.azimuth_deg = frame.azimuth_deg
 
     def turned(self, shift: float, azimuth_deg: float) -> Spectrum:
         """What a shift in pixels along an azimuth does to each frequency."""
         azimuth = math.radians(azimuth_deg)
         along = self._columns * math.cos(azimuth) - self._rows * math.sin(azimuth)
-        return np.asarray(np.exp(-1j * along * shift / _HALF), np.complex64)
+        return np.asarray(np.exp(-1j * along * shift / HALF), np.complex64)
 
 
 class _Wiener:
@@ -185,8 +212,20 @@ class _Wiener:
         from scipy.fft import irfft2
 
         layers: Images = irfft2(self._spectra(incidence_deg), s=self._shape, norm="ortho", overwrite_x=True)
-        edge = min(_LEFT_OUT, min(self._shape) // _LEAST_SIDES)
-        return layers[:, edge:-edge, edge:-edge] if edge else layers
+        return without_borders(layers)
+
+    def moved_into_place(self) -> Images:
+        """What is added to both polarizations (2, h, w) when the ghosts of the scene's pane lie in place."""
+        from scipy.fft import irfft2
+
+        incidence = self._scene.values()[0]
+        self.fit(incidence)
+        layers = self._spectra(incidence)
+        here = np.ones((1, 1), np.complex64)
+        shown = _transfer(incidence, self._scene, self._z_t, self._z_r, self._z_gap)
+        in_place = _transfer(incidence, self._scene, here, here, None if self._z_gap is None else here)
+        added = ((in_place - shown) * layers).sum(axis=1)
+        return np.asarray(irfft2(added, s=self._shape, norm="ortho"), np.float32)
 
     def _spectra(self, incidence_deg: float, every: int = 1) -> Spectrum:
         """Spectra of the layers: ``P H^* (H P H^* + N)^-1`` times what is seen, H the pane, P the layers' powers."""

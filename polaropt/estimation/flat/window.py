@@ -23,6 +23,7 @@ from polaropt.estimation.flat.errors import widened_incidence, widened_shift
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap, SeenCoarsely, overlap_of, refined_incidence
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
+from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import DETAIL, Window, WindowLikelihood
 from polaropt.numerics import jackknife_error, left_out, local_minima, minimum_error, vertex
@@ -94,13 +95,8 @@ _UNUSUAL, _RESOLVED_PX = 0.025, 0.5
 """What panes that are far from parallel must gain beside, and the shift of a pane from which on its sense is told."""
 _NEAR_DEG, _FARTHEST = 0.7, 2.0
 """Incidences beside a window's at which its overlap is looked at, and steps up to which a parabola is followed."""
-_MOST_NOISE = 0.2
-"""Noise of a pixel of what is mirrored (white = 1) up to which its edges are seen, and tell windows apart: photographs
-have about that contrast. On the random windows to fit on, false windows had 0.23 and more, true ones 0.09 and less."""
 MOST_FOUND = 3
 """Panes of a window that is found: two, and one more; what is told may have more."""
-_LEAST_DIFFERENCE = 1e-6
-"""Of the two reflectances: that of an incidence of 0.13 degrees, below which nothing is told. Set by hand."""
 _DOUBTFUL_MARGIN, _NEARLY_AS_LIKELY = 0.2, 0.03
 """Margin of the azimuth's axis up to which the one across is looked at, too, as the single pane that it is of may be
 wrong; and log likelihood that a scan there may lack of the single pane's to be worth a closer look."""
@@ -351,11 +347,7 @@ class _Axis:
 
     def shows(self, window: Window) -> bool:
         """Whether the noise leaves the edges of what a window mirrors to be seen."""
-        par, perp = in_place_reflectance(window.incidence_deg, self._asked.index, False, window.n_panes)
-        if perp - par < _LEAST_DIFFERENCE:
-            return False
-        weights = 2 * np.array([perp - 1, 1 - par]) / (perp - par)
-        return bool(weights @ self.frame.covariance @ weights < _MOST_NOISE**2)
+        return noise_of_mirrored(self.frame, self.scene(window)) < MOST_NOISE
 
     def judged(self, window: Window) -> LikelyWindow:
         """A window with its score, at the incidence near it at which the layers' edges overlap least."""

@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.estimation.flat.gradients import FREEDOM
 from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
 
-FREEDOM = 4.0
-"""Degrees of freedom of Student's likelihood: what the model does not fit must not decide. Set by hand."""
 _SURPRISE = FREEDOM + 3.0
 """Exponent of Student's density of three complex numbers, the Stokes components."""
 

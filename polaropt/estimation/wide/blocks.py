@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
+from polaropt.estimation.flat.gradients import seen_blocks
 from polaropt.optics import FLAT, Bend, bent_normal, pixel_grid, plane_normal, viewing_angles
 
 Values = NDArray[np.float64]
@@ -21,10 +22,6 @@ Values = NDArray[np.float64]
 # Blocks along the longer side, at most: for errors and misfits, and where a search begins. Set by hand.
 _BLOCKS = 48
 COARSE_BLOCKS = 12
-# Share of a block's pixels that are not clipped from which on it is whole: all, but for rounding.
-WHOLE = 0.999
-# Share of the blocks below which those with clipped pixels must do, too. Set by hand.
-LEAST_SEEN = 0.05
 # Parts of the frame along each side that gradients are summed over for standard errors. Set by hand.
 _GROUPS = 8
 # Standard deviations of the noise beyond which something is no chance: 99.7 % of a normal distribution.
@@ -60,8 +57,7 @@ class PolarizedBlocks:
         self._of_blocks = stokes.block_noise(size)
         self.noise = self._of_blocks * math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
         # A clipped pixel is no polarized light.
-        whole = stokes.shares(size).min(axis=0).ravel() > WHOLE
-        self._seen = seen = whole if whole.mean() > LEAST_SEEN else np.ones_like(whole)
+        self._seen = seen = seen_blocks(stokes.shares(size).min(axis=0).ravel())
         self._s1, self._s2 = (means.astype(np.float64) / self.noise).reshape(2, means.shape[1], -1)[..., seen]
         rows, columns = means.shape[-2:]
         x, y = pixel_grid(rows, columns, ((width - size) / 2 / size, (height - size) / 2 / size))
