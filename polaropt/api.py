@@ -25,7 +25,9 @@ from polaropt.progress import Progress
 from polaropt.reporting import (
     RESULT_FILES,
     Inspection,
+    estimate_sentences,
     inspect_capture,
+    inspection_sentences,
     plot_layers,
     result_html,
     result_lines,
@@ -369,6 +371,25 @@ def _with_capture(result: separation.Separation, capture: Capture) -> Separation
     return Separation(**parts, capture=capture)
 
 
+@dataclass(frozen=True, repr=False)
+class _Facts(Inspection):
+    """What a capture is, shown in sentences."""
+
+    def __repr__(self) -> str:
+        return "\n".join(inspection_sentences(self))
+
+
+@dataclass(frozen=True, repr=False)
+class _FoundScene(LadderResult):
+    """How the pane stands, shown line by line."""
+
+    asked: SceneParameters = field(kw_only=True)
+    from_thickness: bool = field(kw_only=True)
+
+    def __repr__(self) -> str:
+        return "\n".join(estimate_sentences(self, self.asked, from_thickness=self.from_thickness))
+
+
 def inspect(capture: Capture) -> Inspection:
     """Tell what a capture is, before anything is solved: size, noise, gain, polarization, signs of mistakes.
 
@@ -379,6 +400,7 @@ def inspect(capture: Capture) -> Inspection:
     Returns
     -------
     Inspection
+        Shows itself in sentences.
 
     Raises
     ------
@@ -394,7 +416,7 @@ def inspect(capture: Capture) -> Inspection:
     >>> inspect(capture).looks_encoded, 0.002 < inspect(capture).noise < 0.008
     (False, True)
     """
-    return inspect_capture(_checked(capture))
+    return _Facts(**vars(inspect_capture(_checked(capture))))
 
 
 def estimate(
@@ -422,7 +444,7 @@ def estimate(
     Returns
     -------
     LadderResult
-        Its `scene` is complete, `errors` are the standard errors of what was estimated.
+        Its `scene` is complete, `errors` are the standard errors of what was estimated. Shows itself line by line.
 
     Raises
     ------
@@ -439,7 +461,7 @@ def estimate(
     >>> found.scene.rung, abs(found.scene.azimuth_deg - 20) < 1
     ('ghosts', True)
     """
-    return separation.estimate(
+    case = separation.scene_case(
         _checked(capture),
         _scene_of(scene, capture),
         refractive_index=refractive_index,
@@ -450,6 +472,7 @@ def estimate(
         index_known=index_known,
         progress=progress,
     )
+    return _FoundScene(**vars(case.found), asked=case.asked, from_thickness=thickness_px is not None)
 
 
 def _checked(capture: Any) -> Capture:

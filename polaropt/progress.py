@@ -10,6 +10,11 @@ Progress = Callable[[str, float], None]
 COMPILING = "Compiling (first use only)"
 
 
+def clocks() -> tuple[float, float]:
+    """Seconds elapsed, and those of all cores together, since moments of their own."""
+    return time.perf_counter(), time.process_time()
+
+
 class Stages:
     """Times the stages and tells the progress.
 
@@ -17,6 +22,8 @@ class Stages:
     ----------
     progress : callable, optional
         Called with what is being done and the fraction done, 0..1.
+    since : (float, float), optional
+        `clocks` when the first stage began; default: when that is told.
 
     Attributes
     ----------
@@ -24,8 +31,9 @@ class Stages:
         Of each stage that has ended: elapsed, and of all cores together. A stage may be begun several times.
     """
 
-    def __init__(self, progress: Progress | None = None) -> None:
+    def __init__(self, progress: Progress | None = None, since: tuple[float, float] | None = None) -> None:
         self._progress = progress
+        self._first = since
         self._name: str | None = None
         self._since = (0.0, 0.0)
         self._at = 0.0
@@ -35,6 +43,8 @@ class Stages:
     def begin(self, name: str, fraction: float) -> None:
         """End the stage before and begin this one, at this fraction of the whole."""
         self.end()
+        if self._first is not None:
+            self._since, self._first = self._first, None
         self._name, self._at = name, fraction
         self.advance(0.0)
 
@@ -71,7 +81,7 @@ class Stages:
 
     def end(self) -> None:
         """End the running stage."""
-        now = (time.perf_counter(), time.process_time())
+        now = clocks()
         if self._name is not None:
             self.seconds[self._name] = self.seconds.get(self._name, 0.0) + now[0] - self._since[0]
             self.cpu_seconds[self._name] = self.cpu_seconds.get(self._name, 0.0) + now[1] - self._since[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pydoc
+import re
 import warnings
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from skimage import data
 
 import polaropt
 from polaropt import InputError, ResultWarning, SceneParameters, simulate
+from polaropt.estimation.ladder import LadderResult
 from tests.command_line import RESULTS
 
 PANE = SceneParameters(65.0, 30.0, 4.0)
@@ -110,6 +112,20 @@ def test_inspecting_and_estimating_are_public(capture: polaropt.Capture) -> None
     assert polaropt.inspect(capture).width == 96
     found = polaropt.estimate(capture, PANE.replace(incidence_deg=None))
     assert abs((found.scene.incidence_deg or 0) - 65) < 5
+
+
+def test_what_is_found_shows_itself_as_the_commands_do(capture: polaropt.Capture) -> None:
+    facts = repr(polaropt.inspect(capture)).splitlines()
+    assert facts[0].startswith("4 photographs of 96x")
+    assert any(line.startswith("The noise of one photograph is") for line in facts)
+    found = polaropt.estimate(capture, PANE.replace(incidence_deg=None))
+    lines = repr(found).splitlines()
+    assert re.fullmatch(r"incidence +6\d\.\d+ \+- [\d.]+ deg \(estimated\)", lines[0])
+    assert any(line.startswith("ghost shift") and line.endswith("(given)") for line in lines)
+    assert max(map(len, lines)) < 120
+    # It is still what it was, with all that it holds.
+    assert isinstance(found, LadderResult)
+    assert found.scaled(2.0).scene.ghost_shift == 2 * found.scene.ghost_shift
 
 
 def test_a_result_that_is_warned_of_warns(capture: polaropt.Capture) -> None:

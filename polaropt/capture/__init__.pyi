@@ -1,6 +1,7 @@
 __all__ = [
     "ANGLES_DEG",
     "CAMERA_RAW",
+    "LINEAR_LIGHT",
     "MAX_PIXELS",
     "MOST_NEGATIVE",
     "PLAUSIBLE_GAIN",
@@ -107,6 +108,7 @@ from .files.opening import parsed_json as parsed_json
 from .files.opening import read_json as read_json
 from .files.results import result_file as result_file
 from .files.results import result_folder as result_folder
+from .files.write import LINEAR_LIGHT as LINEAR_LIGHT
 from .files.write import encode_srgb as encode_srgb
 from .files.write import tiff_rows as tiff_rows
 from .files.write import write_bytes as write_bytes

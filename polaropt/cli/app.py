@@ -9,7 +9,7 @@ import typer
 
 import polaropt
 from polaropt.cli.calibrate import calibrate_command
-from polaropt.cli.command import INTERRUPTED, Interrupted, add_command, say, terminations
+from polaropt.cli.command import INTERRUPTED, Interrupted, add_command, called_now, say, terminations
 from polaropt.cli.demo import demo_command
 from polaropt.cli.inspect import estimate_command, inspect_command
 from polaropt.cli.many.batch import batch_command
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         told in one line on standard error; 3 where some of many captures failed; 130 for Ctrl-C, 143 where the system
         asked to end. Anything unexpected is raised.
     """
-    with terminations() as received:
+    with called_now(), terminations() as received:
         outcome = _run(arguments)
         if outcome == INTERRUPTED:
             # CPython would end by SIGINT, whatever is returned, where an exec was interrupted (dataclasses are made by

@@ -10,12 +10,13 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import typer
 
 from polaropt.errors import InputError
-from polaropt.progress import Progress, Stages
+from polaropt.progress import Progress, Stages, clocks
 
 Action = Callable[..., None]
 
@@ -155,11 +156,25 @@ def say_json(document: dict[str, Any]) -> None:
     typer.echo(json.dumps(document, indent=2, allow_nan=False))
 
 
+# When the command line was called: options are read, and what they need is loaded, before a command is.
+_called: ContextVar[tuple[float, float] | None] = ContextVar("called", default=None)
+
+
+@contextmanager
+def called_now() -> Iterator[None]:
+    """Within this context commands count their time from its begin on."""
+    before = _called.set(clocks())
+    try:
+        yield
+    finally:
+        _called.reset(before)
+
+
 @contextmanager
 def watched(wanted: bool = True) -> Iterator[Stages]:
-    """The stages of a command from its begin on, shown as a bar where somebody watches."""
+    """The stages of a command from its call on, shown as a bar where somebody watches."""
     with progress_bar(wanted) as progress:
-        stages = Stages(progress)
+        stages = Stages(progress, _called.get())
         stages.begin(STARTING, 0.0)
         yield stages
 

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, linearize, tiff_rows, write_picture, write_png_view, write_tiff
+from polaropt.capture import (
+    LINEAR_LIGHT,
+    Capture,
+    linearize,
+    tiff_rows,
+    write_picture,
+    write_png_view,
+    write_tiff,
+)
 from polaropt.judging import SeparationWarning
 from polaropt.numerics import give_back_freed
 from polaropt.progress import Stages
@@ -95,7 +103,7 @@ def write_separation(
     for name in LAYERS:
         layer = result.layers[LAYERS.index(name)]
         exposures[name] = viewing_exposure(layer)
-        note = f"{name}, {_made_with(result)}"
+        note = _note(name, result)
         with tiff_rows(folder / f"{name}.tiff", layer.shape, camera=camera, note=note) as write:
             write(layer)
         write_png_view(folder / f"{name}.png", layer, exposures[name], camera, note)
@@ -104,8 +112,9 @@ def write_separation(
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
     misfit = misfit_map(result, capture) if unexplained and not layers_only else None
     if result.moving is not None and not layers_only:
-        write_picture(folder / "moving.png", moving_picture(capture, result.moving))
-    misfit_told = None if misfit is None else _write_misfit(folder, misfit)
+        picture = moving_picture(capture, result.moving)
+        write_picture(folder / "moving.png", picture, note=_note("moving", result))
+    misfit_told = None if misfit is None else _write_misfit(folder, misfit, _note("misfit", result))
     pictures = [] if layers_only else page_pictures(result, capture, exposures, errors, misfit)
     stages.end()
     names = {path.name for path in folder.iterdir()} | {"report.json"} | (set() if layers_only else {"report.html"})
@@ -129,17 +138,23 @@ def write_separation(
     return document
 
 
-def _made_with(result: Separation) -> str:
-    """What a layer's files say of how it was found; all of it is in ``report.json``."""
+def _note(name: str, result: Separation) -> str:
+    """What a file says of itself and of how it was found; all of that is in ``report.json``."""
     asked = result.settings
-    return f"model {result.scene.rung}, solver {asked.solver}, start {asked.init}"
+    return f"{name}, model {result.scene.rung}, solver {asked.solver}, start {asked.init}"
 
 
-def _write_misfit(folder: Path, misfit: NDArray[np.float32]) -> dict[str, Any]:
+# What the values of maps are in, where it is not light.
+_OF_KNOWN = "share of the reflection's detail that is told, 0 to 1"
+_OF_MISFIT = "standard deviations of the noise"
+
+
+def _write_misfit(folder: Path, misfit: NDArray[np.float32], note: str) -> dict[str, Any]:
     """The map of the misfit, linear and to look at; what it holds."""
-    write_tiff(folder / "misfit.tiff", misfit)
-    write_picture(folder / "misfit.png", np.round(255 * np.clip(misfit / MISFIT_WHITE, 0, 1)).astype(np.uint8))
-    return {"unit": "standard deviations of the noise", "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}
+    write_tiff(folder / "misfit.tiff", misfit, note=note, unit=_OF_MISFIT)
+    pixels = np.round(255 * np.clip(misfit / MISFIT_WHITE, 0, 1)).astype(np.uint8)
+    write_picture(folder / "misfit.png", pixels, note=note)
+    return {"unit": _OF_MISFIT, "largest": float(misfit.max()), "white_in_png": MISFIT_WHITE}
 
 
 def write_uncertainty(
@@ -163,13 +178,15 @@ def write_uncertainty(
         What the picture shows.
     """
     shape = result.layers.shape
-    names = [f"{name}_error.tiff" for name in LAYERS]
     summary = UncertaintySummary(shape)
     with ExitStack() as files:
-        *of_layers, of_known = (
-            files.enter_context(tiff_rows(folder / name, size, coarse=True))
-            for name, size in [*((name, shape[1:]) for name in names), ("reflection_known.tiff", shape[-2:])]
-        )
+
+        def rows_of(name: str, size: tuple[int, ...], unit: str) -> Callable[[Image], None]:
+            note = _note(name, result)
+            return files.enter_context(tiff_rows(folder / f"{name}.tiff", size, coarse=True, note=note, unit=unit))
+
+        of_layers = [rows_of(f"{name}_error", shape[1:], LINEAR_LIGHT) for name in LAYERS]
+        of_known = rows_of("reflection_known", shape[-2:], _OF_KNOWN)
         for strip in result.uncertainty_strips(tell):
             for write, error in zip(of_layers, strip.uncertainty.standard_error, strict=True):
                 write(error)
@@ -184,7 +201,7 @@ def write_uncertainty(
     panels.append((f"reflection: detail told, below {FADED:g} red", shown.known))
     # Values of the picture are in proportion to the errors.
     straight = [(title, None if panel is None else linearize(np.clip(panel, 0, 1), "srgb")) for title, panel in panels]
-    write_picture(folder / "uncertainty.png", side_by_side([straight]))
+    write_picture(folder / "uncertainty.png", side_by_side([straight]), note=_note("uncertainty", result))
     told = {
         "typical_error": shown.typical,
         "reflection_faded": {"share_of_pixels": shown.faded_share, "told_below": FADED},

@@ -249,7 +249,10 @@ def _gain(it: Inspection) -> Finding:
 
 
 def _encoding(it: Inspection) -> Finding:
-    measured = "" if it.gamma_exponent is None else f"measured exponent {it.gamma_exponent:.2f} +- {it.gamma_error:.2f}"
+    measured = ""
+    if it.gamma_exponent is not None:
+        digits = max(2, _digits_of(it.gamma_error))
+        measured = f"measured exponent {it.gamma_exponent:.{digits}f} {error_of(it.gamma_error)}".strip()
     hint = f"file format: {it.encoding_hint}" if it.encoding_hint else ""
     if it.encoding_hint is EncodingHint.PROFILE and it.profile_exponent is not None:
         hint += f", with an exponent of {it.profile_exponent:.2g}"

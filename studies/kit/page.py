@@ -30,15 +30,17 @@ KEPT = (".md", ".json", ".csv", ".png")
 LARGEST_BYTES = 700_000
 """What is larger, other than a study's rows, is left out: the repository is read by people."""
 _MARKED = re.compile(r"<!-- (?P<study>\w+)/(?P<file>[\w.]+) -->\n.*?<!-- end -->", re.DOTALL)
+# Lines of cells, the second of them rules; and a cell that begins with a number, or holds none.
+_TABLE = re.compile(r"^\|.*\n\|[-:|\s]+\|\n(?:\|.*(?:\n|\Z))+", re.MULTILINE)
+_NUMBER = re.compile(r"[-+<>=~]*\s*\d|-?$|nan")
 _STATE = re.compile(r"<!-- code state -->\n.*?<!-- end -->", re.DOTALL)
 
 _STYLE = """
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 75rem; margin: 2rem auto; padding: 0 1rem; }
 .wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 0.85rem; font-variant-numeric: tabular-nums; }
-th, td { border-bottom: 1px solid #8886; padding: 0.25rem 0.6rem; text-align: right; }
-th:first-child, td:first-child { text-align: left; }
+table { border-collapse: collapse; font-size: 0.85rem; font-variant-numeric: tabular-nums; margin: 1.5rem 0; }
+th, td { border-bottom: 1px solid #8886; padding: 0.25rem 0.6rem; text-align: left; }
 figure { margin: 1.5rem 0; }
 img { max-width: 100%; background: white; }
 a { color: #0a58ca; }
@@ -82,6 +84,21 @@ def write_index(out: Path) -> Path:
     return target
 
 
+def _with_numbers_at_right(text: str) -> str:
+    """Markdown whose tables have columns of numbers at the right, but for the first, and of words at the left."""
+
+    def aligned(table: re.Match[str]) -> str:
+        head, _, *body = table[0].splitlines()
+        cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in body]
+        rules = [
+            "---:" if i and all(_NUMBER.match(line[i]) for line in cells if i < len(line)) else "---"
+            for i in range(head.strip("|").count("|") + 1)
+        ]
+        return "\n".join([head, f"|{'|'.join(rules)}|", *body, ""])
+
+    return _TABLE.sub(aligned, text)
+
+
 def _section(study: Study, out: Path) -> str:
     from markdown_it import MarkdownIt
 
@@ -89,7 +106,9 @@ def _section(study: Study, out: Path) -> str:
     markdown = MarkdownIt("commonmark").enable("table")
     # A table's own headings stand below the study's.
     tables = [
-        markdown.render(re.sub(r"^#", "###", file.read_text(encoding="utf-8"), flags=re.MULTILINE))
+        markdown.render(
+            _with_numbers_at_right(re.sub(r"^#", "###", file.read_text(encoding="utf-8"), flags=re.MULTILINE))
+        )
         for file in sorted(folder.glob("*.md"))
     ]
     document = folder / f"{study.name}.json"

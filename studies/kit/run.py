@@ -45,7 +45,7 @@ def study_parser(docstring: str | None) -> argparse.ArgumentParser:
     """
     parser = StudyParser(description=(docstring or "").splitlines()[0])
     effort = parser.add_mutually_exclusive_group()
-    effort.add_argument("--quick", action="store_true", help="Less than 40 s on 2 cores: few and small scenes.")
+    effort.add_argument("--quick", action="store_true", help="Few and small scenes: to see that it runs, no result.")
     effort.add_argument("--full", action="store_true", help="All scenes and sizes.")
     parser.add_argument("--photos", metavar="FOLDER", help="Folder of photographs. Default: those inside scikit-image.")
     parser.add_argument("--pairs", type=int, metavar="N", help="Pairs of photographs at most.")

@@ -16,7 +16,7 @@ from skimage import data
 from polaropt.capture.capture import Capture, EncodingHint
 from polaropt.capture.files.exif import facts_of_picture, upright
 from polaropt.capture.files.jpeg import jpeg_facts, jpeg_traces
-from polaropt.capture.files.write import write_png
+from polaropt.capture.files.write import LINEAR_LIGHT, made_by, write_capture, write_png
 from polaropt.capture.noise import noise_level
 from polaropt.capture.read import read_capture
 from polaropt.cli.app import main
@@ -30,6 +30,8 @@ from tests.command_line import QUICK
 Pixels = NDArray[np.uint8]
 PANE = SceneParameters(60.0, 20.0, 3.0)
 ANGLES = ("000", "045", "090", "135")
+# The pane as photographs that are turned upright show it.
+KNOWN = ["--incidence", "60", "--azimuth", "110", "--shift", "3"]
 
 
 def photographs(width: int = 96, height: int = 64) -> Pixels:
@@ -216,8 +218,7 @@ def test_what_was_no_jpeg_is_not_taken_for_one(pixels: NDArray[np.generic]) -> N
 def test_results_carry_on_what_the_camera_tells(tmp_path: Path) -> None:
     files = written(tmp_path, photographs(), each=[{"seconds": 0.02, "speed": 200, "orientation": 6}] * 4)
     out = tmp_path / "out"
-    pane = ["--incidence", "60", "--azimuth", "110", "--shift", "3"]
-    assert main(["separate", *files, *pane, "-o", str(out), *QUICK]) == 0
+    assert main(["separate", *files, *KNOWN, "-o", str(out), *QUICK]) == 0
     with Image.open(out / "transmission.png") as picture:
         assert picture.size == (64, 96)
         assert "srgb" in picture.info
@@ -235,9 +236,46 @@ def test_results_carry_on_what_the_camera_tells(tmp_path: Path) -> None:
             "Model 1",
             "2024:05:06 07:08:09",
         )
-    for name in ("uncertainty.png", "reflection.png"):
-        with Image.open(out / name) as picture:
+    for file in out.glob("*.png"):
+        with Image.open(file) as picture:
             assert "srgb" in picture.info
+
+
+def test_every_picture_of_a_result_says_what_it_is_and_what_made_it(tmp_path: Path) -> None:
+    # A negative of a part of one photograph: no pane explains it.
+    pixels = photographs()
+    pixels[1, 20:40, 20:60] = 255 - pixels[1, 20:40, 20:60]
+    files = written(tmp_path, pixels)
+    out = tmp_path / "out"
+    assert main(["separate", *files, *KNOWN, "--model", "ghosts", "-o", str(out), *QUICK]) == 0
+    made = "model ghosts, solver lbfgs, start closed-form"
+    names = {file.name for file in out.glob("*.png")} | {file.name for file in out.glob("*.tiff")}
+    assert {"uncertainty.png", "misfit.png", "misfit.tiff", "reflection_known.tiff"} <= names
+    for file in out.glob("*.png"):
+        with Image.open(file) as picture:
+            assert picture.info["Software"].startswith("polaropt ")
+            assert picture.info["Description"] == f"{file.stem}, {made}"
+    units = {"reflection_known": "share of the reflection's detail that is told, 0 to 1"}
+    units["misfit"] = "standard deviations of the noise"
+    for file in out.glob("*.tiff"):
+        with tifffile.TiffFile(file) as tiff:
+            tags = tiff.pages.first.tags
+        assert tags["Software"].value.startswith("polaropt ")
+        unit = units.get(file.stem, LINEAR_LIGHT)
+        assert tags["ImageDescription"].value == f"{file.stem}, {made}; {unit}"
+
+
+@pytest.mark.parametrize("suffix", ["png", "tiff"])
+def test_a_simulated_capture_says_what_made_it(tmp_path: Path, suffix: str) -> None:
+    taken = simulate(data.coffee()[:64, :64], data.astronaut()[:64, :64], PANE)
+    (file, *_) = write_capture(taken, tmp_path / f"glass.{suffix}")
+    if suffix == "png":
+        with Image.open(file) as picture:
+            said = picture.info["Software"]
+    else:
+        with tifffile.TiffFile(file) as tiff:
+            said = tiff.pages.first.tags["Software"].value
+    assert said == made_by()
 
 
 def test_linear_values_do_not_say_that_they_are_in_srgb(tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ import pytest
 import tifffile
 
 from polaropt.cli import command
+from polaropt.cli.app import main
+from polaropt.progress import clocks
 from tests.command_line import QUICK, RESULTS, UNCERTAINTY, spoken
 
 Told = list[tuple[str, float]]
@@ -47,9 +49,36 @@ def test_the_total_holds_all_that_was_done(
     assert "error maps" in said
 
 
-def test_the_bar_moves_in_every_long_stage(photographs: list[str], tmp_path: Path, told: Told) -> None:
-    from polaropt.cli.app import main
+def test_the_total_counts_from_the_call_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Options are read, and libraries loaded, before a command has its first stage."""
+    begun: list[tuple[tuple[float, float], tuple[float, float]]] = []
+    stages = command.Stages
 
+    def noted(progress: command.Progress | None, since: tuple[float, float]) -> command.Stages:
+        begun.append((since, clocks()))
+        return stages(progress, since)
+
+    monkeypatch.setattr(command, "Stages", noted)
+    for _ in range(2):
+        before = clocks()
+        assert main(["inspect", str(tmp_path / "none.png")]) == 2
+        since, made = begun[-1]
+        assert all(first <= then < later for first, then, later in zip(before, since, made, strict=True))
+    assert len(begun) == 2
+
+
+def test_the_first_stage_lasts_from_then_on() -> None:
+    elapsed, of_cores = clocks()
+    course = command.Stages(None, (elapsed - 7, of_cores - 5))
+    course.begin("Starting", 0.0)
+    course.begin("Reading", 0.1)
+    course.end()
+    assert course.seconds["Starting"] >= 7
+    assert course.cpu_seconds["Starting"] >= 5
+    assert course.cpu_seconds["Reading"] < 5
+
+
+def test_the_bar_moves_in_every_long_stage(photographs: list[str], tmp_path: Path, told: Told) -> None:
     assert main(["separate", *photographs, "--align", "-o", str(tmp_path / "out"), *QUICK]) == 0
     fractions = [fraction for _, fraction in told]
     assert all(before <= after + 1e-9 for before, after in pairwise(fractions))
@@ -60,8 +89,6 @@ def test_the_bar_moves_in_every_long_stage(photographs: list[str], tmp_path: Pat
 
 
 def test_other_commands_tell_how_far_they_are(photographs: list[str], tmp_path: Path, told: Told) -> None:
-    from polaropt.cli.app import main
-
     assert main(["inspect", *photographs, "--align", "-o", str(tmp_path / "look.png")]) == 0
     assert {"Reading", "Aligning", "Inspecting", "Drawing"} <= {name for name, _ in told}
     told.clear()
@@ -71,8 +98,6 @@ def test_other_commands_tell_how_far_they_are(photographs: list[str], tmp_path: 
 
 
 def test_a_run_leaves_nothing_of_the_one_before(photographs: list[str], tmp_path: Path) -> None:
-    from polaropt.cli.app import main
-
     tmp_path.joinpath("mine.txt").write_text("mine")
     assert main(["separate", *photographs, "-o", str(tmp_path), *QUICK]) == 0
     for stale in ("misfit.tiff", "misfit.png", "moving.png"):
@@ -82,8 +107,6 @@ def test_a_run_leaves_nothing_of_the_one_before(photographs: list[str], tmp_path
 
 
 def test_a_simulation_leaves_nothing_of_the_one_before(photographs: list[str], tmp_path: Path) -> None:
-    from polaropt.cli.app import main
-
     pair = [str(Path(photographs[0]).parent / name) for name in ("behind.png", "mirrored.png")]
     tmp_path.joinpath("capture_022.png").write_bytes(b"somebody's own")
     assert main(["simulate", *pair, "-o", str(tmp_path)]) == 0
@@ -93,8 +116,6 @@ def test_a_simulation_leaves_nothing_of_the_one_before(photographs: list[str], t
 
 
 def test_layers_can_be_all_that_is_written(photographs: list[str], tmp_path: Path) -> None:
-    from polaropt.cli.app import main
-
     assert main(["separate", *photographs, *PANE, "-o", str(tmp_path), "--write", "layers", *QUICK]) == 0
     report = json.loads((tmp_path / "report.json").read_text())
     layers = {"transmission.tiff", "reflection.tiff", "transmission.png", "reflection.png"}
@@ -113,8 +134,6 @@ def test_the_error_maps_can_be_left_out(
 
 
 def test_files_are_compressed_without_loss(photographs: list[str], tmp_path: Path) -> None:
-    from polaropt.cli.app import main
-
     assert main(["separate", *photographs, *PANE, "-o", str(tmp_path), *QUICK]) == 0
     for name in ("transmission", "reflection_error"):
         with tifffile.TiffFile(tmp_path / f"{name}.tiff") as tiff:

@@ -41,6 +41,12 @@ def test_what_needs_attention_is_marked_behind_the_fact() -> None:
     assert attention(dim, ()) == [asking.attention]
 
 
+@pytest.mark.parametrize(("error", "said"), [(0.0023, "1.002 +- 0.002"), (0.04, "1.00 +- 0.04"), (0.0, "1.00")])
+def test_an_exponent_without_error_is_not_said(error: float, said: str) -> None:
+    linear = replace(PLAIN, looks_encoded=False, gamma_exponent=1.0021, gamma_error=error)
+    assert f"The values are linear (measured exponent {said})." in inspection_sentences(linear)
+
+
 def test_no_wording_of_a_file_asks_for_attention() -> None:
     odd = replace(PLAIN, looks_encoded=None, encoding_hint="a codec called ATTENTION: JPEG")
     assert attention(odd, ()) == []

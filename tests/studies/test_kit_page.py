@@ -60,6 +60,20 @@ def test_the_page_shows_table_and_command_between_its_marks(out: Path, tmp_path:
     assert page(made, results) == made
 
 
+def test_numbers_stand_at_the_right_and_words_at_the_left(tmp_path: Path) -> None:
+    out = write_run(tmp_path / "out", "peers")
+    lines = ["# All", "", "| theta | instead | T / R | gained |  |", "|---|---|---|---|---|"]
+    lines += ["| 10 |  | 42.41 / 25.16 | +0.1 |  |", "| 20 | one bounce | 42.40 / 24.95 |  | too few |"]
+    (out / "peers" / "peers.md").write_text("\n".join(lines) + "\n\nWords | beside it.\n")
+    shown = write_index(out).read_text()
+    head = re.search(r"<thead>.*?</thead>", shown, re.DOTALL)
+    assert head is not None
+    at_right = re.findall(r'<th style="text-align:right">(.*?)</th>', head[0])
+    assert at_right == ["T / R", "gained"]
+    assert re.findall(r"<th>(.*?)</th>", head[0]) == ["theta", "instead", ""]
+    assert "Words | beside it." in shown
+
+
 def test_a_part_of_a_study_names_its_own_command(out: Path, tmp_path: Path) -> None:
     results = tmp_path / "results"
     keep([out], results)
@@ -132,7 +146,7 @@ def test_the_index_shows_tables_figures_and_data(tmp_path: Path) -> None:
     for name in ("map.svg", "map.png", "look.html"):
         (folder / name).write_text("{}")
     page = write_index(tmp_path).read_text()
-    assert "<td>&lt;2</td>" in page
+    assert ">&lt;2</td>" in page
     assert "<h3>Stability</h3>" in page
     assert "<code>polaropt study " in page
     assert 'src="stability/map.svg"' in page

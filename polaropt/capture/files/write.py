@@ -41,14 +41,26 @@ _MANTISSA_BITS = 23
 
 _MAKE, _MODEL, _ASCII = 271, 272, 2
 """Tags of TIFF for the camera, and their type."""
-_LINEAR = "linear light, white of the photographs is 1"
+LINEAR_LIGHT = "linear light, white of the photographs is 1"
+"""What the values of layers are in."""
 
 
-def write_tiff(path: AnyPath, image: ArrayLike, camera: CameraFacts | None = None) -> None:
-    """Write a linear image (h, w) or (h, w, 3) as float32 TIFF, values as they are, compressed without loss."""
+def write_tiff(
+    path: AnyPath, image: ArrayLike, camera: CameraFacts | None = None, *, note: str = "", unit: str = LINEAR_LIGHT
+) -> None:
+    """Write an image (h, w) or (h, w, 3) as float32 TIFF, values as they are, compressed without loss.
+
+    Parameters
+    ----------
+    path : path
+    image : array, shape (h, w) or (h, w, 3)
+    camera : CameraFacts, optional
+    note, unit : str
+        As for `tiff_rows`.
+    """
     pixels = np.ascontiguousarray(image, dtype=np.float32)
     with _opened(path) as file:
-        _pack(file, pixels.shape, pixels.__getitem__, camera)
+        _pack(file, pixels.shape, pixels.__getitem__, camera, note, unit)
 
 
 def made_by() -> str:
@@ -61,7 +73,8 @@ def _pack(
     shape: tuple[int, ...],
     rows_of: Callable[[slice], NDArray[np.float32]],
     camera: CameraFacts | None,
-    note: str = "",
+    note: str,
+    unit: str,
 ) -> None:
     """Pixels (h, w[, channel]), asked for from top to bottom, as a TIFF: deflated after a predictor for floating point.
 
@@ -88,7 +101,7 @@ def _pack(
         predictor=3,
         rowsperstrip=_ROWS_PER_STRIP,
         software=made_by(),
-        description=f"{note}; {_LINEAR}" if note else _LINEAR,
+        description=f"{note}; {unit}" if note else unit,
         datetime=(camera.taken or None) if camera is not None else None,
         iccprofile=None if camera is None or camera.colors.to_srgb is None else linear_profile(camera.colors.to_srgb),
         extratags=[(tag, _ASCII, 0, text.encode("ascii", "replace"), True) for tag, text in _names_of(camera)],
@@ -109,7 +122,13 @@ def _coarse(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @contextmanager
 def tiff_rows(
-    path: AnyPath, shape: tuple[int, ...], *, coarse: bool = False, camera: CameraFacts | None = None, note: str = ""
+    path: AnyPath,
+    shape: tuple[int, ...],
+    *,
+    coarse: bool = False,
+    camera: CameraFacts | None = None,
+    note: str = "",
+    unit: str = LINEAR_LIGHT,
 ) -> Iterator[Callable[[FloatImages], None]]:
     """File of a linear image as `write_tiff` makes it, some rows at a time, which wait in a temporary file beside it.
 
@@ -124,6 +143,8 @@ def tiff_rows(
         Whose name, date and colours the file carries.
     note : str
         What the file is and how it was made, for its description; in ASCII.
+    unit : str
+        Of its values, likewise.
 
     Yields
     ------
@@ -145,7 +166,7 @@ def tiff_rows(
         def rows_of(rows: slice) -> FloatImages:
             return np.frombuffer(waiting.read(4 * (rows.stop - rows.start) * per_row), np.float32)
 
-        _pack(file, (height, width, *channels), rows_of, camera, note)
+        _pack(file, (height, width, *channels), rows_of, camera, note, unit)
 
 
 def write_png_view(
@@ -173,10 +194,8 @@ def write_png_view(
 
 
 def write_png(path: AnyPath, pixels: Pixels) -> None:
-    """Write 8- or 16-bit pixels (h, w) or (h, w, 3) as PNG, values as they are, of which nothing is said."""
-    import imagecodecs
-
-    write_bytes(path, imagecodecs.png_encode(np.ascontiguousarray(pixels)))
+    """Write 8- or 16-bit pixels (h, w) or (h, w, 3) as PNG, values as they are, which says what made it."""
+    _write_png(path, pixels, [])
 
 
 # Where a PNG's first chunk ends, the header's: its signature, and length, name, 13 bytes and check sum.
@@ -187,17 +206,22 @@ _PERCEPTUAL = b"\0"
 
 def write_picture(path: AnyPath, pixels: Pixels, camera: CameraFacts | None = None, note: str = "") -> None:
     """Write 8-bit pixels in sRGB as PNG to look at, which says so, what made it and how, and what the camera tells."""
-    import imagecodecs
-
-    data = bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels)))
-    chunks = [(b"sRGB", _PERCEPTUAL), (b"tEXt", b"Software\0" + made_by().encode("latin-1"))]
+    chunks = [(b"sRGB", _PERCEPTUAL)]
     if note:
         chunks.append((b"tEXt", b"Description\0" + note.encode("latin-1", "replace")))
     if camera is not None and camera.exif:
         chunks.append((b"eXIf", camera.exif))
+    _write_png(path, pixels, chunks)
+
+
+def _write_png(path: AnyPath, pixels: Pixels, chunks: list[tuple[bytes, bytes]]) -> None:
+    """Write pixels as PNG with chunks (name, content) behind the header's, beside the one of what made it."""
+    import imagecodecs
+
+    data = bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels)))
     told = b"".join(
         len(content).to_bytes(4, "big") + name + content + zlib.crc32(name + content).to_bytes(4, "big")
-        for name, content in chunks
+        for name, content in [*chunks, (b"tEXt", b"Software\0" + made_by().encode("latin-1"))]
     )
     write_bytes(path, data[:_AFTER_HEADER] + told + data[_AFTER_HEADER:])
 
@@ -290,6 +314,7 @@ def _write_tiff(capture: Capture, target: Path) -> None:
             dtype=np.float32,
             photometric="rgb" if capture.color else "minisblack",
             metadata={"angles_deg": list(capture.angles_deg)},
+            software=made_by(),
         )
 
 
