@@ -44,7 +44,6 @@ from polaropt.judging import (
     scene_loss,
     uncertainty_without_polarization,
 )
-from polaropt.numerics import give_back_freed
 from polaropt.optics import GLASS_INDEX, PSE, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.progress import COMPILING, Progress, Stages
 from polaropt.solving import (
@@ -461,8 +460,6 @@ def _solved(
         remember=remember,
     )
     stages.begin("Taking stock", 0.97)
-    if len(solution.pieces) > 1:
-        give_back_freed()
     return _separated(case, solution, stages, judged), solution.memories
 
 

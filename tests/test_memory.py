@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polaropt.capture import Capture, polarization, read_capture, stokes_images, write_capture
+from polaropt.capture import Capture, polarization, read_capture, stokes_images, write_capture, write_picture
 from polaropt.capture import capture as capture_module
 from polaropt.capture.alignment import _aligned, _shifted_back, _turned_back
 from polaropt.capture.registration import Motions
 from polaropt.numerics import BitMask, blocks, fill_gaps
 from polaropt.optics import SceneParameters
 from polaropt.progress import Stages
+from polaropt.reporting.inspection import _polarization, _saturated_share, inspect_still
 from polaropt.reporting.pictures import reduced_intensity
 from polaropt.separation import separate
 from polaropt.simulation import simulate
@@ -172,6 +173,32 @@ def test_tiles_leave_little_but_their_layers(capture: Capture, monkeypatch: pyte
     spectra = sum(piece.known.prior.nbytes for piece in solved.pieces)
     of_tile = 160 * 160 * len(capture.angles_deg) * (4 + 1)
     assert of_many < 1.1 * (of_one + of_tile + solved.layers.nbytes + spectra)
+
+
+def test_looking_at_large_photographs_takes_little(capture: Capture, narrow: None) -> None:
+    clipped = capture.replace(valid=np.random.default_rng(3).uniform(size=capture.intensities.shape) > 0.2)
+    for photographs in (capture, clipped):
+        with peak() as taken:
+            _polarization(photographs)
+            _saturated_share(photographs)
+            assert taken() < 0.15 * photographs.intensities.nbytes
+
+
+def test_inspecting_in_strips_changes_nothing(capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    clipped = capture.replace(valid=np.random.default_rng(3).uniform(size=capture.intensities.shape) > 0.02)
+    at_once = inspect_still(clipped, None)
+    monkeypatch.setattr(blocks, "_STRIP_VALUES", 2**17)
+    in_strips = inspect_still(clipped, None)
+    for name, value in at_once.as_dict().items():
+        assert in_strips.as_dict()[name] == (pytest.approx(value) if isinstance(value, float) else value)
+
+
+def test_a_picture_is_written_without_a_copy_of_its_file(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(4).integers(0, 256, (600, 500, 3), dtype=np.uint8)
+    write_picture(tmp_path / "small.png", pixels[:16])
+    with peak() as taken:
+        write_picture(tmp_path / "large.png", pixels)
+        assert taken() < 2.5 * (tmp_path / "large.png").stat().st_size
 
 
 def test_a_large_frame_is_solved_in_smaller_tiles(layers: list[np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -463,8 +463,7 @@ class Capture:
     @property
     def valid_in_all(self) -> NDArray[np.bool_]:
         """Pixels (h, w) that can be trusted in all photographs and colours."""
-        in_all = np.asarray(self.mask.all(axis=0))
-        return np.asarray(in_all.all(axis=0)) if self.color else in_all
+        return np.asarray(self.mask.all(axis=(0, 1) if self.color else (0,)))
 
     @property
     def n_valid(self) -> int:

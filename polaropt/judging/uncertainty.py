@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, NoiseModel, noise_classes
 from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
-from polaropt.numerics import middle_part, strips
+from polaropt.numerics import give_back_freed, middle_part, strips
 from polaropt.optics import FIELDS, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.solving import Piece, Problem, Tile, Weights
 from priors.base import CHROMA_WEIGHT
@@ -272,11 +272,13 @@ def estimate_uncertainty(
             found = _of_noise(capture.part(*piece.tile.where), layers, noise, piece, growth)
             advance(_NOISE_SHARE)
             if doubtful:
-                of_scene_errors = _of_scene(capture, noise, piece.tile, doubtful, growth, blocks)
-                np.hypot(found[:-1], of_scene_errors, out=found[:-1])
-            for plane, values in zip(total, found, strict=True):
-                plane[:, piece.tile.columns] += piece.tile.weights * values
+                np.hypot(found[:-1], _of_scene(capture, noise, piece.tile, doubtful, growth, blocks), out=found[:-1])
+            _blend(total, piece.tile, found)
             advance(1 - _NOISE_SHARE)
+            del found
+            if len(pieces) > 1:
+                # The next tile needs the memory in one piece.
+                give_back_freed()
         for rows in strips(end - top, len(total) * width):
             errors, known = np.stack([plane[rows] for plane in total[:-1]]), 1 - np.clip(total[-1][rows], 0, 1)
             uncertainty = Uncertainty(errors.reshape(2, *capture.shape[:-2], *known.shape), known)
@@ -289,6 +291,13 @@ def _continued(rows: Images, n: int) -> Images:
     plane = np.zeros((n, rows.shape[-1]), dtype=np.float32)
     plane[: len(rows)] = rows
     return plane
+
+
+def _blend(band: list[Images], tile: Tile, found: Images) -> None:
+    """Add what was found in a tile to the planes of its rows."""
+    weights = tile.weights
+    for plane, values in zip(band, found, strict=True):
+        plane[:, tile.columns] += weights * values
 
 
 def _of_noise(part: Capture, layers: Images, noise: float, piece: Piece, growth: NoiseModel | None) -> Images:

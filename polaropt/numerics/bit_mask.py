@@ -100,11 +100,12 @@ class BitMask:
         """The parts of the first axis, one unpacked at a time."""
         return (self._unpacked(bits, 0, self.width) for bits in self.bits)
 
-    def all(self, axis: int) -> Mask:
-        """Which pixels are True all along the first axis, (..., h, w); there is no other axis than 0."""
-        if axis != 0:
-            raise ValueError(f"a mask of bits knows axis 0 alone, not {axis}")
-        return self._unpacked(np.bitwise_and.reduce(self.bits, axis=0), 0, self.width)
+    def all(self, axis: int | tuple[int, ...]) -> Mask:
+        """Which pixels are True all along the first axis, or the first few, (..., h, w); there are no others."""
+        axes = (axis,) if isinstance(axis, int) else axis
+        if axes != tuple(range(len(axes))) or len(axes) > self.bits.ndim - 2:
+            raise ValueError(f"a mask of bits knows its first axes alone, not {axis}")
+        return self._unpacked(np.bitwise_and.reduce(self.bits, axis=axes), 0, self.width)
 
     @staticmethod
     def _unpacked(bits: NDArray[np.uint8], first: int, width: int) -> Mask:

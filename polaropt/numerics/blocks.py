@@ -13,8 +13,8 @@ Images = NDArray[np.float32]
 Real = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
-_STRIP_VALUES = 2**22
-"""Values of a frame that are worked on at a time: 32 MB of doubles; set by hand, changes the memory alone."""
+_STRIP_VALUES = 2**20
+"""Values of a frame that are worked on at a time: 8 MB of doubles; set by hand, changes the memory alone."""
 
 
 def strips(height: int, values_per_row: int, multiple: int = 1) -> Iterator[slice]:

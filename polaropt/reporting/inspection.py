@@ -26,9 +26,9 @@ from polaropt.capture import (
     visible_shift,
 )
 from polaropt.estimation import motion_shows, still_photographs, without_moving
-from polaropt.numerics import quantization_step, whole_blocks
+from polaropt.numerics import quantization_step, strips, whole_blocks
 from polaropt.optics import stokes_from_intensities
-from polaropt.reporting.pictures import grey_means
+from polaropt.reporting.pictures import grey_strips
 from polaropt.reporting.report import json_values
 
 # Side in pixels of the blocks whose polarization is summed up: noise of a pixel alone looks polarized. Set by hand.
@@ -209,7 +209,7 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
         noise=noise_level(photographs),
         pair_gain=_gain_as_photographed(capture, removed),
         pair_gain_removed=removed,
-        saturated_share=float(np.mean(~whole.registered.mask.all(axis=0))),
+        saturated_share=_saturated_share(whole.registered),
         **_polarization(capture),
         gamma_exponent=gamma.exponent if gamma is not None and gamma.certain else None,
         gamma_error=gamma.standard_error if gamma is not None and gamma.certain else None,
@@ -246,6 +246,14 @@ def _moving_share(capture: Capture, moving: NDArray[np.bool_] | None) -> float |
     return 0.0 if moving is None else float(moving.mean())
 
 
+def _saturated_share(capture: Capture) -> float:
+    """Share of the pixels of a plane that some photograph clips."""
+    parts = (capture.mask[..., rows, :] for rows in strips(capture.shape[-2], capture.mask.size // capture.shape[-2]))
+    trusted = sum(int(np.count_nonzero(part.all(axis=0))) for part in parts)
+    n = math.prod(capture.shape)
+    return (n - trusted) / n
+
+
 def _darkest(capture: Capture) -> float | None:
     origin = capture.origin or Origin()
     if origin.gamma is not None:
@@ -280,15 +288,10 @@ def _grey_levels(capture: Capture) -> int | None:
 
 def _polarization(capture: Capture) -> dict[str, Any]:
     """DoLP and AoLP of small blocks that are valid at every angle (of all blocks, if there are none)."""
-    stokes = stokes_from_intensities(grey_means(capture, _SUMMARY_BLOCK), capture.angles_deg)
-    whole = whole_blocks(capture.valid_in_all, _SUMMARY_BLOCK)
-    whole &= stokes[0] > 0
-    s0, s1, s2 = stokes = stokes[:, whole] if whole.any() else stokes.reshape(3, -1)
-    polarized = np.hypot(s1, s2)
-    dolp = polarized / np.maximum(s0, _NO_LIGHT)
-    np.clip(dolp, 0, 1, out=dolp)
-    total = float(np.sum(polarized, dtype=np.float64))
-    resultant = complex(*(np.sum(part, dtype=np.float64) for part in (s1, s2))) / max(total, _NOTHING)
+    dolp, total, directed = _polarized_blocks(capture, trusted=True)
+    if not dolp.size:
+        dolp, total, directed = _polarized_blocks(capture, trusted=False)
+    resultant = directed / max(total, _NOTHING)
     length = float(np.clip(np.abs(resultant), _LEAST_LENGTH, 1))
     return {
         "dolp_median": float(np.median(dolp)),
@@ -296,3 +299,19 @@ def _polarization(capture: Capture) -> dict[str, Any]:
         "aolp_deg": float(np.degrees(np.angle(resultant)) / 2 % 180),
         "aolp_spread_deg": float(np.degrees(np.sqrt(-2 * np.log(length))) / 2),
     }
+
+
+def _polarized_blocks(capture: Capture, *, trusted: bool) -> tuple[NDArray[np.float32], float, complex]:
+    """DoLP of each block, all polarized light, and its sum as (s1, s2); some rows at a time."""
+    dolp, total, directed = [], 0.0, 0j
+    planes = tuple(range(capture.intensities.ndim - 2))
+    for rows, means in grey_strips(capture, _SUMMARY_BLOCK):
+        stokes = stokes_from_intensities(means, capture.angles_deg)
+        trusted_in_all = np.asarray(capture.mask[..., rows, :].all(axis=planes))
+        whole = whole_blocks(trusted_in_all, _SUMMARY_BLOCK) & (stokes[0] > 0)
+        s0, s1, s2 = stokes[:, whole] if trusted else stokes.reshape(3, -1)
+        polarized = np.hypot(s1, s2)
+        dolp.append(np.clip(polarized / np.maximum(s0, _NO_LIGHT), 0, 1))
+        total += float(polarized.sum(dtype=np.float64))
+        directed += complex(*(part.sum(dtype=np.float64) for part in (s1, s2)))
+    return np.concatenate(dolp), total, directed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, encode_srgb, planes_last
-from polaropt.numerics import block_mean, in_color, strips
+from polaropt.numerics import block_mean, block_shares, in_color, strips
 from polaropt.optics import dolp_aolp, stokes_from_intensities
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def _reduction(capture: Capture) -> int:
 
 def _gray_stokes(capture: Capture) -> tuple[Floats, NDArray[np.bool_]]:
     block = _reduction(capture)
-    whole = block_mean(np.asarray(capture.valid_in_all, dtype=np.float32), block) > 0.5
+    whole = block_shares(capture.valid_in_all, block) > 0.5
     return stokes_from_intensities(grey_means(capture, block), capture.angles_deg), whole
 
 
@@ -217,9 +217,15 @@ def thumbnail_strip(result: Separation, capture: Capture) -> bytes:
 
 def grey_means(capture: Capture, block: int) -> Image:
     """Photographs (k, h // block, w // block), means over blocks and colours."""
+    return np.concatenate([means for _, means in grey_strips(capture, block)], axis=-2)
+
+
+def grey_strips(capture: Capture, block: int) -> Iterator[tuple[slice, Image]]:
+    """Rows from top to bottom and their `grey_means`."""
     height, images = capture.shape[-2], capture.intensities
-    parts = (images[..., rows, :] for rows in strips(height, images.size // height, block))
-    return np.concatenate([block_mean(part.mean(axis=1) if capture.color else part, block) for part in parts], axis=-2)
+    for rows in strips(height, images.size // height, block):
+        part = images[..., rows, :]
+        yield rows, block_mean(part.mean(axis=1) if capture.color else part, block)
 
 
 def reduced_intensity(capture: Capture, block: int) -> Image:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, NoiseModel
 from polaropt.errors import InputError
 from polaropt.inversion import Canvas, Knowledge
+from polaropt.numerics import give_back_freed
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.progress import Stages
 from polaropt.solving.objective import Term, Weights
@@ -288,6 +289,8 @@ def solve(
 
     if len(parts) == 1:
         return solved(capture, Part(parts[0], 0, 1, middle))
+    # Of what photographs left that were read and looked at, too: layers are as much as half of them.
+    give_back_freed()
     layers = np.zeros((2, colors, height, width), dtype=np.float32)
     solutions: list[Solution] = []
     shared: dict[Any, NDArray[Any]] = {}
@@ -298,8 +301,9 @@ def solve(
         nothing = np.empty(0, dtype=np.float32)
         pieces = tuple(replace(piece, known=_sharing(piece.known, shared)) for piece in solution.pieces)
         solutions.append(replace(solution, layers=nothing, canvas_layers=nothing, pieces=pieces))
-        # The next tile needs the memory of this one's layers.
+        # The next tile needs the memory of this one's layers, and in one piece.
         del solution
+        give_back_freed()
     pse = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:])
     return _merge(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
 

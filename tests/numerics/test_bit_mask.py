@@ -18,6 +18,7 @@ def test_all_of_it_comes_back():
     assert np.asarray(bits).dtype == bool
     assert count_true(bits) == count_true(MASK) == MASK.sum()
     np.testing.assert_array_equal(bits.all(axis=0), MASK.all(axis=0))
+    np.testing.assert_array_equal(bits.all(axis=(0, 1)), MASK.all(axis=(0, 1)))
     np.testing.assert_array_equal(bits[2, 1], MASK[2, 1])
     assert all((own == given).all() for own, given in zip(bits, MASK, strict=True))
 
@@ -36,5 +37,6 @@ def test_what_it_cannot_give_is_refused():
     bits = BitMask.of(MASK)
     with pytest.raises(IndexError, match="neighbouring"):
         bits[..., slice(None), slice(0, 10, 2)]
-    with pytest.raises(ValueError, match="axis 0"):
-        bits.all(axis=1)
+    for axis in (1, (1, 0), (0, 1, 2)):
+        with pytest.raises(ValueError, match="first axes"):
+            bits.all(axis=axis)

@@ -223,13 +223,14 @@ def _write_png(path: AnyPath, pixels: Pixels, chunks: list[tuple[bytes, bytes]])
         len(content).to_bytes(4, "big") + name + content + zlib.crc32(name + content).to_bytes(4, "big")
         for name, content in [*chunks, (b"tEXt", b"Software\0" + made_by().encode("latin-1"))]
     )
-    write_bytes(path, data[:_AFTER_HEADER] + told + data[_AFTER_HEADER:])
+    # One after the other: joined they would be three times as much memory.
+    write_bytes(path, data[:_AFTER_HEADER], told, memoryview(data)[_AFTER_HEADER:])
 
 
-def write_bytes(path: AnyPath, data: bytes | bytearray) -> None:
+def write_bytes(path: AnyPath, *data: bytes | bytearray | memoryview) -> None:
     """Write a file; InputError with the reason where that is impossible."""
     with _opened(path) as file:
-        file.write(data)
+        file.writelines(data)
 
 
 @contextmanager
