@@ -106,12 +106,16 @@ def _products(layers: Array, d: Array, n: Array, out: Array) -> None:
 @inlined
 def _model(of: Array, shapes: Array, levels: Array, out: Array) -> None:
     """A.M, B.M, det M and the data's squared distance from M, (4, n), at levels (2, level), reflection first."""
+    first, second = out[0], out[1]
+    first[:] = 0
+    second[:] = 0
+    for s in range(len(shapes)):
+        shape, of_a, of_b = shapes[s], levels[0, s], levels[1, s]
+        for f in range(shape.size):
+            first[f] += of_a * shape[f]
+            second[f] += of_b * shape[f]
     for f in range(out.shape[1]):
-        p, q = np.float32(0), np.float32(0)
-        for s in range(len(shapes)):
-            shape = shapes[s, f]
-            p += levels[0, s] * shape
-            q += levels[1, s] * shape
+        p, q = first[f], second[f]
         an, bn = of[3, f], of[4, f]
         a = p * of[0, f] + q * of[2, f] + an
         b = q * of[1, f] + p * of[2, f] + bn
