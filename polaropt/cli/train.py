@@ -21,6 +21,8 @@ Form = Literal["conditioned", "paper"]
 PolarNetKind = Literal["compact", "vgg19", "plain"]
 # Steps and side in pixels of a trial of about a minute.
 _QUICK_STEPS, _QUICK_SIZE = 40, 64
+# Steps between tests, and samples that are tested on. Set by hand.
+_TEST_EVERY, _TEST_SAMPLES = 250, 16
 _NETWORK = "The networks"
 _TRAINING = "The training"
 
@@ -170,7 +172,7 @@ class RunOptions:
         """What the options describe."""
         from priors.training.trainer import TrainingOptions
 
-        chosen: dict[str, Any] = {"steps": self.steps, "test_every": 250, "test_samples": 16}
+        chosen: dict[str, Any] = {"steps": self.steps, "test_every": _TEST_EVERY, "test_samples": _TEST_SAMPLES}
         if self.quick:
             chosen |= {"steps": _QUICK_STEPS, "test_every": _QUICK_STEPS // 2, "test_samples": 4, "averaging": 0.9}
         self._check(chosen["steps"])

@@ -93,15 +93,29 @@ class DirectionalBands:
 
     def power_law(self, power: float, logarithms: NDArray[np.float64]) -> Power:
         """Power of every frequency, (height, width // 2 + 1): a power law times the nodes' correction of it."""
-        slowest, fastest = (float(end) for end in self._span)
-        logs, turns = np.linspace(slowest, fastest, _TABLE[0]), np.arange(_TABLE[1]) / _TABLE[1]
-        index, weights = self._neighbours(*(grid.ravel() for grid in np.meshgrid(logs, turns, indexing="ij")))
-        correction = (logarithms[index] * weights).sum(axis=0).reshape(_TABLE)
+        logs, index, weights, place = self._table
+        correction = (logarithms[index] * weights).sum(axis=0)
         law = np.log(power) - NATURAL_POWER_LAW / 2 * logs
-        table: Power = np.exp(correction + law[:, None]).astype(np.float32)
-        return np.asarray(table.ravel()[self._entry])
+        table: Power = np.exp(correction + law).astype(np.float32)
+        return np.asarray(table[place])
 
     @cached_property
+    def _table(self) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.floating], NDArray[np.int32]]:
+        """Of the entries that are used the logarithm (n,), nodes and their weights (4, n); which each frequency is at.
+
+        Of a small frame they are a hundredth of the table.
+        """
+        entry = self._entry()
+        used = np.zeros(_TABLE[0] * _TABLE[1], np.bool_)
+        used[entry] = True
+        entries = np.flatnonzero(used)
+        place = np.zeros(used.size, np.int32)
+        place[entries] = np.arange(entries.size)
+        slowest, fastest = (float(end) for end in self._span)
+        logs, turns = np.linspace(slowest, fastest, _TABLE[0]), np.arange(_TABLE[1]) / _TABLE[1]
+        logs, turns = logs[entries // _TABLE[1]], turns[entries % _TABLE[1]]
+        return logs, *self._neighbours(logs, turns), place[entry]
+
     def _entry(self) -> NDArray[np.int32]:
         """Where in a table over the logarithm of frequency and direction each frequency is."""
         rows = (self._logarithm - np.float32(self._span[0])) * np.float32((_TABLE[0] - 1) / np.ptp(self._span))

@@ -372,9 +372,9 @@ def _distinct_places(
 
 def _merged(table: Weights, index: NDArray[np.intp], n: int) -> Weights:
     """Weights (2, i, j, 3) added up by the image that each belongs to, (2, n, 3)."""
-    merged = np.zeros((2, n, 3))
-    for layer in (0, 1):
-        np.add.at(merged[layer], index[layer].ravel(), table[layer].reshape(-1, 3))
+    merged = np.empty((2, n, 3))
+    for layer, entry in np.ndindex(2, 3):
+        merged[layer, :, entry] = np.bincount(index[layer].ravel(), table[layer, ..., entry].ravel(), n)
     return merged
 
 

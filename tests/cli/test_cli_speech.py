@@ -71,7 +71,8 @@ def test_help_is_cheap() -> None:
 
 
 def test_a_pipe_sees_no_progress_bar(photographs: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["separate", *photographs, "-o", str(tmp_path), *QUICK]) == 0
+    given = ["--incidence", "65", "--azimuth", "30", "--shift", "4", *QUICK]
+    assert main(["separate", *photographs, "-o", str(tmp_path), *given]) == 0
     said = capfd.readouterr()
     assert said.err == ""
     assert said.out.startswith("Pane: ")

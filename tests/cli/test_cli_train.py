@@ -27,6 +27,11 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True)
+def few_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polaropt.cli.train._TEST_SAMPLES", 2)
+
+
 def tiny(photographs: Path, output: Path, *more: str) -> list[str]:
     return [
         "train",

@@ -81,6 +81,7 @@ def test_extreme_panes_are_estimated(shelf, name, capsys):
     assert np.isfinite(json.loads(said.out)["scene"]["incidence_deg"])
 
 
+_KNOWN = ("ghosts64", "--incidence", "60", "--azimuth", "25", "--shift", "4")
 SEPARATED = {
     "frontal": ("ghosts64", "--incidence", "0", "--azimuth", "0", "--shift", "0"),
     "nearly frontal": ("ghosts64", "--incidence", "1", "--azimuth", "45", "--shift", "0.5"),
@@ -121,8 +122,8 @@ SEPARATED = {
         "--tint",
         f"{DARKEST_TINT:g}",
     ),
-    "heavy": ("glass64", "--weights", "gradient_sparsity=1e6,misfit=1e-300"),
-    "light": ("glass64", "--weights", "misfit=0,natural_image=0"),
+    "heavy": (*_KNOWN, "--weights", "gradient_sparsity=1e6,misfit=1e-300"),
+    "light": (*_KNOWN, "--weights", "misfit=0,natural_image=0"),
 }
 
 

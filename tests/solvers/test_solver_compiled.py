@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -33,12 +35,49 @@ print(*told)
 """
 
 
-def run(folder: Path, program: str = RUN, **environment: str) -> str:
-    """Names of the kernels that a new process compiles, and what else its program prints."""
+# Imports what compiles, and then forks a process for each program that it is given: each has compiled nothing yet.
+FORKS = """
+import json, os, sys
+import numba, solvers.kernels
+
+for line in sys.stdin:
+    reading, writing = os.pipe()
+    if os.fork() == 0:
+        os.dup2(writing, 1)
+        exec(json.loads(line), {"__name__": "__main__"})
+        sys.stdout.flush()
+        os._exit(0)
+    os.close(writing)
+    with open(reading) as said:
+        out = said.read()
+    _, status = os.wait()
+    print(json.dumps([status, out]), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def process() -> Iterator[subprocess.Popen[str]]:
     clean = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
-    command = [sys.executable, "-c", program.format(folder=str(folder))]
-    ran = subprocess.run(command, cwd=ROOT, env=clean | environment, capture_output=True, text=True, check=True)
-    return ran.stdout.strip()
+    command = [sys.executable, "-c", FORKS]
+    with subprocess.Popen(
+        command, cwd=ROOT, env=clean, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as started:
+        yield started
+        started.stdin.close()
+
+
+@pytest.fixture
+def run(process: subprocess.Popen[str]) -> Callable[..., str]:
+    """Names of the kernels that a new process compiles, and what else its program prints."""
+
+    def forked(folder: Path, program: str = RUN) -> str:
+        process.stdin.write(json.dumps(program.format(folder=str(folder))) + "\n")
+        process.stdin.flush()
+        status, said = json.loads(process.stdout.readline())
+        assert status == 0
+        return said.strip()
+
+    return forked
 
 
 def load(folder: Path, name: str):
@@ -48,7 +87,7 @@ def load(folder: Path, name: str):
     return module
 
 
-def test_the_second_process_loads_and_tells_nothing(tmp_path):
+def test_the_second_process_loads_and_tells_nothing(tmp_path, run):
     (tmp_path / "kernel.py").write_text(KERNEL)
     assert run(tmp_path) == "doubled"
     assert run(tmp_path) == ""
@@ -101,7 +140,7 @@ print(*told)
 """
 
 
-def test_a_change_in_another_file_that_a_kernel_is_made_of_compiles_it_anew(tmp_path):
+def test_a_change_in_another_file_that_a_kernel_is_made_of_compiles_it_anew(tmp_path, run):
     for name, text in (("base.py", BASE), ("middle.py", MIDDLE), ("kernel.py", KERNEL_OF_OTHERS)):
         (tmp_path / name).write_text(text)
     assert run(tmp_path, RUN_OF_OTHERS).splitlines()[0] == "12.0"
@@ -127,7 +166,10 @@ def test_without_a_folder_for_the_cache_it_compiles_every_time(tmp_path):
     (tmp_path / "kernel.py").write_text(KERNEL)
     # A locator that serves nothing but IPython's cells: what numba finds where no folder can be written to.
     nowhere = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}
-    assert [run(tmp_path, **nowhere) for _ in range(2)] == ["doubled"] * 2
+    command = [sys.executable, "-c", RUN.format(folder=str(tmp_path))]
+    for _ in range(2):
+        ran = subprocess.run(command, cwd=ROOT, env=os.environ | nowhere, capture_output=True, text=True, check=True)
+        assert ran.stdout.strip() == "doubled"
     assert not list(tmp_path.rglob("*.nbi"))
 
 

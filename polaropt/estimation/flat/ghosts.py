@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from polaropt.capture import PlateFrame
 from polaropt.numerics import column_multiplicity, frequencies, hann_autocorrelation, hann_window
 from polaropt.optics import GhostSeries, GhostSum, Plate, SceneParameters, ghost_sum, interface
+from solvers.kernels import in_blocks
 
 Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -243,6 +244,8 @@ LEAST_FACTOR = 1e-3
 """By which a level shrinks in a round at most."""
 _LEAST_DETERMINANT = np.float32(1e-6)
 """Of a covariance, as a share of the product of its diagonal: float32 tells no less."""
+_TRIALS_OF_A_THREAD = 8
+"""Set by hand."""
 _EVERY = 8
 """Levels are first fitted for every so-many-th trial, then carried to those between."""
 
@@ -270,26 +273,6 @@ class _Hermitian(NamedTuple):
         product: Images = self.par * self.perp
         least: Images = np.maximum(product - self.real**2 - self.imag**2, _LEAST_DETERMINANT * product)
         return least
-
-
-class _Products(NamedTuple):
-    """Products of the reflection's A, the transmission's B, the noise N and the data D."""
-
-    aa: Images
-    bb: Images
-    ab: Images
-    an: Images
-    bn: Images
-    ad: Images
-    bd: Images
-    nn: Images
-    nd: Images
-
-    def of(self, trials: NDArray[np.intp]) -> _Products:
-        """Those of some trials."""
-        parts = (self.aa, self.bb, self.ab, self.an, self.bn, self.ad, self.bd)
-        aa, bb, ab, an, bn, ad, bd = (part[trials] for part in parts)
-        return _Products(aa, bb, ab, an, bn, ad, bd, self.nn, self.nd)
 
 
 class ShiftLikelihood:
@@ -351,32 +334,47 @@ class ShiftLikelihood:
         sparse = np.arange(0, steps.size, _EVERY)
         nearest = np.minimum((np.arange(steps.size) + _EVERY // 2) // _EVERY, sparse.size - 1)
         rows = np.arange(incidences.size * steps.size).reshape(incidences.size, -1)
-        levels = np.full((2, incidences.size * sparse.size, len(self._shapes)), FIRST_LEVEL, np.float32)
-        levels = self._fitted(products.of(rows[:, sparse].ravel()), levels, _FIRST_ROUNDS)
-        carried = np.arange(levels.shape[1]).reshape(incidences.size, -1)[:, nearest].ravel()
-        levels = self._fitted(products, levels[:, carried], rounds)
-        _, _, determinant, distance = self._model(products, levels)
-        nu = DEGREES_OF_FREEDOM
-        value = (np.log(determinant) + (nu + 2) * np.log(nu + distance)) @ self._multiplicity.astype(np.float64)
-        value = np.asarray(value / float(self._multiplicity.sum()))
+        levels = np.full((incidences.size * sparse.size, 2, len(self._shapes)), FIRST_LEVEL, np.float32)
+        self._fit(products[rows[:, sparse].ravel()], levels, _FIRST_ROUNDS)
+        carried = np.arange(len(levels)).reshape(incidences.size, -1)[:, nearest].ravel()
+        value = self._fit(products, levels[carried], rounds)
         return value.reshape(incidences.size, -1) if np.ndim(incidence_deg) else value
 
-    def _products(self, incidences: Matrix, shifts: Matrix, of_transmission: Matrix) -> _Products:
+    def _fit(self, products: Images, levels: Images, rounds: int) -> Matrix:
+        """Minus log likelihood per frequency of each trial, whose levels (trial, 2, level) are fitted in place."""
+        from polaropt.estimation.flat.windows.kernels import fitted_misfits
+
+        settings = (DEGREES_OF_FREEDOM, np.float32(LEAST_FACTOR), rounds)
+        out = np.empty(len(products))
+
+        def some(start: int, stop: int) -> None:
+            fitted_misfits(products, self._shapes, self._multiplicity, *settings, levels, out, start, stop)
+
+        in_blocks(some, len(products), _TRIALS_OF_A_THREAD)
+        return out
+
+    def _products(self, incidences: Matrix, shifts: Matrix, of_transmission: Matrix) -> Images:
+        """Products of the reflection's A, the transmission's B, the noise N and the data D, (trial, 9, frequency)."""
         reflection, transmission = self._responses(incidences, shifts)
         if of_transmission is not shifts:
             transmission = self._responses(incidences, of_transmission)[1]
         noise, data = self._noise, self._data
-        return _Products(
-            aa=2 * reflection.determinant(),
-            bb=2 * transmission.determinant(),
-            ab=np.maximum(reflection.dot(transmission), 0),
-            an=reflection.dot(noise),
-            bn=transmission.dot(noise),
-            ad=reflection.dot(data),
-            bd=transmission.dot(data),
-            nn=noise.dot(noise),
-            nd=noise.dot(data),
-        )
+        products = np.empty((len(reflection.par), 9, self._along.size), np.float32)
+        for i, product in enumerate(
+            (
+                2 * reflection.determinant(),
+                2 * transmission.determinant(),
+                np.maximum(reflection.dot(transmission), 0),
+                reflection.dot(noise),
+                transmission.dot(noise),
+                reflection.dot(data),
+                transmission.dot(data),
+                noise.dot(noise),
+                noise.dot(data),
+            )
+        ):
+            products[:, i] = product
+        return products
 
     def _responses(self, incidences: Matrix, shifts: Matrix) -> tuple[_Hermitian, _Hermitian]:
         """Outer products of the transfer functions of reflection and transmission: incidences times shifts."""
@@ -389,27 +387,6 @@ class ShiftLikelihood:
         coherence = self._coherence(shifts)[:, None]
         transmission, reflection = (_outer(layer, ghosts, coherence).flattened() for layer in layers)
         return reflection, transmission
-
-    def _fitted(self, products: _Products, levels: Images, rounds: int) -> Images:
-        """Levels of both layers' spectra by multiplicative steps towards the maximum of the likelihood."""
-        levels = levels.copy()
-        weights = self._multiplicity * self._shapes
-        for _ in range(rounds):
-            a, b, determinant, distance = self._model(products, levels)
-            surprise = (DEGREES_OF_FREEDOM + 2) / ((DEGREES_OF_FREEDOM + distance) * determinant)
-            for level, toward, data in zip(levels, (a, b), (products.ad, products.bd), strict=True):
-                gain = ((distance * toward - data) * surprise) @ weights.T
-                level *= np.maximum(gain / ((toward / determinant) @ weights.T), LEAST_FACTOR)
-        return levels
-
-    def _model(self, products: _Products, levels: Images) -> tuple[Images, Images, Images, Images]:
-        """A.M, B.M, det M and the data's squared distance from M, for each trial and frequency."""
-        of = products
-        p, q = levels @ self._shapes
-        a = p * of.aa + q * of.ab + of.an
-        b = q * of.bb + p * of.ab + of.bn
-        determinant = (p * (a + of.an) + q * (b + of.bn) + of.nn) / 2
-        return a, b, determinant, (p * of.ad + q * of.bd + of.nd) / determinant
 
 
 def spectral_shapes(along: Matrix, across: Matrix, n_radii: int, n_directions: int) -> Images:

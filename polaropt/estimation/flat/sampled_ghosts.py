@@ -362,7 +362,7 @@ class SampledLikelihood:
 
         def sums(values: NDArray[Any]) -> Levels:
             weighted = (values * self._multiplicity[:, None].astype(np.float32)).reshape(n_groups, *responses.shape[2:])
-            return np.asarray(np.einsum("gclt,ktg->clk", weighted, self._shapes))
+            return np.asarray(np.tensordot(weighted, self._shapes, axes=((3, 0), (1, 2))))
 
         for _ in range(rounds):
             inverse = np.linalg.inv(self._covariance(responses, levels))

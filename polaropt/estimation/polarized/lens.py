@@ -19,13 +19,22 @@ from numpy.typing import NDArray
 from polaropt.capture import StokesImages
 from polaropt.estimation.polarized.light import MOST_ANGLE_ERROR_DEG, MOST_DEGREE_ERROR
 from polaropt.estimation.wide.blocks import COARSE_BLOCKS, SCATTERS, PolarizedBlocks
-from polaropt.estimation.wide.pane import AZIMUTH, FRONTAL, INCIDENCE, LONGEST, SHORTEST, STEEPEST, USUAL_VIEW, VIEW
+from polaropt.estimation.wide.pane import (
+    AZIMUTH,
+    FRONTAL,
+    INCIDENCE,
+    LONGEST,
+    SHORTEST,
+    STEEPEST,
+    USUAL_VIEW,
+    VIEW,
+    normal_at,
+)
 from polaropt.optics import (
     SceneErrors,
     SceneParameters,
     dolp_aolp,
     in_place_weights,
-    plane_normal,
     shown_stokes,
     stokes_vector,
     viewing_angles,
@@ -58,6 +67,8 @@ _ROUGHLY, _CLOSELY = 25, 40
 # Light off the plane, in standard deviations of the noise, from which on a block counts less while starts are compared
 # (soft L1); and how far inside its bounds a fit begins, in a point's units. Both set by hand.
 _OUTLYING, _INSIDE = 3.0, 1e-9
+# Of derivatives by differences, beside 1 or a point's number: the root of what rounding leaves, as scipy takes it.
+_DIFFERENCE = float(np.sqrt(np.finfo(np.float64).eps))
 # Share of what one polarized layer leaves that two must explain. Set by hand.
 _MUCH = 0.5
 _WIDER = 1.25
@@ -130,11 +141,11 @@ class _OffPlane:
         self._blocks, self._pane = blocks, (plain.index, *plain.sheets)
         self.half_px, self.grouped = blocks.half_px, blocks.grouped
 
-    def __call__(self, point: Values) -> Values:
-        """In units of the noise, (channel, m)."""
-        across = np.cross(*self._shown(point), axis=0)
-        spread = np.sqrt(np.einsum("im,ij,jm->m", across, self._blocks.covariance, across))
-        return np.asarray(np.einsum("im,icm->cm", across / spread, self._blocks.stokes))
+    def __call__(self, points: Values) -> Values:
+        """In units of the noise, (..., channel, m), at points (..., number)."""
+        across = np.cross(*self._shown(points), axis=0)
+        spread = np.sqrt(np.einsum("i...m,ij,j...m->...m", across, self._blocks.covariance, across))
+        return np.asarray(np.einsum("i...m,icm->...cm", across / spread, self._blocks.stokes))
 
     def negative(self, point: Values) -> float:
         """Share of the blocks where a layer has clearly less than no light."""
@@ -143,14 +154,14 @@ class _OffPlane:
         weights = np.asarray(np.linalg.pinv(whitening @ shown) @ whitening, dtype=np.float64)
         return self._blocks.negative(weights.transpose(1, 2, 0))
 
-    def _shown(self, point: Values) -> tuple[Values, Values]:
-        """Stokes vectors (3, m) that a unit of each layer's light shows in each block."""
-        normal, view = plane_normal(*np.degrees(point[:2])), point[VIEW]
-        cosine, cos, sin = viewing_angles(normal, view, *self._blocks.places)
-        weights = in_place_weights(np.maximum(cosine, _GRAZING)[None], *self._pane)
-        lights = (_entering(point, light) for light in (_BEHIND, _MIRRORED))
+    def _shown(self, points: Values) -> tuple[Values, Values]:
+        """Stokes vectors (3, ..., m) that a unit of each layer's light shows in each block."""
+        numbers = np.moveaxis(points, -1, 0)[..., None]
+        cosine, cos, sin = viewing_angles(normal_at(numbers), numbers[VIEW], *self._blocks.places)
+        weights = in_place_weights(np.maximum(cosine, _GRAZING), *self._pane)
+        lights = (_entering(numbers, light) for light in (_BEHIND, _MIRRORED))
         behind, mirrored = (
-            shown_stokes(weight[:, 0], light, cos, sin) for weight, light in zip(weights, lights, strict=True)
+            shown_stokes(weight, light, cos, sin) for weight, light in zip(weights, lights, strict=True)
         )
         return behind, mirrored
 
@@ -203,7 +214,7 @@ class _Search:
 
     def ends(self, starts: Sequence[Values]) -> list[Values]:
         """Minima near the best starts of some azimuths, best first; a few blocks do not decide."""
-        costs = [float(np.mean(np.square(self.off(start)))) for start in starts]
+        costs = np.square(self.off(np.array(starts))).mean(axis=(1, 2))
         likely: dict[float, Values] = {}
         for i in np.argsort(costs):
             likely.setdefault(round(float(starts[i][AZIMUTH]), 1), starts[i])
@@ -222,9 +233,19 @@ class _Search:
 
         chosen = list(self.free)
         low, high = _LOW[chosen], _HIGH[chosen]
+
+        def slopes(x: Values) -> Values:
+            # All at once: blocks are few, and each evaluation costs many calls of numpy.
+            step = _DIFFERENCE * np.where(x < 0, -1, 1) * np.maximum(1, np.abs(x))
+            step = np.where((x + step < low) | (x + step > high), -step, step)
+            there = np.concatenate([x[None], x + np.diag(step)])
+            here, *moved = self.off(self._moved(start, there)).reshape(len(there), -1)
+            return np.stack([(one - here) / taken for one, taken in zip(moved, (x + step) - x, strict=True)], axis=1)
+
         return least_squares(
             lambda x: self.off(self._moved(start, x)).ravel(),
             np.clip(start[chosen], low + _INSIDE, high - _INSIDE),
+            slopes,
             bounds=(low, high),
             x_scale=_SCALE[chosen],
             loss=loss,
@@ -233,9 +254,10 @@ class _Search:
         )
 
     def _moved(self, start: Values, x: Values) -> Values:
-        point = start.copy()
-        point[list(self.free)] = x
-        return point
+        """Points (..., number) with other free numbers (..., free)."""
+        points = np.broadcast_to(start, (*x.shape[:-1], start.size)).copy()
+        points[..., list(self.free)] = x
+        return points
 
 
 def _simplest(found: Sequence[_Minimum]) -> _Minimum:
@@ -245,9 +267,10 @@ def _simplest(found: Sequence[_Minimum]) -> _Minimum:
     return both if single.misfit - both.misfit > enough else single
 
 
-def _entering(point: Values, light: Numbers) -> Values:
-    """Stokes vector of a layer's light of intensity 1, in the camera's frame."""
-    return np.array([1.0, *point[list(light)]])
+def _entering(numbers: Values, light: Numbers) -> Values:
+    """Stokes vector (3, ...) of a layer's light of intensity 1, in the camera's frame, at points (number, ...)."""
+    s1, s2 = numbers[list(light)]
+    return np.stack([np.ones_like(s1), s1, s2])
 
 
 def _grid(layer: Numbers, view: float) -> list[Values]:

@@ -192,12 +192,12 @@ def _across(point: Any, places: Values, axes: Values) -> Any:
 def _turn(point: Any, places: Values) -> tuple[Any, Any]:
     """Cosine and sine of twice the azimuth in each block; of complex numbers, too."""
     view = point[VIEW]
-    _, cos, sin = viewing_angles(bent_normal(_normal(point), tuple(point[3:]), view, *places), view, *places)
+    _, cos, sin = viewing_angles(bent_normal(normal_at(point), tuple(point[3:]), view, *places), view, *places)
     return cos, sin
 
 
-def _normal(point: Any) -> tuple[Any, Any, Any]:
-    """At the middle."""
+def normal_at(point: Any) -> tuple[Any, Any, Any]:
+    """Normal at the middle; of many points at once where their numbers come first."""
     incidence, azimuth = point[:2]
     across = np.sin(incidence)
     return across * np.cos(azimuth), across * np.sin(azimuth), np.cos(incidence)
@@ -210,7 +210,7 @@ def _slopes(point: Values, free: Numbers, places: Values, axes: Values) -> Value
     of how the normal moves. The view alone acts otherwise.
     """
     view, nowhere = point[VIEW], (0.0, 0.0, 0.0)
-    normal, bend = _normal(point), tuple(point[3:])
+    normal, bend = normal_at(point), tuple(point[3:])
 
     def trace(normal: Any, bend: Any) -> tuple[Any, Any]:
         return incidence_trace(bent_normal(normal, bend, view, *places), view, *places)

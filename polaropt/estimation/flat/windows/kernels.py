@@ -1,6 +1,7 @@
-"""Compiled likelihood of trial windows: spectra of both layers that are fitted to a capture's mean spectra.
+"""Compiled likelihood of trial panes and windows: spectra of both layers, fitted to a capture's mean spectra.
 
-What `polaropt.estimation.flat.ghosts.ShiftLikelihood` does for one line of ghosts, for images at any places.
+Of a line of ghosts `polaropt.estimation.flat.ghosts.ShiftLikelihood` makes the products; here are those of images at
+any places.
 """
 
 from __future__ import annotations
@@ -106,18 +107,90 @@ def _products(layers: Array, d: Array, n: Array, out: Array) -> None:
 @inlined
 def _model(of: Array, shapes: Array, levels: Array, out: Array) -> None:
     """A.M, B.M, det M and the data's squared distance from M, (4, n), at levels (2, level), reflection first."""
+    first, second = out[0], out[1]
+    first[:] = 0
+    second[:] = 0
+    for s in range(len(shapes)):
+        shape, of_a, of_b = shapes[s], levels[0, s], levels[1, s]
+        for f in range(shape.size):
+            first[f] += of_a * shape[f]
+            second[f] += of_b * shape[f]
     for f in range(out.shape[1]):
-        p, q = np.float32(0), np.float32(0)
-        for s in range(len(shapes)):
-            shape = shapes[s, f]
-            p += levels[0, s] * shape
-            q += levels[1, s] * shape
+        p, q = first[f], second[f]
         an, bn = of[3, f], of[4, f]
         a = p * of[0, f] + q * of[2, f] + an
         b = q * of[1, f] + p * of[2, f] + bn
         determinant = np.float32(0.5) * (p * (a + an) + q * (b + bn) + of[7, f])
         out[0, f], out[1, f], out[2, f] = a, b, determinant
         out[3, f] = (p * of[5, f] + q * of[6, f] + of[8, f]) / determinant
+
+
+@inlined
+def _fit(
+    of: Array,
+    shapes: Array,
+    multiplicity: Array,
+    freedom: Any,
+    least: Any,
+    rounds: int,
+    levels: Array,
+    model: Array,
+    spare: Array,
+) -> None:
+    """Levels (2, level) by multiplicative steps towards the maximum of the likelihood, and the model (4, n) there."""
+    determinant, distance, more, less = model[2], model[3], spare[0], spare[1]
+    for left in range(rounds, -1, -1):
+        _model(of, shapes, levels, model)
+        if left == 0:
+            break
+        for i in range(2):
+            by_layer, of_data = model[i], of[5 + i]
+            for f in range(more.size):
+                scale = multiplicity[f] / determinant[f]
+                surprise = (freedom + 2) / (freedom + distance[f])
+                more[f] = (distance[f] * by_layer[f] - of_data[f]) * surprise * scale
+                less[f] = by_layer[f] * scale
+            for s in range(len(shapes)):
+                gain, loss, shape = np.float32(0), np.float32(0), shapes[s]
+                for f in range(more.size):
+                    gain += more[f] * shape[f]
+                    loss += less[f] * shape[f]
+                levels[i, s] *= max(gain / loss, least)
+
+
+@inlined
+def _misfit(model: Array, multiplicity: Array, freedom: Any) -> float:
+    """Minus log likelihood per frequency."""
+    determinant, distance, total, total_weight = model[2], model[3], 0.0, 0.0
+    for f in range(multiplicity.size):
+        value = np.log(determinant[f]) + (freedom + 2) * np.log(freedom + distance[f])
+        total += multiplicity[f] * value
+        total_weight += multiplicity[f]
+    return total / total_weight
+
+
+@compiled
+def fitted_misfits(
+    products: Array,
+    shapes: Array,
+    multiplicity: Array,
+    freedom: Any,
+    least: Any,
+    rounds: int,
+    levels: Array,
+    out: Array,
+    start: int,
+    stop: int,
+) -> None:
+    """Minus log likelihood per frequency of trials start..stop into `out`, their levels (trial, 2, level) fitted.
+
+    `products` (trial, 9, n) are those of `_products`; the rest is as for `window_misfits`.
+    """
+    n = multiplicity.size
+    model, spare = np.empty((4, n), np.float32), np.empty((2, n), np.float32)
+    for t in range(start, stop):
+        _fit(products[t], shapes, multiplicity, freedom, least, rounds, levels[t], model, spare)
+        out[t] = _misfit(model, multiplicity, freedom)
 
 
 @compiled
@@ -149,12 +222,7 @@ def window_misfits(
     pane, gap = np.empty((2, n_orders, n), np.float32), np.empty((2, n_orders, n), np.float32)
     layers, of, model = np.empty((2, 4, n), np.float32), np.empty((9, n), np.float32), np.empty((4, n), np.float32)
     phase, levels = np.empty(n, np.float32), np.empty((2, n_levels), np.float32)
-    more, less = np.empty(n, np.float32), np.empty(n, np.float32)
-    determinant, distance = model[2], model[3]
-    one = np.float32(1)
-    total_weight = 0.0
-    for f in range(n):
-        total_weight += multiplicity[f]
+    spare = np.empty((2, n), np.float32)
     for t in range(start, stop):
         of_pane, of_gap, aside, kind = trials[t, 0], trials[t, 1], trials[t, 2], kinds[t]
         for f in range(n):
@@ -167,28 +235,8 @@ def window_misfits(
             _response(orders[kind, i], weights[kind, i], common[t, i], pane, gap, layers[i])
         _products(layers, data, noise, of)
         levels[:] = first
-        for left in range(rounds, -1, -1):
-            _model(of, shapes, levels, model)
-            if left == 0:
-                break
-            for i in range(two):
-                by_layer, of_data = model[i], of[5 + i]
-                for f in range(n):
-                    scale = multiplicity[f] / determinant[f]
-                    surprise = (freedom + 2) / (freedom + distance[f])
-                    more[f] = (distance[f] * by_layer[f] - of_data[f]) * surprise * scale
-                    less[f] = by_layer[f] * scale
-                for s in range(n_levels):
-                    gain, loss, shape = np.float32(0), np.float32(0), shapes[s]
-                    for f in range(n):
-                        gain += more[f] * shape[f]
-                        loss += less[f] * shape[f]
-                    levels[i, s] *= max(gain / loss, least * one)
-        total = 0.0
-        for f in range(n):
-            value = np.log(determinant[f]) + (freedom + 2) * np.log(freedom + distance[f])
-            total += multiplicity[f] * value
-        out[t] = total / total_weight
+        _fit(of, shapes, multiplicity, freedom, least, rounds, levels, model, spare)
+        out[t] = _misfit(model, multiplicity, freedom)
 
 
 def first_calls() -> list[Call]:
@@ -197,4 +245,8 @@ def first_calls() -> list[Call]:
     lags = Lags(np.zeros((1, 2, 1, 2), np.int64), np.zeros((1, 2, 1, 4), np.float32))
     seen = Seen(numbers, numbers, numbers, table, np.ones((4, 1), np.float32), np.ones(3, np.float32))
     trials, kinds, common = np.zeros((1, 3), np.float32), np.zeros(1, np.int64), np.ones((1, 2, 1), np.float32)
-    return [(window_misfits, (trials, kinds, lags, common, seen, one, one, 0, one, np.zeros(1), 0, 0))]
+    products, levels, out = np.ones((1, 9, 1), np.float32), np.ones((1, 2, 1), np.float32), np.zeros(1)
+    return [
+        (window_misfits, (trials, kinds, lags, common, seen, one, one, 0, one, out, 0, 0)),
+        (fitted_misfits, (products, table, numbers, one, one, 0, levels, out, 0, 0)),
+    ]
