@@ -273,9 +273,11 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
     """
     if scene.varies or scene.polarized or scene.single_surface or not scene.signal:
         return None
-    frame = plate_frame(stokes_images(capture, max(noise, LEAST_NOISE)), scene.values()[1])
+    stokes = stokes_images(capture, max(noise, LEAST_NOISE))
+    frame = plate_frame(stokes, scene.values()[1])
     single_and_clear = not scene.stacked and not scene.absorption
-    told = _told_by_gradients(frame, scene) if single_and_clear else None
+    # What aliases in a mosaic's cells looks like gradients of both layers.
+    told = _told_by_gradients(frame, scene) if single_and_clear and not stokes.aliased else None
     if told is not None:
         return told
     spectra = cross_spectra(frame)
