@@ -1,9 +1,10 @@
 """The refractive index of a pane whose glass is unknown, or coated so that it mirrors as another glass would.
 
 Light that arrives unpolarized tells two numbers of a flat pane in place, what it mirrors along and across the plane of
-incidence; incidence and index are these two. Along a valley of both the polarization stays about the same. There the
-layers' edges and the spectra of ghosts tell one pane from another: clearly beyond Brewster's angle, weakly below it.
-So window glass is kept unless another index explains the capture clearly better.
+incidence; incidence and index are these two. Along a valley of both the polarization stays about the same. There
+gradients in small windows tell one pane from another where noise leaves the mirrored scene to be seen. Else the layers'
+edges and the spectra of ghosts do, clearly beyond Brewster's angle, weakly below it. So window glass is kept unless
+another index explains the capture clearly better.
 """
 
 from __future__ import annotations
@@ -198,10 +199,17 @@ class _IndexSearch:
         taken = best if best.clearly_better(glass) else glass
         rivals = [trial.index for trial in trials if not best.clearly_better(trial)]
         reach = max((abs(index - taken.index) for index in rivals), default=0.0)
-        found = self._whole.replace(refractive_index=taken.index)
-        if taken is not glass:
-            found = clear_pane(found, taken.index)
-        return IndexFit(found, max(error, reach / _RIVALS), self._coloured(glass.scene))
+        error = max(error, reach / _RIVALS)
+        by_gradients = None
+        if not self._stokes.aliased:
+            by_gradients = _index_by_gradients(plate_frame(self._stokes, taken.scene.values()[1]), taken.scene)
+        index = taken.index
+        if by_gradients is not None and by_gradients.told.sure and by_gradients.told.error < error:
+            index, error = by_gradients.told.index, by_gradients.told.error
+        found = self._whole.replace(refractive_index=index)
+        if index != GLASS_INDEX:
+            found = clear_pane(found, index)
+        return IndexFit(found, error, self._coloured(glass.scene))
 
     def _coloured(self, scene: SceneParameters) -> bool:
         """Whether the incidences at which the edges of each colour overlap least differ beyond their errors."""
@@ -346,26 +354,38 @@ lack up to 1.8, but for one 2.8; of 15 of which it was told wrongly by 0.05 and 
 
 def _told_by_gradients(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex | None:
     """What gradients in small windows tell of an index beside the one that was told, of a single clear pane."""
+    found = _index_by_gradients(frame, scene)
+    return None if found is None or found.gain < _LEAST_GAIN_BY_GRADIENTS else found.told
+
+
+@dataclass(frozen=True)
+class _ByGradients:
+    """The index that gradients tell, and how much likelier it is than the one of the scene that they were asked of."""
+
+    told: LikelierIndex
+    gain: float
+
+
+def _index_by_gradients(frame: PlateFrame, scene: SceneParameters) -> _ByGradients | None:
+    """The likeliest index of a single clear pane given gradients in small windows; None where they tell nothing."""
     if scene.values()[0] < _LEAST_INCIDENCE_DEG or noise_of_mirrored(frame, scene) > _SHOWN_NOISE:
         return None
     low, high = INDEX_SEARCH
     indices = np.arange(low, high + _INDEX_STEP / 2, _INDEX_STEP).tolist()
-    told = _IndexGradients(frame, scene)
-    best = min(indices, key=told.cost)
-    if told.cost(scene.index) - told.cost(told.nearest(best)) < _LEAST_GAIN_BY_GRADIENTS:
-        return None
+    search = _IndexGradients(frame, scene)
+    best = search.nearest(min(indices, key=search.cost))
+    gain = search.cost(scene.index) - search.cost(best)
     # Ghosts are brought into place as they are before the likelier pane.
-    for _ in range(_ROUNDS if scene.has_ghosts else 1):
-        found = told.nearest(best)
-        moved, best = abs(found - best), found
-        if moved < _INDEX_TOLERANCE:
+    for _ in range(_ROUNDS if scene.has_ghosts else 0):
+        search = _IndexGradients(frame, scene.replace(refractive_index=best, incidence_deg=search.incidence(best)))
+        before, best = best, search.nearest(best)
+        if abs(best - before) < _INDEX_TOLERANCE:
             break
-        told = _IndexGradients(frame, scene.replace(refractive_index=best, incidence_deg=told.incidence(best)))
-    before, here, after = (told.cost(best + move) for move in (-_INDEX_STEP, 0.0, _INDEX_STEP))
-    curvature = (before + after - 2 * here) / _INDEX_STEP**2
+    lower, here, upper = (search.cost(best + move) for move in (-_INDEX_STEP, 0.0, _INDEX_STEP))
+    curvature = (lower + upper - 2 * here) / _INDEX_STEP**2
     error = math.hypot(_INDEX_TOLERANCE, 1 / math.sqrt(curvature)) if curvature > 0 else math.inf
     inside = low + _INDEX_STEP / 2 < best < high - _INDEX_STEP / 2
-    return LikelierIndex(best, error, sure=inside and error < _TOLD_WITHIN)
+    return _ByGradients(LikelierIndex(best, error, sure=inside and error < _TOLD_WITHIN), gain)
 
 
 class _IndexGradients:
