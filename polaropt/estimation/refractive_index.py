@@ -350,8 +350,8 @@ _INDEX_STEP, _INDEX_TOLERANCE = 0.1, 0.01
 _LEAST_GAIN_BY_GRADIENTS, _TOLD_WITHIN = 3.5, 0.2
 """Log likelihood of gradients that another index must gain, and standard error up to which it is sure. Of photographs
 that no figure is taken of 96 pairs, at 45 to 85 degrees, lack up to 3.0 with the true index. Of random windows of
-single clear panes to fit on (`studies.random_windows`, even seeds to 954) 50 whose index was told rightly lack up to 2.8, and
-of 15 of which it was told wrongly by 0.05 and more seven gain 5.8 to 72."""
+single clear panes to fit on (`studies.random_windows`, even seeds to 954) 50 whose index was told rightly lack up to
+2.8, and of 15 of which it was told wrongly by 0.05 and more seven gain 5.8 to 72."""
 
 
 def _told_by_gradients(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex | None:
