@@ -357,7 +357,9 @@ single clear panes to fit on (`studies.random_windows`, even seeds to 954) 50 wh
 def _told_by_gradients(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex | None:
     """What gradients in small windows tell of an index beside the one that was told, of a single clear pane."""
     found = _index_by_gradients(frame, scene)
-    return None if found is None or found.gain < _LEAST_GAIN_BY_GRADIENTS else found.told
+    if found is None or not found.told.sure or found.gain < _LEAST_GAIN_BY_GRADIENTS:
+        return None
+    return found.told
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,8 @@ FORKS = """
 import json, os, sys
 import numba, solvers.kernels
 
+# Files change within a second here, which Python's cache of bytecode does not notice.
+sys.dont_write_bytecode = True
 for line in sys.stdin:
     reading, writing = os.pipe()
     if os.fork() == 0:
