@@ -153,9 +153,9 @@ _STEP_DEG, _TOLERANCE_DEG, _FARTHEST_DEG = 0.5, 0.02, 8.0
 """First step, accuracy and reach of the search for the incidence. Set by hand."""
 _BESIDE_DEG = 0.3
 """Beside the incidence found: where the likelihood is looked at for its standard error. Set by hand."""
-_NARROWER, _LEAST_ERROR_DEG = 0.6, 0.05
-"""Factor on the standard error that the likelihood's curvature tells, and what it does not tell beside: on 61 random
-windows of single panes to fit on (`studies.random_windows`, even seeds to 632) incidences are off by 0.6 of it."""
+_LEAST_ERROR_DEG = 0.05
+"""Standard error that the curvature does not tell, set by hand: with it 90 % of 110 scenes at 40 to 84 degrees,
+of photographs that no figure is taken of, lie within two errors."""
 _ROUNDS, _AT_REST_DEG = 3, 0.05
 """In which ghosts are brought into place as they are at the last incidence, and the change that ends them. By hand."""
 
@@ -205,7 +205,7 @@ class PaneGradients:
         step = min(_BESIDE_DEG, (INCIDENCE_LIMITS_DEG[1] - best) / 2)
         before, here, after = (self.cost(best + move) for move in (-step, 0.0, step))
         curvature = (before + after - 2 * here) / step**2
-        return best, _NARROWER / math.sqrt(curvature) if curvature > 0 else math.inf
+        return best, 1 / math.sqrt(curvature) if curvature > 0 else math.inf
 
 
 def incidence_by_gradients(frame: PlateFrame, scene: SceneParameters) -> tuple[float, float] | None:
