@@ -327,7 +327,7 @@ def _climbed(evidence: Evidence, seconds: float, remark: str) -> LadderResult:
     for rung in RUNGS:
         if wanted not in ("auto", rung.name) or not rung.may_help(evidence):
             continue
-        if rung.name == "polarized" and _seconds(evidence, steps):
+        if rung.name == "polarized" and _second_choices(evidence, steps):
             continue
         began = time.perf_counter()
         attempt = rung.attempt(evidence)
@@ -355,13 +355,15 @@ def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:
     if told and told[0].attempt.misfit <= noise:
         return told[0]
     able = [step for step in steps[1:] if step.attempt.known and _share(evidence, step) >= LEAST_EXPLAINED]
-    lowest = [step for step in (steps[0], *able) if step.attempt.misfit <= noise] or _seconds(evidence, steps)
+    lowest = [step for step in (steps[0], *able) if step.attempt.misfit <= noise] or _second_choices(evidence, steps)
     return lowest[0] if lowest else min((steps[0], *able), key=lambda step: step.score(evidence.blocks.n))
 
 
-def _seconds(evidence: Evidence, steps: list[_Step]) -> list[_Step]:
+def _second_choices(evidence: Evidence, steps: list[_Step]) -> list[_Step]:
     """Rungs that explain the polarized light, but have edges against them."""
-    return [step for step in steps if step.attempt.second and step.attempt.misfit <= noise_misfit(evidence.blocks.n)]
+    return [
+        step for step in steps if step.attempt.second_choice and step.attempt.misfit <= noise_misfit(evidence.blocks.n)
+    ]
 
 
 def _share(evidence: Evidence, step: _Step) -> float:

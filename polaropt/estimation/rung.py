@@ -106,7 +106,7 @@ class RungFit:
         compared by this one where there is one.
     told_by_edges : bool
         Whether edges and spectra tell these numbers, even where the plain pane leaves no polarized light.
-    second : bool
+    second_choice : bool
         Whether it is to be taken where no other rung explains what the plain pane leaves: edges speak against it.
     rivals : tuple of Rival
         Other scenes that explain the capture about as well.
@@ -120,7 +120,7 @@ class RungFit:
     errors: SceneErrors = SceneErrors()  # noqa: RUF009 (frozen)
     agreed_misfit: float | None = None
     told_by_edges: bool = False
-    second: bool = False
+    second_choice: bool = False
     rivals: tuple[Rival, ...] = ()
 
     @property

@@ -124,7 +124,9 @@ def _perspective(evidence: Evidence) -> RungFit:
         remark = "The focal length that the file tells does not fit." if refused else ""
     errors = SceneErrors(fit.incidence_error_deg, fit.azimuth_error_deg, focal_px=None if told else fit.focal_error_px)
     flat = fit.edges_agree or asked
-    return RungFit(scene, fit.misfit, 2 if told else 3, known and flat, remark, errors, second=known and not flat)
+    return RungFit(
+        scene, fit.misfit, 2 if told else 3, known and flat, remark, errors, second_choice=known and not flat
+    )
 
 
 def _less_than_no_light(share: float) -> str:
