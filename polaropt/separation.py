@@ -83,6 +83,7 @@ _KERNELS = (
     "polaropt.solving.kernels.misfit",
     "polaropt.inversion.compiled_whitening",
     "polaropt.estimation.flat.windows.kernels",
+    "polaropt.estimation.flat.windows.tile_kernels",
     "solvers.passes",
     "polaropt.judging.kernels",
 )

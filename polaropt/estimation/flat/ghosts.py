@@ -12,7 +12,7 @@ need no more than a handful of products of A, B, N and the data, taken once for 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Matrix = NDArray[np.float64]
 
-_TILE_PX = 64
+TILE_PX = 64
 """Side of a tile: more than twice the largest shift that is searched."""
 LOWEST_CYCLES = 2.5
 """Least frequency that is used, in cycles per tile: the window leaks those below. By trial."""
@@ -148,27 +148,32 @@ class CrossSpectra:
 
 def cross_spectra(frame: PlateFrame) -> CrossSpectra:
     """Welch's mean periodograms over half-overlapping Hann tiles, a bounded number of them."""
-    from scipy.fft import rfft2
-
-    side = min(_TILE_PX, *frame.images.shape[-2:])
-    profile = hann_window(side)
-    window = np.outer(profile, profile)
-    window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)
-    share = window / np.sum(window)
+    side = min(TILE_PX, *frame.images.shape[-2:])
     corners = tile_corners(frame.valid, side)
     n_bands = min(_MOST_BANDS, len(corners))
     par: Images = np.zeros((n_bands, side, side // 2 + 1), np.float32)
     perp, cross, counts = par.copy(), np.zeros(par.shape, np.complex64), np.zeros(n_bands, np.intp)
-    for i, (top, left) in enumerate(corners):
-        part = _opponent(frame.images[..., top : top + side, left : left + side])
-        mean = np.einsum("ecyx,yx->ec", part, share)[..., None, None]
-        first, second = rfft2((part - mean) * window)
+    for i, (first, second) in enumerate(tile_spectra(frame, side, corners)):
         band = i * n_bands // len(corners)
         par[band] += _power(first)
         perp[band] += _power(second)
         cross[band] += np.einsum("cyx,cyx->yx", first, second.conj())
-        counts[band] += part.shape[1]
+        counts[band] += len(first)
     return _usable(Bands(par, perp, cross, counts), side, frame)
+
+
+def tile_spectra(frame: PlateFrame, side: int, corners: Sequence[tuple[int, int]]) -> Iterator[NDArray[np.complex64]]:
+    """Of every tile in turn the spectra of I_par and I_perp under Hann's window, (2, channel, y, x)."""
+    from scipy.fft import rfft2
+
+    profile = hann_window(side)
+    window = np.outer(profile, profile)
+    window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)
+    share = window / np.sum(window)
+    for top, left in corners:
+        part = _opponent(frame.images[..., top : top + side, left : left + side])
+        mean = np.einsum("ecyx,yx->ec", part, share)[..., None, None]
+        yield np.asarray(rfft2((part - mean) * window), np.complex64)
 
 
 def _power(spectra: NDArray[np.complex64]) -> Images:
@@ -179,8 +184,29 @@ def _power(spectra: NDArray[np.complex64]) -> Images:
 
 
 def _usable(sums: Bands, side: int, frame: PlateFrame) -> CrossSpectra:
+    use, along, across, multiplicity = usable_frequencies(side, frame.azimuth_deg)
+    bands = Bands(sums.par[:, use], sums.perp[:, use], sums.cross[:, use], sums.counts)
+    count = np.float32(sums.counts.sum())
+    par, perp, cross = (part.sum(axis=0) / count for part in (bands.par, bands.perp, bands.cross))
+    return CrossSpectra(
+        par,
+        perp,
+        cross,
+        along,
+        across,
+        multiplicity,
+        frame.covariance,
+        side,
+        frame.azimuth_deg,
+        bands=bands,
+    )
+
+
+def usable_frequencies(side: int, azimuth_deg: float) -> tuple[Mask, Matrix, Matrix, Images]:
+    """Which frequencies (y, x) of a tile are used; of these those along and across an azimuth (per pixel), and how
+    often each counts, (n,)."""
     rows, columns = frequencies(side, side)
-    azimuth = math.radians(frame.azimuth_deg)
+    azimuth = math.radians(azimuth_deg)
     along = columns * math.cos(azimuth) - rows * math.sin(azimuth)
     across = columns * math.sin(azimuth) + rows * math.cos(azimuth)
     multiplicity = np.broadcast_to(column_multiplicity(side).astype(np.float32), along.shape)
@@ -189,21 +215,7 @@ def _usable(sums: Bands, side: int, frame: PlateFrame) -> CrossSpectra:
     use = (radius > LOWEST_CYCLES * 2 * np.pi / side) & (radius < HIGHEST_FREQUENCY)
     # The window makes neighbouring frequencies much alike: every second one, as on a chessboard, says the same.
     use &= np.add.outer(np.arange(side), np.arange(side // 2 + 1)) % 2 == 0
-    bands = Bands(sums.par[:, use], sums.perp[:, use], sums.cross[:, use], sums.counts)
-    count = np.float32(sums.counts.sum())
-    par, perp, cross = (part.sum(axis=0) / count for part in (bands.par, bands.perp, bands.cross))
-    return CrossSpectra(
-        par,
-        perp,
-        cross,
-        along[use],
-        across[use],
-        multiplicity[use],
-        frame.covariance,
-        side,
-        frame.azimuth_deg,
-        bands=bands,
-    )
+    return use, along[use], across[use], multiplicity[use]
 
 
 def tile_corners(valid: Mask, side: int, period: int = 1) -> list[tuple[int, int]]:

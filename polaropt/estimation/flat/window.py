@@ -26,6 +26,7 @@ from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross
 from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import DETAIL, Window, WindowLikelihood
+from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.numerics import jackknife_error, left_out, local_minima, minimum_error, vertex
 from polaropt.optics import (
     GHOST_SHIFT_SEARCH_PX,
@@ -81,6 +82,11 @@ _SURE_OF_CLOSE = 1.5
 """Those added where all images lie close together, and the single pane's do, too. With pairs of photographs that no
 figure is taken of and those inside scikit-image, two panes at 30 to 70 degrees and single ones at 20 to 80 (shifts of
 1 to 3 px, noise 0.3 to 2 %): all of 18 of two panes have 2.2 and more, of 18 single ones 17 have 0.3 at most."""
+_SURER, _SURE_OF_TILES, _SHOWN_TO_TILES = 1.5, 3.5, 1.0
+"""Standard errors by which tiles must be likelier under one window than under another to be believed against mean
+spectra and edges: between windows of several panes, and between one and several. On random windows of photographs that
+no figure is taken of, several panes that are resolved have 3.8 and more, single ones up to 1.0, where what is mirrored
+is below the noise of a pixel up to 3.0. The last is that noise up to which tiles are believed."""
 _NO_ERROR = 1e-9
 """For none at all, of a frame that is all alike."""
 _LEAST_GAIN_OF_TINT = 0.001
@@ -258,6 +264,11 @@ class WindowSearch:
         return LikelyWindow(replace(window, **{name: at}), float(misfit[i]), float(misfit[i]))
 
 
+def _likeliest(tiles: TileLikelihood, windows: Sequence[Window], refractive_index: float) -> Window:
+    """The window that tiles are likeliest under as it is."""
+    return min(windows, key=lambda window: tiles.fitted(window, refractive_index).misfit)
+
+
 def _allowed(name: str, value: float) -> bool:
     if name == "incidence_deg":
         return INCIDENCE_SEARCH_DEG[0] <= value <= INCIDENCE_SEARCH_DEG[1]
@@ -322,6 +333,7 @@ class _Axis:
         most = largest_search_shift(min(frame.images.shape[-2:]))
         gaps = GapMap(spectra, asked.index, most)
         self.search = WindowSearch(self.likelihood, gaps, most, asked.index, _told(asked, frame.azimuth_deg))
+        self._tile_fits: dict[Window, TileFit] = {}
 
     def across(self) -> _Axis:
         """The same for panes that lie across."""
@@ -345,9 +357,9 @@ class _Axis:
             absorption=window.absorption,
         )
 
-    def shows(self, window: Window) -> bool:
-        """Whether the noise leaves the edges of what a window mirrors to be seen."""
-        return noise_of_mirrored(self.frame, self.scene(window)) < MOST_NOISE
+    def shows(self, window: Window, most: float = MOST_NOISE) -> bool:
+        """Whether the noise, less than so much, leaves the edges of what a window mirrors to be seen."""
+        return noise_of_mirrored(self.frame, self.scene(window)) < most
 
     def judged(self, window: Window) -> LikelyWindow:
         """A window with its score, at the incidence near it at which the layers' edges overlap least."""
@@ -417,6 +429,36 @@ class _Axis:
         """The best of some windows."""
         return min((self.judged(found.window) for found in candidates), key=lambda found: found.score)
 
+    def surest(self, candidates: Sequence[LikelyWindow]) -> LikelyWindow:
+        """The best of some windows, or the one that tiles are surely likelier under."""
+        best, likeliest = self.best(candidates), self.likeliest(candidates)
+        told = not _close(likeliest) and self.surer(likeliest, best.window) > _SURER
+        return self.judged(likeliest) if told else best
+
+    def likeliest(self, candidates: Sequence[LikelyWindow]) -> Window:
+        """The window that tiles are likeliest under."""
+        return _likeliest(self.tiles, [found.window for found in candidates], self._asked.index)
+
+    def glimpsed(self, candidates: Sequence[LikelyWindow]) -> Window:
+        """The same of many, by the tiles' luminance alone."""
+        tiles = TileLikelihood(self.frame, luminance=True)
+        return _likeliest(tiles, [found.window for found in candidates], self._asked.index)
+
+    @cached_property
+    def tiles(self) -> TileLikelihood:
+        """How likely the frame's tiles are under windows."""
+        return TileLikelihood(self.frame)
+
+    def surer(self, window: Window, other: Window) -> float:
+        """Standard errors by which tiles are likelier under one window than under another, each at its incidence."""
+        return self._of_tiles(window).surer_than(self._of_tiles(other))
+
+    def _of_tiles(self, window: Window) -> TileFit:
+        if window not in self._tile_fits:
+            free = () if "incidence_deg" in self.search.told else _INCIDENCE
+            self._tile_fits[window] = self.tiles.nearest(window, self._asked.index, free)
+        return self._tile_fits[window]
+
     def likelier_than_turned(self, found: LikelyWindow) -> bool:
         """Whether the spectra are clearly likelier than of a single pane whose ghosts lie along a window's gap."""
         window = found.window
@@ -439,6 +481,14 @@ class _Axis:
         shifts = window.pane_shift, window.pane_shift + window.gap_along
         starts = (replace(single, pane_shift=shift) for shift in shifts)
         return self.best([self.search.refined(start, _ROUGH_SWEEPS) for start in starts])
+
+    def with_surer_ghosts(self, panes: Sequence[LikelyWindow], plain: LikelyWindow) -> LikelyWindow:
+        """A single pane, or that of some whose ghosts lie elsewhere under which the tiles are surely likelier."""
+        others = [pane.window for pane in panes if _apart(pane.window, plain.window) and not _close(pane.window)]
+        if not others:
+            return plain
+        likeliest = min(others, key=lambda window: self._of_tiles(window).misfit)
+        return self.judged(likeliest) if self.surer(likeliest, plain.window) > _SURE_OF_TILES else plain
 
     def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
         """The scene near a window, its incidence where the layers' edges overlap least, and standard errors."""
@@ -522,24 +572,35 @@ def _with_panes(
         two = axis.scan(2, singles, *told)
         if across and two.misfit > plain.misfit + _NEARLY_AS_LIKELY:
             continue
-        # A gap that the spectra show shows in a scan as well; where a pane's ghosts are seen, it may not.
-        if not (across or plain.window.pane_shift) and two.gain < _LEAST_SEEN:
-            continue
         three = axis.scan(MOST_FOUND, singles, *told)
+        # A gap that the spectra show shows in a scan as well; where a pane's ghosts are seen, it may not.
+        unseen = not (across or plain.window.pane_shift) and two.gain < _LEAST_SEEN
+        if unseen and axis.surer(axis.glimpsed([*two.starts, *three.starts]), plain.window) < _SURER:
+            continue
         if across:
             # What looks like several panes there may be a single one.
             single = axis.best(axis.search.panes(incidences))
             if _shows_across(single, plain) and single.score < found.score:
                 taken, plain, found = axis, single, single
-        best = axis.best(axis.candidates(two))
-        if best.score < plain.score - _LEAST_GAIN or three.misfit < plain.misfit:
-            more = axis.best(axis.search.with_another(best.window) + axis.candidates(three))
-            best = more if more.score < best.score - _LEAST_GAIN else best
+        best = axis.surest(axis.candidates(two))
+        seen = not across and axis.surer(best.window, plain.window) > _SURER
+        if seen or best.score < plain.score - _LEAST_GAIN or three.misfit < plain.misfit:
+            more = axis.surest(axis.search.with_another(best.window) + axis.candidates(three))
+            sure = 0.0 if _close(more.window) else axis.surer(more.window, best.window)
+            best = more if sure > _SURER or (sure > -_SURER and more.score < best.score - _LEAST_GAIN) else best
         likely.append((axis, best))
     for axis, window in sorted(likely, key=lambda pair: pair[1].score):
+        sure = 0.0 if _close(window.window) or axis is not taken else axis.surer(window.window, plain.window)
+        if sure > _SURE_OF_TILES and axis.shows(window.window, _SHOWN_TO_TILES):
+            # Two thin panes look much like the faces of one, whose ghost may have been missed.
+            single = axis.with_ghost_of(window.window, plain.window)
+            if axis.surer(window.window, single.window) > _SURE_OF_TILES:
+                return axis, window
+            plain = axis.with_surer_ghosts((single,), plain)
+            found = min(found, plain, key=lambda one: one.score)
         if not axis.shows(window.window):
             continue
-        if _shows_another(window, plain) and window.score < found.score:
+        if sure > -_SURER and _shows_another(window, plain) and window.score < found.score:
             if _looks_turned(window.window) and not axis.likelier_than_turned(window):
                 continue
             # Two thin panes look much like the faces of one, whose ghost may have been missed.
@@ -551,7 +612,7 @@ def _with_panes(
     return taken, found
 
 
-def _shows_tint(tinted: LikelyWindow, plain: LikelyWindow) -> bool:
+def _shows_tint(axis: _Axis, tinted: LikelyWindow, plain: LikelyWindow) -> bool:
     """Whether a ghost lies so far off, and is so much dimmer than of clear glass, that it tells of tint.
 
     A dim ghost hardly moves edges: where clear glass shows none the likelihood decides, unless the score speaks against
@@ -559,6 +620,10 @@ def _shows_tint(tinted: LikelyWindow, plain: LikelyWindow) -> bool:
     """
     window, gain = tinted.window, plain.misfit - tinted.misfit
     seen = abs(window.pane_shift) >= _LEAST_GHOST_PX and window.absorption >= _LEAST_ABSORPTION
+    if seen and window.absorption >= _TOLD_ABSORPTION and not _close(window):
+        sure = axis.surer(window, plain.window)
+        if abs(sure) > _SURE_OF_TILES:
+            return sure > 0
     least = _LEAST_GAIN if _apart(window, plain.window) else _LEAST_GAIN_OF_TINT
     if not seen or gain <= least:
         return False
@@ -600,16 +665,18 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     axes = [(first, (incidence,)), *((axis, _TRIAL_DEG) for axis in (across,) if axis is not None)]
     if open_panes or asked.n_panes == 1:
         plains = {Window(incidence, px, absorption=asked.absorption or 0.0) for px in (shift, 0.0)}
-        plain = found = min((first.judged(window) for window in plains), key=lambda judged: judged.score)
-        taken = first
+        before = plain = min((first.judged(window) for window in plains), key=lambda judged: judged.score)
+        if shown:
+            plain = first.with_surer_ghosts(first.search.panes((incidence,)), plain)
+        found, taken = plain, first
         if asked.absorption is None and (shown or not open_panes):
             tinted = [first.judged(near.window) for near in first.search.tinted(incidence)]
             # Beside a ghost that clear glass explains better a tinted one is none.
             likeliest = min(tinted, key=lambda judged: judged.score, default=plain)
-            found = likeliest if _shows_tint(likeliest, plain) else plain
+            found = likeliest if _shows_tint(first, likeliest, plain) else plain
         if open_panes:
             taken, found = _with_panes(axes, plain, found)
-        if found is plain:
+        if found is before:
             return estimate
     else:
         n_panes = asked.n_panes or 1

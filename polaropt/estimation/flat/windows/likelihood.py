@@ -93,7 +93,7 @@ class WindowLikelihood:
             orders[k, :, : own.shape[1]], weights[k, :, : own.shape[1]] = own, of_lags
         kinds = np.array([different.index(of) for of in glass])
         shifts = np.array([(w.pane_shift, w.gap_along, w.gap_across) for w in windows])
-        common = self._coherence(orders[kinds], shifts)
+        common = common_light(orders[kinds], shifts, self._spectra.azimuth_deg, self._spectra.tile)
         lags, trials, out = Lags(orders, weights), shifts.astype(np.float32), np.empty(len(windows))
         settings = (DEGREES_OF_FREEDOM, np.float32(LEAST_FACTOR), rounds, np.float32(FIRST_LEVEL))
 
@@ -103,14 +103,26 @@ class WindowLikelihood:
         in_blocks(some, len(windows), _TRIALS_OF_A_THREAD)
         return out
 
-    def _coherence(self, orders: NDArray[np.int64], shifts: Values) -> NDArray[np.float32]:
-        """Share of its light that a tile's window has in common with itself so far off, (window, 2, lag)."""
-        along = orders[..., 0] * shifts[:, :1, None] + orders[..., 1] * shifts[:, 1:2, None]
-        across = orders[..., 1] * shifts[:, 2:, None]
-        azimuth, tile = math.radians(self._spectra.azimuth_deg), self._spectra.tile
-        columns = along * math.cos(azimuth) + across * math.sin(azimuth)
-        rows = along * math.sin(azimuth) - across * math.cos(azimuth)
-        return (hann_autocorrelation(columns / tile) * hann_autocorrelation(rows / tile)).astype(np.float32)
+
+def common_light(orders: NDArray[np.int64], shifts: Values, azimuth_deg: float, tile: int) -> NDArray[np.float32]:
+    """Share of its light that a tile's window has in common with itself one lag further, (window, 2, lag).
+
+    Parameters
+    ----------
+    orders : ndarray of int, shape (window, 2, lag, 2)
+        Shifts of a pane and of a gap between two images.
+    shifts : ndarray, shape (window, 3)
+        Of a pane, and of a gap along and across the azimuth, in pixels.
+    azimuth_deg : float
+    tile : int
+        Side in pixels.
+    """
+    along = orders[..., 0] * shifts[:, :1, None] + orders[..., 1] * shifts[:, 1:2, None]
+    across = orders[..., 1] * shifts[:, 2:, None]
+    azimuth = math.radians(azimuth_deg)
+    columns = along * math.cos(azimuth) + across * math.sin(azimuth)
+    rows = along * math.sin(azimuth) - across * math.cos(azimuth)
+    return (hann_autocorrelation(columns / tile) * hann_autocorrelation(rows / tile)).astype(np.float32)
 
 
 def lags_of(window: Window, refractive_index: float) -> tuple[NDArray[np.int64], NDArray[np.float32]]:

@@ -1,0 +1,194 @@
+"""How likely a capture's tiles are under a window: every layer has spectra of its own in every tile and colour.
+
+Edges differ from place to place, in direction and in fineness, in each layer for itself. So in every tile of the frame
+the powers of both layers are free in each cell of frequencies, a few neighbouring ones, and what is left to be told is
+how the window mixes the layers: by its images' brightness and places, and by how much light of each polarization they
+have. It needs no natural spectra that would pass for ghosts, and tells windows from one another far more surely than
+mean spectra over all tiles do: the number of panes, tint and index. With so many powers free it says little more of the
+incidence than the edges do.
+
+References
+----------
+D. T. Pham, J.-F. Cardoso, Blind separation of instantaneous mixtures of nonstationary sources, IEEE TSP, 2001.
+P. Whittle, The analysis of multiple stationary time series, JRSS B, 1953.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import PlateFrame
+from polaropt.estimation.flat.ghosts import (
+    FIRST_LEVEL,
+    TILE_PX,
+    tile_corners,
+    tile_spectra,
+    usable_frequencies,
+)
+from polaropt.estimation.flat.windows.likelihood import Window, common_light, lags_of
+from polaropt.numerics import Box
+from polaropt.optics import INCIDENCE_SEARCH_DEG
+from solvers.kernels import in_blocks
+
+Values = NDArray[np.float64]
+Powers = NDArray[np.float32]
+"""Of both layers in every tile and colour, reflection first, in units of natural images' power: (tile, 2, cell)."""
+
+_BAND, _PER_CELL = 0.4, 10
+"""Width of a ring of frequencies, in natural logarithm of their radius, and how many frequencies a cell of it holds:
+with smooth spectra of 12 powers (3 radii, 4 directions) in the place of such cells single panes pass for several."""
+_FREEDOM = np.float32(16)
+"""Of Student's likelihood. A cell's frequencies are much alike: with 4, as of mean spectra, windows that are told gain
+less, and incidences come out a little too shallow. By trial."""
+_FIRST_ROUNDS, _ROUNDS = 20, 4
+"""In which the powers are fitted, and fitted again to a window near the one they were fitted to. By trial."""
+_TILES_OF_A_THREAD = 16
+"""Set by hand."""
+_LEAST_FACTOR = np.float32(0.02)
+"""By which a power shrinks in a round at most. Set by hand."""
+
+
+@dataclass(frozen=True)
+class TileFit:
+    """A window, and minus the log likelihood of every tile and colour under it, (tile,)."""
+
+    window: Window
+    refractive_index: float
+    misfits: Values
+
+    @property
+    def misfit(self) -> float:
+        """That of the frame."""
+        return float(self.misfits.sum())
+
+    def surer_than(self, other: TileFit) -> float:
+        """Standard errors by which it is likelier than another one; negative where it is less likely."""
+        gains = other.misfits - self.misfits
+        return float(gains.sum() / max(math.sqrt(float(gains @ gains)), _NO_ERROR))
+
+
+_NO_ERROR = 1e-9
+"""For none at all, of windows that are the same."""
+
+
+class TileLikelihood:
+    """Likelihood of windows given the spectra of a capture's tiles.
+
+    Parameters
+    ----------
+    frame : PlateFrame
+        At the azimuth of the windows.
+    luminance : bool
+        Of the colours' sum alone, which takes a third of the time.
+    """
+
+    def __init__(self, frame: PlateFrame, *, luminance: bool = False) -> None:
+        self._side = side = min(TILE_PX, *frame.images.shape[-2:])
+        self._azimuth_deg = frame.azimuth_deg
+        use, along, across, multiplicity = usable_frequencies(side, frame.azimuth_deg)
+        cell = _cells(along, across)
+        order = np.argsort(cell, kind="stable")
+        self._cells = np.searchsorted(cell[order], np.arange(cell.max(initial=-1) + 2))
+        self._along, self._across = along[order], across[order]
+        self._multiplicity = np.ascontiguousarray(multiplicity[order])
+        self._natural = (1 / np.maximum(self._along**2 + self._across**2, _NO_ERROR)).astype(np.float32)
+        corners = tile_corners(frame.valid, side)
+        tiles = []
+        for spectra in tile_spectra(frame, side, corners):
+            par, perp = spectra[:, : 1 if luminance else None, use][..., order]
+            cross = par * perp.conj()
+            tiles.append(np.stack([np.abs(par) ** 2, np.abs(perp) ** 2, cross.real, cross.imag], axis=1))
+        self._data = np.concatenate(tiles).astype(np.float32)
+        (n_par, n_cross), (_, n_perp) = frame.covariance
+        self._noise = np.array([n_par, n_perp, n_cross], np.float32)
+
+    def fitted(self, window: Window, refractive_index: float) -> TileFit:
+        """How likely the tiles are under a window, with the powers that suit it."""
+        return TileFit(window, refractive_index, self._misfits(window, refractive_index, self._first_powers())[0])
+
+    def nearest(self, window: Window, refractive_index: float, free: tuple[str, ...] = ("incidence_deg",)) -> TileFit:
+        """The likeliest window near one, as far as some of its numbers go; `refractive_index` may be among them."""
+        start = TileFit(window, refractive_index, np.empty(0))
+        for _ in range(_TURNS):
+            powers = self._misfits(start.window, start.refractive_index, self._first_powers())[1]
+
+            def misfit(x: Values, start: TileFit = start, powers: Powers = powers) -> float:
+                moved = _moved(start, free, x)
+                return float(self._misfits(moved.window, moved.refractive_index, powers, _ROUNDS)[0].sum())
+
+            at = np.array([_number(start, name) for name in free])
+            steps, low, high = np.array([_SEARCH[name] for name in free]).T
+            step = Box(np.clip(at, low + steps, high - steps), steps, low, high).newton(misfit)
+            start = _moved(start, free, step.point)
+            if np.all(np.abs(step.point - at) < _AT_REST * steps):
+                break
+        return self.fitted(start.window, start.refractive_index)
+
+    def _first_powers(self) -> Powers:
+        return np.full((len(self._data), 2, self._cells.size - 1), FIRST_LEVEL, np.float32)
+
+    def _misfits(
+        self, window: Window, refractive_index: float, powers: Powers, rounds: int = _FIRST_ROUNDS
+    ) -> tuple[Values, Powers]:
+        """Minus log likelihood of each tile, and the powers, begun from others."""
+        from polaropt.estimation.flat.windows.tile_kernels import tile_misfits
+
+        response, fitted, out = self._response(window, refractive_index), powers.copy(), np.empty(len(powers))
+        data = (response, self._noise, self._data, self._multiplicity, self._natural, self._cells)
+
+        def some(start: int, stop: int) -> None:
+            tile_misfits(*data, _FREEDOM, _LEAST_FACTOR, rounds, fitted, out, start, stop)
+
+        in_blocks(some, len(powers), _TILES_OF_A_THREAD)
+        return out, fitted
+
+    def _response(self, window: Window, refractive_index: float) -> NDArray[np.float32]:
+        """What a window makes of both layers of power 1, transmission first: Hermitian matrices, (2, 4, n)."""
+        orders, weights = lags_of(window, refractive_index)
+        shifts = np.array([[window.pane_shift, window.gap_along, window.gap_across]])
+        weights = weights * common_light(orders[None], shifts, self._azimuth_deg, self._side)[0, ..., None]
+        pane = window.pane_shift * self._along
+        gap = window.gap_along * self._along + window.gap_across * self._across
+        # Both layers have images at the same lags.
+        phase = orders[0, :, :1] * pane + orders[0, :, 1:] * gap
+        sums = np.einsum("kln,lf->knf", weights[..., :3], np.cos(phase), optimize=True)
+        turned = np.einsum("kl,lf->kf", -weights[..., 3], np.sin(phase), optimize=True)
+        return np.concatenate([sums, turned[:, None]], axis=1).astype(np.float32)
+
+
+_SEARCH = {
+    "incidence_deg": (0.6, *INCIDENCE_SEARCH_DEG),
+    "refractive_index": (0.05, 1.2, 2.2),
+    "absorption": (0.1, 0.0, 3.0),
+}
+"""Step, and least and greatest value, of what is searched. Set by hand."""
+_TURNS, _AT_REST = 4, 0.1
+"""In which the powers are fitted to the last window, and the move, in steps, that ends them. Set by hand."""
+
+
+def _number(fit: TileFit, name: str) -> float:
+    return fit.refractive_index if name == "refractive_index" else float(getattr(fit.window, name))
+
+
+def _moved(fit: TileFit, free: tuple[str, ...], x: Values) -> TileFit:
+    """A fit's window with other numbers."""
+    numbers = dict(zip(free, x.tolist(), strict=True))
+    index = numbers.pop("refractive_index", fit.refractive_index)
+    return TileFit(replace(fit.window, **numbers), index, fit.misfits)
+
+
+def _cells(along: Values, across: Values) -> NDArray[np.intp]:
+    """Number of the cell that each frequency is in: rings, split into as many directions as have enough of them."""
+    radius, direction = np.hypot(along, across), np.arctan2(across, along) % np.pi / np.pi
+    ring = np.floor(np.log(radius / radius.min(initial=math.inf)) / _BAND).astype(np.intp)
+    cell, first = np.empty(ring.shape, np.intp), 0
+    for here in (ring == k for k in np.unique(ring)):
+        n = max(1, int(np.count_nonzero(here)) // _PER_CELL)
+        cell[here] = first + np.minimum((direction[here] * n).astype(np.intp), n - 1)
+        first += n
+    # A direction without any frequency is no cell.
+    return np.asarray(np.unique(cell, return_inverse=True)[1], np.intp)
