@@ -82,11 +82,10 @@ _SURE_OF_CLOSE = 1.5
 """Those added where all images lie close together, and the single pane's do, too. With pairs of photographs that no
 figure is taken of and those inside scikit-image, two panes at 30 to 70 degrees and single ones at 20 to 80 (shifts of
 1 to 3 px, noise 0.3 to 2 %): all of 18 of two panes have 2.2 and more, of 18 single ones 17 have 0.3 at most."""
-_SURER, _SURE_OF_TILES, _SHOWN_TO_TILES = 1.5, 3.5, 1.0
+_SURER, _SURE_OF_TILES = 1.5, 3.5
 """Standard errors by which tiles must be likelier under one window than under another to be believed against mean
 spectra and edges: between windows of several panes, and between one and several. On random windows of photographs that
-no figure is taken of, several panes that are resolved have 3.8 and more, single ones up to 1.0, where what is mirrored
-is below the noise of a pixel up to 3.0. The last is that noise up to which tiles are believed."""
+no figure is taken of, several panes that are resolved have 3.8 and more, single ones up to 1.0."""
 _NO_ERROR = 1e-9
 """For none at all, of a frame that is all alike."""
 _LEAST_GAIN_OF_TINT = 0.001
@@ -357,9 +356,9 @@ class _Axis:
             absorption=window.absorption,
         )
 
-    def shows(self, window: Window, most: float = MOST_NOISE) -> bool:
-        """Whether the noise, less than so much, leaves the edges of what a window mirrors to be seen."""
-        return noise_of_mirrored(self.frame, self.scene(window)) < most
+    def shows(self, window: Window) -> bool:
+        """Whether the noise leaves the edges of what a window mirrors to be seen."""
+        return noise_of_mirrored(self.frame, self.scene(window)) < MOST_NOISE
 
     def judged(self, window: Window) -> LikelyWindow:
         """A window with its score, at the incidence near it at which the layers' edges overlap least."""
@@ -439,10 +438,11 @@ class _Axis:
         """The window that tiles are likeliest under."""
         return _likeliest(self.tiles, [found.window for found in candidates], self._asked.index)
 
-    def glimpsed(self, candidates: Sequence[LikelyWindow]) -> Window:
-        """The same of many, by the tiles' luminance alone."""
+    def glimpses(self, candidates: Sequence[LikelyWindow], single: Window) -> bool:
+        """Whether tiles are surely likelier under one of many windows than under a single pane."""
+        apart = [found.window for found in candidates if not _close(found.window)]
         tiles = TileLikelihood(self.frame, luminance=True)
-        return _likeliest(tiles, [found.window for found in candidates], self._asked.index)
+        return bool(apart) and self.surer(_likeliest(tiles, apart, self._asked.index), single) > _SURER
 
     @cached_property
     def tiles(self) -> TileLikelihood:
@@ -562,7 +562,7 @@ def _with_panes(
     found : LikelyWindow
         It, or a tinted one.
     """
-    taken, likely = axes[0][0], list[tuple[_Axis, LikelyWindow]]()
+    taken, likely = axes[0][0], list[tuple[_Axis, LikelyWindow, bool]]()
     for axis, incidences in axes:
         told = () if axis is not taken else (plain.window,)
         singles = axis.search.single(incidences)
@@ -575,7 +575,7 @@ def _with_panes(
         three = axis.scan(MOST_FOUND, singles, *told)
         # A gap that the spectra show shows in a scan as well; where a pane's ghosts are seen, it may not.
         unseen = not (across or plain.window.pane_shift) and two.gain < _LEAST_SEEN
-        if unseen and axis.surer(axis.glimpsed([*two.starts, *three.starts]), plain.window) < _SURER:
+        if unseen and not axis.glimpses([*two.starts, *three.starts], plain.window):
             continue
         if across:
             # What looks like several panes there may be a single one.
@@ -588,19 +588,20 @@ def _with_panes(
             more = axis.surest(axis.search.with_another(best.window) + axis.candidates(three))
             sure = 0.0 if _close(more.window) else axis.surer(more.window, best.window)
             best = more if sure > _SURER or (sure > -_SURER and more.score < best.score - _LEAST_GAIN) else best
-        likely.append((axis, best))
-    for axis, window in sorted(likely, key=lambda pair: pair[1].score):
+        likely.append((axis, best, unseen))
+    for axis, window, unseen in sorted(likely, key=lambda one: one[1].score):
+        if not axis.shows(window.window):
+            continue
         sure = 0.0 if _close(window.window) or axis is not taken else axis.surer(window.window, plain.window)
-        if sure > _SURE_OF_TILES and axis.shows(window.window, _SHOWN_TO_TILES):
+        if sure > _SURE_OF_TILES:
             # Two thin panes look much like the faces of one, whose ghost may have been missed.
             single = axis.with_ghost_of(window.window, plain.window)
             if axis.surer(window.window, single.window) > _SURE_OF_TILES:
                 return axis, window
             plain = axis.with_surer_ghosts((single,), plain)
             found = min(found, plain, key=lambda one: one.score)
-        if not axis.shows(window.window):
-            continue
-        if sure > -_SURER and _shows_another(window, plain) and window.score < found.score:
+        shown = not unseen and sure > -_SURER and _shows_another(window, plain)
+        if shown and window.score < found.score:
             if _looks_turned(window.window) and not axis.likelier_than_turned(window):
                 continue
             # Two thin panes look much like the faces of one, whose ghost may have been missed.
