@@ -548,6 +548,46 @@ def _shows_across(single: LikelyWindow, plain: LikelyWindow) -> bool:
     return single.clearly_better(plain, _LEAST_GAIN, _SURE) and not plain.clearly_likelier(single, _SURE)
 
 
+@dataclass(frozen=True)
+class _Several:
+    """A window of several panes that may be the true one.
+
+    Attributes
+    ----------
+    axis : _Axis
+    window : LikelyWindow
+    fewer : Window or None
+        The one with a pane less that it was preferred to.
+    unseen : bool
+        Whether mean spectra do not show it.
+    """
+
+    axis: _Axis
+    window: LikelyWindow
+    fewer: Window | None
+    unseen: bool
+
+    def surer_than(self, single: Window) -> float:
+        """Standard errors by which tiles are likelier under several panes, be it one less; 0 where they cannot tell."""
+        if _close(self.window.window):
+            return 0.0
+        return max(self.axis.surer(each, single) for each in (self.window.window, self.fewer) if each is not None)
+
+
+def _several(axis: _Axis, plain: LikelyWindow, same: bool, scans: tuple[_Scan, _Scan], unseen: bool) -> _Several:
+    """The best window of two panes, or of one more where a third may show; `same`: whether the pane is of this axis."""
+    two, three = scans
+    best = axis.surest(axis.candidates(two))
+    told = best.score < plain.score - _LEAST_GAIN or three.misfit < plain.misfit
+    if not told and not (same and axis.surer(best.window, plain.window) > _SURER):
+        return _Several(axis, best, None, unseen)
+    more = axis.surest(axis.search.with_another(best.window) + axis.candidates(three))
+    sure = 0.0 if _close(more.window) else axis.surer(more.window, best.window)
+    if sure > _SURER or (sure > -_SURER and more.score < best.score - _LEAST_GAIN):
+        return _Several(axis, more, best.window, unseen)
+    return _Several(axis, best, None, unseen)
+
+
 def _with_panes(
     axes: Sequence[tuple[_Axis, Sequence[float]]], plain: LikelyWindow, found: LikelyWindow
 ) -> tuple[_Axis, LikelyWindow]:
@@ -562,7 +602,7 @@ def _with_panes(
     found : LikelyWindow
         It, or a tinted one.
     """
-    taken, likely = axes[0][0], list[tuple[_Axis, LikelyWindow, bool]]()
+    taken, likely = axes[0][0], list[_Several]()
     for axis, incidences in axes:
         told = () if axis is not taken else (plain.window,)
         singles = axis.search.single(incidences)
@@ -582,25 +622,20 @@ def _with_panes(
             single = axis.best(axis.search.panes(incidences))
             if _shows_across(single, plain) and single.score < found.score:
                 taken, plain, found = axis, single, single
-        best = axis.surest(axis.candidates(two))
-        seen = not across and axis.surer(best.window, plain.window) > _SURER
-        if seen or best.score < plain.score - _LEAST_GAIN or three.misfit < plain.misfit:
-            more = axis.surest(axis.search.with_another(best.window) + axis.candidates(three))
-            sure = 0.0 if _close(more.window) else axis.surer(more.window, best.window)
-            best = more if sure > _SURER or (sure > -_SURER and more.score < best.score - _LEAST_GAIN) else best
-        likely.append((axis, best, unseen))
-    for axis, window, unseen in sorted(likely, key=lambda one: one[1].score):
+        likely.append(_several(axis, plain, axis is taken, (two, three), unseen))
+    for several in sorted(likely, key=lambda one: one.window.score):
+        axis, window = several.axis, several.window
         if not axis.shows(window.window):
             continue
-        sure = 0.0 if _close(window.window) or axis is not taken else axis.surer(window.window, plain.window)
+        sure = several.surer_than(plain.window) if axis is taken else 0.0
         if sure > _SURE_OF_TILES:
             # Two thin panes look much like the faces of one, whose ghost may have been missed.
             single = axis.with_ghost_of(window.window, plain.window)
-            if axis.surer(window.window, single.window) > _SURE_OF_TILES:
+            if several.surer_than(single.window) > _SURE_OF_TILES:
                 return axis, window
             plain = axis.with_surer_ghosts((single,), plain)
             found = min(found, plain, key=lambda one: one.score)
-        shown = not unseen and sure > -_SURER and _shows_another(window, plain)
+        shown = not several.unseen and sure > -_SURER and _shows_another(window, plain)
         if shown and window.score < found.score:
             if _looks_turned(window.window) and not axis.likelier_than_turned(window):
                 continue
