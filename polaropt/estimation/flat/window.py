@@ -747,8 +747,12 @@ def judged_pane(
 
 def judged_window(frame: PlateFrame, scene: SceneParameters, spectra: CrossSpectra | None = None) -> LikelyWindow:
     """The same of a window that was found, of as many panes as it has, near its incidence."""
-    window = Window(**_told(scene, frame.azimuth_deg), n_panes=scene.n_panes or 1)
-    return _Axis(frame, scene.replace(incidence_deg=None), spectra).judged(window)
+    return _Axis(frame, scene.replace(incidence_deg=None), spectra).judged(window_of(scene, frame.azimuth_deg))
+
+
+def window_of(scene: SceneParameters, azimuth_deg: float) -> Window:
+    """The window that a complete scene is, in the frame of an azimuth that is its own."""
+    return Window(**_told(scene, azimuth_deg), n_panes=scene.n_panes or 1)
 
 
 def window_remark(scene: SceneParameters) -> str:
