@@ -22,7 +22,7 @@ from polaropt.capture import Capture, PlateFrame, plate_frame, registered_noise,
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import LEAST_NOISE, estimate_scene
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap
-from polaropt.estimation.flat.ghosts import cross_spectra
+from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX, cross_spectra
 from polaropt.estimation.flat.gradients import PaneGradients
 from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
 from polaropt.estimation.flat.window import LikelyWindow, judged_pane, judged_window, window_of
@@ -429,8 +429,12 @@ _TILE_STEP, _TILES_WIDER, _LEAST_TILE_ERROR = 0.08, 5.0, 0.03
 
 
 def _told_by_tiles(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex | None:
-    """What single tiles tell of an index beside the one that was told: of a single clear pane in any window's place."""
-    if noise_of_mirrored(frame, scene) > MOST_NOISE:
+    """What single tiles tell of an index beside the one that was told: of a single clear pane in any window's place.
+
+    Double images that lie apart tell it: without any, spectra that differ from natural ones pass for another index.
+    """
+    shifts = abs(scene.values()[2]), abs(scene.gap_shift or 0.0)
+    if max(shifts) < LIKE_BLUR_PX or noise_of_mirrored(frame, scene) > MOST_NOISE:
         return None
     tiles, window = TileLikelihood(frame), window_of(scene, frame.azimuth_deg)
     here = tiles.nearest(window, scene.index)

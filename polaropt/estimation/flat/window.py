@@ -628,23 +628,17 @@ def _with_panes(
         if not axis.shows(window.window):
             continue
         sure = several.surer_than(plain.window) if axis is taken else 0.0
-        if sure > _SURE_OF_TILES:
-            # Two thin panes look much like the faces of one, whose ghost may have been missed.
-            single = axis.with_ghost_of(window.window, plain.window)
-            if several.surer_than(single.window) > _SURE_OF_TILES:
-                return axis, window
-            plain = axis.with_surer_ghosts((single,), plain)
-            found = min(found, plain, key=lambda one: one.score)
-        shown = not several.unseen and sure > -_SURER and _shows_another(window, plain)
-        if shown and window.score < found.score:
-            if _looks_turned(window.window) and not axis.likelier_than_turned(window):
-                continue
-            # Two thin panes look much like the faces of one, whose ghost may have been missed.
-            single = axis.with_ghost_of(window.window, plain.window)
-            if _shows_another(window, single):
-                return axis, window
-            if single.score < found.score and single.clearly_better(plain, _LEAST_GAIN, _SURE):
-                return axis, single
+        shown = not several.unseen and sure > -_SURER and _shows_another(window, plain) and window.score < found.score
+        if sure <= _SURE_OF_TILES and not shown:
+            continue
+        if _looks_turned(window.window) and not axis.likelier_than_turned(window):
+            continue
+        # Two thin panes look much like the faces of one, whose ghost may have been missed.
+        single = axis.with_ghost_of(window.window, plain.window)
+        if several.surer_than(single.window) > _SURE_OF_TILES or (shown and _shows_another(window, single)):
+            return axis, window
+        if single.score < found.score and single.clearly_better(plain, _LEAST_GAIN, _SURE):
+            return axis, single
     return taken, found
 
 
