@@ -474,6 +474,10 @@ class _Axis:
         i, k = np.unravel_index(np.argmin(misfits), misfits.shape)
         rest = [misfit(part, _TURNED_INCIDENCES_DEG[[i]], shifts[[k]]).item() for part in self._spectra.left_out()]
         error = jackknife_error(np.array(rest) - found.parts[0])
+        tiles = TileLikelihood(self.frame, ghosts_deg=direction)
+        turned = tiles.nearest(Window(float(_TURNED_INCIDENCES_DEG[i]), float(shifts[k])), single.index)
+        if self._of_tiles(window).surer_than(turned) < _SURER:
+            return False
         return bool(misfits[i, k] - found.misfit > max(_LEAST_GAIN, _SURE * error))
 
     def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:

@@ -84,16 +84,21 @@ class TileLikelihood:
         At the azimuth of the windows.
     luminance : bool
         Of the colours' sum alone, which takes a third of the time.
+    ghosts_deg : float, optional
+        Direction in the image along which double images lie, where the polarizer's zero is in doubt. Default: the
+        azimuth.
     """
 
-    def __init__(self, frame: PlateFrame, *, luminance: bool = False) -> None:
+    def __init__(self, frame: PlateFrame, *, luminance: bool = False, ghosts_deg: float | None = None) -> None:
         self._side = side = min(TILE_PX, *frame.images.shape[-2:])
-        self._azimuth_deg = frame.azimuth_deg
+        self._azimuth_deg = frame.azimuth_deg if ghosts_deg is None else ghosts_deg
         use, along, across, multiplicity = usable_frequencies(side, frame.azimuth_deg)
         cell = _cells(along, across)
         order = np.argsort(cell, kind="stable")
         self._cells = np.searchsorted(cell[order], np.arange(cell.max(initial=-1) + 2))
-        self._along, self._across = along[order], across[order]
+        turn = math.radians(self._azimuth_deg - frame.azimuth_deg)
+        self._along = (along * math.cos(turn) - across * math.sin(turn))[order]
+        self._across = (along * math.sin(turn) + across * math.cos(turn))[order]
         self._multiplicity = np.ascontiguousarray(multiplicity[order])
         self._natural = (1 / np.maximum(self._along**2 + self._across**2, _NO_ERROR)).astype(np.float32)
         corners = tile_corners(frame.valid, side)
