@@ -425,14 +425,14 @@ class _IndexGradients:
 _LEAST_GAIN_OF_TILES, _SURE_OF_TILES, _FAR_OFF = 50.0, 2.5, 2.0
 """Log likelihood of tiles that another index must gain, standard errors of it, and standard errors of the index that it
 must be off. Of 40 random windows of single panes whose index was told rightly, among them 22 of photographs that no
-figure is taken of, one lacks more than 33 (73, 1.6 standard errors off); of three told wrongly by 0.15 and more with the
-right double images all gain 62 to 379."""
+figure is taken of, one lacks more than 33 (73, 1.6 standard errors off); of three that were told wrongly by 0.15 and
+more all gain 62 to 379."""
 _TILE_INDICES, _LEAST_GLANCE = (1.35, 1.5, 1.65, 1.8, 1.95), 20.0
 """Indices at which tiles are glanced at, and log likelihood of their luminance that one of these must gain for them
 to be looked at closely. By hand."""
 _TILE_STEP, _TILES_WIDER, _LEAST_TILE_ERROR = 0.08, 5.0, 0.03
-"""First step from the likeliest of them, and how much wider its error is than the curvature says, at least so much: with
-them all of those 40 lie within two errors."""
+"""First step from the likeliest of them, and how much wider its error is than the curvature says, at least so much:
+with them all of those 40 lie within two errors."""
 
 
 def _tiles_tell(frame: PlateFrame, scene: SceneParameters) -> bool:
