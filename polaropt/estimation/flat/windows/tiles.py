@@ -123,7 +123,7 @@ class TileLikelihood:
     def nearest(self, window: Window, refractive_index: float, free: tuple[str, ...] = ("incidence_deg",)) -> TileFit:
         """The likeliest window near one, as far as some of its numbers go; `refractive_index` may be among them."""
         start = TileFit(window, refractive_index, np.empty(0))
-        for _ in range(_TURNS):
+        for _ in range(_TURNS if free else 0):
             powers = self._misfits(start.window, start.refractive_index, self._first_powers())[1]
 
             def misfit(x: Values, start: TileFit = start, powers: Powers = powers) -> float:
