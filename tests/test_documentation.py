@@ -34,8 +34,7 @@ SIDE = 96
 # The pane, told where a command leaves it open: how it is found is tested elsewhere.
 PANE = ["--incidence", "65", "--azimuth", "0", "--shift", "4"]
 OF_PANES = {
-    *("--angles", "--angle-sense", "--index", "--panes", "--scene", "--shared-scene"),
-    *("--single-surface", "--incidence", "--model"),
+    *("relative", "--index", "--panes", "--scene", "--shared-scene", "--single-surface", "--incidence", "--model"),
 }
 # A real sensor's size, for which files of this test are too small.
 SENSOR_SHAPE = ("2048,2448", f"{SIDE},{SIDE}")
