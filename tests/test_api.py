@@ -29,6 +29,11 @@ def result(capture: polaropt.Capture) -> polaropt.Separation:
     return polaropt.separate(capture, PANE)
 
 
+@pytest.fixture(scope="module")
+def found(capture: polaropt.Capture) -> LadderResult:
+    return polaropt.estimate(capture, PANE.replace(incidence_deg=None))
+
+
 def test_the_public_names_are_shown() -> None:
     assert {"separate", "inspect", "estimate", "read_capture", "Capture", "Separation"} <= set(dir(polaropt))
     assert {"__version__", "__doc__"} <= set(dir(polaropt))
@@ -108,17 +113,15 @@ def test_a_scene_of_another_type_is_refused(capture: polaropt.Capture) -> None:
         polaropt.separate(capture, {"incidence_deg": 60})  # type: ignore[arg-type]
 
 
-def test_inspecting_and_estimating_are_public(capture: polaropt.Capture) -> None:
+def test_inspecting_and_estimating_are_public(capture: polaropt.Capture, found: LadderResult) -> None:
     assert polaropt.inspect(capture).width == 96
-    found = polaropt.estimate(capture, PANE.replace(incidence_deg=None))
     assert abs((found.scene.incidence_deg or 0) - 65) < 5
 
 
-def test_what_is_found_shows_itself_as_the_commands_do(capture: polaropt.Capture) -> None:
+def test_what_is_found_shows_itself_as_the_commands_do(capture: polaropt.Capture, found: LadderResult) -> None:
     facts = repr(polaropt.inspect(capture)).splitlines()
     assert facts[0].startswith("4 photographs of 96x")
     assert any(line.startswith("The noise of one photograph is") for line in facts)
-    found = polaropt.estimate(capture, PANE.replace(incidence_deg=None))
     lines = repr(found).splitlines()
     assert re.fullmatch(r"incidence +6\d\.\d+ \+- [\d.]+ deg \(estimated\)", lines[0])
     assert any(line.startswith("ghost shift") and line.endswith("(given)") for line in lines)

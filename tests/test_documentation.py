@@ -31,6 +31,11 @@ COMMANDS = commands()
 STUDY = "polaropt study "
 PHOTOGRAPHS = ["glass_000.png", "glass_045.png", "glass_090.png", "glass_135.png"]
 SIDE = 96
+# The pane, told where a command leaves it open: how it is found is tested elsewhere.
+PANE = ["--incidence", "65", "--azimuth", "0", "--shift", "4"]
+OF_PANES = {
+    *("relative", "--index", "--panes", "--scene", "--shared-scene", "--single-surface", "--incidence", "--model"),
+}
 # A real sensor's size, for which files of this test are too small.
 SENSOR_SHAPE = ("2048,2448", f"{SIDE},{SIDE}")
 
@@ -103,7 +108,8 @@ def test_a_command_that_is_shown_runs(
     if "learned" in arguments:
         pytest.importorskip("torch", reason="torch is not installed")
     quick = {"separate": QUICK, "batch": [*QUICK, "--workers", "1"], "sequence": QUICK}
-    code = main([*arguments, *quick.get(arguments[0], [])])
+    told = PANE if arguments[0] in quick and OF_PANES.isdisjoint(arguments) else []
+    code = main([*arguments, *told, *quick.get(arguments[0], [])])
     assert code == 0, capsys.readouterr().err
 
 

@@ -28,7 +28,7 @@ from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
 from polaropt.estimation.flat.window import LikelyWindow, judged_pane, judged_window, window_of
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.numerics import local_minima, local_minimum, minimum_error, vertex
-from polaropt.optics import GLASS_INDEX, INCIDENCE_SEARCH_DEG, SceneParameters, in_place_reflectance
+from polaropt.optics import GLASS_INDEX, INCIDENCE_SEARCH_DEG, SceneParameters, in_place_reflectance, in_place_weights
 
 INDEX_SEARCH = (1.3, 2.0)
 """Indices that are searched: from water to the heaviest flint glass, and what coatings make of 1.5. Set by hand."""
@@ -242,7 +242,7 @@ _AS_GOOD = 1.0
 """Standard errors by which a window of several panes, or tinted, may be better than a single pane in its place."""
 _SCAN_DEG = 5.0
 """Spacing of the incidences at which a single pane is looked for in the place of several."""
-_ALIKE_DEG = np.arange(*INCIDENCE_SEARCH_DEG, 0.5).tolist()
+_ALIKE_DEG = np.arange(*INCIDENCE_SEARCH_DEG, 0.5)
 """Incidences among which those are that make panes alike."""
 
 
@@ -406,12 +406,15 @@ class _IndexGradients:
 
     def __init__(self, frame: PlateFrame, scene: SceneParameters) -> None:
         self._gradients, self._scene = PaneGradients(frame, scene), scene
+        self._incidences: dict[float, float] = {}
 
     def incidence(self, index: float) -> float:
-        """The likeliest incidence of an index, in degrees."""
-        here, told = self._scene.values()[0], self._scene.index
-        near = (self._gradients.nearest(angle, index) for angle in (here, *_alike(here, told, index - told)))
-        return min(near, key=lambda angle: self._gradients.cost(angle, index))
+        """The likeliest incidence of an index, in degrees; no index is looked at twice."""
+        if index not in self._incidences:
+            here, told = self._scene.values()[0], self._scene.index
+            near = (self._gradients.nearest(angle, index) for angle in (here, *_alike(here, told, index - told)))
+            self._incidences[index] = min(near, key=lambda angle: self._gradients.cost(angle, index))
+        return self._incidences[index]
 
     def cost(self, index: float) -> float:
         """Minus log likelihood of an index."""
@@ -491,13 +494,12 @@ def _alike(incidence_deg: float, index: float, more: float) -> list[float]:
     Brewster's angle, the second by the ratio of what is not mirrored; a single one where both are close.
     """
     par, perp = in_place_reflectance(incidence_deg, index, False)
-    rows = [(angle, *in_place_reflectance(angle, index + more, False)) for angle in _ALIKE_DEG]
-    angles, pars, perps = np.array(rows).T
+    _, (pars, perps, _) = in_place_weights(np.cos(np.radians(_ALIKE_DEG)), index + more, False)
     steep = incidence_deg > math.degrees(math.atan(index))
-    same_side = (angles > math.degrees(math.atan(index + more))) == steep
+    same_side = (math.degrees(math.atan(index + more)) < _ALIKE_DEG) == steep
     of_transmission = np.where(same_side, np.abs(np.log(perps * par / (pars * perp))), np.inf)
     of_reflection = np.abs(np.log((1 - perps) * (1 - par) / ((1 - pars) * (1 - perp))))
-    first, second = (float(angles[np.argmin(apart)]) for apart in (of_transmission, of_reflection))
+    first, second = (float(_ALIKE_DEG[np.argmin(apart)]) for apart in (of_transmission, of_reflection))
     return [second] if abs(first - second) < _AT_REST_DEG else [second, first]
 
 

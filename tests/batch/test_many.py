@@ -38,7 +38,7 @@ def test_each_is_separated_as_alone_and_only_when_asked_for() -> None:
 
 
 def test_a_shared_scene_is_the_same_for_all() -> None:
-    results = list(separate_many(captures(), "shared", model="ghosts"))
+    results = list(separate_many(captures(2), "shared", model="ghosts"))
     assert len({result.scene for result in results}) == 1
     assert results[0].errors.incidence_deg is not None
 

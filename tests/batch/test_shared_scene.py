@@ -94,7 +94,7 @@ def test_a_batch_shares_a_scene(tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = ["batch", str(tmp_path / "*.npz"), "-o", str(out), "-q", "--workers", "1", "--layers-only"]
     for _ in range(2):
-        assert main([*arguments, "--shared-scene", "--model", "ghosts", "--max-evaluations", "2"]) == 0
+        assert main([*arguments, "--shared-scene", "--model", "ghosts", "--panes", "1", "--max-evaluations", "2"]) == 0
         told = json.loads((out / "scene.json").read_text())
         assert told["captures"] == 4
         assert {one["capture"] for one in told["disagreements"]} == {"3"}

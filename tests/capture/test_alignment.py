@@ -121,7 +121,7 @@ def moved_file(tmp_path_factory):
 
 
 def test_the_command_line_aligns_and_tells(moved_file, tmp_path, capsys):
-    assert main(["separate", moved_file, "--align", "-o", str(tmp_path), "--max-evaluations", "3"]) == 0
+    assert main(["separate", moved_file, "--align", "--panes", "1", "-o", str(tmp_path), "--max-evaluations", "3"]) == 0
     assert "moved back" in capsys.readouterr().out
     report = json.loads((tmp_path / "report.json").read_text())
     np.testing.assert_allclose(report["input"]["shifts_px"], HAND / 3, atol=0.1)
@@ -139,5 +139,5 @@ def test_inspect_tells_before_and_after(moved_file, capsys):
 
 
 def test_estimate_aligns_too(moved_file, capsys):
-    assert main(["estimate", moved_file, "--align"]) == 0
+    assert main(["estimate", moved_file, "--align", "--panes", "1"]) == 0
     assert "moved back" in capsys.readouterr().out

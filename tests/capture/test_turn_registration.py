@@ -18,6 +18,7 @@ from polaropt.judging.warnings import diagnose
 from polaropt.reporting.words import alignment_sentence
 from polaropt.simulation.metrics import psnr_db
 from tests.blends import blend
+from tests.command_line import QUICK
 from tests.turned import Turned, similarities, turned_blend
 
 STILL = similarities(np.zeros(4), np.ones(4), np.zeros((4, 2)))
@@ -147,7 +148,7 @@ def test_the_command_line_turns_back_and_tells(tmp_path: Path, capsys: pytest.Ca
     example = turned_blend(60, 128, HAND)
     np.savez(tmp_path / "turned.npz", intensities=np.moveaxis(example.capture.intensities, 1, -1))
     out = tmp_path / "out"
-    said = ["separate", str(tmp_path / "turned.npz"), "--align", "-o", str(out), "--max-evaluations", "3"]
+    said = ["separate", str(tmp_path / "turned.npz"), "--align", "--panes", "1", "-o", str(out), *QUICK]
     assert main(said) == 0
     assert "turned back by" in capsys.readouterr().out
     report = json.loads((out / "report.json").read_text())

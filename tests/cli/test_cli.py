@@ -20,7 +20,7 @@ def test_separate_writes_layers_and_a_report(
     photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    said = spoken(capsys, "separate", *photographs, "-o", str(out), *QUICK)
+    said = spoken(capsys, "separate", *photographs, "--panes", "1", "-o", str(out), *QUICK)
     assert {path.name for path in out.iterdir()} == RESULTS
     for name in ("incidence", "azimuth", "ghost shift", "estimated", *RESULTS):
         assert name in said
@@ -139,6 +139,7 @@ def test_a_gamma_encoded_capture_is_told(
         encoded.append(str(tmp_path / Path(name).name))
         linear = read_file(name).pixels / 65535
         write_png(encoded[-1], np.round(65535 * linear ** (1 / 2.2)).astype(np.uint16))
+    encoded += ["--panes", "1"]
     assert "gamma-encoded" in spoken(capsys, "separate", *encoded, "-o", str(tmp_path / "out"), *QUICK)
     decoded = [*encoded, "--gamma", "2.2"]
     assert "gamma-encoded" not in spoken(capsys, "separate", *decoded, "-o", str(tmp_path / "out"), *QUICK)
@@ -164,7 +165,7 @@ def test_estimate(photographs: list[str], capsys: pytest.CaptureFixture[str]) ->
     heads = ["incidence", "azimuth", "ghost shift", "refractive index", "rung"]
     assert [line.split("  ")[0] for line in lines] == heads
     assert all("estimated" in line for line in lines[:3])
-    report = json.loads(spoken(capsys, "estimate", *photographs, "--json", "--azimuth", "30"))
+    report = json.loads(spoken(capsys, "estimate", *photographs, "--json", "--azimuth", "30", "--panes", "1"))
     assert report["scene"]["incidence_deg"] == pytest.approx(65, abs=5)
     assert report["estimated"] == ["incidence_deg", "ghost_shift"]
     assert report["polarized"] is True

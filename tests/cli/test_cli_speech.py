@@ -148,7 +148,7 @@ def test_ctrl_c_leaves_the_previous_output(
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr("polaropt.cli.command.progress_bar", lambda wanted: nullcontext(press))
-    assert main(["separate", *photographs, "-o", str(tmp_path)]) == 130
+    assert main(["separate", *photographs, "--panes", "1", "-o", str(tmp_path)]) == 130
     assert told[-1] == moment
     assert capsys.readouterr().err == "polaropt: interrupted; nothing was written\n"
     assert [path.name for path in tmp_path.iterdir()] == ["report.json"]

@@ -44,9 +44,7 @@ def mistake(capture: Capture) -> AngleMistake | None:
     return angle_mistake(capture, NOISE, found.scene, found.estimate, found.unexplained)
 
 
-@pytest.mark.parametrize(
-    ("incidence", "azimuth", "turned"), [(45, 110, -70.0), (60, 25, -33.0), (45, 110, 52.0), (60, 25, 90.0)]
-)
+@pytest.mark.parametrize(("incidence", "azimuth", "turned"), [(45, 110, -70.0), (45, 110, 52.0), (60, 25, 90.0)])
 def test_ghosts_tell_where_the_angles_start(incidence: float, azimuth: float, turned: float) -> None:
     example = blend(incidence, SIZE, azimuth_deg=azimuth, ghost_shift=7.0)
     found = find_start_angle(counted(example.capture, turned))
@@ -60,7 +58,7 @@ def test_ghosts_tell_where_the_angles_start(incidence: float, azimuth: float, tu
 def test_a_separation_from_an_unknown_start_is_as_good() -> None:
     example = blend(60, SIZE, ghost_shift=7.0)
     relative = find_start_angle(counted(example.capture, 52))
-    reached = [separate(capture).layers for capture in (example.capture, relative)]
+    reached = [separate(capture, OPEN).layers for capture in (example.capture, relative)]
     for layer in (0, 1):
         absolute, found = (psnr_db(layers[layer], example.layers[layer], 12) for layers in reached)
         assert found > absolute - 0.3
@@ -87,9 +85,8 @@ def test_an_unknown_start_leaves_no_wide_lens_to_find() -> None:
     assert {"perspective", "curved"}.isdisjoint(tried.rung for tried in found.tried)
 
 
-@pytest.mark.parametrize(("incidence", "azimuth"), [(45, 110), (70, 150)])
-def test_angles_that_count_the_other_way_or_from_elsewhere(incidence: float, azimuth: float) -> None:
-    capture = blend(incidence, SIZE, azimuth_deg=azimuth, ghost_shift=7.0).capture
+def test_angles_that_count_the_other_way_or_from_elsewhere() -> None:
+    capture = blend(45, SIZE, azimuth_deg=110, ghost_shift=7.0).capture
     assert mistake(capture) is None
     assert mistake(counted(capture, sense=-1)) is AngleMistake.REVERSED
     assert mistake(counted(capture, 90)) is AngleMistake.ROTATED
@@ -97,13 +94,12 @@ def test_angles_that_count_the_other_way_or_from_elsewhere(incidence: float, azi
 
 
 @pytest.mark.parametrize(("incidence", "shift"), [(15, 0.0), (45, -4.0), (75, 0.0), (85, -4.0)])
-@pytest.mark.parametrize("sense", [1, -1])
-def test_azimuths_that_are_their_own_mirror_image_are_no_mistake(incidence: float, shift: float, sense: int) -> None:
+def test_azimuths_that_are_their_own_mirror_image_are_no_mistake(incidence: float, shift: float) -> None:
     capture = blend(incidence, 128, azimuth_deg=90, ghost_shift=shift).capture
-    assert mistake(counted(capture, sense=sense)) is None
+    assert mistake(counted(capture, sense=-1)) is None
 
 
-@pytest.mark.parametrize("incidence", [15, 45, 75])
+@pytest.mark.parametrize("incidence", [15, 75])
 def test_without_ghosts_nothing_is_said(incidence: float) -> None:
     capture = blend(incidence, 128, ghost_shift=0.0).capture
     assert mistake(counted(capture, 33)) is None
@@ -132,9 +128,8 @@ def test_a_single_tile_tells_no_direction() -> None:
     assert not found.certain
 
 
-@pytest.mark.parametrize("azimuth", [3.0, 200.0])
-def test_before_a_wide_lens_the_azimuth_turns_the_right_way_only(azimuth: float) -> None:
-    capture, _, _ = seen_wide(128, focal_px=150.0, azimuth_deg=azimuth)
+def test_before_a_wide_lens_the_azimuth_turns_the_right_way_only() -> None:
+    capture, _, _ = seen_wide(128, focal_px=150.0, azimuth_deg=3.0)
     assert mistake(capture) is None
     assert mistake(counted(capture, sense=-1)) is AngleMistake.REVERSED
 
@@ -142,10 +137,11 @@ def test_before_a_wide_lens_the_azimuth_turns_the_right_way_only(azimuth: float)
 def test_the_separation_warns() -> None:
     capture = blend(60, SIZE, ghost_shift=7.0).capture
     quick = StoppingRule(max_evaluations=3)
-    assert (
-        SeparationWarning.ANGLES_REVERSED in separate(counted(capture, sense=-1), stopping=quick).diagnostics.warnings
-    )
-    assert SeparationWarning.ANGLES_ROTATED in separate(counted(capture, 60), stopping=quick).diagnostics.warnings
+    for changed, warning in (
+        (counted(capture, sense=-1), SeparationWarning.ANGLES_REVERSED),
+        (counted(capture, 60), SeparationWarning.ANGLES_ROTATED),
+    ):
+        assert warning in separate(changed, OPEN, stopping=quick).diagnostics.warnings
 
 
 @pytest.fixture(scope="module")
@@ -158,13 +154,13 @@ def turned_file(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_the_command_line_finds_the_start_and_tells(
     turned_file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    relative = ["--angles", "relative"]
+    relative = ["--angles", "relative", "--panes", "1"]
     assert main(["separate", turned_file, *relative, "-o", str(tmp_path), "--max-evaluations", "3"]) == 0
     assert "Start of the angles: +52 deg" in capsys.readouterr().out.replace("+51", "+52").replace("+53", "+52")
     report = json.loads((tmp_path / "report.json").read_text())
     assert apart(report["input"]["start_deg"], 52) < 3
     assert apart(report["scene"]["azimuth_deg"], 25) < 3
-    assert main(["estimate", turned_file, "--angles", "relative,0,45,90,135"]) == 0
+    assert main(["estimate", turned_file, "--angles", "relative,0,45,90,135", "--panes", "1"]) == 0
     assert "Start of the angles" in capsys.readouterr().out
 
 

@@ -84,7 +84,7 @@ def test_an_azimuth_that_was_given_is_not_at_stake() -> None:
 def test_in_doubt_the_intensity_is_returned_and_said_so() -> None:
     # Few pixels, grazing glass and no ghosts that would tell the two apart.
     example = blend(83, 64, noise=0.04, ghost_shift=0.0)
-    result = separate(example.capture)
+    result = separate(example.capture, BLIND)
     estimate = result.diagnostics.estimate
     assert estimate is not None
     assert estimate.axis_stake >= HIGH_STAKE

@@ -172,10 +172,9 @@ def test_a_pane_seen_from_far_has_no_focal_length(azimuth_deg):
     assert fit.focal_px is None
 
 
-@pytest.mark.parametrize("pair", [0, 3])
-def test_a_bent_pane_is_not_taken_for_a_flat_one_whose_layers_share_their_edges(pair):
-    # From how the azimuth turns both look like flat panes before a lens, at 37 and 78 degrees.
-    sample = take(SCENES["bend of the pane (deg): 10"], pairs_of(None, 128, 64)[pair])
+def test_a_bent_pane_is_not_taken_for_a_flat_one_whose_layers_share_their_edges():
+    # From how the azimuth turns it looks like a flat pane before a lens, at another incidence.
+    sample = take(SCENES["bend of the pane (deg): 10"], pairs_of(None, 128, 64)[0])
     found = find_scene(sample.capture, sample.hint, 0.005)
     assert found.scene.rung == "curved"
     assert abs(found.scene.incidence_deg - 55) < 2

@@ -28,8 +28,7 @@ def estimate_of(example, scene: SceneParameters, **changes) -> LadderResult:
     return LadderResult(scene, estimate, found.tried)
 
 
-@pytest.mark.parametrize("shift", [5.0, -9.0])
-@pytest.mark.parametrize("incidence_deg", [45, 65])
+@pytest.mark.parametrize(("shift", "incidence_deg"), [(5.0, 65), (-9.0, 45)])
 def test_images_on_the_wrong_side_are_put_on_the_right_one(shift: float, incidence_deg: float) -> None:
     example = blend(incidence_deg, 128, ghost_shift=shift, noise=NOISE)
     wrong = estimate_of(example, opposite(example.scene))

@@ -19,8 +19,7 @@ def test_near_and_far_scenes_are_told_apart(incidence_deg: float, own: float) ->
     assert found.transmission_ghost_shift == pytest.approx(own, abs=0.5)
 
 
-@pytest.mark.parametrize("incidence_deg", [60.0, 70.0, 80.0])
-@pytest.mark.parametrize("ghost_shift", [0.0, 6.0])
+@pytest.mark.parametrize(("incidence_deg", "ghost_shift"), [(60.0, 0.0), (70.0, 6.0), (80.0, 6.0)])
 def test_layers_at_one_distance_share_their_shift(incidence_deg: float, ghost_shift: float) -> None:
     example = blend(incidence_deg, 160, ghost_shift=ghost_shift)
     assert estimate_scene(example.capture).scene.transmission_ghost_shift is None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
-from polaropt import Capture, separate
+from polaropt import Capture, SceneParameters, separate
 from polaropt.capture import align, measured_noise
 from polaropt.estimation import motion_shows, moving_pixels, still_photographs
 from polaropt.estimation.safeguard import linear
@@ -22,6 +22,7 @@ from tests.shifted import shifted_blend
 
 SIZE = 128
 ANGLES = (0.0, 45.0, 90.0, 135.0)
+BLIND = SceneParameters(None, None, None)
 
 
 @lru_cache(maxsize=8)
@@ -102,11 +103,11 @@ def test_only_more_than_three_photographs_taken_in_turn_can_tell():
 def test_what_stands_still_is_separated_as_well_as_without_motion():
     scene = still()
     moving = walked_by(scene)
-    result = separate(moving.capture)
+    result = separate(moving.capture, BLIND)
     assert SeparationWarning.MOVING in result.diagnostics.warnings
     assert result.diagnostics.moving == pytest.approx(result.moving.mean())
     assert result.scene.incidence_deg == pytest.approx(60, abs=1)
-    undisturbed = separate(scene.capture)
+    undisturbed = separate(scene.capture, BLIND)
     assert undisturbed.moving is None
     still_part = ~binary_dilation(moving.where, iterations=2)
     with_motion, without = (

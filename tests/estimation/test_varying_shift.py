@@ -12,7 +12,6 @@ from polaropt.estimation.ladder import find_scene
 from polaropt.estimation.wide.ghosts import VaryingSpectra
 from polaropt.optics.engine import bounces_that_show
 from polaropt.simulation.metrics import psnr_db
-from studies.random_windows.windows import window_of
 from tests.optics.test_varying import seen_wide
 
 BLIND = SceneParameters(None, None, None)
@@ -53,16 +52,6 @@ def test_ghosts_tell_how_steep_a_pane_stands(turn_deg: float) -> None:
     assert told is not None
     assert abs(told[0] + turn_deg) < 2 * told[1]
     assert told[1] < 2
-
-
-def test_the_ghosts_of_a_bent_pane_are_found_where_they_mislead_its_edges() -> None:
-    window = window_of(46, 192)
-    asked = BLIND.replace(refractive_index=window.index_told)
-    found = find_scene(window.sample(None, 192).capture, asked, window.taking.noise)
-    assert found.scene.rung == "curved"
-    assert found.scene.ghost_shift == pytest.approx(window.scene.ghost_shift, abs=0.5)
-    # By edges that are taken for single ones it is 2.3 degrees off.
-    assert found.scene.incidence_deg == pytest.approx(window.scene.incidence_deg, abs=1.0)
 
 
 def test_a_shift_that_is_given_stays() -> None:

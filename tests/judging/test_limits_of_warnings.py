@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -20,8 +21,9 @@ from polaropt.judging.loss import SceneLoss
 from polaropt.judging.warnings import diagnose
 from polaropt.numerics import jackknife_error
 from polaropt.optics import Rival, SceneParameters
-from tests.blends import blend
+from tests.blends import Blend, blend
 
+BLIND = SceneParameters(None, None, None)
 UNCERTAIN = SceneLoss(8.0, 8.0, 0.51, "incidence_deg", 0.2)
 # Of each warning what is told of a solution: within the limit, beyond it, and what else is the same in both.
 LIMITS = {
@@ -91,10 +93,16 @@ def test_the_limit_of_a_warning(name: str, monkeypatch: pytest.MonkeyPatch) -> N
     assert SeparationWarning[warning] in said(what, beyond, more, monkeypatch)
 
 
+@lru_cache
+def pane_at_40() -> tuple[Blend, SceneParameters]:
+    """Photographs, and what is found of them."""
+    example = blend(40, 96)
+    return example, estimate_scene(example.capture, BLIND, noise=0.005).scene
+
+
 @pytest.mark.parametrize(("ratio", "doubtful"), [(0.69, False), (0.64, True), (1.31, False), (1.36, True)])
 def test_the_limit_of_an_incidence_that_was_given(ratio: float, doubtful: bool) -> None:
-    example = blend(40, 96)
-    found = estimate_scene(example.capture, SceneParameters(None, None, None), noise=0.005).scene
+    example, found = pane_at_40()
     given = SceneParameters(at_correction(found, ratio), None, None)
     checked = with_incidence_checked(example.capture, given, 0.005)
     assert checked.doubtful is doubtful
@@ -105,8 +113,7 @@ def test_the_limit_of_an_incidence_that_was_given(ratio: float, doubtful: bool) 
 
 @pytest.mark.parametrize(("ratio", "harmful"), [(1.9, False), (2.5, True)])
 def test_the_limit_of_an_incidence_that_does_harm(ratio: float, harmful: bool) -> None:
-    example = blend(40, 96)
-    found = estimate_scene(example.capture, SceneParameters(None, None, None), noise=0.005).scene
+    example, found = pane_at_40()
     given = SceneParameters(at_correction(found, ratio), None, None)
     assert with_incidence_checked(example.capture, given, 0.005).harmful is harmful
 
@@ -132,9 +139,9 @@ def test_the_limit_of_polarization(errors: float, polarized: bool) -> None:
     def snr(share: float) -> float:
         return estimate_scene(faded(share), noise=0.005).polarization_snr
 
-    share = brentq(lambda x: snr(x) - errors, 0.0, 0.2, xtol=1e-5)
+    share = brentq(lambda x: snr(x) - errors, 0.0, 0.2, xtol=1e-4)
     assert snr(share) == pytest.approx(errors, abs=0.3)
-    said = separate(faded(share)).diagnostics.warnings
+    said = separate(faded(share), BLIND).diagnostics.warnings
     assert (SeparationWarning.NO_POLARIZATION in said) is not polarized
 
 
@@ -210,7 +217,8 @@ def test_the_limit_of_colours_that_tell_of_other_panes(
         return replace(found, scene=scene, errors=replace(found.errors, incidence_deg=0.3))
 
     monkeypatch.setattr("polaropt.estimation.refractive_index.estimate_scene", estimated)
-    fit = with_index(capture, SceneParameters(None, None, None, None), 0.005)
+    # Azimuth and ghosts are told to be fast.
+    fit = with_index(capture, SceneParameters(None, 25.0, 5.3, None), 0.005)
     assert fit.coated is coated
     said = diagnose(capture, 0.005, misfit_ratio=1.0, reflection_unknown=0.3, estimate=None, coated=fit.coated)
     assert (SeparationWarning.COATED in said.warnings) is coated

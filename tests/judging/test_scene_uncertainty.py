@@ -16,6 +16,8 @@ from polaropt.solving import Problem, Weights
 from polaropt.solving.solution import tiles
 from tests.blends import Blend, blend
 
+BLIND = SceneParameters(None, None, None)
+
 
 def added(example: Blend, scene: object, errors: SceneErrors) -> np.ndarray:
     noise, growth = measured_noise(example.capture)
@@ -48,7 +50,7 @@ def test_a_scene_that_is_off_by_its_error_is_covered(scene, name, off):
 
 def test_a_scene_that_is_given_adds_nothing():
     example = blend(60, 96)
-    blind = separate(example.capture)
+    blind = separate(example.capture, BLIND)
     given = separate(example.capture, blind.scene)
     assert doubts(given.scene, given.errors) == ()
     np.testing.assert_allclose(
@@ -84,9 +86,9 @@ def test_each_number_of_a_bend_is_in_doubt_and_ghosts_are_left_out():
 
 def test_tiles_add_what_the_whole_adds(monkeypatch):
     example = blend(75, 200)
-    whole = separate(example.capture)
+    whole = separate(example.capture, BLIND)
     monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 160))
-    parts = separate(example.capture)
+    parts = separate(example.capture, BLIND)
     assert np.median(parts.uncertainty / whole.uncertainty) == pytest.approx(1, abs=0.15)
 
 

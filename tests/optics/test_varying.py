@@ -26,6 +26,7 @@ from tests.checks import assert_adjoint
 from tests.solving.test_fused import WEIGHTS, assert_equal
 
 ANGLES = (0, 45, 90, 135)
+BLIND = SceneParameters(None, None, None)
 WIDE = 96 / 2 / math.tan(math.radians(22.5))
 
 
@@ -195,18 +196,17 @@ def test_blind_the_perspective_is_found_and_told():
 @pytest.mark.parametrize(("ghost_shift", "rung"), [(0.0, "pixelwise"), (6.0, "ghosts")])
 def test_a_pane_far_away_stays_on_the_lower_rung(ghost_shift, rung):
     example = blend(60, 160, ghost_shift=ghost_shift)
-    found = find_scene(example.capture, SceneParameters(None, None, None), 0.005)
+    found = find_scene(example.capture, BLIND, 0.005)
     assert found.scene.rung == rung
     assert [tried.rung for tried in found.tried] == [rung]
 
 
 def test_a_rung_can_be_asked_for():
     capture, _, scene = seen_wide(128, focal_px=150.0)
-    plain = separate(capture, model="pixelwise")
+    plain = separate(capture, BLIND, model="pixelwise")
     assert plain.scene.rung == "pixelwise"
     assert SeparationWarning.MODEL_DOES_NOT_EXPLAIN in plain.diagnostics.warnings
-    blind = SceneParameters(None, None, None, focal_px=150.0)
-    found = find_scene(capture, blind, 0.005)
+    found = find_scene(capture, BLIND.replace(focal_px=150.0), 0.005)
     assert found.scene.focal_px == 150.0
     assert found.scene.incidence_deg == pytest.approx(55, abs=0.5)
     assert found.scene.azimuth_deg == pytest.approx(scene.azimuth_deg, abs=0.5)
@@ -214,7 +214,7 @@ def test_a_rung_can_be_asked_for():
 
 def test_a_wide_lens_that_was_asked_for_but_does_not_show_costs_nothing():
     example = blend(60, 160, ghost_shift=0.0)
-    plain, asked = (separate(example.capture, model=model) for model in ("pixelwise", "perspective"))
+    plain, asked = (separate(example.capture, BLIND, model=model) for model in ("pixelwise", "perspective"))
     assert asked.scene.rung == "perspective"
     quality = [psnr_db(result.layers[0], example.layers[0], 8) for result in (plain, asked)]
     assert quality[1] > quality[0] - 1

@@ -46,13 +46,17 @@ class Elements(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
+# One clear pane of which nothing else is told.
+BLIND = SceneParameters(None, None, None)
+
+
 def blend_result():
     capture = blend(65.0, 96, noise=0.004).capture
-    return separate(capture, stopping=StoppingRule(max_evaluations=1)), capture
+    return separate(capture, BLIND, stopping=StoppingRule(max_evaluations=1)), capture
 
 
 def written(folder, capture):
-    result = separate(capture)
+    result = separate(capture, BLIND)
     report = write_separation(folder, result, capture)
     return folder / "report.html", report
 

@@ -67,7 +67,7 @@ def test_of_three_angles_it_is_said_once_that_it_would_not_show(tmp_path):
     capture = photographed((64, 64), (0, 60, 120))
     assert inspection_sentences(inspect_capture(capture)).count(MOTION_UNSEEN) == 1
     assert inspect_capture(capture).moving_share is None
-    result = separate(capture, stopping=StoppingRule(max_evaluations=1))
+    result = separate(capture, SCENE.scene, stopping=StoppingRule(max_evaluations=1))
     report = write_separation(tmp_path, result, capture)
     assert report_sentences(report, tmp_path).count(MOTION_UNSEEN) == 1
     assert (tmp_path / "report.html").read_text(encoding="utf-8").count(MOTION_UNSEEN) == 1
