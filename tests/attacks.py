@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from studies.kit.page import ATTACKS
 from studies.kit.records import code_state, metadata, write_document
 
-FOLDER = "attacks"
 Row = Mapping[str, Any]
 
 
@@ -38,7 +38,7 @@ def add(out: Path, name: str, told: dict[str, Any], row: Row) -> None:
     row : mapping
         The first value names what was attacked; whole numbers but the seed are added up over its rows.
     """
-    folder = out / FOLDER
+    folder = out / ATTACKS
     folder.mkdir(parents=True, exist_ok=True)
     document = folder / f"{name}.json"
     rows = json.loads(document.read_text(encoding="utf-8"))["results"] if document.is_file() else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from studies.kit.page import RESULTS
+from studies.kit.page import ATTACKS, RESULTS
 from tests import attacks
 from tests.documents import document_of
 
@@ -32,6 +32,6 @@ def test_rows_of_several_runs_are_added_up(tmp_path: Path) -> None:
 
 
 def test_kept_tables_are_those_of_their_rows() -> None:
-    for file in (RESULTS / attacks.FOLDER).glob("*.json"):
+    for file in (RESULTS / ATTACKS).glob("*.json"):
         assert file.with_suffix(".md").read_text() == attacks.table(json.loads(file.read_text())["results"])
         document_of(file)
