@@ -48,3 +48,19 @@ def test_many_solves_keep_no_memory_and_no_files(tmp_path: Path) -> None:
     more_files, more_kilobytes = solve(25)
     assert more_files == files
     assert more_kilobytes - kilobytes < 4096
+
+
+@pytest.mark.parametrize(("chosen", "within"), [({}, 0.0), ({"init": "learned"}, 1e-5), ({"solver": "torch"}, 1e-5)])
+def test_one_thread_and_two_find_the_same(
+    chosen: dict[str, str], within: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torch = pytest.importorskip("torch")
+    capture, found, before = blend(60, 96).capture, [], torch.get_num_threads()
+    try:
+        for threads in (1, 2):
+            monkeypatch.setenv("OMP_NUM_THREADS", str(threads))
+            torch.set_num_threads(threads)
+            found.append(separate(capture, PANE, stopping=QUICK, **chosen).layers)
+    finally:
+        torch.set_num_threads(before)
+    np.testing.assert_allclose(*found, rtol=0, atol=within)

@@ -105,7 +105,9 @@ class Box:
         optimizer = nlopt.opt(nlopt.LN_BOBYQA if self.start.size > 1 else nlopt.LN_NELDERMEAD, self.start.size)
         optimizer.set_lower_bounds(self.low / self.step)
         optimizer.set_upper_bounds(self.high / self.step)
-        optimizer.set_initial_step(1.0)
+        # It wants room for two steps between the bounds.
+        room = (self.high - self.low) / (2 * self.step)
+        optimizer.set_initial_step(np.where(room > 0, np.minimum(room, 1.0), 1.0))
         optimizer.set_min_objective(lambda x, _: score(x * self.step))
         optimizer.set_maxeval(most)
         optimizer.set_xtol_abs(tolerance)

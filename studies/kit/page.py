@@ -29,6 +29,8 @@ KEPT = (".md", ".json", ".csv", ".png")
 """Endings of the files of a study that are kept."""
 LARGEST_BYTES = 700_000
 """What is larger, other than a study's rows, is left out: the repository is read by people."""
+ATTACKS = "attacks"
+"""Folder of what attacks came to, which are no studies: `python -m tests.fuzz -o OUT` and its like write them."""
 _MARKED = re.compile(r"<!-- (?P<study>\w+)/(?P<file>[\w.]+) -->\n.*?<!-- end -->", re.DOTALL)
 # Lines of cells, the second of them rules; and a cell that begins with a number, or holds none.
 _TABLE = re.compile(r"^\|.*\n\|[-:|\s]+\|\n(?:\|.*(?:\n|\Z))+", re.MULTILINE)
@@ -197,8 +199,9 @@ def code_states(documents: Sequence[Path]) -> dict[str, list[str]]:
 
 
 def kept_states(results: Path = RESULTS) -> dict[str, list[str]]:
-    """The code states that the kept results come from, each with the names of the studies."""
-    return code_states([file for study in STUDIES if (file := _document(results, study.name)).is_file()])
+    """The code states that the kept results come from, each with the names of the studies and attacks."""
+    documents = [_document(results, study.name) for study in STUDIES]
+    return code_states([*filter(Path.is_file, documents), *sorted((results / ATTACKS).glob("*.json"))])
 
 
 def _document(folder: Path, name: str) -> Path:

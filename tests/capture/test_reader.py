@@ -187,6 +187,7 @@ def stack(folder, images):
         (lambda folder: written(folder, GOOD), {"black_level": 20000}, "black level"),
         (lambda folder: written(folder, GOOD), {"pair_gain": 0}, "pair gain"),
         (lambda folder: written(folder, GOOD), {"gamma": "film"}, "gamma"),
+        (lambda folder: written(folder, GOOD), {"white_level": 1e-320}, "hardly above the black level"),
         (lambda folder: written(folder, GOOD), {"white_level": 100}, "saturated"),
         (lambda folder: written(folder, GOOD[:3]), {"angles_deg": (0, 60, 120), "pair_gain": 1.02}, "pair gain needs"),
         (lambda folder: written(folder, 0 * GOOD), {}, "all black"),

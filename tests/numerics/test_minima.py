@@ -1,4 +1,4 @@
-"""Minimum of a function of one variable."""
+"""Minima of functions of one variable, and of a few in a box."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from polaropt.numerics.minima import grid_minimum, local_minima, local_minimum, vertex
+from polaropt.numerics.minima import Box, grid_minimum, local_minima, local_minimum, vertex
 
 
 def test_the_vertex_of_a_parabola():
@@ -52,3 +52,12 @@ def test_local_minima_lie_inside():
     values = np.array([[0.0, 2, 1, 1, 3, 0], [3, 1, 2, 2, 2, 5]])
     expected = [[False, False, False, True, False, False], [False, True, False, False, True, False]]
     np.testing.assert_array_equal(local_minima(values), expected)
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-3, 0.1, 1.9, 2.0, 50.0])
+def test_a_box_may_be_narrower_than_its_steps(width: float) -> None:
+    """nlopt refuses a first step of more than half of the room that there is."""
+    least = np.array([0.25, 0.75]) * width
+    box = Box(np.full(2, 0.9 * width), np.ones(2), np.zeros(2), np.full(2, width))
+    found = box.minimum(lambda x: float(np.sum((x - least) ** 2)), 200, 1e-6)
+    np.testing.assert_allclose(found, least, atol=1e-3 * max(width, 1e-9))

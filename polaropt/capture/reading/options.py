@@ -22,6 +22,8 @@ from polaropt.optics import Analyzer
 SENSORS = ("auto", "mono", "color")
 SENSES = ("ccw", "cw")
 RESOLUTIONS = ("sensor", "cell")
+# White less black in the file's units, in which values of any file can still be told; set by hand.
+_LEAST_RANGE = 1e-20
 _GAIN_RANGE = (0.5, 2.0)
 """Pair gains that a person can give; set by hand."""
 
@@ -81,6 +83,10 @@ def checked_options(
     white = None if white_level is None else number_of(white_level, "the white level")
     if white is not None and white <= black:
         raise InputError(f"the white level {white:g} is not above the black level {black:g}; correct one of them")
+    if white is not None and white - black < _LEAST_RANGE:
+        raise InputError(
+            f"the white level {white:g} is hardly above the black level {black:g}; give it as it is stored"
+        )
     gain = None if pair_gain is None else number_of(pair_gain, "the pair gain")
     if gain is not None and not _GAIN_RANGE[0] <= gain <= _GAIN_RANGE[1]:
         raise InputError(f"the pair gain is {gain:g}; give a value near 1 (0.5 to 2)")
