@@ -26,6 +26,7 @@ PICTURES = {name: data for name, data in seeds().items() if name.endswith((".png
 PAST = (
     ["estimate", "glass.tiff", "--focal-px=1e9"],
     ["sequence", "misnamed.npy", "-o", "out"],
+    ["separate", "glass.tiff", "--angles=1,2,4,8", "--max-evaluations=2", "-o", "out"],
     ["sequence", "lzw.tiff", "-o", "out", "--max-pixels=100"],
     ["estimate", "glass.tiff", "--scene=deep.json"],
     ["estimate", "glass.tiff", "--scene=infinite.json"],

@@ -212,6 +212,11 @@ class PolarizedLikelihood:
         grazing = max(0.0, float(point[INCIDENCE]) - _GRAZING_DEG)
         return polarized + _BALANCE_COST * float(np.log(means[1] / means[0])) ** 2 + _GRAZING_COST * grazing
 
+    @property
+    def lit(self) -> bool:
+        """Whether any light is seen: angles that are told wrongly may leave less than none."""
+        return self._intensity > 0
+
     def brightness(self, point: Point) -> Values:
         """Mean of each layer there, (2,)."""
         pane = self.pane(point)

@@ -605,6 +605,8 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
         None where no pane shows what the capture shows.
     """
     likelihood = PolarizedLikelihood(stokes, asked)
+    if not likelihood.lit:
+        return None
     mixture = Mixture(stokes)
     search = Search(likelihood, mixture, asked)
     rough = search.rough([pane for vectors in mixture.likely_vectors() for pane in candidates(vectors, asked)])
