@@ -27,7 +27,9 @@ __all__ = [
     "RegisteredCells",
     "StokesImages",
     "align",
+    "angles_of",
     "blocks_of",
+    "check_angles",
     "closure_share",
     "encode_srgb",
     "exchanged_order",
@@ -145,3 +147,5 @@ from .reading.frames import mosaic_capture as mosaic_capture
 from .validity import MOST_NEGATIVE as MOST_NEGATIVE
 from .validity import SMALLEST_SIDE as SMALLEST_SIDE
 from .validity import FloatImages as FloatImages
+from .validity import angles_of as angles_of
+from .validity import check_angles as check_angles

@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polaropt.capture import ANGLES_DEG, MOST_NEGATIVE, SONY_CELL, Capture, FloatImages, planes_first, sampling_of
+from polaropt.capture import (
+    ANGLES_DEG,
+    MOST_NEGATIVE,
+    SONY_CELL,
+    Capture,
+    FloatImages,
+    angles_of,
+    check_angles,
+    planes_first,
+    sampling_of,
+)
 from polaropt.errors import InputError
 from polaropt.numerics import in_color, strips
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, vertical_reach
@@ -59,7 +69,7 @@ def simulate(
     Raises
     ------
     InputError
-        Layers that differ in shape, or a wrong number of bits or noise.
+        Layers that differ in shape, a wrong number of bits or noise, or angles that tell no polarization.
 
     Examples
     --------
@@ -77,6 +87,8 @@ def simulate(
         raise InputError(f"the shot noise is {shot_noise}; give a variance per unit of intensity of 0 or more")
     if bits is not None and not 1 <= bits <= 24:
         raise InputError(f"{bits} bits; give a depth from 1 to 24")
+    angles_deg = angles_of(angles_deg)
+    check_angles(angles_deg)
     photographs = _exact_in_strips(both, scene, angles_deg)
     random = np.random.default_rng(seed)
     for plane in photographs.reshape(-1, *photographs.shape[-2:]):

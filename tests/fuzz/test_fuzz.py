@@ -34,6 +34,7 @@ PAST = (
     ["inspect", "levels.tiff", "--exposures=1e300,1,1,1"],
     ["calibrate", "mosaic.png", "--shape=inf,inf", "-o", "out.json"],
     ["simulate", "--pairs=99999999999999999999", "-o", "out"],
+    ["simulate", "color_000.png", "color_090.png", "--angles=inf,inf", "-o", "out"],
 )
 # In a process of their own these are read at a second each.
 QUICK = sorted(set(PICTURES) - {"jpeg.tiff"})

@@ -76,6 +76,8 @@ def test_unsigned_images_are_white_at_their_largest_value(dtype: Any) -> None:
         (LAYERS, {"bits": 0}, "bits"),
         (LAYERS, {"bits": 25}, "bits"),
         (LAYERS, {"angles_deg": (0, 90)}, "angles"),
+        (LAYERS, {"angles_deg": (math.inf, math.inf)}, "angles"),
+        (LAYERS, {"angles_deg": (0, 60, math.nan)}, "angle is not a number"),
     ],
 )
 def test_what_cannot_be_simulated_is_one_clear_line(layers: Any, options: dict[str, Any], message: str) -> None:
