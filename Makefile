@@ -54,15 +54,15 @@ test: setup
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal $(PYTEST_OPTIONS)
 
 fuzz: setup
-	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --keep fuzz-output
+	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --keep fuzz-output $(if $(OUT),-o $(OUT))
 
 crash: setup
-	$(BIN)/python -m tests.crash --kills $(KILLS)
+	$(BIN)/python -m tests.crash --kills $(KILLS) $(if $(OUT),-o $(OUT))
 
-# Beside a sample that is always the same, SEED=1 and so on break other lines.
+# With OUT=studies/results this and the two above keep what came out. Beside a sample that is always the same, SEED=1 and so on break other lines.
 mutants: setup
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[mutants]"
-	$(BIN)/python -m tests.mutants --number $(N) --seed $(or $(SEED),0)
+	$(BIN)/python -m tests.mutants --number $(N) --seed $(or $(SEED),0) $(if $(OUT),-o $(OUT))
 
 lint: setup
 	$(BIN)/ruff check .

@@ -23,12 +23,16 @@ from pathlib import Path
 import imagecodecs
 import numpy as np
 import tifffile
+import torch
 
 from polaropt import StoppingRule, read_capture, separate
 from polaropt.capture.files import results
 from polaropt.capture.files.limits import complaints
+from polaropt.cli import train
 from polaropt.cli.app import main
+from priors.networks.checkpoint import load_network
 from studies.kit import run as study
+from tests.attacks import add, begun
 from tests.fuzz.commands import FOUR, QUICK
 from tests.fuzz.seeds import write_seeds
 from tests.fuzz.worker import heard
@@ -56,11 +60,23 @@ def _command(*line: str) -> Callable[[], int]:
     return lambda: main(list(line))
 
 
+_TRAINING = [
+    "train", "-o", "networks", "--leaves-share", "0", "--steps", "4", "--batch", "1", "--size", "32",
+]  # fmt: skip
+"""Four steps, each of which is kept, of networks that are compared pixel by pixel."""
+
+
+def _train() -> int:
+    """Begun, or gone on with where it has got."""
+    return main([*_TRAINING, "--features", "pixels", *["--resume"] * Path("networks/state.pt").is_file()])
+
+
 WORKS: dict[str, Callable[[], int]] = {
     "separate": _command("separate", *FOUR, "-o", "out", *QUICK),
     "simulate": _command("simulate", "color_000.png", "color_090.png", "-o", "pair"),
     "batch": _command("batch", "glass.tiff", "mosaic.png", "-o", "many", "--workers", "1", *QUICK),
     "study": _study,
+    "train": _train,
 }
 
 
@@ -78,12 +94,16 @@ def in_process(work: Callable[[], int], seconds: float | None = None) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
+UNFINISHED = (".part", ".partial")
+"""Endings of files that take the place of others when they are whole."""
+
+
 def whole(folder: Path, given: Collection[str] = ()) -> set[str]:
     """Files of a folder, beside those that were given, that are no killed run's own, each of which can be read."""
     found = set()
     for path in folder.rglob("*"):
         name = str(path.relative_to(folder))
-        if path.is_file() and name not in given and ".polaropt-" not in name and not name.endswith(".partial"):
+        if path.is_file() and name not in given and ".polaropt-" not in name and path.suffix not in UNFINISHED:
             found.add(name)
             if path.suffix == ".tiff":
                 tifffile.imread(path)
@@ -92,11 +112,27 @@ def whole(folder: Path, given: Collection[str] = ()) -> set[str]:
                     imagecodecs.png_decode(path.read_bytes())
             elif path.suffix == ".json":
                 json.loads(path.read_text(encoding="utf-8"))
+            elif path.suffix == ".safetensors":
+                load_network(path)
+            elif path.suffix == ".pt":
+                torch.load(path, weights_only=True)
+            elif path.suffix == ".csv":
+                assert path.read_bytes().endswith(b"\n")
     return found
 
 
+def belongs_together() -> None:
+    """Weights and the record of them, and all steps of the log."""
+    if Path("networks").is_dir():
+        record = json.loads(Path("networks/record.json").read_text(encoding="utf-8"))
+        load_network(Path("networks/weights.safetensors"), record["sha256"])
+        assert Path("networks/log.csv").read_text(encoding="utf-8").count("\n") == 1 + record["steps"]
+
+
 def crash(name: str, kills: int, seed: int) -> Counter[str]:
-    """Kill a command at random moments, in an empty folder and in one with earlier results; how it ended.
+    """Kill a command at so many random moments, in an empty folder and in one with earlier results; how it ended.
+
+    Where it was done before it was killed that does not count.
 
     Raises
     ------
@@ -106,6 +142,7 @@ def crash(name: str, kills: int, seed: int) -> Counter[str]:
     random, work, ended = np.random.default_rng(seed), WORKS[name], Counter[str]()
     results._SETTLED_SECONDS = -1.0  # the next run comes at once
     study.WRITE_SECONDS = 0.0
+    train._TEST_EVERY = train._TEST_SAMPLES = 1
     before = os.getcwd()
     with tempfile.TemporaryDirectory(prefix="polaropt-crash-") as place:
         os.chdir(place)
@@ -115,16 +152,19 @@ def crash(name: str, kills: int, seed: int) -> Counter[str]:
             begun = time.monotonic()
             assert in_process(work) == 0
             lasts, complete = time.monotonic() - begun, whole(Path(), given)
-            for _ in range(kills):
+            while ended["killed"] < kills:
                 there = whole(Path(), given)
                 ended["killed" if in_process(work, random.uniform(0, lasts)) == -signal.SIGKILL else "ended"] += 1
                 assert there <= whole(Path(), given)
                 if random.random() < 0.5:
                     assert in_process(work) == 0
                     assert whole(Path(), given) == complete
-                    assert not [path for path in Path().rglob("*") if ".polaropt-" in path.name]
+                    assert not [
+                        path for path in Path().rglob("*") if ".polaropt-" in path.name or path.suffix in UNFINISHED
+                    ]
+                    belongs_together()
                 if random.random() < 0.5:
-                    for folder in ("out", "pair", "many"):
+                    for folder in ("out", "pair", "many", "networks"):
                         shutil.rmtree(folder, ignore_errors=True)
                     Path("study.json").unlink(missing_ok=True)
         finally:
@@ -157,18 +197,25 @@ def command_line(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--kills", type=int, default=30, help="Of each command.")
     parser.add_argument("--seed", type=int, default=int(time.time()))
     parser.add_argument("--only", choices=[*WORKS, "many"], help="One of them.")
+    parser.add_argument("-o", "--out", type=Path, help="Folder of results, which get the counts.")
     options = parser.parse_args(arguments)
+    out = None if options.out is None else options.out.absolute()
+    told = begun({}) if out is not None else {}
     with tempfile.TemporaryDirectory() as place, heard(Path(place)):
         here = os.getcwd()
         os.chdir(place)
         write_seeds(Path())
         if options.only != "many":
-            for work in WORKS.values():  # compiles, and loads what is loaded late
-                assert work() == 0
+            for name, work in WORKS.items():  # compiles, and loads what is loaded late
+                if options.only in (None, name):
+                    assert work() == 0, name
         os.chdir(here)
     for name in [name for name in WORKS if options.only in (None, name)]:
-        told = crash(name, options.kills, options.seed)
-        print(f"{name}: {told['killed']} times killed, {told['ended']} times too late; nothing lost", flush=True)
+        ended = crash(name, options.kills, options.seed)
+        print(f"{name}: {ended['killed']} times killed, {ended['ended']} times too late; nothing lost", flush=True)
+        if out is not None:
+            row = {"what": name, "seed": options.seed, "killed": ended["killed"], "too late": ended["ended"], "lost": 0}
+            add(out, "crash", told, row)
     if options.only in (None, "many"):
         with tempfile.TemporaryDirectory() as place:
             os.chdir(place)

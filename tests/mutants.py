@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import ast
-import json
 import os
 import random
 import shutil
@@ -17,8 +16,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+
+from tests.attacks import add, begun
 
 ROOT = Path(__file__).parents[1]
 COPIED = ("polaropt", "priors", "solvers", "studies", "tests", "pyproject.toml")
@@ -151,27 +152,33 @@ def main() -> int:
     parser.add_argument("--number", type=int, default=60, help="How many lines are broken, drawn from all.")
     parser.add_argument("--seed", type=int, default=0, help="Of the draw.")
     parser.add_argument("--only", default="", help="Modules whose path contains this.")
-    parser.add_argument("--output", type=Path, help="JSON of what was broken and what survived.")
+    parser.add_argument("-o", "--out", type=Path, help="Folder of results, which get the counts and what survived.")
     options = parser.parse_args()
+    told = begun({"only": options.only}) if options.out is not None else {}
     every = [mutant for module in TESTS if options.only in module for mutant in mutants_of(module)]
     drawn = random.Random(options.seed).sample(every, min(options.number, len(every)))
     survivors: list[Mutant] = []
-    with tempfile.TemporaryDirectory(prefix="polaropt-mutants-") as folder:
-        place = Path(folder)
-        for name in COPIED:
-            (shutil.copytree if (ROOT / name).is_dir() else shutil.copy2)(ROOT / name, place / name)
-        for i, mutant in enumerate(drawn):
-            survived = survives(mutant, place)
-            survivors += [mutant] * survived
-            told = "SURVIVED" if survived else "caught"
-            print(f"{i + 1}: {told} {mutant.module}:{mutant.line} {mutant.operator}", flush=True)
-    caught = len(drawn) - len(survivors)
-    print(
-        f"{caught} of {len(drawn)} caught ({100 * caught / max(1, len(drawn)):.0f} %), of {len(every)} that there are"
-    )
-    if options.output is not None:
-        told = {"seed": options.seed, "broken": len(drawn), "caught": caught, "survivors": list(map(asdict, survivors))}
-        options.output.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    broken = 0
+    try:
+        with tempfile.TemporaryDirectory(prefix="polaropt-mutants-") as folder:
+            place = Path(folder)
+            for name in COPIED:
+                (shutil.copytree if (ROOT / name).is_dir() else shutil.copy2)(ROOT / name, place / name)
+            for mutant in drawn:
+                survived = survives(mutant, place)
+                broken += 1
+                survivors += [mutant] * survived
+                how = "SURVIVED" if survived else "caught"
+                print(f"{broken}: {how} {mutant.module}:{mutant.line} {mutant.operator}", flush=True)
+    finally:
+        # What was done counts, however it ends: they come in random order.
+        caught = broken - len(survivors)
+        share = round(100 * caught / max(1, broken))
+        print(f"{caught} of {broken} caught ({share} %), of {len(every)} that there are")
+        if options.out is not None and broken:
+            row = {"what": options.only or "lines", "seed": options.seed, "broken": broken, "caught": caught}
+            left = [f"{mutant.module}:{mutant.line} {mutant.operator} {mutant.occurrence}" for mutant in survivors]
+            add(options.out, "mutants", told, {**row, "survivors": left})
     return 0
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import polaropt
+from polaropt.capture import result_folder
 from polaropt.errors import InputError
 from polaropt.training.pictures import Pictures
 from polaropt.training.samples import TrainingData
@@ -84,7 +85,7 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
     """
     import torch
 
-    from priors.networks.checkpoint import save_network
+    from priors.networks.checkpoint import NotWritten, save_network
     from priors.networks.critics import WrongWeights
     from priors.training.trainer import STATE, NotFinite, Training, WrongState
 
@@ -109,7 +110,7 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
         raise InputError(f"{job.folder}: cannot be written ({reason}); choose another output folder") from error
     try:
         log = training.run(job.folder, progress)
-    except NotFinite as error:
+    except (NotFinite, NotWritten) as error:
         raise InputError(str(error)) from error
     except torch.cuda.OutOfMemoryError as error:
         raise InputError(f"{options.device} has too little memory; take a smaller --batch or --size") from error
@@ -124,9 +125,17 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
         "steps": training.step,
         "seconds": log[-1]["seconds"] if log else 0.0,
         "figures": log[-1] if log else {},
-        "sha256": save_network(job.folder / "weights.safetensors", training.averaged),
     }
-    (job.folder / "record.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    # Together: a record tells the digest of its weights.
+    with result_folder(job.folder) as work:
+        try:
+            record["sha256"] = save_network(work / "weights.safetensors", training.averaged)
+            (work / "record.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            reason = error.strerror or type(error).__name__
+            raise InputError(
+                f"{job.folder}: cannot be written ({reason}); make room and go on with --resume"
+            ) from error
     return record
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,33 @@ _FIXED = "polarnet.encoder."
 _SIZES = ("polar_widths", "fusion_widths", "fusion_blocks")
 
 
+class NotWritten(OSError):
+    """A file cannot be written; the text is one line that says which, why and what to do, `strerror` why."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: cannot be written ({reason}); make room or choose another folder")
+        self.strerror = reason
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file at once: what is broken off leaves the one that was there.
+
+    Raises
+    ------
+    NotWritten
+        No room, or no permission.
+    """
+    part = path.with_suffix(".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(content)
+        part.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise NotWritten(path, error.strerror or type(error).__name__) from error
+
+
 def save_network(path: Path, network: SeparationNetwork) -> str:
     """Write a network's weights and architecture; those of a fixed VGG-19 are left out.
 
@@ -26,6 +54,10 @@ def save_network(path: Path, network: SeparationNetwork) -> str:
     -------
     str
         The file's SHA-256 digest in hexadecimal.
+
+    Raises
+    ------
+    NotWritten
     """
     from safetensors.torch import save
 
@@ -35,7 +67,7 @@ def save_network(path: Path, network: SeparationNetwork) -> str:
         if not _is_fixed(name, network.architecture)
     }
     content = save(weights, {"format": _FORMAT, "architecture": json.dumps(asdict(network.architecture))})
-    path.write_bytes(content)
+    write_whole(path, content)
     return hashlib.sha256(content).hexdigest()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 import pickle
 import time
@@ -16,6 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from priors.networks.checkpoint import write_whole
 from priors.networks.critics import Discriminator
 from priors.networks.fusionnet import SeparationNetwork
 from priors.observation import Observation, collated, placed
@@ -175,6 +177,8 @@ class Training:
         ------
         NotFinite
             The loss became infinite or NaN.
+        NotWritten
+            A state or the log.
         """
         began, log = time.perf_counter(), _read_log(folder / LOG, self.step)
         before = log[-1]["seconds"] if log else 0.0
@@ -193,8 +197,9 @@ class Training:
                 row = {"step": float(self.step), "seconds": seconds, "rate": self.options.rate(self.step)}
                 log.append({**row, **{name: float(total) / taken for name, total in sums.items()}, **self.tested()})
                 sums = {}
-                self.save(folder / STATE)
+                # The log first: of its rows those beyond the state are left out where a training goes on.
                 _write_log(folder / LOG, log)
+                self.save(folder / STATE)
             if progress is not None:
                 progress(f"Training, step {self.step} of {self.options.steps}", self.step / self.options.steps)
         return log
@@ -266,9 +271,9 @@ class Training:
             "optimizer": self._optimizer.state_dict(),
             "critics": [None if critic is None else critic.state_dict() for critic in critics],
         }
-        path.parent.mkdir(parents=True, exist_ok=True)
-        torch.save(state, path.with_suffix(".part"))
-        path.with_suffix(".part").replace(path)
+        content = io.BytesIO()
+        torch.save(state, content)
+        write_whole(path, content.getvalue())
 
     def resume(self, path: Path) -> None:
         """Go on from a state.
@@ -354,7 +359,8 @@ def _read_log(path: Path, until: int) -> list[dict[str, float]]:
 
 def _write_log(path: Path, log: Sequence[dict[str, float]]) -> None:
     names = list(dict.fromkeys(name for row in log for name in row))
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, names)
-        writer.writeheader()
-        writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in log)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names)
+    writer.writeheader()
+    writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in log)
+    write_whole(path, text.getvalue().encode())

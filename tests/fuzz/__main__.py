@@ -9,9 +9,10 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+from tests.attacks import add, begun
 from tests.fuzz.attack import attack
 
-KINDS = ("file", "options")
+KINDS = {"file": "damaged files", "options": "random command lines"}
 
 
 def main() -> int:
@@ -20,14 +21,16 @@ def main() -> int:
     parser.add_argument("--kind", choices=KINDS, help="Only these. Default: five damaged files for each command line.")
     parser.add_argument("--seed", type=int, help="First seed. Default: one that nobody has seen.")
     parser.add_argument("--keep", type=Path, help="Folder for the damaged files that broke something.")
+    parser.add_argument("-o", "--out", type=Path, help="Folder of results, which get the counts.")
     options = parser.parse_args()
+    told = begun({}) if options.out is not None else {}
     first = options.seed if options.seed is not None else secrets.randbelow(10**9) * 1000
     order = itertools.cycle([options.kind] if options.kind else ["file"] * 5 + ["options"])
     cases = ({"kind": kind, "seed": first + i} for i, kind in enumerate(order))
     if options.keep is not None:
         options.keep.mkdir(parents=True, exist_ok=True)
     done: Counter[str] = Counter()
-    failed = 0
+    failed: Counter[str] = Counter()
     watched: list[dict[str, object]] = []
 
     def followed():
@@ -37,12 +40,20 @@ def main() -> int:
             watched.append(case)
             yield case
 
-    for failure in attack(followed(), 60 * options.minutes):
-        done[str(watched[-1]["kind"])] += 1
-        if failure is not None:
-            failed += 1
-            print(f"{failure.case} {failure.line}\n{failure.wrong.strip()}\n", flush=True)
-    print(f"{done['file']} damaged files, {done['options']} random command lines from seed {first}: {failed} failures")
+    # What was done counts, however it ends.
+    try:
+        for failure in attack(followed(), 60 * options.minutes):
+            kind = str(watched[-1]["kind"])
+            done[kind] += 1
+            if failure is not None:
+                failed[kind] += 1
+                print(f"{failure.case} {failure.line}\n{failure.wrong.strip()}\n", flush=True)
+    finally:
+        for kind, words in KINDS.items():
+            print(f"{done[kind]} {words} from seed {first}: {failed[kind]} failures", flush=True)
+            if options.out is not None and done[kind]:
+                row = {"what": words, "seed": first, "tried": done[kind], "failed": failed[kind]}
+                add(options.out, "fuzz", told, row)
     return 1 if failed else 0
 
 

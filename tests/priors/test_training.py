@@ -135,20 +135,3 @@ def test_a_damaged_state_is_told(tmp_path: Path, damage: dict[str, object]) -> N
     torch.save({**torch.load(tmp_path / STATE, weights_only=True), **damage}, tmp_path / STATE)
     with pytest.raises(WrongState, match=r"is damaged|is no state"):
         Training(small_network(), Mixtures(), OPTIONS).resume(tmp_path / STATE)
-
-
-def test_a_state_that_cannot_be_written_leaves_the_last_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    training = Training(small_network(), Mixtures(), OPTIONS)
-    training.step = 5
-    training.save(tmp_path / STATE)
-
-    def breaks(state: object, path: Path) -> None:
-        path.write_bytes(b"half")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(torch, "save", breaks)
-    training.step = 9
-    with pytest.raises(OSError, match="No space left"):
-        training.save(tmp_path / STATE)
-    training.resume(tmp_path / STATE)
-    assert training.step == 5
