@@ -26,7 +26,8 @@ COPIED = ("polaropt", "priors", "solvers", "studies", "tests", "pyproject.toml")
 SECONDS = 900
 """What the tests of a module may take: a line whose loss makes them hang is caught."""
 
-_PLATE = ("tests/optics/test_fresnel.py", "tests/optics/test_plate.py", "tests/optics/test_stack.py")
+_IN_PLACE = "tests/optics/test_in_place.py"
+_PLATE = (_IN_PLACE, "tests/optics/test_fresnel.py", "tests/optics/test_plate.py", "tests/optics/test_stack.py")
 _ENGINE = ("tests/optics/test_forward.py", "tests/optics/test_stack.py", "tests/optics/test_varying.py")
 _SCENE = ("tests/optics/test_scene.py", "tests/optics/test_stack.py")
 _WARNED = ("tests/judging/test_limits_of_warnings.py", "tests/judging/test_diagnostics.py")
@@ -46,15 +47,15 @@ TESTS: dict[str, tuple[str, ...]] = {
     "polaropt/optics/plate.py": _PLATE,
     "polaropt/optics/sampling.py": ("tests/optics/test_sampling.py",),
     "polaropt/optics/scene.py": _SCENE,
-    "polaropt/optics/shift.py": ("tests/optics/test_shift.py", "tests/optics/test_forward.py"),
+    "polaropt/optics/shift.py": (_IN_PLACE, "tests/optics/test_shift.py", "tests/optics/test_forward.py"),
     "polaropt/optics/stack.py": ("tests/optics/test_stack.py",),
     "polaropt/optics/stokes.py": ("tests/optics/test_stokes.py",),
     "polaropt/judging/loss.py": _ERRORS[1:],
     "polaropt/judging/precision.py": _ERRORS,
     "polaropt/judging/uncertainty.py": _ERRORS,
     "polaropt/judging/warnings.py": _WARNED,
-    "polaropt/estimation/ladder.py": _CHOICES,
-    "polaropt/estimation/rungs.py": _CHOICES,
+    "polaropt/estimation/ladder.py": ("tests/estimation/test_ladder.py", *_CHOICES),
+    "polaropt/estimation/rungs.py": ("tests/estimation/test_ladder.py", *_CHOICES),
     "polaropt/estimation/safeguard.py": _CHOICES,
     "polaropt/capture/files/results.py": _WRITTEN,
     "polaropt/capture/files/write.py": _WRITTEN,

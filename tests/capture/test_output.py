@@ -182,6 +182,26 @@ def test_what_a_killed_run_left_is_cleared_by_the_next(tmp_path: Path, settled: 
     assert contents(tmp_path) == {"mine": "old", "other": "new"}
 
 
+def test_what_was_left_and_cannot_be_removed_is_in_nobody_s_way(
+    tmp_path: Path, settled: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried, remove = [], os.unlink
+
+    def refused(path: str, **more: int) -> None:
+        if path == "stuck":
+            tried.append(path)
+            raise PermissionError(13, "Permission denied")
+        remove(path, **more)
+
+    for name in ("a", "b"):
+        (tmp_path / f".polaropt-{name}").mkdir()
+        write(tmp_path / f".polaropt-{name}", stuck="")
+    monkeypatch.setattr(os, "unlink", refused)
+    run(tmp_path, other="new")
+    assert (tmp_path / "other").read_text() == "new"
+    assert len(tried) == 2
+
+
 def test_an_exchange_that_was_killed_midway_is_finished(tmp_path: Path, settled: None) -> None:
     write(tmp_path, a="old", b="old", c="old", stale="old", foreign="kept")
     killed(

@@ -1,0 +1,342 @@
+"""Which rung is taken, and what is said of each, where it is known how much polarized light each leaves."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from polaropt import SceneParameters
+from polaropt.estimation import ladder, rungs
+from polaropt.estimation.flat.estimate import SceneEstimate
+from polaropt.estimation.rung import Evidence, Rung, RungFit, noise_misfit
+from polaropt.estimation.wide.fits import PerspectiveFit
+from polaropt.optics import Rival, SceneErrors
+
+
+def replace_in(names: SimpleNamespace, **changes: object) -> SimpleNamespace:
+    return SimpleNamespace(**{**vars(names), **changes})
+
+
+PLAIN = SceneParameters(55.0, 20.0, 4.0)
+LENS, BENT = PLAIN.replace(focal_px=90.0), PLAIN.replace(bend_deg_per_px=(0.1, 0.0, 0.0))
+OTHER = Rival(PLAIN.replace(incidence_deg=70.0), 0.4)
+ALL, MOST, HALF, HARDLY = 1.0, 2.0, 4.0, 8.0
+"""What a rung leaves of light of misfit 10: nothing but noise, or 11, 33 and 78 % of it."""
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """What the ladder asks of the plain pane's estimate."""
+
+    scene: SceneParameters = PLAIN
+    errors: SceneErrors = SceneErrors(incidence_deg=0.3)  # noqa: RUF009 (frozen)
+    rivals: tuple[Rival, ...] = (OTHER,)
+
+
+def evidence(misfit: float = 10.0, wanted: str = "auto", asked: SceneParameters | None = None) -> Evidence:
+    open_scene = SceneParameters(None, None, None)
+    stokes, blocks = SimpleNamespace(aliased=False), SimpleNamespace(n=800)
+    return Evidence(None, 0.005, stokes, blocks, asked or open_scene, Estimated(), misfit, wanted)
+
+
+def leaves(misfit: float, known: bool = True, scene: SceneParameters = LENS, **more: object) -> RungFit:
+    return RungFit(scene, misfit, 2, known, **more)
+
+
+def climbed(attempts: dict[str, RungFit], patch: pytest.MonkeyPatch, **given: object) -> ladder.LadderResult:
+    """Up a ladder of rungs that make these attempts, a clock that ticks once a look, and no ghosts to be found."""
+    seconds = itertools.count()
+    patch.setattr(ladder, "RUNGS", [
+        Rung(name.split()[0], lambda evidence: True, lambda evidence, fit=fit: fit) for name, fit in attempts.items()
+    ])  # fmt: skip
+    patch.setattr(ladder.time, "perf_counter", lambda: float(next(seconds)))
+    patch.setattr(ladder, "with_ghosts", lambda evidence, attempt: attempt)
+    return ladder._climbed(evidence(**given), 7.0, "A remark.")
+
+
+LEFT = "It leaves polarized light unexplained. A remark."
+BEST = "No higher rung explains what it leaves. A remark."
+UNKNOWN = "The photographs do not tell it."
+ASKED, ANOTHER = "It is the one asked for.", "Another one was asked for."
+EDGES = {"told_by_edges": True}
+AGAINST = {"known": False, "second_choice": True}
+CLIMBS = {
+    "the first that explains all": (
+        {"perspective": leaves(ALL), "curved": leaves(ALL)}, {}, 1, [LEFT, "It explains 100 % of"]),
+    "what is not told is not taken": (
+        {"perspective": leaves(ALL, False, remark="Why."), "curved": leaves(ALL)},
+        {}, 2, [LEFT, f"{UNKNOWN} Why.", "It explains 100 % of"]),
+    "what explains too little": (
+        {"perspective": leaves(HARDLY), "curved": leaves(6.0)},
+        {}, 0, [BEST, "It explains only 22 % of the polarized light that the ghosts rung leaves.", "It explains only"]),
+    "the best of those that explain most": (
+        {"perspective": leaves(HALF), "curved": leaves(MOST)},
+        {}, 2, [LEFT, "It explains 67 % of the polarized light that the ghosts rung leaves, another one more.",
+                "It explains 89 % of the polarized light that the ghosts rung leaves."]),
+    "the fewer numbers": (
+        {"perspective": leaves(MOST), "curved": replace(leaves(MOST), n_parameters=5)}, {}, 1, [LEFT, "", ""]),
+    "compared where blocks agree": (
+        {"perspective": leaves(MOST), "curved": leaves(HALF, agreed_misfit=1.5)},
+        {}, 2, [LEFT, "", "It explains 94 %"]),
+    "edges against it, and no other": (
+        {"perspective": leaves(ALL, **AGAINST), "polarized": leaves(ALL)}, {}, 1, [LEFT, UNKNOWN]),
+    "edges against it, and another": (
+        {"perspective": leaves(ALL, **AGAINST), "curved": leaves(ALL)}, {}, 2, [LEFT, UNKNOWN, "It explains 100 %"]),
+    "edges against one that explains little": (
+        {"perspective": leaves(MOST, **AGAINST), "polarized": leaves(ALL)},
+        {}, 2, [LEFT, UNKNOWN, "It explains 100 %"]),
+    "nothing is left": (
+        {"perspective": leaves(ALL)}, {"misfit": 1.1}, 0,
+        ["It leaves no polarized light beyond the noise. A remark.", ""]),
+    "edges tell it where nothing is left": (
+        {"polarized": leaves(1.05, **EDGES)}, {"misfit": 1.1}, 1,
+        ["It leaves edges unexplained. A remark.", "The layers' edges and spectra tell it."]),
+    "the one asked for": (
+        {"perspective": leaves(ALL), "curved": leaves(HARDLY)},
+        {"wanted": "curved"}, 1, [ANOTHER + " A remark.", ASKED]),
+    "the better of two that are asked for": (
+        {"polarized 1": leaves(MOST), "polarized 2": leaves(HALF)},
+        {"wanted": "polarized"}, 1, [ANOTHER, ASKED, ANOTHER]),
+    "asked for, and not told": (
+        {"polarized 1": leaves(MOST, False), "polarized 2": leaves(HALF, False)},
+        {"wanted": "polarized"}, 2, [ANOTHER, ANOTHER, ASKED]),
+    "the plain one is asked for": ({"curved": leaves(ALL)}, {"wanted": "ghosts"}, 0, [ASKED + " A remark."]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CLIMBS)
+def test_the_rung_that_is_taken_and_why(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    attempts, given, taken, said = CLIMBS[name]
+    found = climbed(attempts, monkeypatch, **given)
+    assert [step.taken for step in found.tried] == [i == taken for i in range(len(said))]
+    for step, sentence in zip(found.tried, said, strict=True):
+        assert step.reason.startswith(sentence)
+        assert step.reason.count(".") >= 1
+    fit = [None, *attempts.values()][taken]
+    assert found.scene == (PLAIN if fit is None else fit.scene)
+    assert found.estimate.rivals == ((OTHER,) if taken == 0 else ())
+
+
+def test_seconds_of_the_rung_that_is_taken_hold_the_search_for_its_ghosts(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = climbed({"perspective": leaves(MOST), "curved": leaves(HALF)}, monkeypatch)
+    assert [step.seconds for step in found.tried] == [7.0, 2.0, 1.0]
+
+
+def test_the_score_is_the_bayesian_information_criterion(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = climbed({"perspective": leaves(MOST)}, monkeypatch)
+    assert found.tried[1].score == pytest.approx(800 * np.log(2) + 2 * np.log(800))
+    assert noise_misfit(800) == pytest.approx(1.25)
+
+
+ESTIMATE = SceneEstimate(PLAIN, 9.0, SceneErrors(ghost_shift=0.1), True, 1.0, 0.0, 0.5, *4 * [np.zeros(1)])
+
+
+@pytest.mark.parametrize(("shift", "error", "kept"), [
+    (0.49, None, False), (0.51, None, True), (-0.51, None, True), (1.5, 1.4, True), (1.5, 1.6, False),
+    (1.9, 3.0, False), (2.1, 3.0, True), (1.5, np.inf, True),
+])  # fmt: skip
+def test_the_limit_of_a_ghost_shift_that_is_none(shift: float, error: float | None, kept: bool) -> None:
+    estimate = replace(ESTIMATE, scene=PLAIN.replace(ghost_shift=shift), shift_error_of_side=error)
+    found = ladder._without_a_trifle(estimate)
+    assert found.scene.ghost_shift == (shift if kept else 0.0)
+    assert (found.errors.ghost_shift is not None) == kept
+
+
+def test_what_is_not_separated_has_no_pane() -> None:
+    found = ladder._unseparated(ESTIMATE, 3.0, "Why.")
+    assert (found.scene.rung, found.estimate.scene.rung) == ("none", "none")
+    assert [(step.rung, step.seconds, step.taken, step.reason) for step in found.tried] == [("none", 3.0, True, "Why.")]
+
+
+GHOSTS = {
+    "flat": (PLAIN, None),
+    "before a lens": (LENS, 5.0),
+    "bent": (BENT, 5.0),
+    "before a lens, given": (LENS, None, {"ghost_shift": 4.0}),
+    "water": (LENS.replace(single_surface=True), None),
+    "no bounces": (LENS.replace(n_bounces=0), None),
+    "polarized": (LENS.replace(transmission_polarization=(0.3, 20.0)), None),
+    "two panes": (LENS.replace(n_panes=2), None),
+}
+
+
+@pytest.mark.parametrize("name", GHOSTS)
+def test_ghosts_are_looked_for_where_incidence_varies_and_they_are_open(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, expected, *asked = GHOSTS[name]
+    scene = scene.replace(ghost_shift=0.0) if expected else scene
+    found = SimpleNamespace(shows=True, pixels=5.0)
+    spectra = SimpleNamespace(likeliest_shift=lambda: found, incidence=lambda shift: None)
+    monkeypatch.setattr(rungs, "VaryingSpectra", lambda *given, **more: spectra)
+    given = evidence(asked=SceneParameters(None, None, None).replace(**(asked[0] if asked else {})))
+    attempt = leaves(ALL, scene=scene, remark="Before.")
+    after = rungs.with_ghosts(given, attempt)
+    if expected is None:
+        assert after is attempt
+    else:
+        assert after.scene.ghost_shift == expected
+        assert after.remark == "Before. Its double images lie 5.0 px apart."
+
+
+WELL = PerspectiveFit(54.0, 21.0, 80.0, 0.5, 1.0, 3.0, ALL, 800, True)
+NOT_TOLD = "The polarized light does not tell how incidence and azimuth change over the picture."
+DARK = "A layer would have less than no light in 17 % of the picture."
+BENDS = "The layers' edges tell another incidence: the pane is not flat."
+# The fit without a focal length, that with the file's, the file's, what of the layers is negative; whether it is known,
+# the focal length taken, its error and what is said.
+LENSES = {
+    "told": (WELL, None, None, 0.0, (True, 80.0, 3.0, "")),
+    "uncertain": (replace(WELL, incidence_error_deg=3.1), None, None, 0.0, (False, 80.0, 3.0, NOT_TOLD)),
+    "just certain enough": (replace(WELL, incidence_error_deg=3.0), None, None, 0.0, (True, 80.0, 3.0, "")),
+    "no better than chance": (replace(WELL, misfit=9.9), None, None, 0.0, (False, 80.0, 3.0, NOT_TOLD)),
+    "less than no light": (WELL, None, None, 0.17, (False, 80.0, 3.0, DARK)),
+    "edges against it": (replace(WELL, edges_agree=False), None, None, 0.0, (False, 80.0, 3.0, BENDS)),
+    "by the file": (WELL, WELL, 60.0, 0.0, (True, 60.0, None, "")),
+    "cropped since": (
+        WELL, replace(WELL, misfit=MOST), 60.0, 0.0,
+        (True, 80.0, 3.0, "The focal length that the file tells does not fit."),
+    ),
+    "hardly better without the file's": (
+        replace(WELL, misfit=1.9), replace(WELL, misfit=MOST), 60.0, 0.0, (True, 60.0, None, "")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_a_lens_is_known_where_light_and_edges_tell_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    free, with_file, focal_px, negative, expected = LENSES[name]
+    monkeypatch.setattr(rungs, "fit_perspective", lambda stokes, focal, plain: free if focal is None else with_file)
+    monkeypatch.setattr(rungs, "negative_light", lambda blocks, scene: negative)
+    monkeypatch.setattr(rungs, "_tolerant", lambda evidence: None)
+    given = replace(evidence(), capture=SimpleNamespace(focal_px=focal_px))
+    found = rungs._perspective(given)
+    assert (found.known, found.scene.focal_px, found.errors.focal_px, found.remark) == expected
+    assert found.second_choice == (expected[-1] == BENDS)
+    assert found.n_parameters == (2 if expected[2] is None else 3)
+    assert (found.scene.incidence_deg, found.errors.incidence_deg) == (54.0, free.incidence_error_deg)
+
+
+@pytest.mark.parametrize(("misfit", "tolerant"), [(5.4, False), (5.6, True)])
+def test_where_a_lens_explains_less_than_half_blocks_that_disagree_may_be_left_out(
+    misfit: float, tolerant: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    instead = leaves(ALL)
+    monkeypatch.setattr(rungs, "fit_perspective", lambda *given: replace(WELL, misfit=misfit))
+    monkeypatch.setattr(rungs, "negative_light", lambda *given: 0.0)
+    monkeypatch.setattr(rungs, "_tolerant", lambda evidence: instead)
+    found = rungs._perspective(replace(evidence(), capture=SimpleNamespace(focal_px=None)))
+    assert (found is instead) == tolerant
+
+
+@pytest.mark.parametrize(("change", "share", "focal_px", "found"), [
+    ({}, 0.9, None, True), ({"edges_agree": False}, 0.9, None, False), ({"incidence_error_deg": 3.1}, 0.9, None, False),
+    ({}, 0.79, None, False), ({}, 0.8, 60.0, True),
+])  # fmt: skip
+def test_most_of_the_frame_agrees_on_a_lens(
+    change: dict[str, object], share: float, focal_px: float | None, found: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    agreed = SimpleNamespace(pane=replace(WELL, **change), explained=share)
+    monkeypatch.setattr(rungs, "fit_tolerant", lambda *given: agreed)
+    blocks = SimpleNamespace(n=800, misfit=lambda incidence, azimuth, focal: focal / 10)
+    fit = rungs._tolerant(replace(evidence(), capture=SimpleNamespace(focal_px=focal_px), blocks=blocks))
+    assert (fit is not None) == found
+    if fit is not None:
+        assert (fit.scene.focal_px, fit.misfit) == ((80.0, 8.0) if focal_px is None else (60.0, 6.0))
+        assert fit.errors.focal_px == (3.0 if focal_px is None else None)
+        assert fit.compared == pytest.approx(1 + (1 - share) * 9)
+        assert (fit.known, fit.n_parameters) == (True, 3 if focal_px is None else 2)
+
+
+MIXED = SimpleNamespace(scene=PLAIN, misfit=1.05, errors=SceneErrors(incidence_deg=1.0), negative=0.0, n_parameters=6)
+MIXTURES = {
+    "told": (MIXED, 10.0, True, "Incidence and azimuth change over the picture."),
+    "uncertain": (replace_in(MIXED, errors=SceneErrors(incidence_deg=3.1)), 10.0, False, "Nor does it before a lens."),
+    "explains too little": (replace_in(MIXED, misfit=1.3), 10.0, False, "Nor does it before a lens."),
+    "explains enough": (replace_in(MIXED, misfit=1.26), 10.0, True, "Incidence and azimuth change over the picture."),
+    "less than no light": (replace_in(MIXED, negative=0.17), 10.0, False, DARK),
+    "no better than chance": (replace_in(MIXED, misfit=1.0), 1.14, False, "Nor does it before a lens."),
+}
+
+
+@pytest.mark.parametrize("name", MIXTURES)
+def test_polarized_light_before_a_lens_is_known_where_it_explains_nearly_all(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit, misfit, known, remark = MIXTURES[name]
+    monkeypatch.setattr(rungs, "fit_polarized_perspective", lambda *given: fit)
+    found = rungs._polarized_perspective(evidence(misfit))
+    assert (found.known, found.remark, found.n_parameters) == (known, remark, 6)
+
+
+# What the fit leaves and gains, what is left without it; whether it is known, and whether edges tell it.
+GAINS = {
+    "explains all there is": (1.0, 0.001, 10.0, (True, False)),
+    "gains nothing": (1.0, -0.001, 10.0, (False, False)),
+    "gains enough": (2.0, 0.005, 10.0, (True, False)),
+    "gains too little": (2.0, 0.003, 10.0, (False, False)),
+    "edges speak of it": (1.0, 0.031, 1.1, (True, True)),
+    "edges hardly speak of it": (1.0, 0.029, 1.1, (False, False)),
+    "little is left": (1.5, 0.029, 2.0, (False, False)),
+    "more is left": (1.5, 0.029, 2.1, (True, False)),
+}
+
+
+@pytest.mark.parametrize("name", GAINS)
+def test_polarized_light_is_known_where_it_gains_enough(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    misfit, gain, left, expected = GAINS[name]
+    fit = SimpleNamespace(scene=PLAIN, misfit=misfit, gain=gain, errors=SceneErrors(), rivals=(OTHER,))
+    monkeypatch.setattr(rungs, "fit_polarized", lambda *given: fit)
+    found = rungs._polarized(evidence(left))
+    assert (found.known, found.told_by_edges) == expected
+    assert found.remark == ("" if found.known else "Polarized light makes it hardly any likelier.")
+    assert rungs._polarized(evidence(left, "polarized")).known
+    monkeypatch.setattr(rungs, "fit_polarized", lambda *given: None)
+    assert not rungs._polarized(evidence(left)).known
+
+
+BEND = SimpleNamespace(
+    incidence_deg=54.0, azimuth_deg=21.0, focal_px=None, bend_deg_per_px=(0.1, 0.0, 0.0), incidence_error_deg=0.5,
+    azimuth_error_deg=1.0, focal_error_px=None, bend_error_deg_per_px=(0.01, 0.01, 0.01), misfit=ALL,
+)  # fmt: skip
+UNBENT = "The polarized light does not tell how the pane is bent."
+BENT_PANES = {
+    "told": (BEND, 0.0, "auto", (True, "", 5)),
+    "uncertain": (replace_in(BEND, incidence_error_deg=3.1), 0.17, "auto", (False, UNBENT, 5)),
+    "no better than chance": (replace_in(BEND, misfit=9.9), 0.0, "auto", (False, UNBENT, 5)),
+    "less than no light": (BEND, 0.17, "auto", (False, DARK, 5)),
+    "asked for": (BEND, 0.17, "curved", (True, "", 5)),
+    "before a lens": (replace_in(BEND, focal_px=80.0, focal_error_px=3.0), 0.0, "auto", (True, "", 6)),
+}
+
+
+@pytest.mark.parametrize("name", BENT_PANES)
+def test_a_bent_pane_is_known_where_light_tells_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    fit, negative, wanted, expected = BENT_PANES[name]
+    monkeypatch.setattr(rungs, "fit_curved", lambda *given: fit)
+    monkeypatch.setattr(rungs, "negative_light", lambda *given: negative)
+    found = rungs._curved(replace(evidence(wanted=wanted), capture=SimpleNamespace(focal_px=None)))
+    assert (found.known, found.remark, found.n_parameters) == expected
+    assert found.errors.focal_px == fit.focal_error_px
+
+
+class Seen(Exception):
+    """What the plain pane's estimate was asked."""
+
+
+def test_of_a_mosaic_s_cells_a_thickness_is_in_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    def asked(capture: object, scene: SceneParameters, *, noise: float, thickness_px: float, **more: object) -> None:
+        raise Seen(scene.transmission_ghost_shift, noise, thickness_px)
+
+    monkeypatch.setattr(ladder, "estimate_scene", asked)
+    monkeypatch.setattr(ladder, "stokes_images", lambda *given: None)
+    monkeypatch.setattr(ladder, "registered_noise", lambda capture: 0.002)
+    mosaic = SimpleNamespace(cells=1, scale=4, registered=SimpleNamespace(cells=None, start_unknown=False))
+    scene = SceneParameters(None, None, None, transmission_ghost_shift=6.0)
+    given = {"thickness_px": 10.0, "thickness_kind": "plate"}
+    with pytest.raises(Seen) as seen:
+        ladder._completed(mosaic, scene, 0.005, "ghosts", **given)
+    assert seen.value.args == (1.5, 0.002, 2.5)
