@@ -44,6 +44,7 @@ from polaropt.judging import (
     scene_loss,
     uncertainty_without_polarization,
 )
+from polaropt.numerics import MUCH_VALUES, arrays_apart
 from polaropt.optics import GLASS_INDEX, PSE, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.progress import COMPILING, Progress, Stages
 from polaropt.solving import (
@@ -412,7 +413,7 @@ def _separate(
     start: Images | None,
     index_assumed: bool,
 ) -> Separation:
-    with _one_thread(stages):
+    with _one_thread(stages), arrays_apart(2 * capture.intensities[0].size > MUCH_VALUES):
         case = _case_of(capture, asked, settings, stages, index_assumed=index_assumed)
         if case.found.estimate is not None and not case.found.scene.signal:
             return _unseparated(case, case.found.estimate, stages)

@@ -1,6 +1,7 @@
 __all__ = [
     "GAP_STRIP",
     "MAD_TO_SIGMA",
+    "MUCH_VALUES",
     "NATURAL_POWER_LAW",
     "AliasGroups",
     "AnyMask",
@@ -8,6 +9,7 @@ __all__ = [
     "BitMask",
     "Box",
     "Members",
+    "arrays_apart",
     "block_mean",
     "block_shares",
     "column_multiplicity",
@@ -72,6 +74,8 @@ from .jackknife import grid_sums as grid_sums
 from .jackknife import jackknife_error as jackknife_error
 from .jackknife import left_out as left_out
 from .jackknife import minimum_error as minimum_error
+from .memory import MUCH_VALUES as MUCH_VALUES
+from .memory import arrays_apart as arrays_apart
 from .memory import give_back_freed as give_back_freed
 from .minima import Box as Box
 from .minima import grid_minimum as grid_minimum

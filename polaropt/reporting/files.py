@@ -21,7 +21,7 @@ from polaropt.capture import (
     write_tiff,
 )
 from polaropt.judging import SeparationWarning
-from polaropt.numerics import give_back_freed
+from polaropt.numerics import MUCH_VALUES, arrays_apart, give_back_freed
 from polaropt.progress import Stages
 from polaropt.reporting.inspection import inspect_still
 from polaropt.reporting.names import RESULT_FILES
@@ -89,8 +89,21 @@ def write_separation(
     if stages is None:
         stages = Stages()
         stages.include(result.seconds, result.cpu_seconds)
+    with arrays_apart(result.layers.size > MUCH_VALUES):
+        return _write_separation(folder, result, capture, stages, reached, uncertainty and not layers_only, layers_only)
+
+
+def _write_separation(
+    folder: Path,
+    result: Separation,
+    capture: Capture,
+    stages: Stages,
+    reached: float,
+    uncertainty: bool,
+    layers_only: bool,
+) -> dict[str, Any]:
     told, errors = None, None
-    judged = reached + _JUDGED * (1 - reached) if uncertainty and not layers_only else reached
+    judged = reached + _JUDGED * (1 - reached) if uncertainty else reached
     if judged > reached:
         begun, span = stages, judged - reached
         begun.begin("Error maps", reached)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, NoiseModel
 from polaropt.errors import InputError
 from polaropt.inversion import Canvas, Knowledge
-from polaropt.numerics import give_back_freed
+from polaropt.numerics import MUCH_VALUES, give_back_freed
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.progress import Stages
 from polaropt.solving.objective import Term, Weights
@@ -27,8 +27,8 @@ from solvers.registry import get_solver
 
 LARGEST_TILE = 800
 """Longest side in pixels that is solved in one piece: what a tile needs of memory; set by hand."""
-_MUCH, _TILE_BESIDE_MUCH = 90_000_000, 512
-"""Values of layers that are much memory themselves (15 megapixels in colour), and the longest side beside them."""
+_MUCH, _TILE_BESIDE_MUCH = MUCH_VALUES, 512
+"""Values of layers that are much memory themselves, and the longest side of a tile beside them."""
 # Pixels in which neighbours overlap and fade into each other: more than ghosts reach; set by hand.
 _OVERLAP = 64
 
