@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import reduce
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from polaropt import SceneParameters
 from polaropt.estimation import ladder, rungs
+from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.rung import Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.fits import PerspectiveFit
@@ -321,6 +323,113 @@ def test_a_bent_pane_is_known_where_light_tells_it(name: str, monkeypatch: pytes
     found = rungs._curved(replace(evidence(wanted=wanted), capture=SimpleNamespace(focal_px=None)))
     assert (found.known, found.remark, found.n_parameters) == expected
     assert found.errors.focal_px == fit.focal_error_px
+
+
+OPEN = SceneParameters(None, None, None)
+LIT = {"transmission_polarization": (0.3, 20.0)}
+# What is asked, what the plain pane leaves, the rung that is wanted, and what is left off the plane of two Stokes
+# vectors; whether polarized light may explain all, and most.
+LIGHTS = {
+    "all but a little": (OPEN, 11.0, "auto", 2.9, (True, False)),
+    "most": (OPEN, 11.0, "auto", 3.1, (False, True)),
+    "just most": (OPEN, 11.0, "auto", 7.9, (False, True)),
+    "some": (OPEN, 11.0, "auto", 8.1, (False, False)),
+    "two panes": (OPEN.replace(n_panes=2), 11.0, "auto", 1.0, (False, False)),
+    "given": (OPEN.replace(**LIT), 11.0, "auto", 1.0, (False, False)),
+    "before a lens": (OPEN.replace(focal_px=90.0), 11.0, "auto", 1.0, (False, False)),
+    "azimuth given": (OPEN.replace(azimuth_deg=20.0), 11.0, "auto", 1.0, (False, False)),
+    "asked for": (OPEN, 11.0, "polarized", 8.1, (True, False)),
+    "asked for, azimuth given": (OPEN.replace(azimuth_deg=20.0), 11.0, "polarized", 8.1, (True, False)),
+    "asked for and given": (OPEN.replace(**LIT), 11.0, "polarized", 1.0, (False, False)),
+    "asked for before a lens": (OPEN.replace(focal_px=90.0), 11.0, "polarized", 1.0, (False, False)),
+    "edges speak of it": (OPEN, 1.1, "auto", 1.0, (True, False)),
+}
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+def test_when_polarized_light_is_looked_for(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, misfit, wanted, off, expected = LIGHTS[name]
+    monkeypatch.setattr(rungs, "Mixture", lambda stokes: SimpleNamespace(misfit=off))
+    monkeypatch.setattr(rungs, "looks_polarized", lambda stokes, scene: True)
+    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: False)
+    given = evidence(misfit, wanted, asked)
+    assert tuple(rungs._may_be_polarized(given, part) for part in (rungs._ALL_BUT, rungs._MOST_BUT)) == expected
+    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: True)
+    told = tuple(rungs._may_be_polarized(given, part) for part in (rungs._ALL_BUT, rungs._MOST_BUT))
+    assert told == (expected if wanted == "polarized" else (False, False))
+
+
+@pytest.mark.parametrize(("incidence_deg", "seen"), [(55.0, True), (5.0, False)])
+def test_frontal_glass_is_not_asked_for_polarized_light(
+    incidence_deg: float, seen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rungs, "looks_polarized", lambda stokes, scene: True)
+    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: False)
+    estimate = Estimated(PLAIN.replace(incidence_deg=incidence_deg))
+    assert rungs._may_be_polarized(replace(evidence(1.1, asked=OPEN), estimate=estimate)) == seen
+
+
+# What is asked, what is left, the rung that is wanted, whether the frame's angle is unknown; whether the pane may vary,
+# and light be polarized as well.
+PANES_THAT_VARY = {
+    "open": (OPEN, 10.0, "auto", False, (True, True)),
+    "nothing is left": (OPEN, 1.1, "auto", False, (False, False)),
+    "nothing is left, asked for": (OPEN, 1.1, "curved", False, (True, False)),
+    "incidence given": (OPEN.replace(incidence_deg=50.0), 10.0, "auto", False, (False, False)),
+    "azimuth given": (OPEN.replace(azimuth_deg=50.0), 10.0, "curved", False, (False, False)),
+    "angles from an unknown start": (OPEN, 10.0, "auto", True, (False, False)),
+    "light given": (OPEN.replace(**LIT), 10.0, "auto", False, (True, False)),
+}
+
+
+@pytest.mark.parametrize("name", PANES_THAT_VARY)
+def test_when_a_pane_that_varies_is_looked_for(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, misfit, wanted, start_unknown, expected = PANES_THAT_VARY[name]
+    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: False)
+    given = replace(evidence(misfit, wanted, asked), capture=SimpleNamespace(start_unknown=start_unknown))
+    assert (rungs._may_vary(given), rungs._may_be_polarized_and_vary(given)) == expected
+    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: True)
+    assert not rungs._may_be_polarized_and_vary(given)
+    assert rungs._may_be_polarized_and_vary(replace(given, wanted="polarized")) == expected[1]
+
+
+@pytest.mark.parametrize(("apart", "explains"), [(0.0, False), (0.049, False), (0.051, True)])
+def test_gains_that_are_wrong_leave_no_more_than_six_times_what_does_not_add_up(
+    apart: float, explains: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rungs, "closure_share", lambda *given: apart)
+    blocks = SimpleNamespace(n=800, stokes=[np.full((2, 2), 10.0)])
+    capture = SimpleNamespace(intensities=None, angles_deg=None, mask=None)
+    assert rungs._gains_explain(replace(evidence(10.0), blocks=blocks, capture=capture)) == explains
+
+
+GRADIENTS, SPECTRA = (39.0, 0.36), (40.0, 0.36)
+# How the scene differs, what gradients tell, and the error of the edges where they count, gradients and spectra, which
+# are put together.
+TOLD = {
+    "edges, gradients and spectra": ({}, GRADIENTS, (0.36, GRADIENTS, SPECTRA)),
+    "sure gradients": ({}, (40.1, 0.36), (None, (40.1, 0.36), SPECTRA)),
+    "no gradients": ({}, None, (0.36, None, SPECTRA)),
+    "two panes": ({"n_panes": 2}, (41.0, 0.3), (0.3, (41.0, 0.3), None)),
+    "tinted": ({"absorption": 0.1}, (41.0, 0.3), (0.3, (41.0, 0.3), None)),
+    "not from far": ({"focal_px": 90.0, "ghost_shift": 0.0}, GRADIENTS, (0.3, None, None)),
+}
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_edges_gradients_and_spectra_tell_the_incidence_together(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    change, gradients, (edges_error, *others) = TOLD[name]
+    monkeypatch.setattr(ladder, "plate_frame", lambda stokes, azimuth: None)
+    monkeypatch.setattr(ladder, "cross_spectra", lambda frame: None)
+    monkeypatch.setattr(ladder, "spectral_incidence", lambda spectra, scene: SPECTRA)
+    monkeypatch.setattr(ladder, "incidence_by_gradients", lambda frame, scene: gradients)
+    scene = PLAIN.replace(incidence_deg=38.0, **change)
+    found = ladder.LadderResult(scene, replace(ESTIMATE, scene=scene, errors=SceneErrors(incidence_deg=0.3)), ())
+    told = ladder._with_all_told(found, None)
+    edges = None if edges_error is None else (38.0, edges_error)
+    mean, error = reduce(weighted_incidence, [part for part in (edges, *others) if part is not None])
+    assert told.scene == told.estimate.scene
+    assert (told.scene.incidence_deg, told.errors.incidence_deg) == pytest.approx((mean, error))
 
 
 class Seen(Exception):
