@@ -25,7 +25,8 @@ from polaropt.estimation.flat.ghost_overlap import LayerOverlap
 from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX, cross_spectra
 from polaropt.estimation.flat.gradients import PaneGradients
 from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
-from polaropt.estimation.flat.window import LikelyWindow, judged_pane, judged_window, window_of
+from polaropt.estimation.flat.window import judged_pane, judged_window, window_of
+from polaropt.estimation.flat.windows.search import LikelyWindow
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.numerics import local_minima, local_minimum, minimum_error, vertex
 from polaropt.optics import GLASS_INDEX, INCIDENCE_SEARCH_DEG, SceneParameters, in_place_reflectance, in_place_weights

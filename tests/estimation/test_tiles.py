@@ -10,7 +10,7 @@ import pytest
 
 from polaropt import Capture, SceneParameters
 from polaropt.capture import PlateFrame, noise_level, plate_frame, stokes_images
-from polaropt.estimation import find_scene
+from polaropt.estimation import find_scene, likelier_index
 from polaropt.estimation.flat.window import window_of as window_of_scene
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileLikelihood
@@ -90,6 +90,18 @@ def test_three_panes_at_a_steep_view_are_no_polarized_light() -> None:
     found = find_scene(sample.capture, sample.hint, noise_level(sample.capture)).scene
     assert (found.n_panes, found.rung) == (3, "ghosts")
     assert abs(found.values()[0] - sample.scene.values()[0]) < 0.5
+
+
+def test_double_images_tell_an_index_where_edges_do_not() -> None:
+    # 276: 1.787 told as 1.5, 11 dB below the known scene, with no warning.
+    sample = window_of(276, 192).sample(None, 192)
+    noise = noise_level(sample.capture)
+    told = likelier_index(sample.capture, find_scene(sample.capture, sample.hint, noise).scene, noise)
+    assert told is not None
+    assert told.sure
+    assert abs(told.index - sample.scene.index) < 2 * told.error < 0.2
+    right = sample.scene.replace(azimuth_deg=sample.scene.values()[1] % 180)
+    assert likelier_index(sample.capture, right, noise) is None
 
 
 def test_a_scene_is_its_window() -> None:

@@ -11,9 +11,9 @@ from polaropt import InputError, SceneParameters, separate
 from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
-from polaropt.estimation.flat.window import WindowSearch, equivalent_incidences
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
+from polaropt.estimation.flat.windows.search import WindowSearch, equivalent_incidences
 from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.numerics import turn_between
 from polaropt.optics import in_place_reflectance

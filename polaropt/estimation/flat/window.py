@@ -1,18 +1,15 @@
-"""Windows of several panes: their number, incidence and the shifts of panes and gaps.
+"""Windows of several panes, or of tinted glass: which of those that the search finds explains the capture.
 
-The shifts at which a single pane is likely are those between the brightest images, a pane's and that from pane to
-pane. With each of them as the pane's, a map of gaps of all lengths and directions leads near the window, and steps
-along all its numbers to it. Patterns mimic faint images in the spectra, but not in the layers: edges that a wrong
-window leaves doubled overlap.
+Patterns mimic faint images in mean spectra, but not in the layers: edges that a wrong window leaves doubled overlap.
+Surest are the spectra of single tiles, where images do not lie close together.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -26,32 +23,30 @@ from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross
 from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import DETAIL, Window, WindowLikelihood
+from polaropt.estimation.flat.windows.search import (
+    MOST_STARTS,
+    NAMES,
+    ROUGH_SWEEPS,
+    ROUNDS,
+    LikelyWindow,
+    WindowSearch,
+    apart,
+    equivalent_incidences,
+)
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
-from polaropt.numerics import jackknife_error, left_out, local_minima, minimum_error, vertex
+from polaropt.numerics import jackknife_error, left_out, minimum_error, vertex
 from polaropt.optics import (
-    GHOST_SHIFT_SEARCH_PX,
     INCIDENCE_SEARCH_DEG,
     SceneErrors,
     SceneParameters,
-    in_place_reflectance,
     largest_search_shift,
 )
 
 Values = NDArray[np.float64]
 
 # All below by trial.
-_STEP_PX, _PANE_PX = 1.0, 6.0
-"""Spacing of scans, and the largest shift of a pane that is scanned."""
-_MOST_STARTS = 3
-"""Shifts of a single pane that windows are begun from."""
 _TRIAL_DEG = (40.0, 52.0, 62.0, 72.0, 80.0)
 """Incidences of single panes that windows are likened to where the axis is in doubt."""
-_ANOTHER_DEG = (5.0, 9.0)
-"""How much less steep a window with a pane more stands that looks like one without."""
-_EQUIVALENT_STEP_DEG = 1.0
-_LEAST_EQUIVALENT, _EQUIVALENT_SPACING_DEG = 2, 7.0
-_MOST_GAPS, _MOST_LIKELY = 12, 16
-"""Likely gaps for each shift of a pane and each incidence, and likely windows of a scan."""
 _CLOSE_PX, _BESIDE_DEG = 3.0, (-9.0, -6.0, -3.0, 0.0, 3.0)
 """Shifts up to which edges alone tell the incidence, and how far from the likelihood's they are looked at."""
 _TURNED_DEG, _HARDLY_PX = 12.0, 1.0
@@ -60,15 +55,9 @@ images tell: as far as ghosts may lie beside the azimuth without a warning (`pol
 _BESIDE_PX, _TURNED_INCIDENCES_DEG = np.arange(-2.0, 2.5, 0.5), np.arange(10.0, INCIDENCE_SEARCH_DEG[1], 3.0)
 """Shifts beside the gap, and incidences, at which that pane is looked at; by hand."""
 _MOST_LIKELIEST, _MOST_CANDIDATES = 2, 4
-"""How many of these are looked at closely: the likeliest, and those with the best scores, as patterns make many a wrong
-window likelier than the true one."""
-_SCAN_ROUNDS, _ROUNDS = 4, 8
-_FIRST_STEPS = (2.0, 0.5, 0.5, 0.5, 0.1)
-"""Of incidence (degrees), the three shifts (pixels) and absorption."""
-_CLOSER, _ROUGH_SWEEPS, _SWEEPS = 0.5, 3, 4
-"""What steps are multiplied by from sweep to sweep, and the number of sweeps."""
-_NAMES = ("incidence_deg", "pane_shift", "gap_along", "gap_across", "absorption")
-_INCIDENCE = _NAMES[:1]
+"""How many windows of a scan are looked at closely: the likeliest, and those with the best scores, as patterns make
+many a wrong window likelier than the true one."""
+_INCIDENCE = NAMES[:1]
 """What edges tell."""
 _OVERLAP_WEIGHT = 0.5
 """What a unit of log overlap is worth in log likelihood per frequency."""
@@ -85,7 +74,7 @@ figure is taken of and those inside scikit-image, two panes at 30 to 70 degrees 
 _SURER, _SURE_OF_TILES = 1.5, 3.5
 """Standard errors by which tiles must be likelier under one window than under another to be believed against mean
 spectra and edges: between windows of several panes, and between one and several. On random windows of photographs that
-no figure is taken of, several panes that are resolved have 3.8 and more, single ones up to 1.0."""
+no figure is taken of, several panes that are resolved have 3.7 and more, single ones up to 1.0."""
 _NO_ERROR = 1e-9
 """For none at all, of a frame that is all alike."""
 _LEAST_GAIN_OF_TINT = 0.001
@@ -113,167 +102,6 @@ _TURNS = 3
 """In which incidence and shifts are refined."""
 _ERROR_STEP_PX, _ERROR_STEP = 0.25, 0.05
 """Beside a shift and an absorption: where the likelihood is looked at for their standard errors."""
-_WEAK_PRIOR = 0.002
-"""Of a squared absorption, in log likelihood: dim ghosts hardly tell how dark the glass is. By trial."""
-_TRIAL_ABSORPTION = 0.4
-"""Of tinted glass: two thirds of the light pass."""
-
-
-@dataclass(frozen=True)
-class LikelyWindow:
-    """A window and its score: minus its log likelihood per frequency, and the log overlap of its layers' edges.
-
-    `misfit` is the first alone; `parts` are the same two without parts of the frame.
-    """
-
-    window: Window
-    score: float
-    misfit: float
-    parts: tuple[Values, ...] = ()
-
-    @property
-    def edges(self) -> float:
-        """What the overlap of the layers' edges adds to the score."""
-        return self.score - self.misfit
-
-    def clearly_better(self, other: LikelyWindow, least: float, sure: float) -> bool:
-        """Whether it scores better than another in all of the frame: by so much, and so many standard errors of it."""
-        error = math.hypot(*(jackknife_error(a - b) for a, b in zip(self.parts, other.parts, strict=True)))
-        return bool(other.score - self.score > max(least, sure * error))
-
-    def clearly_likelier(self, other: LikelyWindow, sure: float) -> bool:
-        """Whether the spectra alone, without the edges, are clearly likelier than under another."""
-        return bool(other.misfit - self.misfit > sure * jackknife_error(other.parts[0] - self.parts[0]))
-
-
-class WindowSearch:
-    """Search for the likeliest window at one azimuth.
-
-    Parameters
-    ----------
-    likelihood : WindowLikelihood
-    gaps : GapMap
-    most_shift : float
-        Largest shift to look at, in pixels.
-    refractive_index : float
-    told : dict of str to float
-        Numbers of a window that are not to be found.
-    """
-
-    def __init__(
-        self,
-        likelihood: WindowLikelihood,
-        gaps: GapMap,
-        most_shift: float,
-        refractive_index: float,
-        told: dict[str, Any],
-    ) -> None:
-        self._likelihood, self._gaps, self._index, self.told = likelihood, gaps, refractive_index, told
-        n = math.floor(most_shift / _STEP_PX)
-        self._grid = _STEP_PX * np.arange(-n, n + 1.0)
-
-    def single(self, incidences_deg: Sequence[float], absorption: float = 0.0) -> list[LikelyWindow]:
-        """Likely single panes: at the likeliest of some incidences each local minimum over shifts, likeliest first."""
-        windows = [
-            Window(incidence, shift, absorption=absorption)
-            for incidence, shift in product(incidences_deg, self._grid.tolist())
-        ]
-        misfits = self._likelihood.misfit(windows, _SCAN_ROUNDS).reshape(len(incidences_deg), -1)
-        best = int(np.argmin(misfits.min(axis=1)))
-        misfit, trials = misfits[best], windows[best * self._grid.size :]
-        # Where a pane shows next to nothing, no shift is likelier than those beside it.
-        minima = np.flatnonzero(local_minima(misfit))
-        minima = minima if minima.size else np.array([np.argmin(misfit)])
-        return [
-            LikelyWindow(trials[int(i)], float(misfit[i]), float(misfit[i])) for i in minima[np.argsort(misfit[minima])]
-        ]
-
-    def tinted(self, incidence_deg: float) -> list[LikelyWindow]:
-        """Likely tinted panes, begun from an incidence."""
-        starts = self.single((incidence_deg,), _TRIAL_ABSORPTION)[:_MOST_STARTS]
-        found = [self.refined(start.window, _ROUGH_SWEEPS) for start in starts]
-        # At the end of what is searched there is no minimum.
-        return [near for near in found if abs(near.window.pane_shift) <= self._grid[-1] - _STEP_PX]
-
-    def panes(self, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
-        """Likely single clear panes, begun from some incidences."""
-        return [self.refined(start.window, _ROUGH_SWEEPS) for start in self.single(incidences_deg)[:_MOST_STARTS]]
-
-    def with_another(self, window: Window) -> list[LikelyWindow]:
-        """Likely windows of a pane more than one that was found, whose panes stand alike."""
-        angles = [window.incidence_deg - step for step in _ANOTHER_DEG]
-        starts = [replace(window, incidence_deg=angle, n_panes=window.n_panes + 1) for angle in angles if angle > 0]
-        return [self.refined(start, _ROUGH_SWEEPS) for start in starts]
-
-    def starts(self, n_panes: int, singles: Sequence[Window]) -> list[LikelyWindow]:
-        """Likely windows of so many panes whose shifts have something in common with those of single ones."""
-        near = equivalent_incidences(singles[0].incidence_deg, n_panes, self._index)
-        shifts = [single.pane_shift for single in singles]
-        trials: dict[Window, None] = {}
-        if "gap_along" not in self.told:
-            panes = [self.told["pane_shift"]] if "pane_shift" in self.told else list(dict.fromkeys((0.0, *shifts)))
-            for angle, pane in product(near, panes):
-                window = replace(Window(angle, pane, n_panes=n_panes), **self.told)
-                for along, across in self._gaps.likely(window, _MOST_GAPS):
-                    trials[replace(window, gap_along=along, gap_across=across)] = None
-        # The likeliest shift of a single pane may be that from one pane to the next.
-        thin = self._grid[np.abs(self._grid) <= _PANE_PX].tolist()
-        for angle, one, pane in product(near, shifts, thin):
-            trials[replace(Window(angle, pane, one - pane, n_panes=n_panes), **self.told)] = None
-        return self._likely(list(trials), _MOST_LIKELY)
-
-    def _likely(self, windows: list[Window], most: int) -> list[LikelyWindow]:
-        """The likeliest windows, those beside likelier ones left out."""
-        misfit = self._likelihood.misfit(windows, _SCAN_ROUNDS)
-        kept: list[LikelyWindow] = []
-        for i in np.argsort(misfit):
-            if all(_apart(windows[int(i)], other.window) for other in kept):
-                kept.append(LikelyWindow(windows[int(i)], float(misfit[i]), float(misfit[i])))
-            if len(kept) == most:
-                break
-        return kept
-
-    def refined(self, start: Window, sweeps: int = _SWEEPS, kept: Collection[str] = ()) -> LikelyWindow:
-        """The likeliest window near a start, along each of its numbers in turns but those that are told, or kept."""
-        names = (*(_NAMES[:4] if start.n_panes > 1 else _NAMES[:2]), *(_NAMES[4:] if start.absorption else ()))
-        free = [name for name in names if name not in self.told and name not in kept]
-        steps = dict(zip(_NAMES, _FIRST_STEPS, strict=True))
-        best = LikelyWindow(replace(start, **self.told), math.inf, math.inf)
-        for _ in range(sweeps):
-            for name in free:
-                here = getattr(best.window, name)
-                best = self._along(best.window, name, steps[name])
-                # Far steps say that the minimum is not near yet.
-                near = abs(getattr(best.window, name) - here) < steps[name]
-                steps[name] *= _CLOSER if near else 1.0
-        return best
-
-    def _along(self, window: Window, name: str, step: float) -> LikelyWindow:
-        """The likeliest of a few windows along one number, between them by a parabola."""
-        here = getattr(window, name)
-        # A start may lie beyond what is searched: a pane's shift and a gap's add up to one that is not.
-        values = [v for v in (here + step * np.arange(-2, 3.0)).tolist() if _allowed(name, v)] or [here]
-        near = [replace(window, **{name: value}) for value in values]
-        misfit = self._likelihood.misfit(near, _ROUNDS)
-        misfit += _WEAK_PRIOR * np.square([trial.absorption for trial in near])
-        i = int(np.argmin(misfit))
-        at = values[i]
-        if 0 < i < len(values) - 1:
-            at += step * vertex(*(float(m) for m in misfit[i - 1 : i + 2]))
-        return LikelyWindow(replace(window, **{name: at}), float(misfit[i]), float(misfit[i]))
-
-
-def _allowed(name: str, value: float) -> bool:
-    if name == "incidence_deg":
-        return INCIDENCE_SEARCH_DEG[0] <= value <= INCIDENCE_SEARCH_DEG[1]
-    return value >= 0 if name == "absorption" else abs(value) <= GHOST_SHIFT_SEARCH_PX
-
-
-def _apart(one: Window, other: Window) -> bool:
-    """Whether two windows are more than neighbours of a scan."""
-    shifts = ("pane_shift", "gap_along", "gap_across")
-    far = max(abs(getattr(one, name) - getattr(other, name)) for name in shifts)
-    return bool(far > 2 * _STEP_PX)
 
 
 def _close(window: Window) -> bool:
@@ -286,20 +114,6 @@ def _looks_turned(window: Window) -> bool:
     direction_deg = math.degrees(math.atan2(abs(window.gap_across), abs(window.gap_along)))
     apart_px = math.hypot(window.gap_along, window.gap_across)
     return direction_deg > _TURNED_DEG and abs(window.pane_shift) < _HARDLY_PX and apart_px > _CLOSE_PX
-
-
-def equivalent_incidences(incidence_deg: float, n_panes: int, refractive_index: float) -> list[float]:
-    """Incidences between those at which so many panes in place polarize, and mirror, as one does at another."""
-
-    def reflected(angle: float, n: int) -> tuple[float, float]:
-        par, perp = in_place_reflectance(angle, refractive_index, False, n)
-        return perp - par, perp
-
-    angles = np.arange(INCIDENCE_SEARCH_DEG[0], incidence_deg + _EQUIVALENT_STEP_DEG, _EQUIVALENT_STEP_DEG)
-    table = np.array([reflected(float(angle), n_panes) for angle in angles])
-    lowest, highest = sorted(angles[np.abs(table - reflected(incidence_deg, 1)).argmin(axis=0)].tolist())
-    n = max(_LEAST_EQUIVALENT, math.ceil((highest - lowest) / _EQUIVALENT_SPACING_DEG) + 1)
-    return [float(angle) for angle in np.linspace(lowest, highest, n)]
 
 
 @dataclass(frozen=True)
@@ -364,7 +178,7 @@ class _Axis:
             moved = window.incidence_deg + _NEAR_DEG * vertex(values[0], values[1], values[2], _FARTHEST)
             window = replace(window, incidence_deg=float(np.clip(moved, *INCIDENCE_SEARCH_DEG)))
         sums = overlap.parts(window.incidence_deg)
-        misfit = float(self.likelihood.misfit([window], _ROUNDS)[0])
+        misfit = float(self.likelihood.misfit([window], ROUNDS)[0])
         score = misfit + _OVERLAP_WEIGHT * math.log(overlap_of(sums.sum(axis=-1)))
         # Near a mirror the likelihood may overflow.
         score, misfit = (value if math.isfinite(value) else math.inf for value in (score, misfit))
@@ -386,7 +200,7 @@ class _Axis:
 
     def scan(self, n_panes: int, singles: Sequence[LikelyWindow], *found: Window) -> _Scan:
         """Windows of so many panes that are likely, begun from likely single panes, and those found."""
-        starts = self.search.starts(n_panes, [*(single.window for single in singles[:_MOST_STARTS]), *found])
+        starts = self.search.starts(n_panes, [*(single.window for single in singles[:MOST_STARTS]), *found])
         return _Scan(n_panes, starts, singles[0].misfit - starts[0].misfit)
 
     def candidates(self, scan: _Scan) -> list[LikelyWindow]:
@@ -395,7 +209,7 @@ class _Axis:
         near.sort(key=lambda found: found.misfit)
         best = sorted(near, key=lambda found: found.misfit + self._edges(found.window))
         kept = dict.fromkeys(found.window for found in (*near[:_MOST_LIKELIEST], *best[:_MOST_CANDIDATES]))
-        found = [self.search.refined(window, _ROUGH_SWEEPS) for window in kept]
+        found = [self.search.refined(window, ROUGH_SWEEPS) for window in kept]
         return [*found, *(self._by_edges(one.window) for one in found[:1] if _close(one.window))]
 
     def _by_edges(self, window: Window) -> LikelyWindow:
@@ -405,7 +219,7 @@ class _Axis:
         overlap = self._overlap(window)
         near = np.clip(window.incidence_deg + np.array(_BESIDE_DEG), *INCIDENCE_SEARCH_DEG).tolist()
         likeliest = replace(window, incidence_deg=min(near, key=overlap.at))
-        return self.search.refined(likeliest, _ROUGH_SWEEPS, kept=_INCIDENCE)
+        return self.search.refined(likeliest, ROUGH_SWEEPS, kept=_INCIDENCE)
 
     def _overlap(self, window: Window) -> LayerOverlap:
         """That of a window's layers, over trial incidences."""
@@ -466,7 +280,7 @@ class _Axis:
 
         def misfit(spectra: CrossSpectra, incidences_deg: Values, shifts: Values) -> Values:
             turned = spectra if direction is None else spectra.with_ghosts_along(direction)
-            return np.asarray(ShiftLikelihood(turned, single, DETAIL).misfit(incidences_deg, shifts, _ROUNDS))
+            return np.asarray(ShiftLikelihood(turned, single, DETAIL).misfit(incidences_deg, shifts, ROUNDS))
 
         misfits = misfit(self._spectra, _TURNED_INCIDENCES_DEG, shifts)
         i, k = np.unravel_index(np.argmin(misfits), misfits.shape)
@@ -482,11 +296,11 @@ class _Axis:
         """The better of two single panes, with a ghost where a window's first one lies, or that of its next pane."""
         shifts = window.pane_shift, window.pane_shift + window.gap_along
         starts = (replace(single, pane_shift=shift) for shift in shifts)
-        return self.best([self.search.refined(start, _ROUGH_SWEEPS) for start in starts])
+        return self.best([self.search.refined(start, ROUGH_SWEEPS) for start in starts])
 
     def with_surer_ghosts(self, panes: Sequence[LikelyWindow], plain: LikelyWindow) -> LikelyWindow:
         """A single pane, or that of some whose ghosts lie elsewhere under which the tiles are surely likelier."""
-        others = [pane.window for pane in panes if _apart(pane.window, plain.window) and not _close(pane.window)]
+        others = [pane.window for pane in panes if apart(pane.window, plain.window) and not _close(pane.window)]
         if not others:
             return plain
         likeliest = min(others, key=lambda window: self._of_tiles(window).misfit)
@@ -502,7 +316,7 @@ class _Axis:
             for _ in range(_TURNS):
                 incidence, error = refined_incidence(self.frame, self.scene(window))
                 moved = replace(window, incidence_deg=incidence)
-                window = self.search.refined(moved, _ROUGH_SWEEPS, kept=_INCIDENCE).window
+                window = self.search.refined(moved, ROUGH_SWEEPS, kept=_INCIDENCE).window
 
         def shift_error(name: str) -> float | None:
             error = self._error(window, name, _ERROR_STEP_PX)
@@ -656,7 +470,7 @@ def _shows_tint(axis: _Axis, tinted: LikelyWindow, plain: LikelyWindow) -> bool:
         sure = axis.surer(window, plain.window)
         if abs(sure) > _SURE_OF_TILES:
             return sure > 0
-    least = _LEAST_GAIN if _apart(window, plain.window) else _LEAST_GAIN_OF_TINT
+    least = _LEAST_GAIN if apart(window, plain.window) else _LEAST_GAIN_OF_TINT
     if not seen or gain <= least:
         return False
     if tinted.clearly_better(plain, _LEAST_GAIN, _SURE):

@@ -1,1 +1,1 @@
-"""Windows of several panes, or tinted ones: how likely they are, and where gaps lie."""
+"""Windows of several panes, or tinted ones: how likely they are, where gaps lie, and the search for them."""
