@@ -112,7 +112,7 @@ class TileLikelihood:
             par, perp = spectra[:, : 1 if luminance else None, use][..., order]
             cross = par * perp.conj()
             tiles.append(np.stack([np.abs(par) ** 2, np.abs(perp) ** 2, cross.real, cross.imag], axis=1))
-        self._data = np.concatenate(tiles).astype(np.float32)
+        self._data = np.ascontiguousarray(np.concatenate(tiles), dtype=np.float32)
         (n_par, n_cross), (_, n_perp) = frame.covariance
         self._noise = np.array([n_par, n_perp, n_cross], np.float32)
 
@@ -167,7 +167,7 @@ class TileLikelihood:
         phase = orders[0, :, :1] * pane + orders[0, :, 1:] * gap
         sums = np.einsum("kln,lf->knf", weights[..., :3], np.cos(phase), optimize=True)
         turned = np.einsum("kl,lf->kf", -weights[..., 3], np.sin(phase), optimize=True)
-        return np.concatenate([sums, turned[:, None]], axis=1).astype(np.float32)
+        return np.ascontiguousarray(np.concatenate([sums, turned[:, None]], axis=1), dtype=np.float32)
 
 
 _SEARCH = {
