@@ -121,22 +121,21 @@ class TileLikelihood:
         return TileFit(window, refractive_index, self._misfits(window, refractive_index, self._first_powers())[0])
 
     def nearest(self, window: Window, refractive_index: float, free: tuple[str, ...] = ("incidence_deg",)) -> TileFit:
-        """The likeliest window near one, as far as some of its numbers go; `refractive_index` may be among them."""
-        start = TileFit(window, refractive_index, np.empty(0))
+        """The likeliest window near one, as far as some of its numbers go."""
         for _ in range(_TURNS if free else 0):
-            powers = self._misfits(start.window, start.refractive_index, self._first_powers())[1]
+            powers = self._misfits(window, refractive_index, self._first_powers())[1]
 
-            def misfit(x: Values, start: TileFit = start, powers: Powers = powers) -> float:
-                moved = _moved(start, free, x)
-                return float(self._misfits(moved.window, moved.refractive_index, powers, _ROUNDS)[0].sum())
+            def misfit(x: Values, window: Window = window, powers: Powers = powers) -> float:
+                moved = _moved(window, free, x)
+                return float(self._misfits(moved, refractive_index, powers, _ROUNDS)[0].sum())
 
-            at = np.array([_number(start, name) for name in free])
+            at = np.array([getattr(window, name) for name in free])
             steps, low, high = np.array([_SEARCH[name] for name in free]).T
             step = Box(np.clip(at, low + steps, high - steps), steps, low, high).newton(misfit)
-            start = _moved(start, free, step.point)
+            window = _moved(window, free, step.point)
             if np.all(np.abs(step.point - at) < _AT_REST * steps):
                 break
-        return self.fitted(start.window, start.refractive_index)
+        return self.fitted(window, refractive_index)
 
     def _first_powers(self) -> Powers:
         return np.full((len(self._data), 2, self._cells.size - 1), FIRST_LEVEL, np.float32)
@@ -170,25 +169,15 @@ class TileLikelihood:
         return np.ascontiguousarray(np.concatenate([sums, turned[:, None]], axis=1), dtype=np.float32)
 
 
-_SEARCH = {
-    "incidence_deg": (0.6, *INCIDENCE_SEARCH_DEG),
-    "refractive_index": (0.05, 1.2, 2.2),
-    "absorption": (0.1, 0.0, 3.0),
-}
+_SEARCH = {"incidence_deg": (0.6, *INCIDENCE_SEARCH_DEG)}
 """Step, and least and greatest value, of what is searched. Set by hand."""
 _TURNS, _AT_REST = 4, 0.1
 """In which the powers are fitted to the last window, and the move, in steps, that ends them. Set by hand."""
 
 
-def _number(fit: TileFit, name: str) -> float:
-    return fit.refractive_index if name == "refractive_index" else float(getattr(fit.window, name))
-
-
-def _moved(fit: TileFit, free: tuple[str, ...], x: Values) -> TileFit:
-    """A fit's window with other numbers."""
-    numbers = dict(zip(free, x.tolist(), strict=True))
-    index = numbers.pop("refractive_index", fit.refractive_index)
-    return TileFit(replace(fit.window, **numbers), index, fit.misfits)
+def _moved(window: Window, free: tuple[str, ...], x: Values) -> Window:
+    """A window with other numbers."""
+    return replace(window, **dict(zip(free, x.tolist(), strict=True)))
 
 
 def _cells(along: Values, across: Values) -> NDArray[np.intp]:
