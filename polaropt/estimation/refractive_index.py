@@ -455,11 +455,12 @@ def _told_by_tiles(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex |
         for index in _TILE_INDICES
         for angle in _alike(window.incidence_deg, told, index - told)
     ]
-    glance = TileLikelihood(frame, luminance=True)
+    tiles = TileLikelihood(frame)
+    glance = tiles.luminance()
     likeliest = min((glance.fitted(*start) for start in starts), key=lambda fit: fit.misfit)
     if glance.fitted(window, told).misfit - likeliest.misfit < _LEAST_GLANCE:
         return None
-    tiles, panes = TileLikelihood(frame), dict[float, TileFit]()
+    panes = dict[float, TileFit]()
 
     def pane(index: float) -> TileFit:
         """The likeliest single pane of an index."""

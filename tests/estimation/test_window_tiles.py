@@ -64,7 +64,7 @@ def test_a_window_that_is_told_is_only_fitted() -> None:
 
 
 def test_luminance_says_the_same_with_a_third_of_the_numbers() -> None:
-    luminance = TileLikelihood(frame(), luminance=True)
+    luminance = tiles().luminance()
     true, single = luminance.nearest(TRUE, 1.5), luminance.nearest(Window(72.0, 2.0), 1.5)
     assert 3 * true.misfits.size == tiles().fitted(TRUE, 1.5).misfits.size
     assert true.surer_than(single) > 3.5

@@ -254,7 +254,7 @@ class _Axis:
 
     @cached_property
     def _glance(self) -> TileLikelihood:
-        return TileLikelihood(self.frame, luminance=True)
+        return self.tiles.luminance()
 
     @cached_property
     def tiles(self) -> TileLikelihood:

@@ -15,6 +15,7 @@ P. Whittle, The analysis of multiple stationary time series, JRSS B, 1953.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
 
@@ -85,14 +86,12 @@ class TileLikelihood:
     ----------
     frame : PlateFrame
         At the azimuth of the windows.
-    luminance : bool
-        Of the colours' sum alone, which takes a third of the time.
     ghosts_deg : float, optional
         Direction in the image along which double images lie, where the polarizer's zero is in doubt. Default: the
         azimuth.
     """
 
-    def __init__(self, frame: PlateFrame, *, luminance: bool = False, ghosts_deg: float | None = None) -> None:
+    def __init__(self, frame: PlateFrame, *, ghosts_deg: float | None = None) -> None:
         self._side = side = min(TILE_PX, *frame.images.shape[-2:])
         self._azimuth_deg = frame.azimuth_deg if ghosts_deg is None else ghosts_deg
         use, along, across, multiplicity = usable_frequencies(side, frame.azimuth_deg)
@@ -109,12 +108,19 @@ class TileLikelihood:
         corners = tile_corners(frame.valid, side)
         tiles = []
         for spectra in tile_spectra(frame, side, corners):
-            par, perp = spectra[:, : 1 if luminance else None, use][..., order]
+            par, perp = spectra[..., use][..., order]
             cross = par * perp.conj()
             tiles.append(np.stack([np.abs(par) ** 2, np.abs(perp) ** 2, cross.real, cross.imag], axis=1))
         self._data = np.ascontiguousarray(np.concatenate(tiles), dtype=np.float32)
+        self._n_colours = frame.images.shape[1]
         (n_par, n_cross), (_, n_perp) = frame.covariance
         self._noise = np.array([n_par, n_perp, n_cross], np.float32)
+
+    def luminance(self) -> TileLikelihood:
+        """That of the colours' sum alone, which takes a third of the time."""
+        other = copy.copy(self)
+        other._data = np.ascontiguousarray(self._data[:: self._n_colours])
+        return other
 
     def fitted(self, window: Window, refractive_index: float) -> TileFit:
         """How likely the tiles are under a window, with the powers that suit it."""
