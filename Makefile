@@ -36,13 +36,13 @@ setup: $(STAMP)
 # Touched last, so that an interrupted installation starts again.
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[app,batch,casadi,dev,plot,raw,sequence,studies,torch]"
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[app,batch,casadi,dev,plot,raw,sequence,studies,torch]"
 	touch $@ $(PLAIN)
 
 # What a separation needs, and nothing else.
 $(PLAIN): pyproject.toml constraints.txt
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable .
 	touch $@
 
 demo: $(PLAIN)

@@ -60,7 +60,7 @@ from polaropt.solving import (
     inpainted,
     solve,
 )
-from solvers.ahead import compile_ahead
+from solvers.ahead import begin_ahead, compile_ahead
 from solvers.base import SolverResult, Status, StoppingRule
 from solvers.kernels import compilations_reported_to
 from solvers.registry import get_solver
@@ -84,10 +84,13 @@ _KERNELS = (
     "polaropt.solving.kernels.misfit",
     "polaropt.inversion.compiled_whitening",
     "polaropt.estimation.flat.windows.kernels",
-    "polaropt.estimation.flat.windows.tile_kernels",
     "solvers.passes",
+    "polaropt.solving.kernels.windows",
+    "polaropt.estimation.flat.windows.tile_kernels",
     "polaropt.judging.kernels",
 )
+# Those that a raw mosaic needs beside them, once it is read.
+_KERNELS_OF_MOSAICS = ("polaropt.numerics.alias_kernels",)
 
 
 @dataclass(frozen=True)
@@ -423,9 +426,15 @@ def _separate(
         return _solved(case, start, stages)[0]
 
 
-def compile_kernels() -> None:
-    """Compile what a plain separation needs and is not kept on disk, on all cores."""
-    compile_ahead(_KERNELS)
+def compile_kernels(*, wait: bool = True) -> None:
+    """Compile what photographs and mosaics need and is not kept on disk, on all cores.
+
+    Parameters
+    ----------
+    wait : bool
+        False goes on at once, while other cores compile.
+    """
+    (compile_ahead if wait else begin_ahead)((*_KERNELS, *_KERNELS_OF_MOSAICS))
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Kernels compiled before they are needed, side by side: what one process keeps, the others load.
 
-numba compiles one kernel at a time in a process, so that other cores help in processes of their own. Importing this
-does not import numba.
+numba compiles one kernel at a time in a process, so that other cores help in processes of their own. They take one
+module after the other, as the caller does once it has nothing else to do. Importing this does not import numba.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -21,8 +23,27 @@ Call = tuple[Any, tuple[Any, ...]]
 
 # Processes that share the work: with more, the longest kernel and their start are what remains. Set by hand.
 _MOST_PROCESSES = 4
-_PROGRAM = "import sys; from solvers.ahead import call_first; call_first(sys.argv[1:])"
-_looked_at: set[tuple[str, ...]] = set()
+_PROGRAM = "from solvers.ahead import compile_as_told; compile_as_told()"
+_looked_at: set[str] = set()
+# Modules that nobody has begun, and of all that are to compile whether they are done.
+_waiting: deque[str] = deque()
+_done: dict[str, threading.Event] = {}
+_lock = threading.Lock()
+
+
+def begin_ahead(modules: Sequence[str]) -> None:
+    """Let other cores compile what modules of kernels say that is needed, and go on at once.
+
+    Who needs them calls `compile_ahead`. With one thread nothing is done.
+
+    Parameters
+    ----------
+    modules : sequence of str
+        Dotted names, those that are needed first and take longest to compile first; each has
+        ``first_calls() -> list[Call]``.
+    """
+    if thread_count() > 1:
+        _hand_out(_missing(modules))
 
 
 def compile_ahead(modules: Sequence[str], begun: Callable[[], None] = lambda: None) -> None:
@@ -34,59 +55,97 @@ def compile_ahead(modules: Sequence[str], begun: Callable[[], None] = lambda: No
     Parameters
     ----------
     modules : sequence of str
-        Dotted names, the longest to compile first; each has ``first_calls() -> list[Call]``.
+        As of `begin_ahead`.
     begun : callable, optional
-        Called before something is compiled.
+        Called before something is compiled or waited for.
     """
-    asked = tuple(modules)
-    if asked in _looked_at:
+    if thread_count() < 2:
         return
-    _looked_at.add(asked)
-    n = min(thread_count(), _MOST_PROCESSES)
-    if n < 2:
-        return
-    missing = [module for module in asked if _is_missing(module)]
-    parts = [part for part in _dealt(missing, n) if part]
-    if len(parts) < 2:
+    missing = _missing(modules)
+    if len(missing) > 1:
+        _hand_out(missing)
+    open_ = [module for module in modules if module in _done and not _done[module].is_set()]
+    if not open_:
         return
     begun()
-    others = [_started(part) for part in parts[1:]]
-    try:
-        call_first(parts[0])
-        for other in others:
-            if other is not None:
-                other.wait()
-    finally:
-        for other in others:
-            if other is not None and other.poll() is None:
-                other.terminate()
-                other.wait()
+    for module in open_:
+        if _taken(module):
+            try:
+                _call_first(module)
+            finally:
+                _done[module].set()
+    for module in open_:
+        _done[module].wait()
 
 
-def call_first(modules: Sequence[str]) -> None:
-    """Call kernels of modules for the first time, on next to nothing: compiles them, or loads what is kept."""
-    for module in modules:
-        for kernel, arguments in import_module(module).first_calls():
-            kernel(*arguments)
+def compile_as_told() -> None:
+    """Compile the modules that are named on standard input, a line each, and say on standard output when one is."""
+    for line in sys.stdin:
+        _call_first(line.strip())
+        print(line, end="", flush=True)
 
 
-def _dealt(modules: Sequence[str], n: int) -> list[list[str]]:
-    """Modules in n parts, the longest first, there and back."""
-    order = [*range(n), *reversed(range(n))]
-    return [[module for i, module in enumerate(modules) if order[i % (2 * n)] == part] for part in range(n)]
+def _call_first(module: str) -> None:
+    """Call a module's kernels for the first time, on next to nothing: compiles them, or loads what is kept."""
+    for kernel, arguments in import_module(module).first_calls():
+        kernel(*arguments)
 
 
-def _is_missing(module: str) -> bool:
-    """Whether a kernel of the module is still to compile, and will be kept."""
-    return any(is_to_compile(kernel) for kernel, _ in import_module(module).first_calls())
+def _missing(modules: Sequence[str]) -> list[str]:
+    """Modules that nobody has asked for yet and of which a kernel is still to compile, and will be kept."""
+    new = [module for module in modules if module not in _looked_at]
+    _looked_at.update(new)
+    return [module for module in new if any(is_to_compile(kernel) for kernel, _ in import_module(module).first_calls())]
 
 
-def _started(modules: Sequence[str]) -> subprocess.Popen[bytes] | None:
-    """A process that compiles modules, with the paths of this one; none where none can be started."""
+def _hand_out(modules: Sequence[str]) -> None:
+    """Put modules where helpers take them from, each helper the next longest."""
+    _done.update({module: threading.Event() for module in modules})
+    _waiting.extend(modules)
+    for _ in range(min(len(modules), thread_count(), _MOST_PROCESSES) - 1 or len(modules)):
+        with _lock:
+            first = _waiting.popleft()
+        threading.Thread(target=_with_helper, args=(first,), daemon=True).start()
+
+
+def _taken(module: str) -> bool:
+    """Whether a module still waited, and is the caller's now."""
+    with _lock:
+        if module not in _waiting:
+            return False
+        _waiting.remove(module)
+        return True
+
+
+def _with_helper(module: str | None) -> None:
+    """Have modules compiled by another process, until none is left; it ends when this one does."""
+    helper = _started()
+    while module is not None:
+        if helper is not None:
+            assert helper.stdin is not None
+            assert helper.stdout is not None
+            with suppress(OSError):
+                helper.stdin.write(f"{module}\n")
+                helper.stdin.flush()
+                helper.stdout.readline()
+        _done[module].set()
+        with _lock:
+            module = _waiting.popleft() if _waiting else None
+    if helper is not None:
+        helper.communicate()
+
+
+def _started() -> subprocess.Popen[str] | None:
+    """A process that compiles what it is told, with the paths of this one; none where none can be started."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    silent = subprocess.DEVNULL
+    pipe = subprocess.PIPE
     with suppress(OSError):
         return subprocess.Popen(
-            [sys.executable, "-c", _PROGRAM, *modules], env=environment, stdin=silent, stdout=silent, stderr=silent
+            [sys.executable, "-c", _PROGRAM],
+            env=environment,
+            stdin=pipe,
+            stdout=pipe,
+            stderr=subprocess.DEVNULL,
+            text=True,
         )
     return None

@@ -44,8 +44,10 @@ def demo_command(options: DemoOptions) -> None:
     """
     from polaropt.capture import result_folder
     from polaropt.reporting import RESULT_FILES
+    from polaropt.separation import compile_kernels
 
     with watched(not options.json) as stages:
+        compile_kernels(wait=False)
         with result_folder(options.output, RESULT_FILES) as work:
             part = _begun(stages, 0.0, _FIRST_DONE)
             example, report, scores = _run(work, options.output, part)

@@ -118,7 +118,7 @@ class AliasGroups:
         flat = lines.reshape(*weights.shape[:-1], -1)
         down, across = np.divmod(np.arange(self.period**2), self.period)
         steps = ((down[:, None] - down) % self.period) * self.period + (across[:, None] - across) % self.period
-        return np.asarray(flat[..., steps], dtype=np.complex64)
+        return np.ascontiguousarray(flat[..., steps], dtype=np.complex64)
 
 
 @dataclass(frozen=True)

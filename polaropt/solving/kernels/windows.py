@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.ahead import Call
 from solvers.kernels import compiled
 
 Images = NDArray[np.float32]
@@ -159,3 +160,19 @@ def expect(here: Images, down: Images, precision: Images, seen: Photographed, po
                 p_r[k] = (h_r[k, 0] + r_re) ** 2 + (h_r[k, 1] + r_im) ** 2
                 l_t[k] += open_t
                 l_r[k] += open_r
+
+
+def first_calls() -> list[Call]:
+    """Calls on next to nothing of the kernels that every separation needs, for `solvers.ahead`."""
+    one, side = np.float32(1), np.ones(1, np.float32)
+    # Rows of larger images, and one part of what photographs tell, are no arrays of their own.
+    rows, told = np.zeros((2, 1, 1, 2), np.float32)[..., :1], np.zeros((2, 2), np.float32)[:, :1]
+    pieces, spectra = np.zeros((2, 1, 1, 1, 1), np.float32), np.zeros((2, 1, 1, 1, 2), np.float32)
+    power, left = np.zeros((2, 1, 1, 1), np.float32), np.zeros((2, 1, 1), np.float32)
+    seen = Photographed(told, np.zeros((1, 2), np.float32), left.copy(), side, one, one)
+    return [
+        (expect, (spectra, spectra.copy(), side, seen, power, left)),
+        (put, (pieces, side, 1, rows)),
+        (cut, (rows, side, 1, pieces)),
+        (power_of, (spectra, power)),
+    ]
