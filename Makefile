@@ -8,6 +8,9 @@ PLAIN := $(VENV)/.polaropt-without-extras
 DOCS_STAMP := $(VENV)/.docs-installed
 DOCS := docs/_build/html
 PEERS := .venv-peers
+# Bytecode is made of what is imported, when it is.
+INSTALL := $(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt
+COMPILE := $(BIN)/python -c "from polaropt.kernels import compile_kernels; compile_kernels()"
 # Tests run side by side in so many processes.
 WORKERS ?= 2
 MINUTES ?= 10
@@ -36,13 +39,13 @@ setup: $(STAMP)
 # Touched last, so that an interrupted installation starts again.
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[app,batch,casadi,dev,plot,raw,sequence,studies,torch]"
+	$(INSTALL) --editable ".[app,batch,casadi,dev,plot,raw,sequence,studies,torch]"
 	touch $@ $(PLAIN)
 
 # What a separation needs, and nothing else.
 $(PLAIN): pyproject.toml constraints.txt
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable .
+	$(INSTALL) --editable .
 	touch $@
 
 demo: $(PLAIN)
@@ -50,7 +53,7 @@ demo: $(PLAIN)
 
 # Kernels first, once, on all cores: side by side the processes of tests would all compile the same.
 test: setup
-	$(BIN)/python -c "from polaropt.separation import compile_kernels; compile_kernels()"
+	$(COMPILE)
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal $(PYTEST_OPTIONS)
 
 fuzz: setup

@@ -44,6 +44,7 @@ from polaropt.judging import (
     scene_loss,
     uncertainty_without_polarization,
 )
+from polaropt.kernels import KERNELS
 from polaropt.numerics import MUCH_VALUES, arrays_apart
 from polaropt.optics import GLASS_INDEX, PSE, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.progress import COMPILING, Progress, Stages
@@ -60,7 +61,7 @@ from polaropt.solving import (
     inpainted,
     solve,
 )
-from solvers.ahead import begin_ahead, compile_ahead
+from solvers.ahead import compile_ahead
 from solvers.base import SolverResult, Status, StoppingRule
 from solvers.kernels import compilations_reported_to
 from solvers.registry import get_solver
@@ -77,20 +78,6 @@ _SAME_NOISE = 0.1
 _FRAME_CHANGE, _FRAME_ITERATIONS = 5e-4, 1
 # How far the estimation has come, in parts of the whole separation, for the progress alone: set by hand.
 _INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
-
-# Kernels that a plain separation needs, those that take longest to compile first.
-_KERNELS = (
-    "polaropt.solving.kernels.penalties",
-    "polaropt.solving.kernels.misfit",
-    "polaropt.inversion.compiled_whitening",
-    "polaropt.estimation.flat.windows.kernels",
-    "solvers.passes",
-    "polaropt.solving.kernels.windows",
-    "polaropt.estimation.flat.windows.tile_kernels",
-    "polaropt.judging.kernels",
-)
-# Those that a raw mosaic needs beside them, once it is read.
-_KERNELS_OF_MOSAICS = ("polaropt.numerics.alias_kernels",)
 
 
 @dataclass(frozen=True)
@@ -426,24 +413,13 @@ def _separate(
         return _solved(case, start, stages)[0]
 
 
-def compile_kernels(*, wait: bool = True) -> None:
-    """Compile what photographs and mosaics need and is not kept on disk, on all cores.
-
-    Parameters
-    ----------
-    wait : bool
-        False goes on at once, while other cores compile.
-    """
-    (compile_ahead if wait else begin_ahead)((*_KERNELS, *_KERNELS_OF_MOSAICS))
-
-
 @contextmanager
 def _one_thread(stages: Stages) -> Iterator[None]:
     """Many small products: a second BLAS thread waits more than it works, many times so on a busy machine."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, "blas"), compilations_reported_to(stages.compiling):
-        compile_ahead(_KERNELS, lambda: stages.begin(COMPILING, 0.0))
+        compile_ahead(KERNELS, lambda: stages.begin(COMPILING, 0.0))
         yield
 
 

@@ -43,8 +43,8 @@ def demo_command(options: DemoOptions) -> None:
     raw mosaic of a colour polarization camera.
     """
     from polaropt.capture import result_folder
+    from polaropt.kernels import compile_kernels
     from polaropt.reporting import RESULT_FILES
-    from polaropt.separation import compile_kernels
 
     with watched(not options.json) as stages:
         compile_kernels(wait=False)
