@@ -29,10 +29,11 @@ _CAPTURES = {"errors", "numerics", "optics", "progress"}
 _INVERSION = _CAPTURES | {"capture"}
 _SOLVING = _INVERSION | {"inversion", "progress"}
 _JUDGING = _SOLVING | {"estimation", "solving"}
-_SEPARATION = _JUDGING | {"judging"}
+_SEPARATION = _JUDGING | {"judging", "kernels"}
 BELOW = {
     "errors": set(),
     "progress": set(),
+    "kernels": set(),
     "numerics": {"errors"},
     "optics": {"errors", "numerics"},
     "capture": _CAPTURES,
