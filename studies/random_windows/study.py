@@ -1,7 +1,9 @@
 """How good is a separation of any window: random scenes over everything, fitted on half of them, judged on the others.
 
 Run ``polaropt study random_windows -o OUT`` for the scenes that are there to fit on, with ``--seeds judge`` for those
-that are looked at once, at the end. ``--only N`` prints all about scene N and writes pictures of its layers.
+that are looked at once, at the end. ``--from N`` takes scenes from that number on, which nothing was fitted on either,
+``--against FOLDER`` tells what changed since an earlier run. ``--only N`` prints all about scene N and writes pictures
+of its layers.
 
 A scene is drawn by its number: incidence, refractive index, noise, double images, and what is special about its
 family. Doing nothing is the better of the plain intensity and of s0 - sqrt(s1^2 + s2^2), twice the fitted minimum over
@@ -16,6 +18,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from polaropt.capture import planes_last
@@ -23,7 +26,9 @@ from polaropt.separation import Separation
 from studies.kit.charts import crops, write_figures
 from studies.kit.frames import frame_of
 from studies.kit.run import effort_of, publish, run_study, study_parser
+from studies.kit.speech import say_tables
 from studies.parameter_errors import compared
+from studies.random_windows.comparison import changes, earlier
 from studies.random_windows.judging import judged
 from studies.random_windows.results import figures, tables, what_is_wrong
 from studies.random_windows.separations import Job, Row, row_of, run, stated_errors
@@ -41,6 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", choices=HALVES, default=FIT, help="Which half of the scenes.")
     parser.add_argument("--families", default="", help="Only families whose names contain one of these, by commas.")
     parser.add_argument("--per-family", type=int, metavar="N", help="Scenes of each family.")
+    parser.add_argument("--from", dest="first", type=int, default=0, metavar="N", help="Scenes from this number on.")
+    parser.add_argument("--against", type=Path, metavar="FOLDER", help="Earlier results: tell what changed.")
     parser.add_argument("--only", type=int, metavar="N", help="All about the scene with this number.")
     options = parser.parse_args(arguments)
     size = QUICK_SIZE if options.quick else SIZE
@@ -51,13 +58,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     per_family = options.per_family or PER_FAMILY[effort_of(options)]
     jobs = [
         Job(number, options.photos, size)
-        for number in numbers_of(options.seeds, per_family)
+        for number in numbers_of(options.seeds, per_family, options.first)
         if window_of(number, size).family in names
     ]
+    try:
+        # Read first: it may be the folder that is written to.
+        before = None if options.against is None else earlier(options.against)
+    except FileNotFoundError as error:
+        parser.error(str(error))
     # Family by family, as tables and figures have them.
     jobs.sort(key=lambda job: names.index(job.window.family))
     frame = run_study(NAME, run, jobs, Row, options)
     publish(NAME, options, tables(frame), figures(frame))
+    if before is not None:
+        told = changes(before, frame)
+        say_tables(told)
+        (options.out / "changes.md").write_text(told + "\n", encoding="utf-8")
 
 
 def look_at(options: argparse.Namespace, size: int) -> None:

@@ -166,9 +166,10 @@ def window_of(number: int, size: int) -> Window:
     return Window(number, family, draft.scene, told, draft.taking, pair, turns)
 
 
-def numbers_of(half: str, per_family: int) -> range:
-    """Numbers of the scenes of one half, so many of each family."""
-    return range(HALVES.index(half), 2 * per_family * len(FAMILIES), len(HALVES))
+def numbers_of(half: str, per_family: int, first: int = 0) -> range:
+    """Numbers of the scenes of one half from the first on, so many of each family."""
+    first += (HALVES.index(half) - first) % len(HALVES)
+    return range(first, first + len(HALVES) * per_family * len(FAMILIES), len(HALVES))
 
 
 # What is special about a family.

@@ -13,6 +13,7 @@ from studies.camera import photograph
 from studies.kit.frames import frame_of
 from studies.photographs import shipped_pairs
 from studies.random_windows import study
+from studies.random_windows.comparison import changes, earlier
 from studies.random_windows.judging import TARGETS, judged, numbers_found, width
 from studies.random_windows.results import figures, tables
 from studies.random_windows.separations import Job, Row, run
@@ -28,6 +29,16 @@ def test_a_number_tells_the_scene_whatever_was_drawn_before():
     assert [window.number for window in MANY] == sorted({window.number for window in MANY}, key=lambda n: (n % 2, n))
     first, second = (window_of(3, 48).sample(None, 48) for _ in range(2))
     np.testing.assert_array_equal(first.capture.intensities, second.capture.intensities)
+
+
+@pytest.mark.parametrize("first", [1, 640, 1001])
+def test_later_numbers_are_new_scenes_of_the_same_half_and_families(first):
+    for half in (FIT, JUDGE):
+        later = [window_of(number, SIZE) for number in numbers_of(half, 2, first)]
+        assert {window.half for window in later} == {half}
+        assert min(window.number for window in later) in (first, first + 1)
+        families = [window.family for window in later]
+        assert {family: families.count(family) for family in FAMILIES} == dict.fromkeys(FAMILIES, 2)
 
 
 def test_either_half_has_as_many_of_each_family():
@@ -152,3 +163,26 @@ def test_the_study_is_one_command_and_tells_all_of_one_scene(tmp_path, capsys, m
     assert told.startswith("scene 4 (strong noise, to fit)")
     assert (tmp_path / "scene_4.txt").read_text() == told
     assert (tmp_path / "scene_4.png").is_file()
+
+
+def test_what_a_change_gained_and_lost_is_told_of_the_scenes_that_both_runs_have(tmp_path):
+    before = concat([judged_row(36.0, number=1), judged_row(39.0, number=3), judged_row(39.0, number=5)])
+    after = concat([judged_row(38.5, number=1), judged_row(39.4, number=3), judged_row(30.0, number=7)])
+    told = changes(before, after)
+    assert "2 scenes that both have." in told
+    assert "| within 3 dB of the scene known | 1 | 2 |" in told
+    assert (
+        "| 1 | plain | 36.0 | 38.5 | 0.0 | 0.0 | now: within 3 dB of the scene known; no longer: failures in silence |"
+        in told
+    )
+    assert "| 3 | plain |" not in told
+    assert changes(before, after[after.number == 7]).endswith("0 scenes that both have.")
+
+
+def test_an_earlier_run_is_read_from_what_it_kept(tmp_path):
+    options = ["--quick", "--families", "plain", "--per-family", "1", "-o", str(tmp_path)]
+    study.main([*options, "--from", "1600"])
+    kept = earlier(tmp_path)
+    assert kept.number.tolist() == [window_of(1600, SIZE).number]
+    study.main([*options, "--from", "1600", "--against", str(tmp_path)])
+    assert "1 scenes that both have." in (tmp_path / "changes.md").read_text()
