@@ -8,7 +8,8 @@ PLAIN := $(VENV)/.polaropt-without-extras
 DOCS_STAMP := $(VENV)/.docs-installed
 DOCS := docs/_build/html
 PEERS := .venv-peers
-# Bytecode is made of what is imported, when it is.
+# Bytecode is made of what is imported, when it is: here at least, also where it is not wanted, as in many containers.
+unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt
 COMPILE := $(BIN)/python -c "from polaropt.kernels import compile_kernels; compile_kernels()"
 # Tests run side by side in so many processes.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from polaropt.capture.polarization import plate_frame, stokes_images
 from polaropt.estimation.flat.azimuth import HIGH_STAKE, NOTABLE_STAKE, AxisCandidate, AxisChoice, choose_axis, log_odds
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.search import SceneSearch, Trial, evidence
+from polaropt.estimation.flat.windows.likelihood import Window
+from polaropt.estimation.flat.windows.tiles import TileLikelihood
 from polaropt.estimation.ladder import find_scene
 from polaropt.estimation.safeguard import CheckedScene, left_alone, with_incidence_checked
 from polaropt.judging.warnings import diagnose
@@ -26,11 +29,17 @@ NOISE = 0.005
 
 
 def panes_of(capture: Capture, azimuth_deg: float, trials: tuple[Trial, Trial]) -> tuple[AxisCandidate, AxisCandidate]:
-    seen = evidence(plate_frame(stokes_images(capture, noise_level(capture)), azimuth_deg))
-    pair = zip((seen, seen.across()), trials, strict=True)
+    frame = plate_frame(stokes_images(capture, noise_level(capture)), azimuth_deg)
+    seen = evidence(frame)
+    windows = [Window(trial.incidence_deg, trial.ghost_shift) for trial in trials]
     first, second = (
-        AxisCandidate(part, trial, float(SceneSearch(part, BLIND, None).shift_curve(trial)[1].min()))
-        for part, trial in pair
+        AxisCandidate(
+            part,
+            trial,
+            float(SceneSearch(part, BLIND, None).shift_curve(trial)[1].min()),
+            partial(TileLikelihood(at).nearest, window, BLIND.index),
+        )
+        for at, part, trial, window in zip((frame, frame.across()), (seen, seen.across()), trials, windows, strict=True)
     )
     return first, second
 
@@ -64,6 +73,16 @@ def test_a_pane_as_good_as_itself_is_as_likely_and_not_worth_the_risk(
     assert log_odds((panes[0], panes[0]), BLIND, NOISE) == 0
     # Half the chance of being twice as far off as the intensity.
     assert same == AxisChoice(0, pytest.approx(2.0))
+
+
+def test_tiles_tell_where_all_else_is_alike(panes: tuple[AxisCandidate, AxisCandidate]) -> None:
+    true, across = panes[0].tile_fit(), panes[1].tile_fit()
+    assert true.surer_than(across) > 1
+    alike = replace(panes[0], tile_fit=lambda: across)
+    assert log_odds((panes[0], alike), BLIND, NOISE) == pytest.approx(true.surer_than(across))
+    taken = choose_axis((alike, panes[0]), BLIND, NOISE)
+    assert taken.best == 1
+    assert taken.stake < choose_axis((alike, alike), BLIND, NOISE).stake
 
 
 @pytest.mark.parametrize("single_surface", [False, True])

@@ -7,6 +7,7 @@ explain noisy photographs about as well; taken for the right one it is worse tha
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood
 from polaropt.estimation.flat.search import Evidence, Trial
+from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.numerics import jackknife_error
 from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_correction
 
@@ -121,6 +123,10 @@ def _wiener_gain(power: Images, radius2: Images, noise: float) -> Images:
 # error is below a nat, and per noise level of the search's own score: fitted by logistic regression, then kept on the
 # safe side, on 311 scenes of photographs that no figure is taken of where two panes come close.
 _AS_FOUND, _AT_BEST, _OF_SCORE = 0.5, 1.5, 2.0
+_OF_TILES = 1.0
+"""Log odds per standard error by which tiles are likelier. Of 29 flat random windows that all else left open (training
+photographs, even seeds 832 to 1498) the true axis has a chance of 78 % with it, in the geometric mean, of 80 % with
+twice as much, and of 67 % without."""
 # Log odds beyond which the exponential overflows.
 _SURE = 700.0
 # Noise levels by which scores differ where the search is not mistaken: so it was in all of these scenes.
@@ -141,11 +147,14 @@ class AxisCandidate:
         The best one.
     least_misfit : float
         Of the spectra at its incidence, over all shifts.
+    tile_fit : callable
+        How likely single tiles are of it: asked for where all else leaves it open.
     """
 
     evidence: Evidence
     trial: Trial
     least_misfit: float
+    tile_fit: Callable[[], TileFit]
 
 
 @dataclass(frozen=True)
@@ -192,16 +201,17 @@ def choose_axis(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParamete
 def log_odds(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParameters, noise: float) -> float:
     """Natural logarithm of how much likelier the first pane is; parameters as for `choose_axis`.
 
-    From the likelihood of the spectra, less trusted the more it differs between parts of the frame; from the search's
-    score, which noise biases; and from how often panes are seen at such an incidence: those of random directions show
-    a projected area that goes with the sine of twice the incidence.
+    From the likelihood of the spectra, less trusted the more it differs between parts of the frame; from that of single
+    tiles, in standard errors; from the search's score, which noise biases; and from how often panes are seen at such an
+    incidence: those of random directions show a projected area that goes with the sine of twice the incidence.
     """
     n = float(panes[0].evidence.spectra.multiplicity.sum())
     gain, error = _likelier(panes, scene)
     likelier = _AS_FOUND * gain + _AT_BEST * (panes[1].least_misfit - panes[0].least_misfit)
     of_score = _OF_SCORE * (panes[1].trial.score - panes[0].trial.score) / noise
+    of_tiles = _OF_TILES * panes[0].tile_fit().surer_than(panes[1].tile_fit())
     area = [math.sin(2 * math.radians(_incidence(pane))) for pane in panes]
-    return n * likelier / math.hypot(1, n * error) + of_score + math.log(area[0] / area[1])
+    return n * likelier / math.hypot(1, n * error) + of_score + of_tiles + math.log(area[0] / area[1])
 
 
 def _incidence(pane: AxisCandidate) -> float:

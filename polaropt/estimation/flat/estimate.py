@@ -8,7 +8,9 @@ both rest.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -19,6 +21,8 @@ from polaropt.estimation.flat.azimuth import HIGH_STAKE, AxisCandidate, choose_a
 from polaropt.estimation.flat.errors import ShiftErrors, widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
+from polaropt.estimation.flat.windows.likelihood import Window
+from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_LIMITS_DEG, Rival, SceneErrors, SceneParameters
 
 _POLARIZED_SNR = 10.0
@@ -191,12 +195,35 @@ def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness
         return _Taken(frames[best], searches[best], searches[best].improved(trials[best]), abs(margin))
     trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
     panes = [
-        AxisCandidate(part, trial, float(search.shift_curve(trial)[1].min()))
-        for part, search, trial in zip(seens, searches, trials, strict=True)
+        AxisCandidate(
+            part,
+            trial,
+            float(search.shift_curve(trial)[1].min()),
+            partial(_tile_fit, at, _windows(search, trial, scene), scene),
+        )
+        for at, part, search, trial in zip(frames, seens, searches, trials, strict=True)
     ]
     choice = choose_axis((panes[0], panes[1]), scene, noise)
     best = choice.best
     return _Taken(frames[best], searches[best], trials[best], _margin(trials) * (1 - 2 * best), choice.stake)
+
+
+def _windows(search: SceneSearch, trial: Trial, scene: SceneParameters) -> list[Window]:
+    """A trial's pane with its double images, with those that the spectra like best, and in place."""
+    shifts = [trial.ghost_shift]
+    if scene.ghost_shift is None and not scene.single_surface:
+        grid, misfit = search.shift_curve(trial)
+        shifts += [float(grid[np.argmin(misfit)]), 0.0]
+    return [Window(trial.incidence_deg, shift) for shift in dict.fromkeys(shifts)]
+
+
+def _tile_fit(frame: PlateFrame, windows: Sequence[Window], scene: SceneParameters) -> TileFit:
+    """How likely tiles are under the likeliest of some panes, at the best incidence near it where that is open."""
+    free = ("incidence_deg",) if scene.incidence_deg is None else ()
+    tiles = TileLikelihood(frame)
+    glance = tiles.luminance()
+    likeliest = min(windows, key=lambda window: glance.nearest(window, scene.index, free).misfit)
+    return tiles.nearest(likeliest, scene.index, free)
 
 
 def _margin(trials: list[Trial]) -> float:
