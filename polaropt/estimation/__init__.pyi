@@ -1,5 +1,5 @@
 __all__ = [
-    "NOTABLE_STAKE",
+    "NOTABLE_CHANCE",
     "AngleMistake",
     "IndexFit",
     "LadderResult",
@@ -29,7 +29,7 @@ __all__ = [
 from .angles import AngleMistake as AngleMistake
 from .angles import angle_mistake as angle_mistake
 from .angles import find_start_angle as find_start_angle
-from .flat.azimuth import NOTABLE_STAKE as NOTABLE_STAKE
+from .flat.azimuth import NOTABLE_CHANCE as NOTABLE_CHANCE
 from .flat.estimate import SceneEstimate as SceneEstimate
 from .flat.estimate import estimate_scene as estimate_scene
 from .ghost_side import with_likelier_side as with_likelier_side

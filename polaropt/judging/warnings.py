@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, Mistakes, NoiseModel, closure_share, find_mistakes, registered_noise
-from polaropt.estimation import NOTABLE_STAKE, AngleMistake, LikelierIndex, SceneEstimate, angle_mistake
+from polaropt.estimation import NOTABLE_CHANCE, AngleMistake, LikelierIndex, SceneEstimate, angle_mistake
 from polaropt.judging.loss import SceneLoss
 from polaropt.numerics import block_mean
 from polaropt.optics import SceneParameters, stokes_from_intensities
@@ -342,7 +342,9 @@ def _found_polarized(scene: SceneParameters | None, estimate: SceneEstimate | No
 def _may_lie_across(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
     """Whether one of two flat panes was taken in doubt; a rung above has more that tells them apart."""
     plain = scene is not None and not scene.varies and not scene.polarized
-    return plain and estimate is not None and estimate.axis_stake >= NOTABLE_STAKE
+    if estimate is None or not plain:
+        return False
+    return estimate.better_left or estimate.axis_chance >= NOTABLE_CHANCE
 
 
 def _of_geometry_and_noise(

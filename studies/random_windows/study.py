@@ -109,7 +109,7 @@ def told_of(window: Window, row: Row, blind: Separation) -> Iterator[str]:
     if estimate is not None:
         yield (
             f"axis: margin {estimate.axis_margin:.3g} ({estimate.axis_margin / blind.diagnostics.noise:.1f} noise "
-            f"levels), stake {estimate.axis_stake:.2g}; polarization {estimate.polarization_snr:.0f} errors"
+            f"levels), other's chance {estimate.axis_chance:.2g}; polarization {estimate.polarization_snr:.0f} errors"
         )
     (verdict,) = judged(frame_of(Row, [row])).itertuples()
     yield f"noise measured: {blind.diagnostics.noise:.4f}; misfit {row.misfit:.2f}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 
@@ -12,7 +13,7 @@ from polaropt import SceneParameters, SeparationWarning, separate
 from polaropt.capture.capture import Capture
 from polaropt.capture.noise import noise_level
 from polaropt.capture.polarization import plate_frame, stokes_images
-from polaropt.estimation.flat.azimuth import HIGH_STAKE, NOTABLE_STAKE, AxisCandidate, AxisChoice, choose_axis, log_odds
+from polaropt.estimation.flat.azimuth import NOTABLE_CHANCE, AxisCandidate, AxisChoice, choose_axis, log_odds
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.search import SceneSearch, Trial, evidence
 from polaropt.estimation.flat.windows.likelihood import Window
@@ -25,7 +26,7 @@ from polaropt.simulation.metrics import psnr_db
 from tests.blends import blend
 
 BLIND = SceneParameters(None, None, None)
-NOISE = 0.005
+NOISE, POLARIZED_DB = 0.005, 20.0
 
 
 def panes_of(capture: Capture, azimuth_deg: float, trials: tuple[Trial, Trial]) -> tuple[AxisCandidate, AxisCandidate]:
@@ -51,38 +52,40 @@ def panes() -> tuple[AxisCandidate, AxisCandidate]:
 
 
 def test_the_true_pane_is_the_likelier_whichever_comes_first(panes: tuple[AxisCandidate, AxisCandidate]) -> None:
-    assert log_odds(panes, BLIND, NOISE) > 5
+    assert log_odds(panes, BLIND, NOISE) > 2
     assert log_odds(panes[::-1], BLIND, NOISE) == pytest.approx(-log_odds(panes, BLIND, NOISE))
-    assert choose_axis(panes, BLIND, NOISE).best == 0
-    assert choose_axis(panes[::-1], BLIND, NOISE).best == 1
-    assert choose_axis(panes, BLIND, NOISE).stake < NOTABLE_STAKE
+    assert choose_axis(panes, BLIND, NOISE, POLARIZED_DB).best == 0
+    assert choose_axis(panes[::-1], BLIND, NOISE, POLARIZED_DB).best == 1
+    assert choose_axis(panes, BLIND, NOISE, POLARIZED_DB).chance < NOTABLE_CHANCE
 
 
 def test_scores_that_differ_by_more_than_the_noise_bends_them_settle_it(
     panes: tuple[AxisCandidate, AxisCandidate],
 ) -> None:
     better = replace(panes[1], trial=replace(panes[1].trial, score=panes[0].trial.score - 3 * NOISE))
-    assert choose_axis((panes[0], better), BLIND, NOISE) == AxisChoice(1, 0.0)
-    assert choose_axis((panes[0], better), BLIND, 2 * NOISE).stake > 0
+    assert choose_axis((panes[0], better), BLIND, NOISE, POLARIZED_DB) == AxisChoice(1)
+    assert choose_axis((panes[0], better), BLIND, 2 * NOISE, POLARIZED_DB).chance > 0
 
 
-def test_a_pane_as_good_as_itself_is_as_likely_and_not_worth_the_risk(
+def test_a_pane_as_good_as_itself_is_as_likely_and_worth_the_risk_where_polarized_light_is_seen(
     panes: tuple[AxisCandidate, AxisCandidate],
 ) -> None:
-    same = choose_axis((panes[0], panes[0]), BLIND, NOISE)
     assert log_odds((panes[0], panes[0]), BLIND, NOISE) == 0
-    # Half the chance of being twice as far off as the intensity.
-    assert same == AxisChoice(0, pytest.approx(2.0))
+    # Half the chance of being as far from the intensity as the light is from its noise, or twice as far off.
+    for polarized_db in (0.0, 3.0, 20.0):
+        same = choose_axis((panes[0], panes[0]), BLIND, NOISE, polarized_db)
+        assert same == AxisChoice(0, 0.5, pytest.approx(polarized_db / 2 - 10 * math.log10(2)))
 
 
 def test_tiles_tell_where_all_else_is_alike(panes: tuple[AxisCandidate, AxisCandidate]) -> None:
     true, across = panes[0].tile_fit(), panes[1].tile_fit()
     assert true.surer_than(across) > 1
     alike = replace(panes[0], tile_fit=lambda: across)
-    assert log_odds((panes[0], alike), BLIND, NOISE) == pytest.approx(true.surer_than(across))
-    taken = choose_axis((alike, panes[0]), BLIND, NOISE)
+    odds = log_odds((panes[0], alike), BLIND, NOISE)
+    assert 0.3 * true.surer_than(across) < odds < true.surer_than(across)
+    taken = choose_axis((alike, panes[0]), BLIND, NOISE, POLARIZED_DB)
     assert taken.best == 1
-    assert taken.stake < choose_axis((alike, alike), BLIND, NOISE).stake
+    assert taken.chance < 0.5
 
 
 @pytest.mark.parametrize("single_surface", [False, True])
@@ -97,7 +100,7 @@ def test_the_correction_takes_each_layer_from_the_intensity(incidence: float, si
 
 def test_an_azimuth_that_was_given_is_not_at_stake() -> None:
     capture = blend(60, 96).capture
-    assert estimate_scene(capture, BLIND.replace(azimuth_deg=25.0)).axis_stake == 0
+    assert estimate_scene(capture, BLIND.replace(azimuth_deg=25.0)).axis_chance == 0
 
 
 def test_in_doubt_the_intensity_is_returned_and_said_so() -> None:
@@ -106,7 +109,7 @@ def test_in_doubt_the_intensity_is_returned_and_said_so() -> None:
     result = separate(example.capture, BLIND)
     estimate = result.diagnostics.estimate
     assert estimate is not None
-    assert estimate.axis_stake >= HIGH_STAKE
+    assert estimate.axis_gain_db < 0
     assert result.scene.rung == "none"
     np.testing.assert_array_equal(result.layers[0], example.capture.stokes[0])
     assert SeparationWarning.AXIS_DOUBTFUL in result.diagnostics.warnings
@@ -117,7 +120,7 @@ def test_in_doubt_the_intensity_is_returned_and_said_so() -> None:
 
 def test_a_wide_lens_tells_the_two_apart() -> None:
     capture = blend(60, 64).capture
-    doubtful = replace(estimate_scene(capture), axis_stake=NOTABLE_STAKE)
+    doubtful = replace(estimate_scene(capture), axis_chance=NOTABLE_CHANCE)
     for focal_px, warned in ((None, True), (80.0, False)):
         told = diagnose(
             capture, 0.005, misfit_ratio=1.0, reflection_unknown=0.0, estimate=doubtful,

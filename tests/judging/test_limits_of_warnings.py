@@ -70,9 +70,9 @@ def said(what: str, value: object, more: dict[str, object], patch: pytest.Monkey
         told["estimate"] = replace(estimate_scene(capture, scene), rivals=(Rival(scene, 0.5),))
         told["loss"] = replace(UNCERTAIN, chance=value)
     elif what == "axis":
-        from polaropt.estimation import NOTABLE_STAKE
+        from polaropt.estimation import NOTABLE_CHANCE
 
-        told["estimate"] = replace(estimate_scene(capture, scene), axis_stake=value * NOTABLE_STAKE)
+        told["estimate"] = replace(estimate_scene(capture, scene), axis_chance=value * NOTABLE_CHANCE)
     elif what == "apart":
         # Light that pairs do not add up by, as a part of what is polarized.
         patch.setattr("polaropt.judging.warnings.closure_share", lambda *_: value * 0.1 * polarized_share(capture))

@@ -17,7 +17,7 @@ import numpy as np
 
 from polaropt.capture import Capture, PlateFrame, noise_level, plate_frame, stokes_images
 from polaropt.errors import InputError
-from polaropt.estimation.flat.azimuth import HIGH_STAKE, AxisCandidate, choose_axis, principal_axis
+from polaropt.estimation.flat.azimuth import AxisCandidate, AxisChoice, choose_axis, principal_axis
 from polaropt.estimation.flat.errors import ShiftErrors, widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
@@ -34,6 +34,10 @@ LEAST_INDEX = 1.0001
 _CLOSE = 0.06
 """Axes whose scores differ by less are compared again after the search. By trial."""
 _LEAST_OVERLAP = 1e-9
+_DIFFERENCE = np.array([1.0, -1.0])
+"""Of what is seen along and across the plane of incidence."""
+_LIGHT_BLOCK = 2
+"""Side in pixels of the blocks whose mean light is compared with the noise. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +57,11 @@ class SceneEstimate:
     axis_margin : float
         How much better this azimuth explains the capture than the one across it (log likelihood per frequency and
         weighted edge overlap); infinite where the azimuth was given.
-    axis_stake : float
-        Expected error of the transmission over that of the plain intensity, mean squares, for the chance that the pane
-        lies across: 0 where that is settled, from a half on the intensity is the safer guess; see `AxisChoice`.
+    axis_chance : float
+        Chance that the pane lies across, 0 where that is settled; see `AxisChoice`.
+    axis_gain_db : float
+        What the transmission is expected to gain over the plain intensity for that chance; infinite where the axis is
+        settled, below 0 the intensity is the better guess.
     incidence_margin : float
         Depth of the overlap's minimum below its typical value, 0..1.
     incidence_grid_deg, overlap : ndarray
@@ -73,7 +79,8 @@ class SceneEstimate:
     errors: SceneErrors
     polarized: bool
     axis_margin: float
-    axis_stake: float
+    axis_chance: float
+    axis_gain_db: float
     incidence_margin: float
     incidence_grid_deg: Curve
     overlap: Curve
@@ -93,7 +100,7 @@ class SceneEstimate:
     @property
     def better_left(self) -> bool:
         """Whether the plain intensity is the better guess of the transmission, as the pane may lie across."""
-        return self.axis_stake >= HIGH_STAKE
+        return self.axis_gain_db < 0
 
 
 def estimate_scene(
@@ -159,7 +166,8 @@ def estimate_scene(
         errors=errors,
         polarized=axis.snr > _POLARIZED_SNR,
         axis_margin=taken.margin,
-        axis_stake=taken.stake,
+        axis_chance=taken.choice.chance,
+        axis_gain_db=taken.choice.gain_db,
         incidence_margin=float(1 - overlap.min() / max(float(np.median(overlap)), _LEAST_OVERLAP)),
         incidence_grid_deg=INCIDENCE_GRID_DEG,
         overlap=overlap,
@@ -172,13 +180,13 @@ def estimate_scene(
 
 @dataclass(frozen=True)
 class _Taken:
-    """The frame at the azimuth taken, its search and best trial; margin and stake as in `SceneEstimate`."""
+    """The frame at the azimuth taken, its search and best trial; margin as in `SceneEstimate`."""
 
     frame: PlateFrame
     search: SceneSearch
     trial: Trial
     margin: float
-    stake: float = 0.0
+    choice: AxisChoice
 
 
 def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None, noise: float) -> _Taken:
@@ -192,7 +200,8 @@ def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness
     margin = _margin(trials)
     if abs(margin) >= _CLOSE:
         best = 0 if margin >= 0 else 1
-        return _Taken(frames[best], searches[best], searches[best].improved(trials[best]), abs(margin))
+        trial = searches[best].improved(trials[best])
+        return _Taken(frames[best], searches[best], trial, abs(margin), AxisChoice(best))
     trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
     panes = [
         AxisCandidate(
@@ -203,9 +212,17 @@ def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness
         )
         for at, part, search, trial in zip(frames, seens, searches, trials, strict=True)
     ]
-    choice = choose_axis((panes[0], panes[1]), scene, noise)
+    choice = choose_axis((panes[0], panes[1]), scene, noise, _polarized_db(frame))
     best = choice.best
-    return _Taken(frames[best], searches[best], trials[best], _margin(trials) * (1 - 2 * best), choice.stake)
+    return _Taken(frames[best], searches[best], trials[best], _margin(trials) * (1 - 2 * best), choice)
+
+
+def _polarized_db(frame: PlateFrame) -> float:
+    """Light polarized along the azimuth or across over its noise, in a pixel."""
+    noise = float(_DIFFERENCE @ frame.covariance @ _DIFFERENCE)
+    difference = np.einsum("i,ichw->chw", _DIFFERENCE, frame.means(_LIGHT_BLOCK))
+    light = float(np.vdot(difference, difference)) / difference.size - noise / _LIGHT_BLOCK**2
+    return 10 * math.log10(max(light / noise, 1.0))
 
 
 def _windows(search: SceneSearch, trial: Trial, scene: SceneParameters) -> list[Window]:

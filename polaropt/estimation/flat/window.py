@@ -531,7 +531,7 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
         taken, found = min(pairs, key=lambda pair: pair[1].score)
     scene, errors = taken.refined(found.window)
     errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
-    return replace(estimate, scene=scene, errors=errors, axis_stake=0.0, rivals=())
+    return replace(estimate, scene=scene, errors=errors, axis_chance=0.0, axis_gain_db=math.inf, rivals=())
 
 
 def judged_pane(
