@@ -25,7 +25,7 @@ help:
 	@echo "make demo   set up, separate an example and name the pictures to look at"
 	@echo "make test   set up and run the tests"
 	@echo "make fuzz   attack it with damaged files and random command lines on fresh seeds, for MINUTES=10"
-	@echo "make crash  kill commands at random moments, each KILLS=30 times, and look at what is left"
+	@echo "make crash  kill commands at random moments, each KILLS=30 times (ONLY=train: one of them), and look at what is left"
 	@echo "make mutants  break N=60 lines one by one and see whether the tests of their modules catch it"
 	@echo "make lint   set up and run ruff and mypy"
 	@echo "make package  build wheel and source distribution, and try them on every Python there is"
@@ -61,7 +61,7 @@ fuzz: setup
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --keep fuzz-output $(if $(OUT),-o $(OUT))
 
 crash: setup
-	$(BIN)/python -m tests.crash --kills $(KILLS) $(if $(OUT),-o $(OUT))
+	$(BIN)/python -m tests.crash --kills $(KILLS) $(if $(ONLY),--only $(ONLY)) $(if $(OUT),-o $(OUT))
 
 # With OUT=studies/results this and the two above keep what came out. Beside a sample that is always the same, SEED=1 and so on break other lines.
 mutants: setup
