@@ -77,19 +77,20 @@ def inlined(function: Kernel) -> Kernel:
 def _kernel(function: Kernel, options: dict[str, Any]) -> Kernel:
     import numba  # half a second: only where a kernel is used
 
+    from solvers.keeping import Kept
+
     _listen()
     stamp = _stamp(function)
     function.__dict__[_STAMP] = stamp
+    kernel: Any = numba.njit(fastmath=_FAST, **options)(function)
     try:
-        kernel: Kernel = numba.njit(cache=True, fastmath=_FAST, **options)(function)
+        kernel._cache = Kept(function, stamp)
     except RuntimeError as error:
+        # Without a folder to keep it in it is compiled anew in every process.
         if "no locator available" not in str(error):
             raise
-        # No folder can be written to: compiled anew in every process.
-        kernel = numba.njit(cache=False, fastmath=_FAST, **options)(function)
-    else:
-        _renew_with(stamp, kernel)
-    return kernel
+    decorated: Kernel = kernel
+    return decorated
 
 
 def _stamp(function: Callable[..., Any]) -> str:
@@ -107,22 +108,6 @@ def _stamp(function: Callable[..., Any]) -> str:
         elif isinstance(value, type) and hasattr(value, "_fields"):
             digest.update(f"{name}: {value._fields}".encode())
     return digest.hexdigest()
-
-
-def _renew_with(stamp: str, kernel: Any) -> None:
-    """Take what is cached of a kernel as it is only where it was compiled from the same sources.
-
-    numba looks at the kernel's own file, although the machine code of the kernels that it calls goes into its own.
-    """
-    from numba.core.caching import IndexDataCacheFile
-
-    cache = kernel._cache
-    made_of: Any = IndexDataCacheFile
-    cache._cache_file = made_of(
-        cache_path=cache.cache_path, filename_base=cache._impl.filename_base, source_stamp=stamp
-    )
-    # What another version has kept is not even unpickled: it may hold types that are no more.
-    cache._cache_file._version = f"{cache._cache_file._version}, {stamp}"
 
 
 def is_to_compile(kernel: Any) -> bool:

@@ -10,7 +10,7 @@ from solvers.entry_points import SOLVERS, loaded, plugged
 
 # Module, class, the package it needs and the extra that brings it ("": a dependency of polaropt itself).
 BACKENDS = {
-    "casadi": ("solvers.casadi_ipopt", "CasadiIPOPT", "casadi", "casadi"),
+    "casadi": ("solvers.casadi.ipopt", "CasadiIPOPT", "casadi", "casadi"),
     "lbfgs": ("solvers.lbfgs", "LBFGS", "numba", ""),
     "nlopt": ("solvers.nlopt_lbfgs", "NLoptLBFGS", "nlopt", ""),
     "scipy": ("solvers.scipy_lbfgs", "ScipyLBFGSB", "scipy", ""),

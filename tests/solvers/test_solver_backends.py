@@ -14,7 +14,7 @@ import pytest
 
 import solvers.registry
 from polaropt import StoppingRule
-from solvers import casadi_ipopt, nlopt_lbfgs
+from solvers import nlopt_lbfgs
 from solvers.base import (
     MissingPackage,
     NotFinite,
@@ -27,11 +27,12 @@ from solvers.base import (
     euclidean,
     largest,
 )
+from solvers.casadi import ipopt
 from solvers.registry import get_solver, solver_names
 from tests.solvers.test_solvers import TO_THE_END, quadratic, rosenbrock
 
 ROOT = Path(__file__).parents[2]
-LIMITS = {"nlopt": nlopt_lbfgs.MOST_UNKNOWNS, "casadi": casadi_ipopt.MOST_UNKNOWNS}
+LIMITS = {"nlopt": nlopt_lbfgs.MOST_UNKNOWNS, "casadi": ipopt.MOST_UNKNOWNS}
 
 
 @pytest.mark.parametrize("name", LIMITS)

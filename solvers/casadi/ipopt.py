@@ -38,7 +38,7 @@ class CasadiIPOPT:
                 f"{start.size} unknowns are too many for solver 'casadi', which takes {MOST_UNKNOWNS}; "
                 "take 'lbfgs', 'scipy' or 'torch', or a smaller image"
             )
-        from solvers.casadi_callbacks import Evaluations, nonlinear_program
+        from solvers.casadi.callbacks import Evaluations, nonlinear_program
 
         traced = Traced(objective, stopping)
         progress = Progress(traced, stopping)

@@ -1,0 +1,1 @@
+"""IPOPT, by casadi."""
