@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import stat
 import subprocess
@@ -120,7 +121,9 @@ def test_a_folder_in_the_way_of_a_file_is_an_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize("inside", [(), ("deeper",)])
 def test_a_file_is_no_output_folder(tmp_path: Path, inside: tuple[str, ...]) -> None:
     (tmp_path / "file").write_text("precious")
-    with pytest.raises(InputError, match="no folder"), result_folder(tmp_path.joinpath("file", *inside)):
+    target = tmp_path.joinpath("file", *inside)
+    why = f"{target}: cannot be made, {tmp_path / 'file'} is no folder;" if inside else f"{target}: is no folder;"
+    with pytest.raises(InputError, match=re.escape(why)), result_folder(target):
         pytest.fail("work was begun")
     assert contents(tmp_path) == {"file": "precious"}
 
@@ -180,6 +183,35 @@ def test_what_a_killed_run_left_is_cleared_by_the_next(tmp_path: Path, settled: 
     assert len(list(tmp_path.glob(".polaropt-*"))) == 1
     run(tmp_path, other="new")
     assert contents(tmp_path) == {"mine": "old", "other": "new"}
+
+
+def test_what_was_left_just_now_or_by_another_user_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / ".polaropt-left").mkdir()
+    run(tmp_path, one="1")
+    assert (tmp_path / ".polaropt-left").is_dir()
+    monkeypatch.setattr(results, "_SETTLED_SECONDS", -1.0)
+    if hasattr(os, "geteuid"):
+        monkeypatch.setattr(os, "geteuid", lambda: tmp_path.stat().st_uid + 1)
+        run(tmp_path, one="1")
+        assert (tmp_path / ".polaropt-left").is_dir()
+        monkeypatch.undo()
+        monkeypatch.setattr(results, "_SETTLED_SECONDS", -1.0)
+    run(tmp_path, one="1")
+    assert contents(tmp_path) == {"one": "1"}
+
+
+def test_files_of_an_earlier_run_that_are_not_written_again_go(tmp_path: Path) -> None:
+    write(tmp_path, mine="old", stale="old", foreign="kept")
+    with result_folder(tmp_path, ("mine", "stale", "never")) as work:
+        write(work, mine="new")
+    assert contents(tmp_path) == {"foreign": "kept", "mine": "new"}
+
+
+def test_a_folder_above_that_appears_meanwhile_is_no_obstacle(tmp_path: Path) -> None:
+    with result_folder(tmp_path / "above" / "out") as work:
+        write(work, one="1")
+        (tmp_path / "above").mkdir()
+    assert contents(tmp_path / "above" / "out") == {"one": "1"}
 
 
 def test_what_was_left_and_cannot_be_removed_is_in_nobody_s_way(

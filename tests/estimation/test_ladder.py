@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters
+from polaropt import InputError, SceneParameters
 from polaropt.estimation import ladder, rungs
 from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.flat.estimate import SceneEstimate
@@ -134,7 +134,7 @@ def test_the_score_is_the_bayesian_information_criterion(monkeypatch: pytest.Mon
     assert noise_misfit(800) == pytest.approx(1.25)
 
 
-ESTIMATE = SceneEstimate(PLAIN, 9.0, SceneErrors(ghost_shift=0.1), True, 1.0, 0.0, 0.5, *4 * [np.zeros(1)])
+ESTIMATE = SceneEstimate(PLAIN, 9.0, SceneErrors(ghost_shift=0.1), True, 1.0, 0.0, np.inf, 0.5, *4 * [np.zeros(1)])
 
 
 @pytest.mark.parametrize(("shift", "error", "kept"), [
@@ -449,3 +449,135 @@ def test_of_a_mosaic_s_cells_a_thickness_is_in_cells(monkeypatch: pytest.MonkeyP
     with pytest.raises(Seen) as seen:
         ladder._completed(mosaic, scene, 0.005, "ghosts", **given)
     assert seen.value.args == (1.5, 0.002, 2.5)
+
+
+def test_what_a_ladder_found_is_told_in_other_pixels_and_with_the_index_s_error() -> None:
+    given = ladder.LadderResult(PLAIN, None, ())
+    assert given.scaled(2) == ladder.LadderResult(PLAIN.replace(ghost_shift=8.0), None, ())
+    assert given.with_index(SimpleNamespace(error=None)) is given
+    assert given.with_index(SimpleNamespace(error=0.02)).errors == SceneErrors(refractive_index=0.02)
+    found = ladder.LadderResult(PLAIN, replace(ESTIMATE, scene=PLAIN, rivals=()), ())
+    assert found.scaled(2).estimate.scene == found.scaled(2).scene == PLAIN.replace(ghost_shift=8.0)
+    assert found.with_index(SimpleNamespace(error=None)) is found
+    assert found.with_index(SimpleNamespace(error=0.02)).errors.refractive_index == 0.02
+
+
+@pytest.mark.parametrize(
+    ("left", "taken", "unexplained"), [(3.0, True, 3.0), (3.0, False, 1.0), (None, True, 1.0), (None, False, 1.0)]
+)
+def test_what_is_unexplained_is_what_the_rung_taken_leaves(left: float | None, taken: bool, unexplained: float) -> None:
+    tried = (
+        ladder.RungReport("curved", 9.0, 1.0, 0.1, False, ""),
+        ladder.RungReport("ghosts", left, 1, 0.1, taken, ""),
+    )
+    assert ladder.LadderResult(PLAIN, None, tried).unexplained == unexplained
+
+
+SAMPLED = SimpleNamespace(shift_px=9.0, shift_error_px=0.2, incidence_deg=57.0, incidence_error_deg=0.5)
+# What is asked, the rung that is wanted, whether only the side is to be told, what samples tell of a pane of 8 px and
+# 55 degrees; the shift and its error, and whether the incidence is a mean of both.
+MOSAICS = {
+    "all is open": (OPEN, "auto", False, SAMPLED, (9.0, 0.2), True),
+    "ghosts are asked for": (OPEN, "ghosts", False, SAMPLED, (9.0, 0.2), True),
+    "another rung is": (OPEN, "pixelwise", False, SAMPLED, (8.0, 0.4), False),
+    "all is given": (PLAIN, "auto", False, SAMPLED, (8.0, 0.4), False),
+    "the shift is given": (OPEN.replace(ghost_shift=8.0), "auto", False, SAMPLED, (8.0, 0.4), True),
+    "the incidence is given": (
+        OPEN.replace(incidence_deg=55.0), "auto", False, replace_in(SAMPLED, incidence_error_deg=None), (9.0, 0.2),
+        False),
+    "a thickness is": (OPEN, "auto", True, replace_in(SAMPLED, incidence_error_deg=None), (9.0, 0.4), False),
+    "samples tell nothing": (OPEN, "auto", False, None, (8.0, 0.4), False),
+    "samples tell of no ghosts": (OPEN, "auto", False, replace_in(SAMPLED, shift_px=0.0), (0.0, None), True),
+    "no ghosts, which are asked for": (OPEN, "ghosts", False, replace_in(SAMPLED, shift_px=0.0), (8.0, 0.4), False),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MOSAICS)
+def test_samples_of_a_mosaic_tell_ghosts_and_incidence(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, wanted, sense_only, sampled, shift, told = MOSAICS[name]
+    seen: list[dict[str, object]] = []
+
+    def samples(capture: object, scene: SceneParameters, noise: float, **how: object) -> object:
+        assert (scene.ghost_shift, noise) == (8.0, 0.005)
+        seen.append(how)
+        return sampled
+
+    monkeypatch.setattr(ladder, "pane_of_samples", samples)
+    errors = SceneErrors(incidence_deg=0.3, ghost_shift=0.2)
+    reports = tuple(ladder.RungReport(rung, 1.0, 1.0, 0.1, rung == "ghosts", "") for rung in ("ghosts", "curved"))
+    of_cells = ladder.LadderResult(PLAIN, replace(ESTIMATE, scene=PLAIN, errors=errors, rivals=()), reports)
+    found = ladder.in_full(of_cells, SimpleNamespace(scale=2), asked, 0.005, wanted, sense_only=sense_only)
+    assert (found.scene.ghost_shift, found.errors.ghost_shift) == shift
+    by_edges = np.hypot(0.3, 0.6)
+    mean = weighted_incidence((55.0, by_edges), (57.0, 0.5)) if told else (55.0, 0.3)
+    assert (found.scene.incidence_deg, found.errors.incidence_deg) == pytest.approx(mean)
+    assert found.estimate.scene == found.scene
+    assert [one.rung for one in found.tried] == [found.scene.rung, "curved"]
+    if seen:
+        (how,) = seen
+        assert how.pop("incidence_error_deg") == pytest.approx(by_edges)
+        opened = {"open_shift": asked.ghost_shift is None, "sense_only": sense_only}
+        assert how == {**opened, "open_incidence": asked.incidence_deg is None and not sense_only}
+    assert bool(seen) == (name not in ("another rung is", "all is given"))
+
+
+def test_a_scene_that_was_given_is_that_of_the_mosaic_too() -> None:
+    given = ladder.LadderResult(PLAIN, None, ())
+    assert ladder.in_full(given, SimpleNamespace(scale=2), OPEN, 0.005) == given.scaled(2)
+
+
+def plain_estimate(asked: SceneParameters, model: str, monkeypatch: pytest.MonkeyPatch, **more: object) -> object:
+    """What the plain pane's estimate is asked; None where nothing is estimated."""
+
+    def seen(capture: object, scene: SceneParameters, **how: object) -> None:
+        raise Seen(scene)
+
+    monkeypatch.setattr(ladder, "estimate_scene", seen)
+    monkeypatch.setattr(ladder, "stokes_images", lambda *given: None)
+    start_unknown = more.pop("start_unknown", False)
+    capture = SimpleNamespace(cells=None, start_unknown=start_unknown)
+    try:
+        ladder._completed(capture, asked, 0.005, model, **{"thickness_px": None, "thickness_kind": "paper", **more})
+    except Seen as asked_for:
+        return asked_for.args[0]
+    return None
+
+
+def test_what_the_plain_pane_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert plain_estimate(PLAIN, "auto", monkeypatch) is None
+    assert plain_estimate(PLAIN, "auto", monkeypatch, thickness_px=3.0) == PLAIN
+    # Panes that mirror nothing are one.
+    nothing = PLAIN.replace(refractive_index=1.0, n_panes=None, gap_shift=None)
+    assert plain_estimate(nothing, "auto", monkeypatch) is None
+    assert plain_estimate(OPEN, "auto", monkeypatch).ghost_shift is None
+    assert plain_estimate(OPEN, "ghosts", monkeypatch).ghost_shift is None
+    for wanted, unknown in (("pixelwise", False), ("curved", False), ("auto", True), ("ghosts", True)):
+        assert plain_estimate(OPEN, wanted, monkeypatch, start_unknown=unknown).ghost_shift == 0.0
+    told = OPEN.replace(ghost_shift=3.0)
+    assert plain_estimate(told, "pixelwise", monkeypatch).ghost_shift == 3.0
+    # A focal length asks for the rung of a lens, whose ghosts are looked for later.
+    asked = plain_estimate(OPEN.replace(focal_px=90.0), "auto", monkeypatch)
+    assert (asked.focal_px, asked.ghost_shift) == (None, 0.0)
+    assert plain_estimate(OPEN.replace(focal_px=90.0), "ghosts", monkeypatch).ghost_shift is None
+    # Several panes are one at first where their images are looked for.
+    panes = OPEN.replace(n_panes=2, gap_shift=None)
+    one = plain_estimate(panes, "auto", monkeypatch)
+    assert (one.n_panes, one.gap_shift, one.ghost_shift) == (1, 0.0, None)
+    both = plain_estimate(panes, "curved", monkeypatch)
+    assert (both.n_panes, both.gap_shift, both.ghost_shift) == (2, 0.0, 0.0)
+    given = plain_estimate(panes.replace(gap_shift=5.0, ghost_shift=2.0), "curved", monkeypatch)
+    assert (given.n_panes, given.gap_shift, given.ghost_shift) == (2, 5.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("asked", "more", "message"),
+    [
+        (OPEN.replace(n_panes=2), {"thickness_px": 3.0}, "thickness is for a single pane"),
+        (OPEN.replace(bend_deg_per_px=(0.1, 0.0, 0.0)), {}, "bent pane must be given whole"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(
+    asked: SceneParameters, more: dict[str, float], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(InputError, match=message):
+        plain_estimate(asked, "auto", monkeypatch, **more)

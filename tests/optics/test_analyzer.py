@@ -79,3 +79,35 @@ def test_four_turns_alone_leave_something_open():
     assert found.ambiguous
     assert found.residual < 1e-6
     np.testing.assert_allclose(found.analyzer.gains, GAINS, atol=0.02)
+
+
+def test_fields_that_contradict_each_other_leave_their_difference():
+    other = np.array((1.03, 0.99, 1.01, 0.97))
+    found = calibrate(np.concatenate([unpolarized(0.3), 0.2 * other[None]]), ANGLES)
+    np.testing.assert_allclose(found.analyzer.gains, (np.array(GAINS) + other) / 2, rtol=1e-12)
+    assert found.residual == pytest.approx(np.sqrt(np.mean(np.square(np.array(GAINS) - other))) / 2)
+    assert calibrate(unpolarized(0.3), ANGLES).residual < 1e-12
+
+
+def test_what_turns_leave_is_a_share_of_the_light():
+    fields = np.concatenate([behind((10, 33, 61, 99, 120)), unpolarized(0.5)])
+    assert calibrate(fields, ANGLES).residual < 1e-6
+    shaken = fields * (1 + 0.01 * np.random.default_rng(0).choice([-1, 1], fields.shape))
+    of_dim = calibrate(1e-3 * shaken, ANGLES)
+    assert 0.002 < of_dim.residual < 0.01
+    assert of_dim.residual == pytest.approx(calibrate(shaken, ANGLES).residual, rel=1e-3)
+    np.testing.assert_allclose(of_dim.analyzer.gains, GAINS, atol=0.01)
+
+
+def test_an_analyzer_has_as_many_numbers_of_each_kind():
+    for lists in (((0.0, 90.0), (1.0, 1.0), (1.0, 1.0), (0.0, 90.0)), (ANGLES, (1.0,) * 3, (1.0,) * 4, ANGLES)):
+        with pytest.raises(InputError, match="for each corner"):
+            Analyzer(*lists)
+    Analyzer((0.0, 60.0, 120.0), (1.0,) * 3, (1.0,) * 3, (0.0, 60.0, 120.0))
+
+
+def test_dim_fields_are_seen_to_be_polarized_or_not():
+    fields = 1e-3 * np.concatenate([behind((10, 33, 61, 99, 120)), unpolarized(0.5)])
+    found = calibrate(fields, ANGLES)
+    assert (found.n_turns, found.n_unpolarized) == (5, 1)
+    np.testing.assert_allclose(found.analyzer.contrasts, TRUE.contrasts, atol=1e-4)

@@ -54,3 +54,11 @@ def test_a_pane_behind_a_mosaic_has_a_transpose(color, shift, focal_px):
     layers = RANDOM.standard_normal((2, sampling.n_channels, 17, 22))
     raw = RANDOM.standard_normal((17, 22))
     assert np.vdot(sampled.forward(layers), raw) == pytest.approx(np.vdot(layers, sampled.adjoint(raw)), rel=1e-5)
+
+
+def test_values_of_each_photograph_and_colour_lie_where_they_are_sampled():
+    sampling, _ = sampling_of(color=True)
+    values = RANDOM.standard_normal((4, sampling.n_channels)).astype(np.float32)
+    everywhere = np.broadcast_to(values[..., None, None], (*values.shape, 12, 8))
+    np.testing.assert_array_equal(sampling.laid_out(values, (12, 8)), sampling.sample(everywhere))
+    assert sampling.sample(everywhere).shape == (12, 8)

@@ -136,3 +136,93 @@ def test_what_is_searched_lies_within_what_can_be_worked_with() -> None:
 def test_in_small_frames_only_near_ghosts_are_searched() -> None:
     assert largest_search_shift(60) == 10
     assert largest_search_shift(4000) == GHOST_SHIFT_SEARCH_PX
+
+
+PANE = SceneParameters(60.0, 20.0, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "rung"),
+    [
+        ({"ghost_shift": 0.0}, "pixelwise"),
+        ({}, "ghosts"),
+        ({"ghost_shift": 0.0, "transmission_ghost_shift": 2.0}, "ghosts"),
+        ({"ghost_shift": 0.0, "n_panes": 2, "gap_shift": 3.0}, "ghosts"),
+        ({"ghost_shift": 0.0, "n_panes": 2}, "pixelwise"),
+        ({"ghost_shift": 0.0, "gap_shift": 3.0}, "pixelwise"),
+        ({"single_surface": True}, "pixelwise"),
+        ({"focal_px": 500.0}, "perspective"),
+        ({"bend_deg_per_px": (0.0, 0.0, 0.1)}, "curved"),
+        ({"focal_px": 500.0, "bend_deg_per_px": (0.1, 0.0, 0.0)}, "curved"),
+        ({"focal_px": 500.0, "reflection_polarization": (0.1, 0.0)}, "polarized"),
+        ({"signal": False}, "none"),
+    ],
+)
+def test_the_rung_is_what_varies_shifts_or_arrives_polarized(changes: dict[str, Any], rung: str) -> None:
+    scene = PANE.replace(**changes)
+    assert scene.rung == rung
+    assert scene.varies == ("focal_px" in changes or "bend_deg_per_px" in changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complete"),
+    [
+        ({}, True),
+        ({"gap_shift": None}, True),
+        ({"n_panes": 2}, True),
+        ({"n_panes": 2, "gap_shift": None}, False),
+        ({"n_panes": None}, False),
+        ({"absorption": None}, False),
+        ({"refractive_index": None}, False),
+        ({"incidence_deg": None}, False),
+        ({"transmission_ghost_shift": None, "focal_px": None}, True),
+    ],
+)
+def test_a_scene_is_complete_where_nothing_is_left_to_be_found(changes: dict[str, Any], complete: bool) -> None:
+    assert PANE.replace(**changes).complete == complete
+
+
+@pytest.mark.parametrize("name", SEARCHED)
+def test_a_scene_that_lacks_one_number_says_which(name: str) -> None:
+    with pytest.raises(InputError, match=f"lacks {name};"):
+        PANE.replace(**{name: None}).values()
+    with pytest.raises(InputError, match="lacks refractive_index"):
+        _ = PANE.replace(refractive_index=None).index
+
+
+def test_the_plainest_pane_is_one_clear_one_unless_panes_are_told() -> None:
+    found = SceneParameters(60.0, 20.0, 6.0, n_panes=None, gap_shift=None, absorption=None).plainest
+    assert (found.n_panes, found.gap_shift, found.absorption) == (1, 0.0, 0.0)
+    told = PANE.replace(n_panes=2, gap_shift=None, absorption=0.1).plainest
+    assert (told.n_panes, told.gap_shift, told.absorption) == (2, None, 0.1)
+    assert PANE.replace(n_panes=2, gap_shift=3.0).plainest.gap_shift == 3.0
+
+
+def test_faces_and_tint_are_those_of_all_panes() -> None:
+    window = PANE.replace(n_panes=3, absorption=0.1)
+    assert (window.n_faces, window.sheets, window.stacked) == (6, (False, 3, 0.1), True)
+    assert window.tint == pytest.approx(math.exp(-0.3))
+    water = PANE.replace(single_surface=True)
+    assert (water.n_faces, water.sheets, water.tint, water.stacked) == (1, (True, 1, 0.0), 1.0, False)
+    unknown = PANE.replace(n_panes=None, absorption=None)
+    assert (unknown.n_faces, unknown.sheets, unknown.tint) == (2, (False, 1, 0.0), 1.0)
+
+
+def test_in_photographs_of_twice_the_side_lengths_are_doubled_and_bends_halved() -> None:
+    scene = PANE.replace(transmission_ghost_shift=2.0, gap_shift=3.0, focal_px=500.0, bend_deg_per_px=(0.1, 0.2, 0.4))
+    larger = scene.scaled(2)
+    assert larger == PANE.replace(
+        ghost_shift=12.0, transmission_ghost_shift=4.0, gap_shift=6.0, focal_px=1000.0, bend_deg_per_px=(0.05, 0.1, 0.2)
+    )
+    assert scene.scaled(1) is scene
+    assert SceneParameters(None, None, None).scaled(2) == SceneParameters(None, None, None)
+    errors = SceneErrors(0.1, 0.2, 0.3, focal_px=5.0, bend_deg_per_px=(0.1, 0.2, 0.4), gap_shift=0.5)
+    twice = SceneErrors(0.1, 0.2, 0.6, focal_px=10.0, bend_deg_per_px=(0.05, 0.1, 0.2), gap_shift=1.0)
+    assert errors.scaled(2) == twice
+    assert SceneErrors(0.1).scaled(2) == SceneErrors(0.1)
+
+
+@pytest.mark.parametrize("bend", [(0.1, 0.1), (0.1, math.nan, 0.1), (0.1, 0.1, 0.1, 0.1)])
+def test_a_bend_is_three_finite_numbers(bend: Any) -> None:
+    with pytest.raises(InputError, match="three finite numbers"):
+        SceneParameters(bend_deg_per_px=bend)

@@ -14,7 +14,7 @@ from polaropt import PSE, InputError, SceneParameters, simulate
 from polaropt.optics.engine import VaryingPSE, engine_for
 from polaropt.optics.fresnel import interface
 from polaropt.optics.plate import double_images, in_place_reflectance, plate_at
-from polaropt.optics.stack import faces, image_weights, passages
+from polaropt.optics.stack import before_in_place, faces, image_weights, passages
 from tests.checks import assert_adjoint
 
 ANGLES = (0.0, 45.0, 90.0, 135.0)
@@ -197,3 +197,23 @@ def test_what_is_to_be_found_is_one_clear_pane_at_first() -> None:
     assert not asked.complete
     assert asked.plainest == SceneParameters(60.0, 0.0, 2.0)
     assert asked.plainest.complete
+
+
+@pytest.mark.parametrize("absorption", [0.0, 0.4])
+@pytest.mark.parametrize("incidence_deg", [10.0, 60.0, 85.0, 89.9])
+def test_in_place_the_star_product_is_the_same(incidence_deg: float, absorption: float) -> None:
+    rho, tau = (np.array(entries)[:2] for entries in interface(incidence_deg, 1.5))
+    steps = passages(6, math.exp(-2 * absorption), 1.0)
+    found, expected = faces(rho, tau, steps, before_in_place), faces(rho, tau, steps)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("incidence_deg", "side"), [(10.0, 16), (60.0, 32), (88.0, 256)])
+def test_as_many_images_are_looked_at_as_carry_light(incidence_deg: float, side: int) -> None:
+    rho, tau = (np.array(entries) for entries in interface(incidence_deg, 1.5))
+    found = image_weights(rho, tau, 4, 1.0)
+    assert found.shape[1:3] == (side, side)
+    assert image_weights(rho, tau, 4, 1.0, side=16).shape[1:3] == (16, 16)
+    if side < 256:
+        far = image_weights(rho, tau, 4, 1.0, side=128)
+        np.testing.assert_allclose(found, far[:, :side, :side], atol=1e-9)

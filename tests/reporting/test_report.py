@@ -56,6 +56,33 @@ def test_the_scene_tells_what_was_estimated() -> None:
     assert scene_report(water.replace(incidence_deg=50.0, ghost_shift=0.0), water)["estimated"] == ["incidence_deg"]
 
 
+def test_what_nobody_says_was_not_estimated() -> None:
+    asked = SceneParameters(None, None, None, n_panes=None, gap_shift=None, absorption=None)
+    clear = SceneParameters(50.0, 30.0, 2.0)
+    searched = ["incidence_deg", "azimuth_deg", "ghost_shift"]
+    assert scene_report(clear, asked)["estimated"] == searched
+    window = clear.replace(n_panes=2, gap_shift=3.0, absorption=0.1)
+    assert scene_report(window, asked)["estimated"] == [*searched, "n_panes", "gap_shift", "absorption"]
+    # A focal length that the camera told was not estimated.
+    lens = clear.replace(focal_px=900.0)
+    assert scene_report(lens, asked)["estimated"] == [*searched, "focal_px"]
+    assert scene_report(lens, asked, 900.0)["estimated"] == searched
+    assert scene_report(clear, asked, 900.0)["estimated"] == searched
+    assert scene_report(lens, asked, 800.0)["estimated"] == [*searched, "focal_px"]
+
+
+def test_light_without_a_degree_is_unpolarized_whatever_its_angle() -> None:
+    asked = SceneParameters(None, None, None)
+    for polarization, told in (((0.0, 30.0), False), ((0.2, 0.0), True)):
+        found = SceneParameters(50.0, 30.0, 2.0, transmission_polarization=polarization)
+        assert ("transmission_polarization" in scene_report(found, asked)["estimated"]) == told
+    given = asked.replace(transmission_polarization=(0.2, 30.0))
+    found = SceneParameters(50.0, 30.0, 2.0, transmission_polarization=(0.2, 30.0))
+    assert "transmission_polarization" not in scene_report(found, given)["estimated"]
+    bent = SceneParameters(50.0, 30.0, 2.0, bend_deg_per_px=(0.0, 0.1, 0.0))
+    assert "bend_deg_per_px" in scene_report(bent, asked)["estimated"]
+
+
 def test_the_bounces_kept_are_those_of_the_solve() -> None:
     # At the noise that the solve reckons with, where it grows with the light, a third bounce stands out; at the
     # noise of the diagnostics it would not.
