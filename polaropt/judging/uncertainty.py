@@ -383,7 +383,7 @@ def _enlarged(planes: Images, block: int, shape: tuple[int, ...]) -> Images:
     for axis, length in ((-2, shape[0]), (-1, shape[1])):
         n = planes.shape[axis]
         place = np.clip((np.arange(length) + 0.5) / block - 0.5, 0, n - 1)
-        lower = np.minimum(place.astype(np.intp), max(n - 2, 0))
+        lower = place.astype(np.intp)
         share = (place - lower).astype(np.float32)
         share = share[:, None] if axis == -2 else share
         upper = np.minimum(lower + 1, n - 1)

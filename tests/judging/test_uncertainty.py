@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 from skimage.data import astronaut, coffee
 
+import polaropt.judging.precision as precision
 import polaropt.judging.uncertainty as uncertainty
 import polaropt.solving.solution
 from polaropt import separate
@@ -17,10 +18,12 @@ from polaropt.capture.capture import Capture, planes_first
 from polaropt.capture.files.decode import read_file
 from polaropt.inversion.variance import SCALES, Knowledge, variance_table
 from polaropt.judging.kernels import interpolated
+from polaropt.numerics import block_mean
 from polaropt.optics.geometry import pixel_grid, plane_normal, viewing_angles
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.files import write_uncertainty
 from polaropt.simulation.simulator import simulate
+from polaropt.solving import Tile
 from polaropt.solving.solution import tiles
 from studies.coverage import LAYERS, Job, run
 from studies.scenes import protocol
@@ -236,3 +239,68 @@ def test_a_table_needs_some_of_the_frequencies_alone(monkeypatch):
     some = variance_table(known, np.array([0.1, 1.0]))
     monkeypatch.setattr("polaropt.inversion.variance._MANY", n + 1)
     np.testing.assert_allclose(some, variance_table(known, np.array([0.1, 1.0])), rtol=0.05)
+
+
+@pytest.mark.parametrize("side", [2, 3])
+def test_between_the_middles_of_blocks_errors_change_evenly(side):
+    shape = (8 * side, 6 * side)
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
+    ramp = (3 * y - 2 * x)[None]
+    found = uncertainty._enlarged(block_mean(ramp, side), side, shape)
+    inside = (..., slice(side, -side), slice(side, -side))
+    np.testing.assert_allclose(found[inside], ramp[inside], atol=1e-4)
+    # Beyond the outermost middles they stay as they are.
+    np.testing.assert_array_equal(found[0, 0, : side // 2], np.full(side // 2, found[0, 0, 0]))
+    np.testing.assert_array_equal(uncertainty._enlarged(np.ones((1, 1, 1), np.float32), 3, (3, 3)), np.ones((1, 3, 3)))
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+def test_before_a_lens_a_tile_s_errors_are_those_of_its_place_in_the_frame(monkeypatch, coarse):
+    example = blend(60, 192, ghost_shift=0.0, focal_px=200.0, azimuth_deg=0.0)
+    doubtful = uncertainty.doubts(example.scene, SceneErrors(incidence_deg=1.0))
+    monkeypatch.setattr(uncertainty, "_LEAST_COARSE", 0 if coarse else 10**6)
+    blocks = uncertainty._Blocks.of(example.capture, 0.005, doubtful, None)
+    whole, *parts = (
+        uncertainty._of_scene(example.capture, 0.005, Tile(rows, columns, None, None), doubtful, None, blocks)
+        for rows, columns in [(slice(0, 192), slice(0, 192)), (slice(0, 96), slice(0, 96)), (slice(96, 192),) * 2]
+    )
+    straight = np.sqrt(uncertainty.scene_variance(example.capture, 0.005, doubtful)).reshape(whole.shape)
+    np.testing.assert_allclose(whole.mean(axis=(1, 2)), straight.mean(axis=(1, 2)), rtol=0.2 if coarse else 1e-6)
+    for found, expected in zip(parts, (whole[:, :96, :96], whole[:, 96:, 96:]), strict=True):
+        np.testing.assert_allclose(*(np.sqrt(np.mean(of**2, axis=(1, 2))) for of in (found, expected)), rtol=0.3)
+    assert (np.abs(np.log(whole[:, :, :32].mean(axis=(1, 2)) / whole[:, :, -32:].mean(axis=(1, 2)))) > 0.3).all()
+
+
+def test_how_far_a_ghost_s_source_lies_from_what_is_seen():
+    np.testing.assert_array_equal(precision._beyond(5, 2.0), [2, 1, 0, 0, 0])
+    np.testing.assert_array_equal(precision._beyond(5, -1.5), [0, 0, 0, 0.5, 1.5])
+    distance = precision._source_distance((3, 4), (2.0, -1.0), None)
+    np.testing.assert_allclose(distance[0], [2, 1, 0, 0])
+    np.testing.assert_allclose(distance[2], [np.sqrt(5), np.sqrt(2), 1, 1])
+    unseen = np.zeros((3, 4), np.float32)
+    unseen[1, 1] = 1
+    np.testing.assert_allclose(precision._source_distance((3, 4), (1.0, 0.0), unseen)[1], [1, 0, 1, 0])
+    clipped = np.ones((3, 4), np.float32)
+    assert precision._distance_to_seen(clipped) is None
+    clipped[:, 2:] = 0
+    np.testing.assert_array_equal(precision._distance_to_seen(clipped)[0], [0, 0, 1, 2])
+
+
+def test_only_ghosts_of_what_nobody_sees_are_unknown():
+    known, variance = knowledge(100.0, 0.0, 0.1), np.full(3, 1e-4)
+    clipped = np.ones((6, 8), np.float32)
+    clipped[2, 3] = 0
+    weights = np.full((3, 2, 2, 6, 8), 0.3)
+    direct = precision._Ghosts(weights[:, :, :1], ((0.0, 0.0),))
+    assert precision._of_unseen_light(direct, variance, known, clipped) is None
+    still = precision._Ghosts(weights, ((0.0, 0.0), (0.0, 0.0)))
+    assert precision._of_unseen_light(still, variance, known, None) is None
+    beside = precision._Ghosts(weights, ((0.0, 0.0), (2.0, 0.0)))
+    told = precision._of_unseen_light(beside, variance, known, clipped)
+    less = np.zeros((6, 8), bool)
+    # Beyond the frame on the left, and where the clipped pixel's ghost lies.
+    less[:, :2] = less[2, 5] = True
+    np.testing.assert_array_equal(told < 1, less)
+    assert (told[:, 0] < told[:, 1]).all()
+    fainter = precision._Ghosts(weights / 3, beside.displacements)
+    assert (precision._of_unseen_light(fainter, variance, known, clipped)[less] > told[less]).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,13 @@ import pytest
 from polaropt.optics.fresnel import interface, interface_images
 from polaropt.optics.plate import (
     Plate,
+    _interpolated,
     ghost_sum,
     ghost_weights,
     ghosts_that_matter,
+    ghosts_until,
+    images_that_show,
+    in_place_correction,
     in_place_reflectance,
     plate_at,
 )
@@ -174,3 +179,56 @@ def test_grazing_incidence_cancels_nothing() -> None:
     assert np.isfinite(transmitted).all()
     np.testing.assert_allclose(np.abs(reflected), 1)
     assert (transmitted > 0).all()
+
+
+@pytest.mark.parametrize("incidence_deg", [0.0, 60.0, 85.0])
+def test_of_tinted_glass_ghosts_carry_what_is_left_of_them(incidence_deg: float) -> None:
+    rho, tau = (np.array(entries) for entries in interface(incidence_deg, 1.5))
+    left = math.exp(-2 * 0.3)
+    plate = Plate(rho, tau, passed_twice=left)
+    for n_ghosts in (0, 1, 5):
+        np.testing.assert_allclose(plate.weights(n_ghosts).sum(axis=1), plate.in_place(), atol=1e-12)
+    transmitted, reflected = plate.weights(50)
+    for k in (1, 2, 3):
+        np.testing.assert_allclose(transmitted[k], tau**2 * rho ** (2 * k) * left**k, atol=1e-15)
+        np.testing.assert_allclose(reflected[k], tau**2 * rho ** (2 * k - 1) * left**k, atol=1e-15)
+    np.testing.assert_allclose(plate.at(Z), np.einsum("lke,k->le", plate.weights(900), Z ** np.arange(901)), atol=1e-12)
+    for series, expected in zip(plate.series, plate.at(Z), strict=True):
+        np.testing.assert_allclose(series.direct + series.ghost * Z / (1 - series.ratio * Z), expected, atol=1e-14)
+
+
+def test_between_the_cosines_of_a_table_weights_are_linear() -> None:
+    grid = np.array([0.2, 0.4, 0.6, 0.8])
+    table = np.random.default_rng(0).random((2, 5, 3, 4))
+    np.testing.assert_allclose(_interpolated(table, grid, grid), table)
+    cosine = np.array([[0.25, 0.5], [0.7, 0.78]])
+    found = _interpolated(table, cosine, grid)
+    for place in np.ndindex(cosine.shape):
+        expected = [np.interp(cosine[place], grid, row) for row in table.reshape(-1, 4)]
+        np.testing.assert_allclose(found[..., *place].ravel(), expected)
+
+
+def test_the_correction_is_that_of_the_whole_pane_s_reflectance() -> None:
+    brewster = math.degrees(math.atan(1.5))
+    # There nothing is mirrored but what is polarized.
+    assert in_place_correction(brewster, 1.5, True) == pytest.approx(1)
+    assert in_place_correction(brewster, 1.5, False, 3) == pytest.approx(1)
+    for tint in (0.0, 0.4):
+        par, perp = in_place_reflectance(40.0, 1.5, False, 2, tint)
+        assert in_place_correction(40.0, 1.5, False, 2, tint) == pytest.approx((perp + par) / (perp - par))
+    assert in_place_reflectance(40.0, 1.5, False, 2, 0.4) < in_place_reflectance(40.0, 1.5, False, 2)
+
+
+def test_what_mirrors_nothing_has_one_ghost_and_a_mirror_many() -> None:
+    assert ghosts_until(0.0) == ghosts_until(-1.0) == ghosts_until(1e-9, 1e-3) == 1
+    assert ghosts_until(1.0) == ghosts_until(0.999999) > 50
+    # Each ghost carries 1 % of the one before.
+    assert ghosts_until(0.1, 0.9e-4) == 3
+    assert ghosts_until(0.1, 1.1e-4) == 2
+
+
+def test_of_two_panes_more_images_show_the_fainter_they_may_be() -> None:
+    window = scene(60.0, n_panes=2, gap_shift=3.3)
+    counts = [images_that_show(window, share) for share in (0.5, 0.1, 0.01, 0.001)]
+    assert counts[0] == 0
+    assert counts == sorted(set(counts))

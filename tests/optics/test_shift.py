@@ -35,20 +35,14 @@ def slow_shift(image: Array, dx: float, dy: float) -> Array:
 
 def shift_images(images: Array, frame: PaddedFrame, i: int) -> Array:
     xp = array_namespace(images)
-    shift = frame.shifts[i]
-    start = shift.offset - frame.reach(shift)
-    samples = frame.extend(images, xp)[..., start : shift.offset + frame.size]
-    return np.asarray(frame.crop(shift.scale * frame.interpolate(samples, shift), xp))
+    return np.asarray(frame.shifted(frame.extend(images, xp), frame.shifts[i], xp))
 
 
 def shift_transposed(images: Array, frame: PaddedFrame, i: int) -> Array:
     xp = array_namespace(images)
-    shift = frame.shifts[i]
-    reach = frame.reach(shift)
-    samples = frame.spread(images, xp)[..., frame.stride + 1 - reach : frame.stride + 1 + frame.size + reach]
     planes = np.zeros((*images.shape[:-2], frame.padded_size))
-    planes[..., shift.offset - reach : shift.offset + frame.size] = frame.interpolate_transposed(samples, shift)
-    return np.asarray(shift.scale * frame.fold(planes, xp))
+    frame.add_shifted_back(images, frame.shifts[i], planes, xp)
+    return np.asarray(frame.fold(planes, xp))
 
 
 @given(height=st.integers(1, 7), width=st.integers(1, 7), moves=st.lists(st.tuples(DISTANCES, DISTANCES), min_size=1))
@@ -65,6 +59,15 @@ def test_the_transpose_is_exact(height: int, width: int, moves: list[tuple[float
     for i in range(len(moves)):
         there, back = partial(shift_images, frame=frame, i=i), partial(shift_transposed, frame=frame, i=i)
         assert_adjoint(there, back, (2, height, width))
+
+
+def test_what_is_shifted_back_is_added() -> None:
+    images = np.random.default_rng(0).random((2, 5, 6))
+    frame = PaddedFrame(5, 6, [(1.3, -0.4)])
+    planes = np.ones((2, frame.padded_size))
+    frame.add_shifted_back(images, frame.shifts[0], planes, array_namespace(images))
+    expected = shift_transposed(images, frame, 0) + frame.fold(np.ones_like(planes), array_namespace(images))
+    np.testing.assert_allclose(frame.fold(planes, array_namespace(images)), expected)
 
 
 def test_a_whole_shift_copies() -> None:
