@@ -175,6 +175,24 @@ def test_tiles_leave_little_but_their_layers(capture: Capture, monkeypatch: pyte
     assert of_many < 1.1 * (of_one + of_tile + solved.layers.nbytes + spectra)
 
 
+def test_tiles_of_a_large_frame_keep_a_quarter_of_their_spectra(
+    capture: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame = capture.part(slice(0, 400), slice(0, 640))
+    few = StoppingRule(max_evaluations=1)
+    tiles = solution.tiles
+    monkeypatch.setattr(solution, "tiles", lambda height, width, *most: tiles(height, width, 384))
+    whole = separate(frame, PANE, stopping=few)
+    monkeypatch.setattr(solution, "_MUCH", 0)
+    large = separate(frame, PANE, stopping=few)
+    np.testing.assert_array_equal(large.layers, whole.layers)
+    kept = [sum(piece.known.prior.nbytes for piece in result.judge.args[3]) for result in (large, whole)]
+    assert 4 * kept[0] == pytest.approx(kept[1], rel=0.01)
+    np.testing.assert_allclose(large.uncertainty, whole.uncertainty, rtol=0.05)
+    assert np.median(np.abs(large.uncertainty / whole.uncertainty - 1)) < 0.005
+    np.testing.assert_allclose(large.reflection_known, whole.reflection_known, atol=0.02)
+
+
 def test_looking_at_large_photographs_takes_little(capture: Capture, narrow: None) -> None:
     clipped = capture.replace(valid=np.random.default_rng(3).uniform(size=capture.intensities.shape) > 0.2)
     for photographs in (capture, clipped):

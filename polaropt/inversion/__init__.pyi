@@ -13,6 +13,7 @@ __all__ = [
     "mosaic_layers",
     "natural_image_layers",
     "per_pixel_layers",
+    "thinned",
     "unknown_share",
     "variance_table",
     "varying_layers",
@@ -30,6 +31,7 @@ from .spectra import RESOLUTION as RESOLUTION
 from .transfer import ghost_transfer_at as ghost_transfer_at
 from .variance import SCALES as SCALES
 from .variance import Knowledge as Knowledge
+from .variance import thinned as thinned
 from .variance import unknown_share as unknown_share
 from .variance import variance_table as variance_table
 from .varying_closed_form import ghost_layers as ghost_layers

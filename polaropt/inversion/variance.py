@@ -136,7 +136,7 @@ def _detail(layer: Images) -> float:
 _NEIGHBOURS, _MANY = 4, 4096
 
 
-def _thinned(known: Knowledge) -> Knowledge:
+def thinned(known: Knowledge) -> Knowledge:
     """What is known at fewer frequencies, evenly chosen, which stand for those around them."""
     if known.share.size < _MANY:
         return known
@@ -163,7 +163,7 @@ def variance_table(known: Knowledge, precisions: NDArray[np.float64]) -> Power:
         Standard error of each layer and channel of a pixel, then the share of the reflection's detail (gradient
         energy) that is not told.
     """
-    known = _thinned(known)
+    known = thinned(known)
     colors = known.prior.shape[1]
     values = np.empty((len(precisions), len(SCALES), len(SCALES), 2 * colors + 1), dtype=np.float32)
     usual = known.edges(known.prior)[1]

@@ -121,6 +121,7 @@ def _write_separation(
             write(layer)
         write_png_view(folder / f"{name}.png", layer, exposures[name], camera, note)
         stages.advance((1 - judged) * _LAYER_WRITTEN * len(exposures))
+    give_back_freed()
     inspection = inspect_still(capture, result.moving)
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
     misfit = misfit_map(result, capture) if unexplained and not layers_only else None

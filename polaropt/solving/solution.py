@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseModel
 from polaropt.errors import InputError
-from polaropt.inversion import Canvas, Knowledge
+from polaropt.inversion import Canvas, Knowledge, thinned
 from polaropt.numerics import MUCH_VALUES, give_back_freed
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.progress import Stages
@@ -300,7 +300,11 @@ def solve(
         solution = solved(capture.part(*tile.where), place)
         layers[:, :, tile.rows, tile.columns] += tile.weights * solution.layers
         nothing = np.empty(0, dtype=np.float32)
-        pieces = tuple(replace(piece, known=_sharing(piece.known, shared)) for piece in solution.pieces)
+        # The spectra of all tiles wait for the error maps' tables, which need no more.
+        told = [thinned(piece.known) if much else piece.known for piece in solution.pieces]
+        pieces = tuple(
+            replace(piece, known=_sharing(known, shared)) for piece, known in zip(solution.pieces, told, strict=True)
+        )
         solutions.append(replace(solution, layers=nothing, canvas_layers=nothing, pieces=pieces))
         # The next tile needs the memory of this one's layers, and in one piece.
         del solution
