@@ -53,7 +53,8 @@ def with_likelier_side(
     tried = tuple(
         dataclasses.replace(rung, reason=f"{rung.reason} {_REMARK}") if rung.taken else rung for rung in found.tried
     )
-    return LadderResult(scene, dataclasses.replace(estimate, scene=scene, rivals=rivals), tried, found.index_error)
+    estimate = dataclasses.replace(estimate, scene=scene, rivals=rivals)
+    return dataclasses.replace(found, scene=scene, estimate=estimate, tried=tried)
 
 
 def opposite(scene: SceneParameters) -> SceneParameters:

@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Literal
 
-from polaropt.capture import Capture, StokesImages, plate_frame, registered_noise, stokes_images
+import numpy as np
+
+from polaropt.capture import Capture, StokesImages, closure_share, plate_frame, registered_noise, stokes_images
 from polaropt.errors import InputError
-from polaropt.estimation.flat.errors import spectral_incidence, weighted_incidence
+from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, LIKE_BLUR_PX, cross_spectra
 from polaropt.estimation.flat.gradients import incidence_by_gradients
@@ -71,20 +73,28 @@ class RungReport:
 class LadderResult:
     """A complete scene, how it was estimated (None where it was given) and the rungs that were looked at.
 
-    Where all but the index was given, `index_error` is its standard error; else it is one of the estimate's.
+    Where all but the index was given, `index_error` is its standard error; else it is one of the estimate's. `of_gains`
+    are the standard errors of incidence and azimuth, in degrees, by gains that photographs which do not add up tell of.
     """
 
     scene: SceneParameters
     estimate: SceneEstimate | None
     tried: tuple[RungReport, ...]
     index_error: float | None = None
+    of_gains: tuple[float, float] = (0.0, 0.0)
 
     @property
     def errors(self) -> SceneErrors:
-        """Standard errors of what was estimated; they reach its rivals."""
+        """Standard errors of what was estimated; they reach its rivals, and as far as wrong gains may have led."""
         if self.estimate is None:
             return SceneErrors(refractive_index=self.index_error)
-        return widened(self.estimate.errors, self.scene, self.estimate.rivals)
+        errors = widened(self.estimate.errors, self.scene, self.estimate.rivals)
+        incidence, azimuth = self.of_gains
+        return dataclasses.replace(
+            errors,
+            incidence_deg=None if errors.incidence_deg is None else math.hypot(errors.incidence_deg, incidence),
+            azimuth_deg=None if errors.azimuth_deg is None else math.hypot(errors.azimuth_deg, azimuth),
+        )
 
     def scaled(self, factor: float) -> LadderResult:
         """The same of photographs with so many times the pixels a side."""
@@ -205,9 +215,21 @@ def _completed(
     asked = asked.replace(**window)
     found = _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds, remark)
     # Of a mosaic's cells the samples tell it; a thickness ties it to the ghosts.
-    if stokes.aliased or thickness_px is not None or asked.incidence_deg is not None:
+    if not (stokes.aliased or thickness_px is not None or asked.incidence_deg is not None):
+        found = _with_all_told(found, stokes)
+    return _with_errors_of_gains(found, capture, blocks)
+
+
+def _with_errors_of_gains(found: LadderResult, capture: Capture, blocks: PolarizedBlocks) -> LadderResult:
+    """The same with what photographs that do not add up tell of the errors of incidence and azimuth."""
+    scene = found.scene
+    # What polarized layers show depends on gains in other ways, and their errors are wide.
+    if scene.polarized:
         return found
-    return _with_all_told(found, stokes)
+    apart = closure_share(capture.intensities, capture.angles_deg, capture.mask)
+    light, *polarized = np.square(blocks.stokes).mean(axis=(1, 2))
+    share = math.sqrt(float(sum(polarized) / light)) if light > 0 else 0.0
+    return dataclasses.replace(found, of_gains=errors_of_gains(apart, share, scene))
 
 
 def _with_all_told(found: LadderResult, stokes: StokesImages) -> LadderResult:
@@ -280,7 +302,8 @@ def in_full(
         mean, error = weighted_incidence(by_edges, (sampled.incidence_deg, sampled.incidence_error_deg))
         scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(errors, incidence_deg=error)
     tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in whole.tried)
-    return LadderResult(scene, dataclasses.replace(whole.estimate, scene=scene, errors=errors), tried)
+    estimate = dataclasses.replace(whole.estimate, scene=scene, errors=errors)
+    return dataclasses.replace(whole, scene=scene, estimate=estimate, tried=tried)
 
 
 _ASKED = "It is the one asked for."

@@ -10,12 +10,13 @@ import pytest
 from polaropt import SceneParameters, separate, simulate
 from polaropt.capture.capture import Capture
 from polaropt.capture.polarization import plate_frame, stokes_images
-from polaropt.estimation.flat.errors import spectral_incidence, weighted_incidence
+from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.ghost_overlap import refined_incidence
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.overlap import block_images
 from polaropt.numerics import turn_between
+from polaropt.optics.plate import in_place_weights
 from polaropt.optics.rivals import widened
 from polaropt.optics.scene import SceneErrors
 from polaropt.reporting.report import json_values, scene_report
@@ -185,3 +186,45 @@ def test_the_study_counts_what_lies_within_two_errors() -> None:
     scene = random_scene("curved", 192, np.random.default_rng(0))
     assert scene.rung == "curved"
     assert max(map(abs, scene.bend_deg_per_px)) * 96 <= 8
+
+
+@pytest.mark.parametrize("incidence_deg", [40.0, 65.0, 80.0])
+def test_gains_move_incidence_and_azimuth_of_light_that_passes_a_pane_by_their_errors(incidence_deg: float) -> None:
+    scene, spread, angles = SceneParameters(incidence_deg, 20.0, 0.0), 0.004, np.radians([0.0, 45.0, 90.0, 135.0])
+
+    def share(deg: np.ndarray) -> np.ndarray:
+        """What a pane polarizes of unpolarized light that passes it."""
+        (par, perp, _), _ = in_place_weights(np.cos(np.radians(deg)), scene.index, *scene.sheets)
+        return (par - perp) / (par + perp)
+
+    polarized = float(share(np.array([incidence_deg]))[0])
+    light = 0.5 * (1 + polarized * np.cos(2 * (angles - math.radians(20))))
+    taken = light * np.random.default_rng(0).normal(1, spread, (2000, 4))
+    s0 = taken.sum(axis=1) / 2
+    s1, s2 = ((taken[:, i] - taken[:, i + 2]) / s0 for i in range(2))
+    azimuth = np.degrees(np.arctan2(s2, s1) / 2) - 20
+    grid = np.linspace(1, 89, 2000)
+    incidence = np.interp(np.hypot(s1, s2), share(grid), grid) - incidence_deg
+    stated = errors_of_gains(spread / 2, polarized, scene)
+    # Light that a pane polarizes is a little brighter at one angle than at the next.
+    assert stated == pytest.approx((incidence.std(), azimuth.std()), rel=0.15)
+
+
+def test_photographs_that_add_up_tell_of_no_gains() -> None:
+    assert errors_of_gains(0.0, 0.1, SceneParameters(60.0, 0.0, 0.0)) == (0.0, 0.0)
+
+
+def test_nothing_but_gains_leaves_the_pane_unknown() -> None:
+    incidence, azimuth = errors_of_gains(1.0, 0.0, SceneParameters(60.0, 0.0, 0.0))
+    assert incidence <= 90
+    assert azimuth == pytest.approx(45)
+
+
+def test_errors_of_a_pane_reach_as_far_as_wrong_gains_lead() -> None:
+    example = blend(60, 128, ghost_shift=0.0)
+    gains = np.float32((1.01, 0.996, 0.992, 0.988))[:, None, None, None]
+    wrong = separate(example.capture.replace(intensities=example.capture.intensities * gains), BLIND)
+    away = abs(turn_between(wrong.scene.azimuth_deg, 25))
+    right = separate(example.capture, BLIND)
+    assert right.errors.azimuth_deg < 0.3 < away < 2 * wrong.errors.azimuth_deg
+    assert abs(wrong.scene.incidence_deg - 60) < 2 * wrong.errors.incidence_deg

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood
 from polaropt.estimation.flat.overlap import BlockImages, EdgeOverlap
 from polaropt.numerics import jackknife_error, local_minimum, minimum_error
-from polaropt.optics import INCIDENCE_LIMITS_DEG, INCIDENCE_SEARCH_DEG, SceneParameters
+from polaropt.optics import INCIDENCE_LIMITS_DEG, INCIDENCE_SEARCH_DEG, SceneParameters, in_place_weights
 
 Values = NDArray[np.float64]
 
@@ -42,6 +42,8 @@ _COARSE_DEG, _FARTHEST_DEG = 2.0, 12.0
 _SHAPES_DEG = 0.4
 # Standard error in degrees below which no incidence is believed to be known. Set by hand.
 _SUREST_DEG = 0.05
+# Standard error in degrees of an incidence that is unknown. Set by hand.
+_UNKNOWN_DEG = 90.0
 # Standard errors by which one shift must explain the spectra better than another to be told from it.
 _SURE = 2.0
 
@@ -149,6 +151,34 @@ def spectral_incidence(spectra: CrossSpectra, scene: SceneParameters) -> tuple[f
     if here.mean() >= min(before.mean(), after.mean()):
         return None
     return best, math.hypot(widened_incidence(minimum_error([before, here, after], step)), _SHAPES_DEG)
+
+
+def errors_of_gains(apart: float, polarized_share: float, scene: SceneParameters) -> tuple[float, float]:
+    """Standard errors of incidence and azimuth, in degrees, that follow from photographs that do not add up.
+
+    Gains that differ by sigma leave sigma / 2 of the light where four photographs do not add up, and sigma / sqrt(2) in
+    either coordinate of what is polarized: across the plane of incidence it turns the azimuth, along it the pane seems
+    to polarize so much more.
+
+    Parameters
+    ----------
+    apart : float
+        Share of the light by which the photographs do not add up.
+    polarized_share : float
+        Share of the light that is polarized.
+    scene : SceneParameters
+        Complete; its pane is taken as flat, with all bounces in place.
+    """
+    if not apart:
+        return 0.0, 0.0
+    polarized = math.sqrt(2) * apart
+    azimuth = math.degrees(0.5 * math.atan2(polarized, polarized_share))
+    incidence = scene.values()[0]
+    near = np.clip(incidence + _STEP_DEG * np.array([-1.0, 1.0]), *INCIDENCE_LIMITS_DEG)
+    (par, perp, _), _ = in_place_weights(np.cos(np.radians(near)), scene.index, *scene.sheets)
+    below, above = (par - perp) / (par + perp)
+    slope = abs(above - below) / (near[1] - near[0])
+    return min(_UNKNOWN_DEG, float(polarized / max(slope, polarized / _UNKNOWN_DEG))), azimuth
 
 
 def widened_shift(error_px: float) -> float:
