@@ -17,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,6 @@ from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghost_overlap import coarse_overlap, fading
 from polaropt.estimation.flat.ghosts import HIGHEST_FREQUENCY
 from polaropt.estimation.flat.search import OVERLAP_WEIGHT
-from polaropt.estimation.polarized.kernels import WhitenedSpectra, explain, pane_vectors
 from polaropt.estimation.polarized.light import AZIMUTH, INCIDENCE, SHIFT, Point, entering_light, in_place, pane_light
 from polaropt.numerics import (
     NATURAL_POWER_LAW,
@@ -36,6 +36,9 @@ from polaropt.numerics import (
     opponent_basis,
 )
 from polaropt.optics import SceneParameters, frame_matrix
+
+if TYPE_CHECKING:
+    from polaropt.estimation.polarized.kernels import WhitenedSpectra
 
 Images = NDArray[np.float32]
 Values = NDArray[np.float64]
@@ -245,6 +248,8 @@ class PolarizedLikelihood:
 
     def _vectors(self, pane: Pane, which: NDArray[np.intp] | slice) -> Values:
         """Vectors of both layers at the frequencies, each of length 1 in place: (n, layer, component, re/im)."""
+        from polaropt.estimation.polarized.kernels import pane_vectors
+
         light, shown = pane.light.copy(), in_place(pane.light) @ pane.mixing.T
         light[..., :2] /= np.linalg.norm(shown, axis=1)[:, None, None]
         x, y = (distance / _HALF for distance in pane.step)
@@ -292,6 +297,8 @@ class _Part:
     which: NDArray[np.intp] | slice
 
     def __post_init__(self) -> None:
+        from polaropt.estimation.polarized.kernels import WhitenedSpectra
+
         for name in ("seen", "shapes"):
             whole = getattr(self, name)
             parts = [np.ascontiguousarray(part[..., self.which]) for part in (whole if name == "seen" else (whole,))]
@@ -304,6 +311,8 @@ class _Part:
 
     def fitted(self, vectors: Values, levels: Levels) -> Levels:
         """Levels one step closer to those of greatest likelihood."""
+        from polaropt.estimation.polarized.kernels import explain
+
         slope = np.empty((2, *levels.shape[:2], self.seen.weight.size), np.float32)
         explain(self.seen, vectors, self._powers(levels), slope, np.empty((slope.shape[-1], 2, 2), np.float32))
         more, less = slope @ self.shapes.T
@@ -311,6 +320,8 @@ class _Part:
 
     def misfit(self, vectors: Values, levels: Levels) -> tuple[float, Images]:
         """Minus log likelihood per frequency and colour, and the estimate of the first channel (n, layer, re/im)."""
+        from polaropt.estimation.polarized.kernels import explain
+
         layers = np.empty((self.seen.weight.size, 2, 2), np.float32)
         value = explain(self.seen, vectors, self._powers(levels), _NOTHING, layers)
         return float(value) / (self.weight * levels.shape[1]), layers
@@ -333,6 +344,8 @@ def _whitened(
     spectra: NDArray[np.complex64], rows: Values, columns: Values, shape: tuple[int, int], highest: float
 ) -> tuple[WhitenedSpectra, Images]:
     """What is seen at all frequencies, and the shapes of natural spectra: a power law in bands and orientations."""
+    from polaropt.estimation.polarized.kernels import WhitenedSpectra
+
     radius, lowest = np.hypot(rows, columns), 2 * np.pi / max(shape)
     weight = np.tile(column_multiplicity(shape[1]), shape[0]) * (
         (radius > _LOWEST_CYCLES * lowest) & (radius < highest)
