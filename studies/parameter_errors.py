@@ -90,8 +90,10 @@ def compared(
         ("focal_px", scene.focal_px or math.nan, estimate.focal_px or math.nan, errors.focal_px),
     ]
     if errors.bend_deg_per_px is not None:
+        # Seen from afar a pane looks like the one that leans the other way and is bent so, too.
+        side = sense if period < 360 else 1
         bends = zip(scene.bend_deg_per_px, estimate.bend_deg_per_px, errors.bend_deg_per_px, strict=True)
-        numbers += [("bend_deg_per_px", true, value, error) for true, value, error in bends]
+        numbers += [("bend_deg_per_px", side * true, value, error) for true, value, error in bends]
     numbers += _of_light(scene, estimate, errors)
     yield from ((name, true, value, error) for name, true, value, error in numbers if error is not None)
 

@@ -228,3 +228,13 @@ def test_errors_of_a_pane_reach_as_far_as_wrong_gains_lead() -> None:
     right = separate(example.capture, BLIND)
     assert right.errors.azimuth_deg < 0.3 < away < 2 * wrong.errors.azimuth_deg
     assert abs(wrong.scene.incidence_deg - 60) < 2 * wrong.errors.incidence_deg
+
+
+def test_a_bent_pane_from_afar_is_as_well_the_one_that_leans_the_other_way() -> None:
+    scene = SceneParameters(56.0, 302.0, 3.0, bend_deg_per_px=(0.04, 0.03, -0.05))
+    other = SceneParameters(56.0, 122.0, -3.0, bend_deg_per_px=(-0.04, -0.03, 0.05))
+    errors = SceneErrors(1.0, 1.0, 1.0, bend_deg_per_px=(0.01, 0.01, 0.01))
+    assert all(true == value for _, true, value, _ in compared(scene, other, errors))
+    # A lens tells which way it leans.
+    numbers = compared(scene.replace(focal_px=200.0), other.replace(focal_px=200.0), errors)
+    assert [true - value for name, true, value, _ in numbers if name == "bend_deg_per_px"] == [0.08, 0.06, -0.1]
