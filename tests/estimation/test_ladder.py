@@ -581,3 +581,15 @@ def test_what_contradicts_itself_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         plain_estimate(asked, "auto", monkeypatch, **more)
+
+
+@pytest.mark.parametrize(("focal_px", "seen_from"), [(None, rungs.LONGEST * 40), (60.0, 60.0)])
+@pytest.mark.parametrize(("leans_deg", "azimuth_deg"), [(20.0, 20.0), (200.0, 200.0)])
+def test_where_light_does_not_tell_the_tilt_the_plain_pane_is_seen_by_the_lens(
+    focal_px: float | None, seen_from: float, leans_deg: float, azimuth_deg: float
+) -> None:
+    blocks = SimpleNamespace(n=800, misfit=lambda incidence, azimuth, focal: 1 + abs(azimuth - leans_deg) + focal)
+    capture = SimpleNamespace(shape=(3, 30, 40), focal_px=focal_px)
+    found = rungs._from_afar(replace(evidence(wanted="perspective"), blocks=blocks, capture=capture))
+    assert (found.scene.focal_px, found.scene.azimuth_deg, found.scene.incidence_deg) == (seen_from, azimuth_deg, 55.0)
+    assert (found.misfit, found.known, found.errors) == (1 + seen_from, True, Estimated().errors)
