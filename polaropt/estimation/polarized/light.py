@@ -51,6 +51,13 @@ class Candidate:
     reflection: bool
 
 
+def free_numbers(candidate: Candidate, asked: SceneParameters) -> NDArray[np.intp]:
+    """Which of a candidate's numbers are to be found; a shift only where there is one."""
+    ghosts = asked.ghost_shift is None and candidate.point[SHIFT] != 0
+    flags = [asked.incidence_deg is None, asked.azimuth_deg is None, ghosts]
+    return np.flatnonzero(flags + 2 * [candidate.transmission] + 2 * [candidate.reflection])
+
+
 @lru_cache(maxsize=64)
 def pane_light(incidence_deg: float, scene: SceneParameters) -> Values:
     """Direct light, first ghost and ratio of ghosts of each layer and entry, (2, 3, 3); unpolarized light is 1.

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX
 from polaropt.estimation.polarized.alike import panes_alike
+from polaropt.estimation.polarized.ghost_choice import ghosts_told, likely_starts, settled
 from polaropt.estimation.polarized.light import (
     AZIMUTH,
     HIGHEST_DEG,
@@ -39,12 +40,14 @@ from polaropt.estimation.polarized.light import (
     Point,
     bounded,
     candidates,
+    free_numbers,
     point_showing,
     scene_at,
     shown_by,
 )
 from polaropt.estimation.polarized.likelihood import Levels, PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture
+from polaropt.estimation.polarized.tiles import StokesTiles
 from polaropt.numerics import Box, jackknife_error, left_out, turn_between
 from polaropt.optics import GHOST_SHIFT_SEARCH_PX, Rival, SceneErrors, SceneParameters, brewster_angle_deg
 
@@ -187,7 +190,7 @@ class Search:
 
     def __init__(self, likelihood: PolarizedLikelihood, mixture: Mixture, asked: SceneParameters) -> None:
         self._likelihood, self._mixture, self._asked = likelihood, mixture, asked
-        self._ghosts = asked.ghost_shift is None and not asked.single_surface and asked.n_bounces != 0
+        self.seeks_ghosts = asked.ghost_shift is None and not asked.single_surface and asked.n_bounces != 0
 
     def unpolarized(self, scene: SceneParameters) -> float:
         """Score of the pane near a given one with unpolarized layers."""
@@ -196,12 +199,12 @@ class Search:
 
     def errors(self, candidate: Candidate) -> SceneErrors:
         """Standard errors of a candidate's numbers."""
-        told = _free(candidate, self._asked)
+        told = free_numbers(candidate, self._asked)
         if candidate.point[SHIFT]:
             # Only what is told by ghosts holds whichever layer is polarized.
             candidate = _with_both(candidate)
         score = self._score(candidate.point, True)
-        coordinates, free = self._coordinates(candidate), _free(candidate, self._asked)
+        coordinates, free = self._coordinates(candidate), free_numbers(candidate, self._asked)
         box = Box(coordinates[free], _FINE_STEPS[free], _LOW[free], _HIGH[free])
 
         def point_at(x: Values) -> Point:
@@ -223,7 +226,7 @@ class Search:
     def rough(self, panes: Sequence[Candidate]) -> list[ScoredCandidate]:
         """The candidates in place, and those with ghosts that explain more than any of them; by spectra alone."""
         in_place = [self._in_place(candidate) for candidate in panes]
-        if not self._ghosts or not in_place:
+        if not self.seeks_ghosts or not in_place:
             return in_place
         limit = min(found.score for found in in_place)
         likely = [found.candidate for found in in_place if found.score < limit + _HOPELESS]
@@ -264,9 +267,22 @@ class Search:
             return found
         return self.finely(_with_both(found.candidate))
 
+    def with_one_polarized(self, found: ScoredCandidate) -> ScoredCandidate:
+        """The same with polarized light in one layer, whichever suits better."""
+        ones = []
+        for part in (OF_TRANSMISSION, OF_REFLECTION):
+            point = found.candidate.point.copy()
+            point[part] = 0
+            ones.append(self.finely(Candidate(point, part != OF_TRANSMISSION, part != OF_REFLECTION)))
+        return min(ones, key=lambda one: one.score)
+
     def finished(self, candidate: Candidate) -> ScoredCandidate:
         """The candidate where spectra and edges are likeliest."""
         return self._refined(candidate, edges=True)
+
+    def evidence(self, point: Point) -> float:
+        """Minus the log likelihood of spectra and edges at a point."""
+        return self._likelihood.n * self._fitted(point, edges=True)
 
     def _fitted(self, point: Point, edges: bool = False) -> float:
         """Score of a point, its spectra fitted."""
@@ -338,7 +354,7 @@ class Search:
     def _refined(self, candidate: Candidate, edges: bool = False) -> ScoredCandidate:
         """The candidate moved to where its spectra, or spectra and edges, are likeliest, by Newton steps."""
         before, curvature = math.inf, None
-        free = _free(candidate, self._asked)
+        free = free_numbers(candidate, self._asked)
         for _ in range(_NEWTON_STEPS):
             score, coordinates = self._score(candidate.point, edges), self._coordinates(candidate)
             box = Box(coordinates[free], _FINE_STEPS[free], _LOW[free], _HIGH[free])
@@ -351,7 +367,7 @@ class Search:
 
     def _score_at(self, score: Callable[[Point], float], candidate: Candidate, coordinates: Values, x: Values) -> float:
         """A score where the coordinates that are to be found are x."""
-        return score(self._point(candidate, coordinates, _free(candidate, self._asked), x))
+        return score(self._point(candidate, coordinates, free_numbers(candidate, self._asked), x))
 
     def _score(self, point: Point, edges: bool) -> Callable[[Point], float]:
         """Score of points near one, whose spectra it rests on."""
@@ -362,7 +378,7 @@ class Search:
 
     def _best(self, candidate: Candidate, score: Callable[[Point], float], most: int) -> Candidate:
         """The candidate at the point of least score near it."""
-        coordinates, free = self._coordinates(candidate), _free(candidate, self._asked)
+        coordinates, free = self._coordinates(candidate), free_numbers(candidate, self._asked)
         box = Box(coordinates[free], _STEPS[free], _LOW[free], _HIGH[free])
         moved = box.minimum(lambda x: score(self._point(candidate, coordinates, free, x)), most)
         return dataclasses.replace(candidate, point=self._point(candidate, coordinates, free, moved))
@@ -386,13 +402,6 @@ def _least_gain(candidate: Candidate) -> float:
     shift = abs(float(candidate.point[SHIFT]))
     least = _LEAST_GHOST_GAIN if _single(candidate) else _LEAST_GAIN_OF_BOTH
     return least * (1 + (_BLUR_PX / shift) ** 4) if shift >= LIKE_BLUR_PX else math.inf
-
-
-def _free(candidate: Candidate, asked: SceneParameters) -> NDArray[np.intp]:
-    """Which coordinates are for us to find; a shift only where there is one."""
-    ghosts = asked.ghost_shift is None and candidate.point[SHIFT] != 0
-    flags = [asked.incidence_deg is None, asked.azimuth_deg is None, ghosts]
-    return np.flatnonzero(flags + 2 * [candidate.transmission] + 2 * [candidate.reflection])
 
 
 def _vectors(polarized: Values) -> Values:
@@ -420,9 +429,6 @@ _LEAST_GAIN_OF_UNUSUAL, _SURE_OF_UNUSUAL = 48.0, 0.7
 Of 40 random scenes, from the true pane, it gained 45 at most where one layer was polarized, and at least 51 and 0.8
 standard errors where both were and the transmission was more than 2.2 % off without. The same of a screen in place of a
 sky: of 14 skies it gained nothing, of a screen that is polarized by a tenth 84 and 2.5 standard errors."""
-_SURE_OF_GHOSTS = 1.3
-"""The same of ghosts. By trial: on the random windows to fit on, ghosts that are none gain 0.4 to 1.0 standard errors,
-and true ones 1.4 to 10 (one: 0.6). What is in doubt is left out: accidents cost far more than true ghosts add."""
 
 
 def finalists(rough: Sequence[ScoredCandidate]) -> list[Candidate]:
@@ -471,25 +477,15 @@ def choose(search: Search, likelihood: PolarizedLikelihood, candidates: Sequence
     where a screen is a little likelier than a mirrored sky. A sky is mirrored more often than a screen is so weakly
     polarized as to look like one, and where a sky is taken for a screen another incidence makes up for its light.
     """
-    fine = sure = [search.finely(candidate) for candidate in candidates]
-    in_place = [found for found in fine if not found.candidate.point[SHIFT]]
-    if in_place:
-        nearest = min(in_place, key=_score)
-        sure = in_place + [
-            found
-            for found in fine
-            if found.candidate.point[SHIFT] and _surely_better(likelihood, found, nearest, _SURE_OF_GHOSTS)
-        ]
-    single, screen = _single_layer(search, likelihood, [found for found in sure if _single(found.candidate)])
-    rivals = [found for found in sure if not _single(found.candidate)]
+    fine = [search.finely(candidate) for candidate in candidates]
+    # Of two polarized layers alone the best one with a single is the same with one of them.
+    singles = [found for found in fine if _single(found.candidate)] or [
+        search.with_one_polarized(min(fine, key=_score))
+    ]
+    single, screen = _single_layer(search, likelihood, singles)
+    rivals = [found for found in fine if not _single(found.candidate)]
     both = min((*rivals, search.with_both_polarized(single)), key=_score)
-    if not _surely_better(likelihood, both, single):
-        return Choice(single, single, screen)
-    # Where both have ghosts, a single one with ghosts that are not sure of themselves is the one to beat.
-    alike = [found for found in fine if _single(found.candidate) and found.candidate.point[SHIFT]]
-    if alike and both.candidate.point[SHIFT] and not single.candidate.point[SHIFT]:
-        single, screen = _single_layer(search, likelihood, alike)
-    return Choice(both, single, screen)
+    return Choice(both if _surely_better(likelihood, both, single) else single, single, screen)
 
 
 def closely(search: Search, likelihood: PolarizedLikelihood, choice: Choice) -> Candidate:
@@ -507,8 +503,6 @@ def closely(search: Search, likelihood: PolarizedLikelihood, choice: Choice) -> 
         Its best candidate has ghosts.
     """
     found = choice.best.candidate
-    if not choice.single.candidate.point[SHIFT]:
-        return search.finished(_with_both(found)).candidate
     taken = search.finished(choice.single.candidate)
     unusual = [] if choice.screen is None or not choice.screen.candidate.point[SHIFT] else [choice.screen.candidate]
     for candidate in (*unusual, *([] if _single(found) else [found]), _with_both(choice.single.candidate)):
@@ -612,16 +606,25 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
     rough = search.rough([pane for vectors in mixture.likely_vectors() for pane in candidates(vectors, asked)])
     if not rough:
         return None
-    choice = choose(search, likelihood, finalists(rough))
+    finals = finalists(rough)
+    in_place = [found.candidate for found in sorted(rough, key=_score) if not found.candidate.point[SHIFT]]
+    ghosts = [candidate for candidate in finals if candidate.point[SHIFT]]
+    tiles = StokesTiles(stokes, asked)
+    fits = ghosts_told(tiles, asked, in_place, ghosts) if search.seeks_ghosts else []
+    rivals: tuple[Rival, ...] = ()
+    if search.seeks_ghosts:
+        ghosts = likely_starts(ghosts, fits)
+    choice = choose(search, likelihood, ghosts or in_place[:_MOST])
     gain = search.unpolarized(plain) - choice.best.score
     candidate: Candidate = choice.best.candidate
-    rivals: tuple[Rival, ...] = ()
     if candidate.point[SHIFT]:
         coarse = PolarizedLikelihood(stokes, asked, coarse=True)
         # A frame of few blocks has no coarse light.
         if coarse.n:
             search = Search(coarse, mixture, asked)
             candidate = closely(search, coarse, choice)
+            if fits:
+                candidate = settled(tiles, asked, fits, candidate, search)
     elif asked.incidence_deg is None and asked.azimuth_deg is None:
         alike = panes_alike(mixture, likelihood, asked)
         candidate, rivals = (candidate, ()) if alike is None else (alike.candidate, alike.rivals)

@@ -42,10 +42,10 @@ Powers = NDArray[np.float32]
 _BAND, _PER_CELL = 0.4, 10
 """Width of a ring of frequencies, in natural logarithm of their radius, and how many frequencies a cell of it holds:
 with smooth spectra of 12 powers (3 radii, 4 directions) in the place of such cells single panes pass for several."""
-_HIGHEST_FREQUENCY = 1.5
+HIGHEST_TILE_FREQUENCY = 1.5
 """Highest that is used, in rad per pixel: beyond, ghosts between two pixels are blurred, by the sensor and by any model
 of them. Up to 2.8 a steep pane, with many ghosts, passes for two panes (4 standard errors), up to 1.7 it does not."""
-_FREEDOM = np.float32(16)
+FREEDOM = np.float32(16)
 """Of Student's likelihood. A cell's frequencies are much alike: with 4, as of mean spectra, windows that are told gain
 less, and incidences come out a little too shallow. By trial."""
 _FIRST_ROUNDS, _ROUNDS = 20, 4
@@ -95,9 +95,9 @@ class TileLikelihood:
         self._side = side = min(TILE_PX, *frame.images.shape[-2:])
         self._azimuth_deg = frame.azimuth_deg if ghosts_deg is None else ghosts_deg
         use, along, across, multiplicity = usable_frequencies(side, frame.azimuth_deg)
-        coarse = np.hypot(along, across) < _HIGHEST_FREQUENCY
+        coarse = np.hypot(along, across) < HIGHEST_TILE_FREQUENCY
         use[use], along, across, multiplicity = coarse, along[coarse], across[coarse], multiplicity[coarse]
-        cell = _cells(along, across)
+        cell = frequency_cells(along, across)
         order = np.argsort(cell, kind="stable")
         self._cells = np.searchsorted(cell[order], np.arange(cell.max(initial=-1) + 2))
         turn = math.radians(self._azimuth_deg - frame.azimuth_deg)
@@ -156,7 +156,7 @@ class TileLikelihood:
         data = (response, self._noise, self._data, self._multiplicity, self._natural, self._cells)
 
         def some(start: int, stop: int) -> None:
-            tile_misfits(*data, _FREEDOM, _LEAST_FACTOR, rounds, fitted, out, start, stop)
+            tile_misfits(*data, FREEDOM, _LEAST_FACTOR, rounds, fitted, out, start, stop)
 
         in_blocks(some, len(powers), _TILES_OF_A_THREAD)
         return out, fitted
@@ -186,7 +186,7 @@ def _moved(window: Window, free: tuple[str, ...], x: Values) -> Window:
     return replace(window, **dict(zip(free, x.tolist(), strict=True)))
 
 
-def _cells(along: Values, across: Values) -> NDArray[np.intp]:
+def frequency_cells(along: Values, across: Values) -> NDArray[np.intp]:
     """Number of the cell that each frequency is in: rings, split into as many directions as have enough of them."""
     radius, direction = np.hypot(along, across), np.arctan2(across, along) % np.pi / np.pi
     ring = np.floor(np.log(radius / radius.min(initial=math.inf)) / _BAND).astype(np.intp)

@@ -1,0 +1,147 @@
+"""Compiled likelihood of tiles of three Stokes components: the powers of both layers in each cell of frequencies.
+
+With P and Q the powers of reflection and transmission the covariance of whitened components is ``M = P A + Q B + 1``.
+For 3x3 matrices the adjugate is quadratic: ``adj M = P^2 adj A + Q^2 adj B + 2 P Q A*B + 2 P A*1 + 2 Q B*1 + 1`` with a
+symmetric bilinear product ``*``. So the determinant of M and the data's distance from it are polynomials of P and Q,
+whose coefficients are taken once for all powers that are tried.
+
+Hermitian matrices are nine numbers: the diagonal, then real and imaginary parts of 01, 02 and 12.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.kernels import compiled, inlined
+
+Array = NDArray[Any]
+
+
+@inlined
+def _adjugate(a: Array, b: Array, f: int, out: Array) -> None:
+    """The bilinear product of two matrices into `out` (9,): the adjugate of one where they are the same."""
+    a0, a1, a2, r01, i01, r02, i02, r12, i12 = a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8]
+    b0, b1, b2, s01, j01, s02, j02, s12, j12 = b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8]
+    out[0, f] = (a1 * b2 + b1 * a2) / 2 - (r12 * s12 + i12 * j12)
+    out[1, f] = (a0 * b2 + b0 * a2) / 2 - (r02 * s02 + i02 * j02)
+    out[2, f] = (a0 * b1 + b0 * a1) / 2 - (r01 * s01 + i01 * j01)
+    # 02 times conjugate 12, less 01 times 22; and its like.
+    out[3, f] = (r02 * s12 + i02 * j12 + s02 * r12 + j02 * i12 - r01 * b2 - s01 * a2) / 2
+    out[4, f] = (i02 * s12 - r02 * j12 + j02 * r12 - s02 * i12 - i01 * b2 - j01 * a2) / 2
+    out[5, f] = (r01 * s12 - i01 * j12 + s01 * r12 - j01 * i12 - r02 * b1 - s02 * a1) / 2
+    out[6, f] = (r01 * j12 + i01 * s12 + s01 * i12 + j01 * r12 - i02 * b1 - j02 * a1) / 2
+    out[7, f] = (s01 * r02 + j01 * i02 + r01 * s02 + i01 * j02 - r12 * b0 - s12 * a0) / 2
+    out[8, f] = (r01 * j02 - i01 * s02 + s01 * i02 - j01 * r02 - i12 * b0 - j12 * a0) / 2
+
+
+@inlined
+def _trace(a: Array, b: Array, f: int) -> float:
+    """Trace of the product of two matrices, the first of which stands at a frequency."""
+    diagonal = a[0, f] * b[0] + a[1, f] * b[1] + a[2, f] * b[2]
+    beside = a[3, f] * b[3] + a[4, f] * b[4] + a[5, f] * b[5] + a[6, f] * b[6] + a[7, f] * b[7] + a[8, f] * b[8]
+    return float(diagonal + 2 * beside)
+
+
+@compiled
+def stokes_tile_misfits(
+    response: Array,
+    data: Array,
+    multiplicity: Array,
+    natural: Array,
+    cells: Array,
+    freedom: float,
+    least: float,
+    rounds: int,
+    powers: Array,
+    out: Array,
+    start: int,
+    stop: int,
+) -> None:
+    """Minus log likelihood of tiles start..stop into `out`, their powers (tile, 2, cell), reflection first, fitted.
+
+    Shapes: response (2, n, 9), what the pane makes of the transmission and of the reflection of power 1; data
+    (tile, 9, n), products of the whitened components with each other, unlike matrices with 01, 02 and 12 doubled and
+    conjugate; multiplicity, natural (n,), how often a frequency counts, and the power of natural images there; cells
+    (cell + 1,), where the frequencies of each begin. `freedom` is that of Student's likelihood, `least` the factor by
+    which a power shrinks at most.
+    """
+    n = multiplicity.size
+    one = np.zeros(9)
+    one[:3] = 1.0
+    # Coefficients of P^2, Q^2, PQ, P and Q in the adjugate; of these, P^3, Q^3, P^2 Q and P Q^2 in the determinant.
+    adjugates, c = np.empty((5, 9, n)), np.empty((9, n))
+    a, b = np.empty(9), np.empty(9)
+    for f in range(n):
+        for i in range(9):
+            a[i], b[i] = response[1, f, i] * natural[f], response[0, f, i] * natural[f]
+        _adjugate(a, a, f, adjugates[0])
+        _adjugate(b, b, f, adjugates[1])
+        _adjugate(a, b, f, adjugates[2])
+        _adjugate(a, one, f, adjugates[3])
+        _adjugate(b, one, f, adjugates[4])
+        for k in range(2, 5):
+            for i in range(9):
+                adjugates[k, i, f] *= 2.0
+        c[0, f], c[1, f] = _trace(adjugates[0], one, f), _trace(adjugates[1], one, f)
+        c[2, f] = _trace(adjugates[2], one, f)
+        c[3, f], c[4, f] = a[0] + a[1] + a[2], b[0] + b[1] + b[2]
+        c[5, f], c[6, f] = _trace(adjugates[0], a, f) / 3, _trace(adjugates[1], b, f) / 3
+        c[7, f], c[8, f] = _trace(adjugates[0], b, f), _trace(adjugates[1], a, f)
+    q2 = np.empty((6, n))
+    for tile in range(start, stop):
+        d = data[tile]
+        for k in range(5):
+            m = adjugates[k]
+            for f in range(n):
+                value = 0.0
+                for i in range(9):
+                    value += m[i, f] * d[i, f]
+                q2[k, f] = value
+        for f in range(n):
+            q2[5, f] = d[0, f] + d[1, f] + d[2, f]
+        total = 0.0
+        for cell in range(cells.size - 1):
+            p, q = powers[tile, 0, cell], powers[tile, 1, cell]
+            for left in range(rounds, -1, -1):
+                more_p, less_p, more_q, less_q = 0.0, 0.0, 0.0, 0.0
+                value = 0.0
+                for f in range(cells[cell], cells[cell + 1]):
+                    pp, qq, pq = p * p, q * q, p * q
+                    determinant = (
+                        1.0
+                        + p * c[3, f]
+                        + q * c[4, f]
+                        + pp * c[0, f]
+                        + qq * c[1, f]
+                        + pq * c[2, f]
+                        + pp * p * c[5, f]
+                        + qq * q * c[6, f]
+                        + pp * q * c[7, f]
+                        + qq * p * c[8, f]
+                    )
+                    inverse = 1.0 / determinant
+                    square = pp * q2[0, f] + qq * q2[1, f] + pq * q2[2, f] + p * q2[3, f] + q * q2[4, f] + q2[5, f]
+                    distance = square * inverse
+                    if left == 0:
+                        value += multiplicity[f] * (
+                            np.log(determinant) + (freedom + 3.0) * np.log(freedom + max(distance, 0.0))
+                        )
+                        continue
+                    by_p = c[3, f] + 2 * p * c[0, f] + q * c[2, f] + 3 * pp * c[5, f] + 2 * pq * c[7, f] + qq * c[8, f]
+                    by_q = c[4, f] + 2 * q * c[1, f] + p * c[2, f] + 3 * qq * c[6, f] + 2 * pq * c[8, f] + pp * c[7, f]
+                    scale = multiplicity[f] * inverse
+                    surprise = scale * (freedom + 3.0) / (freedom + max(distance, 0.0))
+                    more_p += (distance * by_p - (2 * p * q2[0, f] + q * q2[2, f] + q2[3, f])) * surprise
+                    more_q += (distance * by_q - (2 * q * q2[1, f] + p * q2[2, f] + q2[4, f])) * surprise
+                    less_p += by_p * scale
+                    less_q += by_q * scale
+                if left == 0:
+                    total += value
+                else:
+                    p *= max(more_p / less_p, least)
+                    q *= max(more_q / less_q, least)
+            powers[tile, 0, cell], powers[tile, 1, cell] = p, q
+        out[tile] = total
