@@ -4,10 +4,11 @@ References
 ----------
 Q. H. Vuong, Likelihood ratio tests for model selection and non-nested hypotheses, Econometrica, 1989.
 
-The directions of the two Stokes vectors (`Mixture`) leave a handful of panes that show them in place (`candidates`);
-of these, each with its likeliest ghosts, the one is taken that explains the capture best, with the least polarized
-light that does. Ghosts tell it more exactly by coarse light (`closely`); without any, what is likely of panes and light
-beforehand decides between those that show the same (`panes_alike`).
+The directions of the two Stokes vectors (`Mixture`) leave a handful of panes that show them in place (`candidates`).
+Single tiles tell whether there are ghosts, and where (`ghosts_told`). Of panes that have them there the one is taken
+that explains the capture best, with the least polarized light that does: by coarse light (`closely`), unless tiles
+refuse it (`settled`). Without ghosts what is likely of panes and light beforehand decides between those that show the
+same (`panes_alike`).
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ from polaropt.estimation.polarized.light import (
 )
 from polaropt.estimation.polarized.likelihood import Levels, PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture
-from polaropt.estimation.polarized.tiles import StokesTiles
+from polaropt.estimation.polarized.tiles import StokesTiles, TileFit
 from polaropt.numerics import Box, jackknife_error, left_out, turn_between
 from polaropt.optics import GHOST_SHIFT_SEARCH_PX, Rival, SceneErrors, SceneParameters, brewster_angle_deg
 
@@ -606,15 +607,15 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
     rough = search.rough([pane for vectors in mixture.likely_vectors() for pane in candidates(vectors, asked)])
     if not rough:
         return None
-    finals = finalists(rough)
-    in_place = [found.candidate for found in sorted(rough, key=_score) if not found.candidate.point[SHIFT]]
-    ghosts = [candidate for candidate in finals if candidate.point[SHIFT]]
     tiles = StokesTiles(stokes, asked)
-    fits = ghosts_told(tiles, asked, in_place, ghosts) if search.seeks_ghosts else []
-    rivals: tuple[Rival, ...] = ()
+    in_place = [found for found in sorted(rough, key=_score) if not found.candidate.point[SHIFT]]
+    ghosts = [candidate for candidate in finalists(rough) if candidate.point[SHIFT]]
+    fits: list[TileFit] = []
     if search.seeks_ghosts:
+        fits = ghosts_told(tiles, asked, [found.candidate for found in in_place], ghosts)
         ghosts = likely_starts(ghosts, fits)
-    choice = choose(search, likelihood, ghosts or in_place[:_MOST])
+    rivals: tuple[Rival, ...] = ()
+    choice = choose(search, likelihood, ghosts or finalists(in_place))
     gain = search.unpolarized(plain) - choice.best.score
     candidate: Candidate = choice.best.candidate
     if candidate.point[SHIFT]:
