@@ -71,6 +71,8 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "show_memory": False,
     "min_reported_time": 0,
+    # They would lie among the sources, and no reader asks.
+    "write_computation_times": False,
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": True,
     "image_scrapers": ("matplotlib",),
