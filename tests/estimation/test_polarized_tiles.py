@@ -11,12 +11,21 @@ import pytest
 from polaropt import Capture, SceneParameters
 from polaropt.capture import noise_level, stokes_images
 from polaropt.estimation import find_scene
-from polaropt.estimation.polarized.ghost_choice import ghosts_told, likely_starts, settled
+from polaropt.estimation.polarized.ghost_choice import _beyond_brewster, ghosts_told, likely_starts, settled
 from polaropt.estimation.polarized.kernels import pane_vectors
-from polaropt.estimation.polarized.light import SHIFT, Candidate, entering_light, free_numbers, in_place, pane_light
+from polaropt.estimation.polarized.light import (
+    HIGHEST_DEG,
+    LOWEST_DEG,
+    SHIFT,
+    Candidate,
+    entering_light,
+    free_numbers,
+    in_place,
+    pane_light,
+)
 from polaropt.estimation.polarized.tile_kernels import stokes_tile_misfits
 from polaropt.estimation.polarized.tiles import StokesTiles
-from polaropt.optics import frame_matrix
+from polaropt.optics import brewster_angle_deg, frame_matrix
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
 
@@ -151,6 +160,17 @@ def test_ghosts_are_told_where_no_other_search_found_any() -> None:
 def test_no_ghosts_are_told_where_there_are_none() -> None:
     scene = replace(SHOWN, ghost_shift=0.0)
     assert ghosts_told(tiles_of(scene), BLIND, [moved(TRUE, shift=0.0)], [TRUE]) == []
+
+
+@pytest.mark.parametrize("incidence", [8.0, 30.0, 57.0, 80.0])
+def test_a_pane_beyond_brewsters_angle_is_one(incidence: float) -> None:
+    steep = moved(TRUE, incidence=incidence)
+    across = _beyond_brewster(steep, BLIND)
+    assert LOWEST_DEG <= across.point[0] <= HIGHEST_DEG
+    assert (across.point[0] > brewster_angle_deg(1.5)) == (incidence < brewster_angle_deg(1.5))
+    assert np.hypot(*across.point[3:5]) <= 1 + 1e-9
+    assert across.point[5:].tolist() == [0, 0]
+    assert np.isfinite(tiles_of(SHOWN).fitted(across).misfit)
 
 
 class Unsure:

@@ -16,7 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.estimation.polarized.light import (
+    HIGHEST_DEG,
     INCIDENCE,
+    LOWEST_DEG,
+    OF_REFLECTION,
+    OF_TRANSMISSION,
     SHIFT,
     Candidate,
     Place,
@@ -237,8 +241,9 @@ def _beyond_brewster(candidate: Candidate, asked: SceneParameters) -> Candidate:
     brewster = brewster_angle_deg(asked.index)
     off = float(candidate.point[INCIDENCE]) - brewster
     across = brewster - math.copysign(max(abs(off), _LEAST_OFF_DEG), off)
+    across = min(max(across, LOWEST_DEG), HIGHEST_DEG)
     point = point_showing(Place(across, *map(float, candidate.point[1:3])), shown_by(candidate.point, asked), asked)
-    for part, polarized in ((slice(3, 5), candidate.transmission), (slice(5, 7), candidate.reflection)):
+    for part, polarized in ((OF_TRANSMISSION, candidate.transmission), (OF_REFLECTION, candidate.reflection)):
         if not polarized:
             point[part] = candidate.point[part]
     return replace(candidate, point=bounded(point))
