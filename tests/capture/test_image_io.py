@@ -13,7 +13,14 @@ from polaropt import Capture, InputError, read_capture
 from polaropt.capture.files.decode import read_file
 from polaropt.capture.files.encoding import linearize, parse_gamma
 from polaropt.capture.files.exif import CameraFacts
-from polaropt.capture.files.write import encode_srgb, write_capture, write_png, write_png_view, write_tiff
+from polaropt.capture.files.write import (
+    encode_srgb,
+    tiff_rows,
+    write_capture,
+    write_png,
+    write_png_view,
+    write_tiff,
+)
 from tests.captured import photographed
 
 RANDOM = np.random.default_rng(0)
@@ -65,6 +72,15 @@ def test_float_tiff_is_written_as_it_is(tmp_path, shape, kind):
     with tifffile.TiffFile(tmp_path / "a.tiff") as tiff:
         page = tiff.pages[0]
         assert (page.photometric.name, page.tags["Make"].value, page.tags["Model"].value) == (kind, "Lucid", "PHX050S")
+
+
+def test_a_coarse_tiff_is_rounded_to_the_nearest_of_ten_bits(tmp_path):
+    image = RANDOM.standard_normal((20, 30)).astype(np.float32)
+    with tiff_rows(tmp_path / "a.tiff", image.shape, coarse=True) as write:
+        write(image)
+    written = read_file(tmp_path / "a.tiff").pixels
+    np.testing.assert_array_equal(written.view(np.uint32) % 2**13, 0)
+    np.testing.assert_allclose(written, image, rtol=2**-11)
 
 
 def test_the_view_is_srgb(tmp_path):

@@ -8,7 +8,15 @@ import pytest
 from polaropt import Capture, SceneParameters, SeparationWarning, separate
 from polaropt.capture.capture import ANGLES_DEG
 from polaropt.capture.checks import Mistakes, find_mistakes, identity_ratio
-from polaropt.estimation.safeguard import CheckedScene, correction, linear, mended, with_incidence_checked
+from polaropt.capture.noise import noise_level
+from polaropt.estimation.safeguard import (
+    CheckedScene,
+    correction,
+    linear,
+    mended,
+    scene_source,
+    with_incidence_checked,
+)
 from polaropt.numerics import turn_between
 from polaropt.simulation.metrics import psnr_db
 from polaropt.simulation.simulator import exact_photographs
@@ -29,6 +37,14 @@ def test_nothing_is_found_wrong_with_good_photographs(incidence, noise):
     capture = blend(incidence, 96, noise=noise).capture
     assert find_mistakes(capture) == Mistakes()
     assert mended(capture, Mistakes()) is capture
+
+
+def test_the_noise_is_that_of_the_photographs_that_the_scene_is_estimated_from():
+    capture = encoded(blend(60, 96, noise=0.01).capture, 2.2)
+    assert scene_source(capture, 0.0123, Mistakes()) == (capture, 0.0123)
+    source, noise = scene_source(capture, 0.0123, Mistakes(gamma=2.2))
+    assert source is not capture
+    assert noise == pytest.approx(noise_level(source))
 
 
 @pytest.mark.parametrize("degree", [0.4, 1.0])

@@ -228,6 +228,18 @@ def test_large_frames_state_on_blocks_what_every_pixel_would(monkeypatch, pane):
     assert np.median(np.abs(coarse / fine - 1)) < 0.05
 
 
+def test_what_is_done_of_a_frame_of_several_tiles_is_told_and_its_rows_come_once(monkeypatch):
+    monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 96))
+    example = blend(60, 160)
+    result = separate(example.capture, example.scene)
+    done = []
+    strips = list(result.judge.func(*result.judge.args, **{**result.judge.keywords, "tell": done.append}))
+    assert done == sorted(done)
+    assert done[-1] == pytest.approx(1)
+    assert len(done) > 2
+    assert [row for strip in strips for row in range(160)[strip.rows]] == list(range(160))
+
+
 def test_a_table_needs_some_of_the_frequencies_alone(monkeypatch):
     random, n = np.random.default_rng(0), 8192
     squared = np.square(random.uniform(0.01, np.pi, n)).astype(np.float32)

@@ -197,6 +197,13 @@ def test_of_tinted_glass_ghosts_carry_what_is_left_of_them(incidence_deg: float)
         np.testing.assert_allclose(series.direct + series.ghost * Z / (1 - series.ratio * Z), expected, atol=1e-14)
 
 
+def test_the_series_of_a_surface_that_mirrors_nothing_is_its_direct_light() -> None:
+    plate = Plate(np.zeros(3), np.ones(3), single_surface=True)
+    for series, direct in zip(plate.series, (1, 0), strict=True):
+        np.testing.assert_array_equal(series.direct, direct)
+        np.testing.assert_array_equal([series.ghost, series.ratio], 0)
+
+
 def test_between_the_cosines_of_a_table_weights_are_linear() -> None:
     grid = np.array([0.2, 0.4, 0.6, 0.8])
     table = np.random.default_rng(0).random((2, 5, 3, 4))
