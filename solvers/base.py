@@ -104,8 +104,9 @@ class StoppingRule:
     (10, 0.0005)
     """
 
-    max_evaluations: int = 60
-    """Evaluations of objective and gradient, at most."""
+    max_evaluations: int = 200
+    """Evaluations of objective and gradient, at most. Of 40 random panes before a lens, or bent, to fit on
+    (`studies.random_windows`, even seeds from 9000) 37 end within 60, three after 95 to 160, 2 dB better than at 60."""
     relative_change: float = 5e-4
     """Stop when iterations in a row lower the objective by less than this share of it each; 0: never."""
     gradient_norm: float = 0.0

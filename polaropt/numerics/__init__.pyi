@@ -40,6 +40,7 @@ __all__ = [
     "quietest_combination",
     "robust_spread",
     "second_differences",
+    "smoothly_filled",
     "squared_frequencies",
     "strips",
     "tukey_window",
@@ -64,6 +65,7 @@ from .blocks import block_shares as block_shares
 from .blocks import fill_gaps as fill_gaps
 from .blocks import gap_values as gap_values
 from .blocks import middle_part as middle_part
+from .blocks import smoothly_filled as smoothly_filled
 from .blocks import strips as strips
 from .blocks import whole_blocks as whole_blocks
 from .color import Basis as Basis

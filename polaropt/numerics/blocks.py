@@ -1,4 +1,4 @@
-"""Means over blocks of pixels, gaps filled from the blocks around them, and the middle of a frame."""
+"""Means over blocks of pixels, gaps filled from what is around them, and the middle of a frame."""
 
 from __future__ import annotations
 
@@ -110,6 +110,55 @@ class _Level:
             values[..., left[there]] = means[(..., *blocks)][..., there] / share[there]
             left = left[~there]
         return values, level
+
+
+_ENOUGH = 0.25
+"""Share of known pixels in a block at which its mean stands for itself, as at the edge of a small gap. Set by hand."""
+
+
+def smoothly_filled(images: Images, known: Mask) -> Images:
+    """Replace unknown pixels of images by means over surroundings as fine as there are, without steps between them.
+
+    Parameters
+    ----------
+    images : ndarray of float32, shape (..., h, w)
+    known : ndarray of bool, shape (..., h, w)
+        May lack leading axes.
+
+    Returns
+    -------
+    ndarray of float32, shape (..., h, w)
+        Images of which nothing is known are black.
+
+    References
+    ----------
+    S. J. Gortler, R. Grzeszczuk, R. Szeliski, M. F. Cohen, The lumigraph, SIGGRAPH 1996: pull and push.
+    """
+    weights = known.astype(np.float32)
+    return np.where(known, images, _pushed(images * weights, weights))
+
+
+def _pushed(sums: Images, weights: Images) -> Images:
+    """Sums over their weights where these are enough; else what the same at half the size has there, in part or all."""
+    means = sums / np.maximum(weights, np.float32(_LEAST_WEIGHT))
+    if max(sums.shape[-2:]) == 1 or weights.min() >= _ENOUGH:
+        return np.asarray(means)
+    coarse = _pushed(*(block_mean(part, 2, partial=True) for part in (sums, weights)))
+    around = _doubled(_doubled(coarse, sums.shape[-2]).swapaxes(-1, -2), sums.shape[-1]).swapaxes(-1, -2)
+    return np.asarray(around + np.minimum(weights / np.float32(_ENOUGH), 1) * (means - around))
+
+
+_LEAST_WEIGHT = 1e-6
+"""Share of known pixels that is divided by."""
+
+
+def _doubled(images: Images, rows: int) -> Images:
+    """Images (..., h, w) with so many rows instead, about twice as many, linearly between the middles of blocks."""
+    last = images.shape[-2] - 1
+    above, below = (images[..., np.clip(np.arange(last + 1) + move, 0, last), :] for move in (-1, 1))
+    near, far = np.float32(0.75), np.float32(0.25)
+    both = np.stack([near * images + far * above, near * images + far * below], axis=-2)
+    return both.reshape(*images.shape[:-2], 2 * (last + 1), images.shape[-1])[..., :rows, :]
 
 
 def block_shares(valid: Mask, size: int) -> Images:

@@ -12,18 +12,13 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture
 from polaropt.inversion import Canvas
+from polaropt.numerics import smoothly_filled
 from polaropt.optics import SceneParameters, engine_for
 from polaropt.solving.problem import component_strips
 
 Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_FINEST_PX = 2.0
-"""Standard deviation of the finest mean over what is around; twice as much each time. Set by hand."""
-_ENOUGH = 0.25
-"""Weight of known pixels in such a mean at which it stands for itself: as at the edge of a small gap. Set by hand."""
-_LEAST_WEIGHT = 1e-6
-"""Such a weight that is divided by."""
 _CONTRAST = 0.3
 """Standard deviation of a layer before anything is measured, white = 1; set by hand."""
 _LEAST_SHARE = 1e-3
@@ -61,7 +56,7 @@ def inpainted(capture: Capture, moving: Mask, scene: SceneParameters, noise: flo
     of_transmission, of_reflection = parts(np.ones((2, 1, height, width), np.float32))
     layers = _in_place(photographs, of_transmission, of_reflection, noise)
     known = valid.all(axis=0) & ~moving
-    layers[1] = np.where(moving, np.maximum(_filled(layers[1], known), 0), layers[1])
+    layers[1] = np.where(moving, np.maximum(smoothly_filled(layers[1], known), 0), layers[1])
     shares = of_transmission / np.maximum(of_reflection, np.float32(_LEAST_SHARE))
     shown = int(np.argmax(shares[:, 0, moving].mean(axis=-1)))
     of_shown = np.maximum(of_transmission[shown], np.float32(_LEAST_SHARE))
@@ -88,19 +83,3 @@ def _in_place(photographs: Images, of_transmission: Images, of_reflection: Image
     determinant = tt * rr - tr * tr
     changes = np.stack([rr * of_t - tr * of_r, tt * of_r - tr * of_t]) / determinant
     return np.asarray(light + changes, dtype=np.float32)
-
-
-def _filled(images: Images, known: Mask) -> Images:
-    """Images (channel, h, w) with smooth values where they are not known: means over ever finer surroundings."""
-    from scipy.ndimage import gaussian_filter
-
-    filled = np.empty_like(images)
-    for channel, (image, weights) in enumerate(zip(images * known, known.astype(np.float32), strict=True)):
-        mean = np.full_like(image, image.sum(dtype=np.float64) / max(1.0, weights.sum(dtype=np.float64)))
-        sizes = _FINEST_PX * 2.0 ** np.arange(np.ceil(np.log2(max(image.shape) / (4 * _FINEST_PX))))
-        for size in sizes[::-1]:
-            weight = gaussian_filter(weights, size, mode="nearest")
-            around = gaussian_filter(image, size, mode="nearest") / np.maximum(weight, np.float32(_LEAST_WEIGHT))
-            mean += np.minimum(weight / np.float32(_ENOUGH), 1) * (around - mean)
-        filled[channel] = mean
-    return filled

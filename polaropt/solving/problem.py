@@ -19,6 +19,7 @@ from polaropt.inversion import (
     mosaic_layers,
     natural_image_layers,
 )
+from polaropt.numerics import smoothly_filled
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertical_reach
 from polaropt.solving.local_spectra import REACH_PX, Expectation, SeenSpectra, expected_layers
 from polaropt.solving.objective import (
@@ -50,7 +51,7 @@ def worth_filling(capture: Capture) -> bool:
 
 
 def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
-    """The capture with the expected photographs where its own cannot be trusted; what is clipped is white at least.
+    """The capture with the expected photographs where its own cannot be trusted; what is clipped is no darker than it.
 
     Parameters
     ----------
@@ -58,11 +59,21 @@ def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
     expected : ndarray, shape (k, channel, h, w)
     """
     observed = capture.observed
-    seen = observed.intensities
-    expected = expected.reshape(seen.shape)
-    values = np.where(seen >= 1, np.maximum(expected, seen), expected)
-    whole = np.where(observed.valid, seen, values).astype(np.float32)
-    return capture.replace(intensities=whole, valid=np.ones_like(capture.valid))
+    seen, trusted = observed.intensities.reshape(expected.shape), observed.valid.reshape(expected.shape)
+    # Whatever photographs were multiplied by since: a value that clips is as bright as any that does not.
+    brightest = seen.max(axis=(-1, -2), keepdims=True, where=trusted, initial=0)
+    clips = seen >= np.where(brightest > 0, brightest, 1)
+    values = np.where(clips, np.maximum(expected, seen), expected)
+    whole = np.where(trusted, seen, values).astype(np.float32)
+    return capture.replace(intensities=whole.reshape(capture.intensities.shape), valid=np.ones_like(capture.valid))
+
+
+def smoothed(capture: Capture) -> Capture:
+    """The capture with smooth values where its own cannot be trusted; what is clipped is no darker than it."""
+    shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
+    # Of a mosaic the photographs near a sample that clips are interpolated from it.
+    known = capture.valid.reshape(shape) if capture.samples is None else capture.samples.valid
+    return filled(capture, smoothly_filled(capture.intensities.reshape(shape), known))
 
 
 Images = NDArray[np.float32]
@@ -243,8 +254,11 @@ class Problem:
             self.expected = replace(self.expected, layers=nothing, variance=nothing)
 
     def _closed_form(self) -> ClosedForm:
-        known = self._closed_form_of(self.capture)
-        for _ in range(FILLINGS if worth_filling(self.capture) else 0):
+        if not worth_filling(self.capture):
+            return self._closed_form_of(self.capture)
+        # From smooth values on: what a closed form finds of its own filling it hardly changes.
+        known = self._closed_form_of(smoothed(self.capture))
+        for _ in range(FILLINGS):
             known = self._closed_form_of(filled(self.capture, self._photographed(known.layers)))
         return known
 

@@ -116,6 +116,7 @@ Images = NDArray[np.float32]
 # Fractions of a separation at which its stages begin, for the progress alone: set by hand.
 _CLOSED_FORM, _SOLVING, _TAKING_STOCK = 0.3, 0.4, 0.97
 _REACH = _TAKING_STOCK - _CLOSED_FORM
+_USUAL_EVALUATIONS = 7
 # What is known of a tile's layers that no photograph changes.
 _OF_PANE = ("told", "cross", "share", "squared_frequency")
 # Of tiles that ended differently the whole has the status that stands first.
@@ -349,7 +350,8 @@ def _solve_tile(
     stages.begin("Solving", place.reached + _REACH * (_SOLVING - _CLOSED_FORM) * share)
 
     def advance(evaluations: int) -> None:
-        stages.advance((_TAKING_STOCK - _SOLVING) * share * min(1.0, evaluations / stopping.max_evaluations))
+        # How many it takes is not known: each half of what is left takes as many as most do altogether.
+        stages.advance((_TAKING_STOCK - _SOLVING) * share * (1 - 0.5 ** (evaluations / _USUAL_EVALUATIONS)))
 
     minimizer = get_solver(settings.solver)
     try:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from polaropt import separate
+from polaropt.capture import ANGLES_DEG, SONY_CELL, mosaic_capture, sampling_of
 from polaropt.capture.capture import Capture
 from polaropt.capture.polarization import stokes_images
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.inversion.closed_form import plate_entries
+from polaropt.optics import engine_for
 from polaropt.optics.engine import PSE
 from polaropt.optics.scene import SceneParameters
 from polaropt.solving.problem import filled, worth_filling
+from solvers.base import Status
 from studies.camera import photograph
 from studies.photographs import shipped_pairs
 from studies.scenes import Taking
@@ -90,3 +94,48 @@ def test_photographs_that_hardly_tell_a_pixel_do_not_amplify_its_noise():
 
 def entries_of(capture: Capture, scene: SceneParameters) -> np.ndarray:
     return plate_entries(capture, PSE(scene, capture.angles_deg))
+
+
+def test_values_that_clip_are_no_darker_than_they_were_also_if_a_gain_was_divided_out():
+    example = blend(60, 32)
+    seen = np.minimum(example.capture.intensities, 0.9).copy()
+    seen[:, :, 4:8, 4:8] = 1.0
+    valid = seen < 1
+    # The 45/135 pair of a camera reads brighter.
+    seen[1::2] /= 1.02
+    valid[1, :, 20:24] = False
+    whole = filled(Capture.of_planes(seen, valid=valid), np.full_like(seen, 0.5))
+    np.testing.assert_array_equal(whole.intensities[:, :, 4:8, 4:8], seen[:, :, 4:8, 4:8])
+    assert (whole.intensities[1, :, 20:24] == 0.5).all()
+
+
+def test_before_a_lens_a_lamp_that_clips_is_as_bright_as_its_rim_and_takes_no_light_from_around():
+    pane = SceneParameters(50.0, 30.0, 0.0, focal_px=205.0)
+    layers, lamp = before_a_lamp(128)
+    photographs = engine_for(pane, ANGLES_DEG, 0.005, lamp.shape).forward(layers)
+    around = gaussian_filter(lamp.astype(np.float32), 6) < 0.02
+    found = {}
+    for gain in (1 / photographs.max(), 1.0):
+        separated = separate(mono_mosaic(gain * photographs), pane)
+        found[gain] = both_psnr(separated.layers[:, None], gain * layers, around)
+    assert (photographs >= 1).any(axis=(0, 1)).mean() > 0.02
+    assert separated.transmission[lamp].mean() > 0.95 * layers[0, 0, lamp].mean()
+    assert separated.solver.status is Status.CONVERGED
+    assert np.subtract(*found.values()).max() < 2
+
+
+def before_a_lamp(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Grey layers whose transmission holds a bright disc, and where it is."""
+    layers = 0.6 * shipped_pairs(side, side // 2)[1].layers.mean(axis=1, keepdims=True)
+    rows, columns = np.mgrid[:side, :side] - side / 2
+    lamp = columns**2 + (rows - 5) ** 2 < (0.12 * side) ** 2
+    layers[0] += 2 * gaussian_filter(lamp.astype(np.float32), 2)
+    return layers.astype(np.float32), lamp
+
+
+def mono_mosaic(photographs: np.ndarray) -> Capture:
+    """What a camera with white = 1 makes of the light at 0, 45, 90 and 135 degrees, with noise of 0.5 %."""
+    sampling, _ = sampling_of(color=False)
+    noise = 0.005 * np.random.default_rng(0).standard_normal(photographs.shape[-2:])
+    raw = np.clip(sampling.sample(photographs) + noise, 0, 1).astype(np.float32)
+    return mosaic_capture(raw, sensor="mono", cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0)
