@@ -21,7 +21,7 @@ from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
 from polaropt.numerics import give_back_freed, middle_part, strips
 from polaropt.optics import FIELDS, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
-from polaropt.solving import Piece, Problem, Tile, Weights
+from polaropt.solving import Piece, Problem, Tile, Weights, smoothed, worth_filling
 from priors.base import CHROMA_WEIGHT
 from solvers.kernels import in_blocks
 
@@ -35,9 +35,9 @@ _NOISE_SHARE = 0.4
 # Standard errors by which the incidence is moved: two are to cover the truth, and towards frontal glass what follows
 # from it soars.
 _COVERING = 2.0
-# Shorter side in pixels from which what the scene's errors do is found on blocks, the sides of these and of the part of
-# the frame that tells their level. Set by hand.
-_LEAST_COARSE, _BLOCK, _COMPARED = 384, 3, 192
+# Shorter side in pixels from which what the scene's errors do is found on blocks, the sides of these, of a mosaic whole
+# patterns, and of the part of the frame that tells their level. Set by hand.
+_LEAST_COARSE, _BLOCK, _BLOCK_OF_MOSAIC, _COMPARED = 384, 3, 4, 192
 # Ratios of levels that are believed, and a variance that is none.
 _LEVELS, _NO_VARIANCE = (0.25, 16.0), 1e-20
 
@@ -346,18 +346,18 @@ class _Blocks:
     def of(
         cls, capture: Capture, noise: float, doubtful: tuple[Doubt, ...], growth: NoiseModel | None
     ) -> _Blocks | None:
-        """Those of a large frame; None where every pixel is looked at, as of a mosaic behind a flat pane."""
-        on_samples = capture.samples is not None and not doubtful[0].below.varies
-        if min(capture.shape[-2:]) < _LEAST_COARSE or on_samples:
+        """Those of a large frame; None where every pixel is looked at."""
+        if min(capture.shape[-2:]) < _LEAST_COARSE:
             return None
+        side = _BLOCK if capture.samples is None else _BLOCK_OF_MOSAIC
         rows, columns = middle_part(capture.shape, _COMPARED)
         height, width = capture.shape[-2:]
         center = ((width - 1) / 2 - columns.start, (height - 1) / 2 - rows.start)
         part = capture.part(rows, columns)
         fine = scene_variance(part, noise, doubtful, center, growth).mean(axis=(-1, -2), keepdims=True)
-        coarse = cls(_BLOCK, np.ones_like(fine)).variance(part, noise, doubtful, center, growth)
+        coarse = cls(side, np.ones_like(fine)).variance(part, noise, doubtful, center, growth)
         level = fine / np.maximum(coarse.mean(axis=(-1, -2), keepdims=True), _NO_VARIANCE)
-        return cls(_BLOCK, np.asarray(np.clip(level, *_LEVELS), dtype=np.float32))
+        return cls(side, np.asarray(np.clip(level, *_LEVELS), dtype=np.float32))
 
     def variance(
         self,
@@ -374,7 +374,10 @@ class _Blocks:
         )
         middle = ((center[0] + 0.5) / side - 0.5, (center[1] + 0.5) / side - 0.5)
         averaged = None if growth is None else NoiseModel(growth.read / side, growth.shot / side**2)
-        variance = scene_variance(part.in_blocks(side), noise / side, moved, middle, averaged)
+        small = part.in_blocks(side)
+        # Filled once, not with what each of the scenes expects: it is what these differ in that counts.
+        small = smoothed(small) if worth_filling(small) else small
+        variance = scene_variance(small, noise / side, moved, middle, averaged)
         return _enlarged(variance * self.level, side, part.shape[-2:])
 
 

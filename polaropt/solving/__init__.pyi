@@ -26,10 +26,12 @@ __all__ = [
     "kinds_of_pixels",
     "plain_observation",
     "plate_views",
+    "smoothed",
     "solve",
     "start_names",
     "take_start",
     "term_names",
+    "worth_filling",
 ]
 
 from .compiled import FusedMisfit as FusedMisfit
@@ -52,6 +54,8 @@ from .problem import Coordinates as Coordinates
 from .problem import Memory as Memory
 from .problem import Problem as Problem
 from .problem import component_strips as component_strips
+from .problem import smoothed as smoothed
+from .problem import worth_filling as worth_filling
 from .solution import Piece as Piece
 from .solution import Settings as Settings
 from .solution import Solution as Solution
