@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from typing import Any, Literal
@@ -58,7 +59,7 @@ def separate_sequence(
     before: Separation | None = None
     while True:
         if known is None:
-            begin = list(islice(frames, first))
+            begin = list(islice(frames, min(first, sys.maxsize)))
             if not begin:
                 return
             known = _found(begin, scene, options, every if pane == "follow" else math.inf)

@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 import tifffile
 
-from polaropt import Capture, FrameReader, InputError, SceneParameters, separate, separate_sequence, simulate
+from polaropt import (
+    Capture,
+    FrameReader,
+    InputError,
+    SceneParameters,
+    StoppingRule,
+    separate,
+    separate_sequence,
+    simulate,
+)
 from polaropt.capture.files.headless import PIXEL_FORMATS
 from polaropt.cli.app import main
 from polaropt.sequence.ahead import read_ahead
@@ -164,6 +173,13 @@ def test_frames_without_polarization_come_as_they_are() -> None:
     flat = list(film(2, PANE.replace(incidence_deg=0.0)))
     results = list(separate_sequence([*flat, *film(2)], BLIND, first=2, model="ghosts"))
     assert [result.scene.signal for result in results] == [False, False, True, True]
+
+
+def test_more_first_frames_than_there_can_be_are_all_of_them() -> None:
+    results = list(
+        separate_sequence(film(2), BLIND, first=2**70, model="ghosts", stopping=StoppingRule(max_evaluations=1))
+    )
+    assert len(results) == 2
 
 
 @pytest.mark.parametrize("wrong", [{"pane": "gone"}, {"first": 0}, {"every": 0}])
