@@ -135,17 +135,37 @@ def smoothly_filled(images: Images, known: Mask) -> Images:
     S. J. Gortler, R. Grzeszczuk, R. Szeliski, M. F. Cohen, The lumigraph, SIGGRAPH 1996: pull and push.
     """
     weights = known.astype(np.float32)
-    return np.where(known, images, _pushed(images * weights, weights))
+    return np.asarray(np.where(known, images, _pushed(images * weights, weights, _FINEST_ROUNDS)), dtype=np.float32)
 
 
-def _pushed(sums: Images, weights: Images) -> Images:
+_ROUNDS, _FINEST_ROUNDS = 12, 2
+"""In which a pixel that is not known becomes the mean of its neighbours; at full size, where they cost most, in few.
+Behind what moves in 20 random windows to fit on (`studies.random_windows`, even seeds from 8000) the reflection is
+0.4 dB closer with them, and 0.03 dB with as many at full size."""
+
+
+def _pushed(sums: Images, weights: Images, rounds: int) -> Images:
     """Sums over their weights where these are enough; else what the same at half the size has there, in part or all."""
     means = sums / np.maximum(weights, np.float32(_LEAST_WEIGHT))
     if max(sums.shape[-2:]) == 1 or weights.min() >= _ENOUGH:
         return np.asarray(means)
-    coarse = _pushed(*(block_mean(part, 2, partial=True) for part in (sums, weights)))
+    halves = [np.asarray(block_mean(part, 2, partial=True), dtype=np.float32) for part in (sums, weights)]
+    coarse = _pushed(halves[0], halves[1], _ROUNDS)
     around = _doubled(_doubled(coarse, sums.shape[-2]).swapaxes(-1, -2), sums.shape[-1]).swapaxes(-1, -2)
-    return np.asarray(around + np.minimum(weights / np.float32(_ENOUGH), 1) * (means - around))
+    share = np.minimum(weights / np.float32(_ENOUGH), 1)
+    filled = around + share * (means - around)
+    for _ in range(rounds):
+        around = _neighbours(filled)
+        filled = around + share * (means - around)
+    return np.asarray(filled)
+
+
+def _neighbours(images: Images) -> Images:
+    """Mean of the four neighbours of each pixel of images (..., h, w); beyond the frame it is as at its edge."""
+    padded = np.pad(images, [(0, 0)] * (images.ndim - 2) + [(1, 1), (1, 1)], mode="edge")
+    rows = padded[..., :-2, 1:-1] + padded[..., 2:, 1:-1]
+    columns = padded[..., 1:-1, :-2] + padded[..., 1:-1, 2:]
+    return np.asarray((rows + columns) * images.dtype.type(0.25))
 
 
 _LEAST_WEIGHT = 1e-6
