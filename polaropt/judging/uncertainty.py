@@ -21,7 +21,7 @@ from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
 from polaropt.numerics import give_back_freed, middle_part, strips
 from polaropt.optics import FIELDS, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
-from polaropt.solving import Piece, Problem, Tile, Weights, smoothed, worth_filling
+from polaropt.solving import Piece, Problem, Tile, Weights, filled_smoothly, worth_filling
 from priors.base import CHROMA_WEIGHT
 from solvers.kernels import in_blocks
 
@@ -376,7 +376,7 @@ class _Blocks:
         averaged = None if growth is None else NoiseModel(growth.read / side, growth.shot / side**2)
         small = part.in_blocks(side)
         # Filled once, not with what each of the scenes expects: it is what these differ in that counts.
-        small = smoothed(small) if worth_filling(small) else small
+        small = filled_smoothly(small) if worth_filling(small) else small
         variance = scene_variance(small, noise / side, moved, middle, averaged)
         return _enlarged(variance * self.level, side, part.shape[-2:])
 

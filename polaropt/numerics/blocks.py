@@ -112,8 +112,13 @@ class _Level:
         return values, level
 
 
-_ENOUGH = 0.25
-"""Share of known pixels in a block at which its mean stands for itself, as at the edge of a small gap. Set by hand."""
+_ENOUGH, _LEAST_WEIGHT = 0.25, 1e-6
+"""Share of known pixels in a block at which its mean stands for itself, as at the edge of a small gap, and one that is
+divided by. Set by hand."""
+_ROUNDS, _FINEST_ROUNDS = 12, 2
+"""In which a pixel that is not known becomes the mean of its neighbours; at full size, where they cost most, in few.
+Behind what moves in 20 random windows to fit on (`studies.random_windows`, even seeds from 8000) the reflection is
+0.4 dB closer with them, and 0.03 dB with as many at full size."""
 
 
 def smoothly_filled(images: Images, known: Mask) -> Images:
@@ -138,12 +143,6 @@ def smoothly_filled(images: Images, known: Mask) -> Images:
     return np.asarray(np.where(known, images, _pushed(images * weights, weights, _FINEST_ROUNDS)), dtype=np.float32)
 
 
-_ROUNDS, _FINEST_ROUNDS = 12, 2
-"""In which a pixel that is not known becomes the mean of its neighbours; at full size, where they cost most, in few.
-Behind what moves in 20 random windows to fit on (`studies.random_windows`, even seeds from 8000) the reflection is
-0.4 dB closer with them, and 0.03 dB with as many at full size."""
-
-
 def _pushed(sums: Images, weights: Images, rounds: int) -> Images:
     """Sums over their weights where these are enough; else what the same at half the size has there, in part or all."""
     means = sums / np.maximum(weights, np.float32(_LEAST_WEIGHT))
@@ -166,10 +165,6 @@ def _neighbours(images: Images) -> Images:
     rows = padded[..., :-2, 1:-1] + padded[..., 2:, 1:-1]
     columns = padded[..., 1:-1, :-2] + padded[..., 1:-1, 2:]
     return np.asarray((rows + columns) * images.dtype.type(0.25))
-
-
-_LEAST_WEIGHT = 1e-6
-"""Share of known pixels that is divided by."""
 
 
 def _doubled(images: Images, rows: int) -> Images:

@@ -21,12 +21,12 @@ __all__ = [
     "conditioned_observation",
     "edges_of_layers",
     "energies",
+    "filled_smoothly",
     "initializers",
     "inpainted",
     "kinds_of_pixels",
     "plain_observation",
     "plate_views",
-    "smoothed",
     "solve",
     "start_names",
     "take_start",
@@ -54,7 +54,7 @@ from .problem import Coordinates as Coordinates
 from .problem import Memory as Memory
 from .problem import Problem as Problem
 from .problem import component_strips as component_strips
-from .problem import smoothed as smoothed
+from .problem import filled_smoothly as filled_smoothly
 from .problem import worth_filling as worth_filling
 from .solution import Piece as Piece
 from .solution import Settings as Settings

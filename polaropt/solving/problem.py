@@ -68,7 +68,7 @@ def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
     return capture.replace(intensities=whole.reshape(capture.intensities.shape), valid=np.ones_like(capture.valid))
 
 
-def smoothed(capture: Capture) -> Capture:
+def filled_smoothly(capture: Capture) -> Capture:
     """The capture with smooth values where its own cannot be trusted; what is clipped is no darker than it."""
     shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
     # Of a mosaic the photographs near a sample that clips are interpolated from it.
@@ -257,7 +257,7 @@ class Problem:
         if not worth_filling(self.capture):
             return self._closed_form_of(self.capture)
         # From smooth values on: what a closed form finds of its own filling it hardly changes.
-        known = self._closed_form_of(smoothed(self.capture))
+        known = self._closed_form_of(filled_smoothly(self.capture))
         for _ in range(FILLINGS):
             known = self._closed_form_of(filled(self.capture, self._photographed(known.layers)))
         return known

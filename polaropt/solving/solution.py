@@ -116,6 +116,7 @@ Images = NDArray[np.float32]
 # Fractions of a separation at which its stages begin, for the progress alone: set by hand.
 _CLOSED_FORM, _SOLVING, _TAKING_STOCK = 0.3, 0.4, 0.97
 _REACH = _TAKING_STOCK - _CLOSED_FORM
+# Evaluations that most solves end within, for the same.
 _USUAL_EVALUATIONS = 7
 # What is known of a tile's layers that no photograph changes.
 _OF_PANE = ("told", "cross", "share", "squared_frequency")
