@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from polaropt.capture import SONY_CELL, mosaic_capture
 from polaropt.capture.capture import Capture
 
 ANGLES = (0.0, 45.0, 90.0, 135.0)
@@ -49,6 +50,12 @@ def mono_mosaic(images: np.ndarray) -> np.ndarray:
     for k, (row, column) in enumerate(((1, 1), (0, 1), (0, 0), (1, 0))):
         raw[row::2, column::2] = images[k, row::2, column::2]
     return raw
+
+
+def mono_capture(images: np.ndarray) -> Capture:
+    """The same, in 0..1, as a camera without a gain or an encoding takes them; what is brighter clips."""
+    raw = np.clip(mono_mosaic(images), 0, 1).astype(np.float32)
+    return mosaic_capture(raw, sensor="mono", cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0)
 
 
 def color_mosaic(images: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, NoiseModel, noise_classes
 from polaropt.inversion import SCALES, Knowledge, variance_table
 from polaropt.judging.precision import LEAST, local_precision
-from polaropt.numerics import give_back_freed, middle_part, strips
+from polaropt.numerics import enlarged, give_back_freed, middle_part, strips
 from polaropt.optics import FIELDS, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.solving import Piece, Problem, Tile, Weights, filled_smoothly, worth_filling
 from priors.base import CHROMA_WEIGHT
@@ -378,21 +378,7 @@ class _Blocks:
         # Filled once, not with what each of the scenes expects: it is what these differ in that counts.
         small = filled_smoothly(small) if worth_filling(small) else small
         variance = scene_variance(small, noise / side, moved, middle, averaged)
-        return _enlarged(variance * self.level, side, part.shape[-2:])
-
-
-def _enlarged(planes: Images, block: int, shape: tuple[int, ...]) -> Images:
-    """Planes whose every pixel stands for a block, linear between the blocks' middles, of a shape."""
-    for axis, length in ((-2, shape[0]), (-1, shape[1])):
-        n = planes.shape[axis]
-        place = np.clip((np.arange(length) + 0.5) / block - 0.5, 0, n - 1)
-        lower = place.astype(np.intp)
-        share = (place - lower).astype(np.float32)
-        share = share[:, None] if axis == -2 else share
-        upper = np.minimum(lower + 1, n - 1)
-        between = np.take(planes, lower, axis) * (1 - share) + np.take(planes, upper, axis) * share
-        planes = np.asarray(between, dtype=np.float32)
-    return planes
+        return enlarged(variance * self.level, side, part.shape[-2:])
 
 
 def uncertainty_without_polarization(

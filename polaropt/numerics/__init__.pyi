@@ -15,6 +15,7 @@ __all__ = [
     "column_multiplicity",
     "count_true",
     "each_plane",
+    "enlarged",
     "explained_groups",
     "fill_gaps",
     "filter_of_groups",
@@ -62,6 +63,7 @@ from .bit_mask import count_true as count_true
 from .blocks import GAP_STRIP as GAP_STRIP
 from .blocks import block_mean as block_mean
 from .blocks import block_shares as block_shares
+from .blocks import enlarged as enlarged
 from .blocks import fill_gaps as fill_gaps
 from .blocks import gap_values as gap_values
 from .blocks import middle_part as middle_part

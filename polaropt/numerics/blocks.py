@@ -150,7 +150,7 @@ def _pushed(sums: Images, weights: Images, rounds: int) -> Images:
         return np.asarray(means)
     halves = [np.asarray(block_mean(part, 2, partial=True), dtype=np.float32) for part in (sums, weights)]
     coarse = _pushed(halves[0], halves[1], _ROUNDS)
-    around = _doubled(_doubled(coarse, sums.shape[-2]).swapaxes(-1, -2), sums.shape[-1]).swapaxes(-1, -2)
+    around = enlarged(coarse, 2, sums.shape[-2:])
     share = np.minimum(weights / np.float32(_ENOUGH), 1)
     filled = around + share * (means - around)
     for _ in range(rounds):
@@ -167,13 +167,18 @@ def _neighbours(images: Images) -> Images:
     return np.asarray((rows + columns) * images.dtype.type(0.25))
 
 
-def _doubled(images: Images, rows: int) -> Images:
-    """Images (..., h, w) with so many rows instead, about twice as many, linearly between the middles of blocks."""
-    last = images.shape[-2] - 1
-    above, below = (images[..., np.clip(np.arange(last + 1) + move, 0, last), :] for move in (-1, 1))
-    near, far = np.float32(0.75), np.float32(0.25)
-    both = np.stack([near * images + far * above, near * images + far * below], axis=-2)
-    return both.reshape(*images.shape[:-2], 2 * (last + 1), images.shape[-1])[..., :rows, :]
+def enlarged(planes: Images, block: int, shape: tuple[int, ...]) -> Images:
+    """Planes whose every pixel stands for a block, linear between the blocks' middles, of a shape."""
+    for axis, length in ((-2, shape[0]), (-1, shape[1])):
+        n = planes.shape[axis]
+        place = np.clip((np.arange(length) + 0.5) / block - 0.5, 0, n - 1)
+        lower = place.astype(np.intp)
+        share = (place - lower).astype(np.float32)
+        share = share[:, None] if axis == -2 else share
+        upper = np.minimum(lower + 1, n - 1)
+        between = np.take(planes, lower, axis) * (1 - share) + np.take(planes, upper, axis) * share
+        planes = np.asarray(between, dtype=np.float32)
+    return planes
 
 
 def block_shares(valid: Mask, size: int) -> Images:

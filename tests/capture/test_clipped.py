@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from polaropt import separate
-from polaropt.capture import ANGLES_DEG, SONY_CELL, mosaic_capture, sampling_of
+from polaropt.capture import ANGLES_DEG
 from polaropt.capture.capture import Capture
 from polaropt.capture.polarization import stokes_images
 from polaropt.estimation.flat.estimate import estimate_scene
@@ -22,6 +22,7 @@ from studies.photographs import shipped_pairs
 from studies.scenes import Taking
 from studies.scores import both_psnr
 from tests.blends import blend
+from tests.captured import mono_capture
 
 _CLIPPED = 0.05
 
@@ -114,9 +115,10 @@ def test_before_a_lens_a_lamp_that_clips_is_as_bright_as_its_rim_and_takes_no_li
     layers, lamp = before_a_lamp(128)
     photographs = engine_for(pane, ANGLES_DEG, 0.005, lamp.shape).forward(layers)
     around = gaussian_filter(lamp.astype(np.float32), 6) < 0.02
+    noise = 0.005 * np.random.default_rng(0).standard_normal(lamp.shape)
     found = {}
     for gain in (1 / photographs.max(), 1.0):
-        separated = separate(mono_mosaic(gain * photographs), pane)
+        separated = separate(mono_capture(gain * photographs[:, 0] + noise), pane)
         found[gain] = both_psnr(separated.layers[:, None], gain * layers, around)
     assert (photographs >= 1).any(axis=(0, 1)).mean() > 0.02
     assert separated.transmission[lamp].mean() > 0.95 * layers[0, 0, lamp].mean()
@@ -131,11 +133,3 @@ def before_a_lamp(side: int) -> tuple[np.ndarray, np.ndarray]:
     lamp = columns**2 + (rows - 5) ** 2 < (0.12 * side) ** 2
     layers[0] += 2 * gaussian_filter(lamp.astype(np.float32), 2)
     return layers.astype(np.float32), lamp
-
-
-def mono_mosaic(photographs: np.ndarray) -> Capture:
-    """What a camera with white = 1 makes of the light at 0, 45, 90 and 135 degrees, with noise of 0.5 %."""
-    sampling, _ = sampling_of(color=False)
-    noise = 0.005 * np.random.default_rng(0).standard_normal(photographs.shape[-2:])
-    raw = np.clip(sampling.sample(photographs) + noise, 0, 1).astype(np.float32)
-    return mosaic_capture(raw, sensor="mono", cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0)

@@ -14,12 +14,10 @@ import polaropt.judging.precision as precision
 import polaropt.judging.uncertainty as uncertainty
 import polaropt.solving.solution
 from polaropt import separate
-from polaropt.capture import SONY_CELL, mosaic_capture, sampling_of
 from polaropt.capture.capture import Capture, planes_first
 from polaropt.capture.files.decode import read_file
 from polaropt.inversion.variance import SCALES, Knowledge, variance_table
 from polaropt.judging.kernels import interpolated
-from polaropt.numerics import block_mean
 from polaropt.optics.geometry import pixel_grid, plane_normal, viewing_angles
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.files import write_uncertainty
@@ -29,6 +27,7 @@ from polaropt.solving.solution import tiles
 from studies.coverage import LAYERS, Job, run
 from studies.scenes import protocol
 from tests.blends import blend
+from tests.captured import mono_capture
 
 
 @pytest.mark.parametrize("incidence_deg", [40.0, 60.0, 80.0])
@@ -215,10 +214,7 @@ def test_large_frames_state_on_blocks_what_every_pixel_would(monkeypatch, pane, 
     behind, mirrored = coffee()[100:292, 100:292], astronaut()[30:222, 160:352]
     capture = simulate(behind, mirrored, pane, noise=0.005)
     if mosaic:
-        raw = sampling_of(color=False)[0].sample(capture.intensities.mean(axis=1, keepdims=True))
-        capture = mosaic_capture(
-            raw, sensor="mono", cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0
-        )  # fmt: skip
+        capture = mono_capture(capture.intensities.mean(axis=1))
     found = pane.replace(incidence_deg=pane.values()[0] + 0.3)
     result = separate(capture, found)
     errors = SceneErrors(incidence_deg=0.6, ghost_shift=0.1 if pane.ghost_shift else None)
@@ -258,19 +254,6 @@ def test_a_table_needs_some_of_the_frequencies_alone(monkeypatch):
     some = variance_table(known, np.array([0.1, 1.0]))
     monkeypatch.setattr("polaropt.inversion.variance._MANY", n + 1)
     np.testing.assert_allclose(some, variance_table(known, np.array([0.1, 1.0])), rtol=0.05)
-
-
-@pytest.mark.parametrize("side", [2, 3])
-def test_between_the_middles_of_blocks_errors_change_evenly(side):
-    shape = (8 * side, 6 * side)
-    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
-    ramp = (3 * y - 2 * x)[None]
-    found = uncertainty._enlarged(block_mean(ramp, side), side, shape)
-    inside = (..., slice(side, -side), slice(side, -side))
-    np.testing.assert_allclose(found[inside], ramp[inside], atol=1e-4)
-    # Beyond the outermost middles they stay as they are.
-    np.testing.assert_array_equal(found[0, 0, : side // 2], np.full(side // 2, found[0, 0, 0]))
-    np.testing.assert_array_equal(uncertainty._enlarged(np.ones((1, 1, 1), np.float32), 3, (3, 3)), np.ones((1, 3, 3)))
 
 
 @pytest.mark.parametrize("coarse", [False, True])

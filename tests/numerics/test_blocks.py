@@ -1,4 +1,4 @@
-"""Gaps that are filled smoothly: without steps, whatever their size, and nothing else is changed."""
+"""Gaps that are filled smoothly, with nothing else changed, and means of blocks at their full size again."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from polaropt.numerics import smoothly_filled
+from polaropt.numerics import block_mean, enlarged, smoothly_filled
 
 
 def test_a_slope_goes_on_through_a_gap_without_steps() -> None:
@@ -46,3 +46,16 @@ def test_what_is_known_stays_and_what_is_not_lies_between(
 @pytest.mark.parametrize("shape", [(1, 1), (7, 33), (64, 5)])
 def test_images_of_which_nothing_is_known_are_black(shape: tuple[int, int]) -> None:
     assert (smoothly_filled(np.full((3, *shape), 5, np.float32), np.zeros(shape, bool)) == 0).all()
+
+
+@pytest.mark.parametrize("side", [2, 3])
+def test_between_the_middles_of_blocks_values_change_evenly(side):
+    shape = (8 * side, 6 * side)
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
+    ramp = (3 * y - 2 * x)[None]
+    found = enlarged(block_mean(ramp, side), side, shape)
+    inside = (..., slice(side, -side), slice(side, -side))
+    np.testing.assert_allclose(found[inside], ramp[inside], atol=1e-4)
+    # Beyond the outermost middles they stay as they are.
+    np.testing.assert_array_equal(found[0, 0, : side // 2], np.full(side // 2, found[0, 0, 0]))
+    np.testing.assert_array_equal(enlarged(np.ones((1, 1, 1), np.float32), 3, (3, 3)), np.ones((1, 3, 3)))
