@@ -19,7 +19,8 @@ from polaropt.capture import Capture, StokesImages, closure_share, plate_frame, 
 from polaropt.errors import InputError
 from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
-from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, LIKE_BLUR_PX, cross_spectra
+from polaropt.estimation.flat.ghosts import cross_spectra
+from polaropt.estimation.flat.ghosts_by_tiles import with_ghosts_by_tiles
 from polaropt.estimation.flat.gradients import incidence_by_gradients
 from polaropt.estimation.flat.sampled_ghosts import pane_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
@@ -195,19 +196,20 @@ def _completed(
         flat = flat.replace(ghost_shift=0.0)
     stokes = stokes_images(capture, noise)
     estimate = estimate_scene(capture, flat, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    blocks = PolarizedBlocks(stokes)
+    misfit = blocks.constant_misfit(estimate.scene.values()[1])
+    is_flat = misfit <= noise_misfit(blocks.n)
     if model == "auto" and asked.ghost_shift is None and thickness_px is None:
-        estimate = _without_a_trifle(estimate)
+        estimate = with_ghosts_by_tiles(estimate, stokes, flat, is_flat=is_flat)
     seconds = time.perf_counter() - began
     unpolarized = not estimate.polarized and asked.incidence_deg is None
     if unpolarized or model == "none":
         return _unseparated(estimate, seconds, "There is no polarization beyond the noise." if unpolarized else _ASKED)
-    blocks = PolarizedBlocks(stokes)
-    misfit = blocks.constant_misfit(estimate.scene.values()[1])
     # The low pass of a mosaic's cells, and what aliases there, passes for a second pane.
     open_window = thickness_px is None and not stokes.aliased and None in (asked.n_panes, asked.absorption)
     # Beyond the angles that are searched any number of panes is a mirror.
     open_window &= estimate.scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]
-    if shifted or (open_window and model in ("auto", "ghosts") and misfit <= noise_misfit(blocks.n)):
+    if shifted or (open_window and model in ("auto", "ghosts") and is_flat):
         estimate = with_window(estimate, stokes, asked)
         misfit = blocks.constant_misfit(estimate.scene.values()[1])
     remark = window_remark(estimate.scene) if asked.n_panes is None and not estimate.scene.has_ghosts else ""
@@ -313,17 +315,6 @@ def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> Ladder
     scene = estimate.scene.replace(signal=False)
     tried = RungReport("none", None, None, seconds, True, reason)
     return LadderResult(scene, dataclasses.replace(estimate, scene=scene), (tried,))
-
-
-def _without_a_trifle(estimate: SceneEstimate) -> SceneEstimate:
-    """The estimate with a ghost shift that cannot be told from none taken as none: the lower rung does."""
-    shift, error = abs(estimate.scene.values()[2]), estimate.shift_error_of_side
-    # Close ones that may as well lie elsewhere; far ones with a rival are ghosts. A single tile tells no error.
-    unsure = error is not None and shift < min(error, LIKE_BLUR_PX) and error < math.inf
-    if shift >= LEAST_SHIFT_PX and not unsure:
-        return estimate
-    errors = dataclasses.replace(estimate.errors, ghost_shift=None)
-    return dataclasses.replace(estimate, scene=estimate.scene.replace(ghost_shift=0.0), errors=errors)
 
 
 @dataclass(frozen=True)

@@ -137,17 +137,6 @@ def test_the_score_is_the_bayesian_information_criterion(monkeypatch: pytest.Mon
 ESTIMATE = SceneEstimate(PLAIN, 9.0, SceneErrors(ghost_shift=0.1), True, 1.0, 0.0, np.inf, 0.5, *4 * [np.zeros(1)])
 
 
-@pytest.mark.parametrize(("shift", "error", "kept"), [
-    (0.49, None, False), (0.51, None, True), (-0.51, None, True), (1.5, 1.4, True), (1.5, 1.6, False),
-    (1.9, 3.0, False), (2.1, 3.0, True), (1.5, np.inf, True),
-])  # fmt: skip
-def test_the_limit_of_a_ghost_shift_that_is_none(shift: float, error: float | None, kept: bool) -> None:
-    estimate = replace(ESTIMATE, scene=PLAIN.replace(ghost_shift=shift), shift_error_of_side=error)
-    found = ladder._without_a_trifle(estimate)
-    assert found.scene.ghost_shift == (shift if kept else 0.0)
-    assert (found.errors.ghost_shift is not None) == kept
-
-
 def test_what_is_not_separated_has_no_pane() -> None:
     found = ladder._unseparated(ESTIMATE, 3.0, "Why.")
     assert (found.scene.rung, found.estimate.scene.rung) == ("none", "none")

@@ -32,7 +32,7 @@ from polaropt.estimation.flat.ghosts import (
 )
 from polaropt.estimation.flat.windows.likelihood import Window, common_light, lags_of
 from polaropt.numerics import Box
-from polaropt.optics import INCIDENCE_SEARCH_DEG
+from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_SEARCH_DEG
 from solvers.kernels import in_blocks
 
 Values = NDArray[np.float64]
@@ -129,7 +129,10 @@ class TileLikelihood:
     def nearest(self, window: Window, refractive_index: float, free: tuple[str, ...] = ("incidence_deg",)) -> TileFit:
         """The likeliest window near one, as far as some of its numbers go."""
         for _ in range(_TURNS if free else 0):
-            powers = self._misfits(window, refractive_index, self._first_powers())[1]
+            misfits, powers = self._misfits(window, refractive_index, self._first_powers())
+            # A pane that hardly mirrors is told by nothing.
+            if not np.all(np.isfinite(misfits)):
+                break
 
             def misfit(x: Values, window: Window = window, powers: Powers = powers) -> float:
                 moved = _moved(window, free, x)
@@ -175,7 +178,10 @@ class TileLikelihood:
         return np.ascontiguousarray(np.concatenate([sums, turned[:, None]], axis=1), dtype=np.float32)
 
 
-_SEARCH = {"incidence_deg": (0.6, *INCIDENCE_SEARCH_DEG)}
+_SEARCH = {
+    "incidence_deg": (0.6, *INCIDENCE_SEARCH_DEG),
+    "pane_shift": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
+}
 """Step, and least and greatest value, of what is searched. Set by hand."""
 _TURNS, _AT_REST = 4, 0.1
 """In which the powers are fitted to the last window, and the move, in steps, that ends them. Set by hand."""
