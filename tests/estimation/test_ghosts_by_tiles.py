@@ -98,6 +98,14 @@ def test_no_ghosts_are_looked_for_where_the_incidence_changes_over_the_frame() -
     assert with_ghosts_by_tiles(place, stokes, OPEN, is_flat=True).scene.ghost_shift != 0
 
 
+@pytest.mark.parametrize("asked", [{"single_surface": True}, {"n_bounces": 0}, {"transmission_ghost_shift": 3.0}])
+def test_none_are_looked_for_where_a_pane_of_two_faces_is_none(asked: dict[str, object]) -> None:
+    scene = SceneParameters(70.0, 25.0, -1.5)
+    stokes = stokes_images(taken(scene, 0, 0.001), 0.001)
+    place = replace(ESTIMATE, scene=scene.replace(ghost_shift=0.0, **asked))
+    assert with_ghosts_by_tiles(place, stokes, OPEN, is_flat=True).scene == place.scene
+
+
 def test_an_incidence_that_is_told_stays() -> None:
     scene = SceneParameters(70.0, 25.0, -1.5)
     stokes = stokes_images(taken(scene, 0, 0.001), 0.001)

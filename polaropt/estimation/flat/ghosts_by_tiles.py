@@ -58,8 +58,9 @@ def with_ghosts_by_tiles(
     if _is_a_trifle(estimate):
         estimate = _in_place(estimate)
     incidence, azimuth, shift = estimate.scene.values()
-    # Of a mosaic's cells the low pass shapes the spectra; towards grazing incidence every layer is a mirror's.
-    if stokes.aliased or not estimate.polarized or incidence > INCIDENCE_SEARCH_DEG[1]:
+    # Of a mosaic's cells the low pass shapes the spectra; towards grazing incidence every pane is a mirror.
+    told = not stokes.aliased and estimate.polarized and incidence <= INCIDENCE_SEARCH_DEG[1]
+    if not told or not _is_of_two_faces(estimate.scene):
         return estimate
     free, searched = asked.incidence_deg is None, is_flat and incidence >= _SEARCHED_DEG
     if not (shift or searched):
@@ -77,6 +78,11 @@ def with_ghosts_by_tiles(
     if taken is None:
         return _moved(estimate, frame, place, free) if shift else estimate
     return estimate if taken is found else _moved(estimate, frame, taken, free, _shift_error(tiles, taken))
+
+
+def _is_of_two_faces(scene: SceneParameters) -> bool:
+    """Whether light bounces between two faces, and lies as far apart in both layers."""
+    return not scene.single_surface and scene.n_bounces != 0 and scene.transmission_ghost_shift is None
 
 
 def _is_a_trifle(estimate: SceneEstimate) -> bool:
@@ -119,6 +125,7 @@ def _moved(
     """The estimate with a window's ghosts, and the incidence near its own at which edges overlap least."""
     scene = estimate.scene.replace(ghost_shift=fit.window.pane_shift)
     errors = replace(estimate.errors, ghost_shift=shift_error_px)
+    estimate = replace(estimate, shift_error_of_side=shift_error_px)
     if not free:
         return replace(estimate, scene=scene, errors=errors)
     scene = scene.replace(incidence_deg=fit.window.incidence_deg)
