@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from polaropt import InputError, SceneParameters, separate
 from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
+from polaropt.estimation.flat.window import _Several
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
-from polaropt.estimation.flat.windows.search import WindowSearch, equivalent_incidences
+from polaropt.estimation.flat.windows.search import LikelyWindow, WindowSearch, equivalent_incidences
 from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.numerics import turn_between
 from polaropt.optics import in_place_reflectance
@@ -145,8 +147,23 @@ def test_a_pane_whose_ghost_was_missed_is_no_window_of_two_thin_ones() -> None:
 
 
 def test_clear_glass_is_not_tinted() -> None:
-    """One whose tinted look-alike has its ghost at the end of what is searched, one that only edges speak for."""
-    assert [found_at_random(number).absorption for number in (224, 308)] == [0, 0]
+    """One whose tinted look-alike has its ghost at the end of what is searched, one that only edges speak for.
+
+    And two whose own ghosts look dimmer than they are.
+    """
+    assert [found_at_random(number).absorption for number in (224, 308, 48, 528)] == [0, 0, 0, 0]
+
+
+FAR, CLOSE = Window(45.0, 0.0, -6.0, n_panes=2), Window(45.0, 0.5, 1.5, n_panes=2)
+
+
+@pytest.mark.parametrize(("window", "sure", "borne_out"), [
+    (FAR, 2.7, False), (FAR, 2.9, True), (CLOSE, -0.1, False), (CLOSE, 0.1, True),
+])  # fmt: skip
+def test_the_limit_of_several_panes_that_tiles_bear_out(window: Window, sure: float, borne_out: bool) -> None:
+    axis = SimpleNamespace(surer=lambda window, other: sure)
+    several = _Several(axis, LikelyWindow(window, 0.0, 0.0), None, unseen=False)  # type: ignore[arg-type]
+    assert several.borne_out_beside(Window(57.0, -6.0)) is borne_out
 
 
 def test_a_faint_likeness_far_off_is_no_ghost_of_tinted_glass() -> None:
