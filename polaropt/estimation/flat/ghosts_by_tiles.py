@@ -19,6 +19,7 @@ from polaropt.estimation.flat.ghost_overlap import refined_incidence
 from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, LIKE_BLUR_PX
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
+from polaropt.numerics import left_out, minimum_error
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters
 
 _CLOSE_PX, _SURE_OF_CLOSE, _SURE_OF_FAR = 3.0, 2.0, 0.0
@@ -36,7 +37,6 @@ _LEAST_TILES = 9
 """Tiles and colours that can tell: standard errors of fewer say nothing."""
 _ERROR_STEP_PX = 0.25
 """Beside a shift, where the likelihood is looked at for its standard error. Set by hand."""
-_INCIDENCE, _BOTH = ("incidence_deg",), ("incidence_deg", "pane_shift")
 
 
 def with_ghosts_by_tiles(
@@ -62,15 +62,16 @@ def with_ghosts_by_tiles(
     told = not stokes.aliased and estimate.polarized and incidence <= INCIDENCE_SEARCH_DEG[1]
     if not told or not _is_of_two_faces(estimate.scene):
         return estimate
-    free, searched = asked.incidence_deg is None, is_flat and incidence >= _SEARCHED_DEG
+    free = ("incidence_deg",) if asked.incidence_deg is None else ()
+    searched = is_flat and incidence >= _SEARCHED_DEG
     if not (shift or searched):
         return estimate
     frame = plate_frame(stokes, azimuth)
     tiles, index = TileLikelihood(frame), estimate.scene.index
-    place = tiles.nearest(Window(incidence, 0.0), index, _INCIDENCE if free else ())
+    place = tiles.nearest(Window(incidence, 0.0), index, free)
     if len(place.misfits) < _LEAST_TILES:
         return estimate
-    found = tiles.nearest(Window(incidence, shift), index, _INCIDENCE if free else ()) if shift else None
+    found = tiles.nearest(Window(incidence, shift), index, free) if shift else None
     least = _SURE_OF_FAR if abs(shift) > _CLOSE_PX else _SURE_OF_CLOSE
     taken = found if found is not None and found.surer_than(place) > least else None
     if searched and abs(shift) <= _CLOSE_PX:
@@ -94,15 +95,15 @@ def _is_a_trifle(estimate: SceneEstimate) -> bool:
 
 
 def _likelier(
-    tiles: TileLikelihood, place: TileFit, taken: TileFit | None, refractive_index: float, free: bool
+    tiles: TileLikelihood, place: TileFit, taken: TileFit | None, refractive_index: float, free: tuple[str, ...]
 ) -> TileFit | None:
     """Close ghosts that were taken, or others near by that tiles surely find likelier than them or than none."""
-    glance, names = tiles.luminance(), _BOTH if free else _BOTH[1:]
+    glance, names = tiles.luminance(), (*free, "pane_shift")
     starts = [replace(place.window, pane_shift=shift) for shift in _STARTS_PX]
     likely = min((glance.nearest(start, refractive_index, names) for start in starts), key=lambda fit: fit.misfit)
     if not LEAST_SHIFT_PX <= abs(likely.window.pane_shift) <= _CLOSE_PX:
         return taken
-    other = tiles.nearest(likely.window, refractive_index, _INCIDENCE if free else ())
+    other = tiles.nearest(likely.window, refractive_index, free)
     if taken is None:
         return other if other.surer_than(place) > _SURE_ALONE else None
     surer = place.window.incidence_deg >= _SURER_DEG and other.surer_than(taken) > _SURE_OF_CLOSE
@@ -110,17 +111,20 @@ def _likelier(
 
 
 def _shift_error(tiles: TileLikelihood, fit: TileFit) -> float:
-    """Standard error in pixels of the shift of a likeliest window, by how far each tile would move it."""
-    steps = (-_ERROR_STEP_PX, 0.0, _ERROR_STEP_PX)
-    near = [replace(fit.window, pane_shift=fit.window.pane_shift + step) for step in steps]
-    before, here, after = (tiles.fitted(window, fit.refractive_index).misfits for window in near)
-    slopes, curvature = (after - before) / (2 * _ERROR_STEP_PX), float((after - 2 * here + before).sum())
-    error = math.sqrt(float(slopes @ slopes)) * _ERROR_STEP_PX**2 / curvature if curvature > 0 else math.inf
-    return widened_shift(error)
+    """Standard error in pixels of the shift of a likeliest window, by leaving each tile out in turn."""
+    window, step = fit.window, _ERROR_STEP_PX
+    beside = (replace(window, pane_shift=window.pane_shift + move) for move in (-step, step))
+    before, after = (tiles.fitted(moved, fit.refractive_index).misfits for moved in beside)
+    rest = [left_out(misfits) for misfits in (before, fit.misfits, after)]
+    return widened_shift(minimum_error(rest, step))
 
 
 def _moved(
-    estimate: SceneEstimate, frame: PlateFrame, fit: TileFit, free: bool, shift_error_px: float | None = None
+    estimate: SceneEstimate,
+    frame: PlateFrame,
+    fit: TileFit,
+    free: tuple[str, ...],
+    shift_error_px: float | None = None,
 ) -> SceneEstimate:
     """The estimate with a window's ghosts, and the incidence near its own at which edges overlap least."""
     scene = estimate.scene.replace(ghost_shift=fit.window.pane_shift)
