@@ -11,13 +11,21 @@ import pytest
 from polaropt import Capture, SceneParameters
 from polaropt.capture import noise_level, stokes_images
 from polaropt.estimation import find_scene
-from polaropt.estimation.polarized.ghost_choice import _beyond_brewster, ghosts_told, likely_starts, settled
+from polaropt.estimation.polarized.errors import incidence_reach
+from polaropt.estimation.polarized.ghost_choice import (
+    _beyond_brewster,
+    ghosts_told,
+    likely_starts,
+    moved_by_tiles,
+    settled,
+)
 from polaropt.estimation.polarized.kernels import pane_vectors
 from polaropt.estimation.polarized.light import (
     HIGHEST_DEG,
     LOWEST_DEG,
     SHIFT,
     Candidate,
+    degrees_mirrored,
     entering_light,
     free_numbers,
     in_place,
@@ -70,13 +78,26 @@ def nine(hermitian: np.ndarray) -> list[float]:
 
 @pytest.mark.parametrize("rank", [1, 2, 3])
 def test_the_kernel_says_what_the_matrices_say(rank: int) -> None:
-    random, n, freedom = np.random.default_rng(rank), 5, 16.0
+    random, n, freedom = np.random.default_rng(rank), 11, 16.0
     factors = random.standard_normal((2, n, 3, rank)) + 1j * random.standard_normal((2, n, 3, rank))
     response = np.array([[nine(x @ x.conj().T) for x in layer] for layer in factors])
     seen = 3 * (random.standard_normal((n, 3)) + 1j * random.standard_normal((n, 3)))
     data = np.array([[*(abs(s) ** 2), *(2 * x for k in ((0, 1), (0, 2), (1, 2)) for x in parts(s, *k))] for s in seen])
-    weights, natural, powers, out = np.arange(1.0, n + 1), np.linspace(1, 2, n), np.array([[[0.7], [2.0]]]), np.empty(1)
-    arguments = (response, data.T[None].copy(), weights, natural, np.array([0, n]), freedom, 0.02)
+    weights, natural, powers, out = (
+        np.arange(2, n + 2) // 6 + 1.0,
+        np.linspace(1, 2, n),
+        np.array([[[0.7]], [[2.0]]]),
+        np.empty(1),
+    )
+    arguments = (
+        response.swapaxes(1, 2).copy(),
+        data.T[..., None].copy(),
+        weights,
+        natural,
+        np.array([0, n]),
+        freedom,
+        0.02,
+    )
     stokes_tile_misfits(*arguments, 0, powers, out, 0, 1)
     expected = 0.0
     for f in range(n):
@@ -116,7 +137,7 @@ def test_what_a_pane_shows_is_its_series_of_ghosts() -> None:
     for layer in range(2):
         series = vectors[:, layer, :, 0] + 1j * vectors[:, layer, :, 1]
         expected = np.einsum("ni,nj->nij", series, series.conj())
-        found = np.array([matrix(numbers) for numbers in response[layer]])
+        found = np.array([matrix(numbers) for numbers in response[layer].T])
         # Ghosts so close leave the tile hardly at all, and behind the seventh image there is next to nothing.
         np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
 
@@ -198,3 +219,26 @@ def test_close_ghosts_before_polarized_light_are_found(shift: float) -> None:
     found = find_scene(capture, BLIND, noise_level(capture), "polarized").scene
     assert abs(found.values()[2]) == pytest.approx(abs(shift), abs=0.4)
     assert found.values()[0] == pytest.approx(70, abs=3)
+
+
+def test_tiles_move_a_pane_to_where_its_ghosts_lie() -> None:
+    beside = moved(TRUE, incidence=63.0, shift=5.9)
+    point = moved_by_tiles(tiles_of(SHOWN), BLIND, beside).point
+    assert abs(point[0] - 60.0) < 1.5
+    assert abs(point[SHIFT] - 6.3) < 0.1
+
+
+def test_tiles_do_not_move_a_pane_before_two_polarized_layers() -> None:
+    both = replace(moved(TRUE, incidence=63.0), reflection=True)
+    assert moved_by_tiles(tiles_of(SHOWN), BLIND, both) is both
+
+
+def test_close_to_brewster_s_angle_a_mirrored_scene_hardly_tells_the_incidence() -> None:
+    brewster = brewster_angle_deg(BLIND.index)
+    reaches = [incidence_reach(brewster + off, BLIND) for off in (0.0, 8.0, 20.0)]
+    assert 2.5 < reaches[0] < 5
+    assert reaches[0] > 2 * reaches[1] > 2 * reaches[2]
+    # Whoever lies that far off shows light that is polarized by 2 % less.
+    incidences, degrees = degrees_mirrored(BLIND)
+    at = np.interp([brewster, brewster + reaches[0]], incidences, degrees)
+    assert at[0] - at[1] == pytest.approx(0.02, abs=0.006)

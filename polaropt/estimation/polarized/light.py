@@ -135,8 +135,7 @@ def _unpolarized(vector: Values, layer: int, asked: SceneParameters) -> list[tup
     azimuth = azimuth if asked.azimuth_deg is None else asked.azimuth_deg
     if asked.incidence_deg is not None:
         return [(asked.incidence_deg, azimuth)]
-    gains = np.array([in_place(pane_light(float(x), asked))[layer, :2] for x in _GRID_DEG])
-    off = np.abs(gains[:, 0] - gains[:, 1]) / gains.sum(axis=1) - math.hypot(vector[1], vector[2])
+    off = _degrees(layer, asked) - math.hypot(vector[1], vector[2])
     brewster = brewster_angle_deg(asked.index) if layer == 1 else HIGHEST_DEG
     below = brewster >= _GRID_DEG
     sides = [part for part in (below, ~below) if part.any()]
@@ -145,6 +144,17 @@ def _unpolarized(vector: Values, layer: int, asked: SceneParameters) -> list[tup
         # In place nothing tells the two apart: between them the error is half as large.
         incidences = [sum(incidences) / 2]
     return [(incidence, azimuth) for incidence in incidences]
+
+
+def degrees_mirrored(asked: SceneParameters) -> tuple[Values, Values]:
+    """Incidences (n,), in degrees, and the degree of polarization that unpolarized light has once it is mirrored."""
+    return _GRID_DEG, _degrees(1, asked)
+
+
+def _degrees(layer: int, asked: SceneParameters) -> Values:
+    """Degree of polarization that a layer's unpolarized light shows at the incidences of the grid."""
+    gains = np.array([in_place(pane_light(float(x), asked))[layer, :2] for x in _GRID_DEG])
+    return np.asarray(np.abs(gains[:, 0] - gains[:, 1]) / gains.sum(axis=1))
 
 
 def _root(x: Values, values: Values) -> float | None:

@@ -7,8 +7,8 @@ Q. H. Vuong, Likelihood ratio tests for model selection and non-nested hypothese
 The directions of the two Stokes vectors (`Mixture`) leave a handful of panes that show them in place (`candidates`).
 Single tiles tell whether there are ghosts, and where (`ghosts_told`). Of panes that have them there the one is taken
 that explains the capture best, with the least polarized light that does: by coarse light (`closely`), unless tiles
-refuse it (`settled`). Without ghosts what is likely of panes and light beforehand decides between those that show the
-same (`panes_alike`).
+refuse it (`settled`), and where tiles put it (`moved_by_tiles`). Without ghosts what is likely of panes and light
+beforehand decides between those that show the same (`panes_alike`).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX
 from polaropt.estimation.polarized.alike import panes_alike
-from polaropt.estimation.polarized.errors import polarized_errors
-from polaropt.estimation.polarized.ghost_choice import ghosts_told, likely_starts, settled
+from polaropt.estimation.polarized.errors import incidence_reach, polarized_errors
+from polaropt.estimation.polarized.ghost_choice import ghosts_told, likely_starts, moved_by_tiles, settled
 from polaropt.estimation.polarized.light import (
     HIGHEST_DEG,
     INCIDENCE,
@@ -118,7 +118,7 @@ class Search:
 
     def errors(self, candidate: Candidate) -> SceneErrors:
         """Standard errors of a candidate's numbers."""
-        told = free_numbers(candidate, self._asked)
+        told, screen = free_numbers(candidate, self._asked), not candidate.reflection
         if candidate.point[SHIFT]:
             # Only what is told by ghosts holds whichever layer is polarized.
             candidate = _with_both(candidate)
@@ -131,6 +131,9 @@ class Search:
 
         curvature = self._likelihood.n * box.curvature(lambda x: score(point_at(x)))
         errors = polarized_errors(point_at, coordinates[free], curvature, told)
+        if screen and errors.incidence_deg is not None:
+            reach = incidence_reach(float(candidate.point[INCIDENCE]), self._asked)
+            errors = dataclasses.replace(errors, incidence_deg=max(errors.incidence_deg, reach))
         return errors if errors.ghost_shift is None else self._with_sense(candidate, errors, errors.ghost_shift)
 
     def _with_sense(self, candidate: Candidate, errors: SceneErrors, shift_error: float) -> SceneErrors:
@@ -551,6 +554,7 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
             candidate = closely(search, coarse, choice)
             if fits:
                 candidate = settled(tiles, asked, fits, candidate, search)
+            candidate = moved_by_tiles(tiles, asked, candidate)
     elif asked.incidence_deg is None and asked.azimuth_deg is None:
         alike = panes_alike(mixture, likelihood, asked)
         candidate, rivals = (candidate, ()) if alike is None else (alike.candidate, alike.rivals)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.estimation.flat.windows.tile_kernels import LOG_OF, add_logs
 from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
@@ -60,10 +61,10 @@ def stokes_tile_misfits(
     start: int,
     stop: int,
 ) -> None:
-    """Minus log likelihood of tiles start..stop into `out`, their powers (tile, 2, cell), reflection first, fitted.
+    """Minus log likelihood of tiles start..stop into `out`, their powers (2, cell, tile), reflection first, fitted.
 
-    Shapes: response (2, n, 9), what the pane makes of the transmission and of the reflection of power 1; data
-    (tile, 9, n), products of the whitened components with each other, unlike matrices with 01, 02 and 12 doubled and
+    Shapes: response (2, 9, n), what the pane makes of the transmission and of the reflection of power 1; data
+    (9, n, tile), products of the whitened components with each other, unlike matrices with 01, 02 and 12 doubled and
     conjugate; multiplicity, natural (n,), how often a frequency counts, and the power of natural images there; cells
     (cell + 1,), where the frequencies of each begin. `freedom` is that of Student's likelihood, `least` the factor by
     which a power shrinks at most.
@@ -76,7 +77,7 @@ def stokes_tile_misfits(
     a, b = np.empty(9), np.empty(9)
     for f in range(n):
         for i in range(9):
-            a[i], b[i] = response[1, f, i] * natural[f], response[0, f, i] * natural[f]
+            a[i], b[i] = response[1, i, f] * natural[f], response[0, i, f] * natural[f]
         _adjugate(a, a, f, adjugates[0])
         _adjugate(b, b, f, adjugates[1])
         _adjugate(a, b, f, adjugates[2])
@@ -90,58 +91,67 @@ def stokes_tile_misfits(
         c[3, f], c[4, f] = a[0] + a[1] + a[2], b[0] + b[1] + b[2]
         c[5, f], c[6, f] = _trace(adjugates[0], a, f) / 3, _trace(adjugates[1], b, f) / 3
         c[7, f], c[8, f] = _trace(adjugates[0], b, f), _trace(adjugates[1], a, f)
-    q2 = np.empty((6, n))
-    for tile in range(start, stop):
-        d = data[tile]
-        for k in range(5):
-            m = adjugates[k]
-            for f in range(n):
-                value = 0.0
-                for i in range(9):
-                    value += m[i, f] * d[i, f]
-                q2[k, f] = value
-        for f in range(n):
-            q2[5, f] = d[0, f] + d[1, f] + d[2, f]
-        total = 0.0
-        for cell in range(cells.size - 1):
-            p, q = powers[tile, 0, cell], powers[tile, 1, cell]
-            for left in range(rounds, -1, -1):
-                more_p, less_p, more_q, less_q = 0.0, 0.0, 0.0, 0.0
-                value = 0.0
-                for f in range(cells[cell], cells[cell + 1]):
-                    pp, qq, pq = p * p, q * q, p * q
+    most = 0
+    for cell in range(cells.size - 1):
+        most = max(most, cells[cell + 1] - cells[cell])
+    # All tiles side by side, in arrays that begin with the first: so the loops over them vectorize.
+    count = stop - start
+    ps, qs, totals = np.empty(count), np.empty(count), np.zeros(count)
+    of_data, sums = np.empty((most, 6, count)), np.empty((4, count))
+    volumes, distances = np.ones(count), np.ones(count)
+    for cell in range(cells.size - 1):
+        first, last = cells[cell], cells[cell + 1]
+        ps[:], qs[:] = powers[0, cell, start:stop], powers[1, cell, start:stop]
+        for f in range(first, last):
+            d = of_data[f - first]
+            for k in range(6):
+                products = d[k]
+                products[:] = 0.0
+                for i in range(3 if k == 5 else 9):
+                    m, seen = 1.0 if k == 5 else adjugates[k, i, f], data[i, f, start:stop]
+                    for t in range(count):
+                        products[t] += m * seen[t]
+        for _ in range(rounds):
+            sums[:] = 0.0
+            for f in range(first, last):
+                d, m = of_data[f - first], multiplicity[f]
+                c0, c1, c2, c3, c4 = c[0, f], c[1, f], c[2, f], c[3, f], c[4, f]
+                c5, c6, c7, c8 = c[5, f], c[6, f], c[7, f], c[8, f]
+                for t in range(count):
+                    p, q = ps[t], qs[t]
+                    d_p, d_q = 2 * p * d[0, t] + q * d[2, t] + d[3, t], 2 * q * d[1, t] + p * d[2, t] + d[4, t]
+                    # A quadratic form of the powers is half of what its slopes make of them, and more.
+                    square = (p * (d_p + d[3, t]) + q * (d_q + d[4, t])) / 2 + d[5, t]
+                    by_p = c3 + q * (c2 + q * c8) + p * (2 * c0 + 3 * p * c5 + 2 * q * c7)
+                    by_q = c4 + p * (c2 + p * c7) + q * (2 * c1 + 3 * q * c6 + 2 * p * c8)
                     determinant = (
-                        1.0
-                        + p * c[3, f]
-                        + q * c[4, f]
-                        + pp * c[0, f]
-                        + qq * c[1, f]
-                        + pq * c[2, f]
-                        + pp * p * c[5, f]
-                        + qq * q * c[6, f]
-                        + pp * q * c[7, f]
-                        + qq * p * c[8, f]
+                        1 + p * (c3 + p * (c0 + p * c5 + q * c7)) + q * (c4 + q * (c1 + q * c6 + p * c8) + p * c2)
                     )
-                    inverse = 1.0 / determinant
-                    square = pp * q2[0, f] + qq * q2[1, f] + pq * q2[2, f] + p * q2[3, f] + q * q2[4, f] + q2[5, f]
-                    distance = square * inverse
-                    if left == 0:
-                        value += multiplicity[f] * (
-                            np.log(determinant) + (freedom + 3.0) * np.log(freedom + max(distance, 0.0))
-                        )
-                        continue
-                    by_p = c[3, f] + 2 * p * c[0, f] + q * c[2, f] + 3 * pp * c[5, f] + 2 * pq * c[7, f] + qq * c[8, f]
-                    by_q = c[4, f] + 2 * q * c[1, f] + p * c[2, f] + 3 * qq * c[6, f] + 2 * pq * c[8, f] + pp * c[7, f]
-                    scale = multiplicity[f] * inverse
+                    inverse = 1 / determinant
+                    distance, scale = square * inverse, m * inverse
                     surprise = scale * (freedom + 3.0) / (freedom + max(distance, 0.0))
-                    more_p += (distance * by_p - (2 * p * q2[0, f] + q * q2[2, f] + q2[3, f])) * surprise
-                    more_q += (distance * by_q - (2 * q * q2[1, f] + p * q2[2, f] + q2[4, f])) * surprise
-                    less_p += by_p * scale
-                    less_q += by_q * scale
-                if left == 0:
-                    total += value
-                else:
-                    p *= max(more_p / less_p, least)
-                    q *= max(more_q / less_q, least)
-            powers[tile, 0, cell], powers[tile, 1, cell] = p, q
-        out[tile] = total
+                    sums[0, t] += (distance * by_p - d_p) * surprise
+                    sums[1, t] += (distance * by_q - d_q) * surprise
+                    sums[2, t] += by_p * scale
+                    sums[3, t] += by_q * scale
+            for t in range(count):
+                ps[t] *= max(sums[0, t] / sums[2, t], least)
+                qs[t] *= max(sums[1, t] / sums[3, t], least)
+        taken = 0
+        for f in range(first, last):
+            d, m = of_data[f - first], multiplicity[f]
+            c0, c1, c2, c3, c4 = c[0, f], c[1, f], c[2, f], c[3, f], c[4, f]
+            c5, c6, c7, c8 = c[5, f], c[6, f], c[7, f], c[8, f]
+            for t in range(count):
+                p, q = ps[t], qs[t]
+                square = p * (p * d[0, t] + q * d[2, t] + d[3, t]) + q * (q * d[1, t] + d[4, t]) + d[5, t]
+                determinant = 1 + p * (c3 + p * (c0 + p * c5 + q * c7)) + q * (c4 + q * (c1 + q * c6 + p * c8) + p * c2)
+                volumes[t] *= determinant
+                distances[t] *= freedom + max(square / determinant, 0.0)
+            taken += 1
+            if taken == LOG_OF or f + 1 == last or multiplicity[f + 1] != m:
+                add_logs(volumes, m, totals)
+                add_logs(distances, m * (freedom + 3.0), totals)
+                taken = 0
+        powers[0, cell, start:stop], powers[1, cell, start:stop] = ps, qs
+    out[start:stop] = totals

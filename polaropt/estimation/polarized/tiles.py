@@ -40,7 +40,7 @@ from solvers.kernels import in_blocks
 
 Values = NDArray[np.float64]
 Powers = NDArray[np.float64]
-"""Of both layers in every tile and colour, reflection first, in units of natural images' power: (tile, 2, cell)."""
+"""Of both layers in every tile and colour, reflection first, in units of natural images' power: (2, cell, tile)."""
 
 _N_IMAGES = 7
 """Direct light and the ghosts that are looked at; what is left out is 2 % of the reflection at 85 degrees."""
@@ -48,8 +48,8 @@ _FIRST_ROUNDS, _ROUNDS = 20, 4
 """In which the powers are fitted, and fitted again to a pane near the one they were fitted to. By trial."""
 _LEAST_FACTOR = 0.02
 """By which a power shrinks in a round at most. Set by hand."""
-_TILES_OF_A_THREAD = 16
-"""Set by hand."""
+_TILES_OF_A_THREAD = 48
+"""Set by hand: what vectorizes, and is worth a thread."""
 _MOST_TILES = 32
 """Tiles that are looked at, all over the frame: enough to tell panes from one another, and bounded time."""
 _NO_ERROR = 1e-9
@@ -122,26 +122,26 @@ class StokesTiles:
             part = np.einsum("ij,dc,jcyx->diyx", self._whiten, basis, part)
             mean = np.einsum("diyx,yx->di", part, share)[..., None, None]
             tiles.append(_products(rfft2((part - mean) * window)[..., use][..., order]))
-        self._data = np.ascontiguousarray(np.concatenate(tiles))
+        self._data = np.ascontiguousarray(np.concatenate(tiles).transpose(1, 2, 0))
 
     def luminance(self) -> StokesTiles:
         """That of the colours' sum alone, which takes a third of the time."""
         other = copy.copy(self)
-        other._data = np.ascontiguousarray(self._data[:: self._n_colours])
+        other._data = np.ascontiguousarray(self._data[..., :: self._n_colours])
         return other
 
     def __len__(self) -> int:
         """Tiles times colours."""
-        return len(self._data)
+        return int(self._data.shape[-1])
 
     def fitted(self, candidate: Candidate) -> TileFit:
         """How likely the tiles are there, with the powers that suit it."""
         return TileFit(candidate, self._misfits(candidate.point, self._first_powers())[0])
 
-    def nearest(self, candidate: Candidate, free: NDArray[np.intp]) -> TileFit:
-        """The likeliest candidate near one, as far as some of its point's numbers go."""
+    def nearest(self, candidate: Candidate, free: NDArray[np.intp], turns: int = _TURNS) -> TileFit:
+        """The likeliest candidate near one, as far as some of its point's numbers go and so many turns lead."""
         curvature = None
-        for _ in range(_TURNS if free.size else 0):
+        for _ in range(turns if free.size else 0):
             powers = self._misfits(candidate.point, self._first_powers())[1]
 
             def misfit(x: Values, point: Point = candidate.point, powers: Powers = powers) -> float:
@@ -165,23 +165,23 @@ class StokesTiles:
         return np.array([self._misfits(one, powers, _ROUNDS)[0].sum() for one in moved])
 
     def _first_powers(self) -> Powers:
-        return np.ones((len(self._data), 2, self._cells.size - 1))
+        return np.ones((2, self._cells.size - 1, len(self)))
 
     def _misfits(self, point: Point, powers: Powers, rounds: int = _FIRST_ROUNDS) -> tuple[Values, Powers]:
         """Minus log likelihood of each tile, and the powers, begun from others."""
         from polaropt.estimation.polarized.tile_kernels import stokes_tile_misfits
 
-        response, fitted, out = self._response(point), powers.copy(), np.empty(len(powers))
+        response, fitted, out = self._response(point), powers.copy(), np.empty(len(self))
         data = (response, self._data, self._multiplicity, self._natural, self._cells)
 
         def some(start: int, stop: int) -> None:
             stokes_tile_misfits(*data, float(FREEDOM), _LEAST_FACTOR, rounds, fitted, out, start, stop)
 
-        in_blocks(some, len(powers), _TILES_OF_A_THREAD)
+        in_blocks(some, len(self), _TILES_OF_A_THREAD)
         return out, fitted
 
     def _response(self, point: Point) -> Values:
-        """What a pane makes of both layers of power 1, transmission first: Hermitian matrices, (2, n, 9)."""
+        """What a pane makes of both layers of power 1, transmission first: Hermitian matrices, (2, 9, n)."""
         light = pane_light(float(point[INCIDENCE]), self._asked).copy()
         light[..., :2] *= entering_light(point)[..., None]
         mixing = self._whiten @ np.linalg.inv(frame_matrix(float(point[AZIMUTH])))
@@ -192,18 +192,18 @@ class StokesTiles:
         phase = lags[:, None] * (right * self._columns - up * self._rows)
         cosine, sine = (2 * within[:, None] * wave(phase) for wave in (np.cos, np.sin))
         cosine[0] = 1.0
-        response = np.empty((2, self._columns.size, 9))
-        for layer, (direct, ghost, ratio) in zip(response, light.swapaxes(1, 2), strict=True):
-            images = np.stack([direct, *(ghost * ratio**k for k in range(_N_IMAGES - 1))]) @ mixing.T
-            images /= np.linalg.norm(images.sum(axis=0))
-            images = images if shift else images.sum(axis=0, keepdims=True)
-            products = np.stack([images[k:].T @ images[: len(images) - k] for k in lags])
-            even, odd = (products + products.swapaxes(1, 2)) / 2, (products - products.swapaxes(1, 2)) / 2
-            for i in range(3):
-                layer[:, i] = even[:, i, i] @ cosine
-            for k, (i, j) in enumerate(_PAIRS):
-                layer[:, 3 + 2 * k] = even[:, i, j] @ cosine
-                layer[:, 4 + 2 * k] = -odd[:, i, j] @ sine
+        images = light[..., 1, None] * light[..., 2, None] ** np.arange(_N_IMAGES - 1)
+        images = mixing @ np.concatenate([light[..., :1], images], axis=-1)
+        images /= np.linalg.norm(images.sum(axis=-1), axis=-1)[:, None, None]
+        images = images if shift else images.sum(axis=-1, keepdims=True)
+        # Of the images of a layer (component, image) what those so many steps apart have in common.
+        products = np.stack([images[..., k:] @ images[..., : len(lags) - k].swapaxes(1, 2) for k in lags], axis=-1)
+        even, odd = products + products.swapaxes(1, 2), products - products.swapaxes(1, 2)
+        first, second = np.array(_PAIRS).T
+        response = np.empty((2, 9, self._columns.size))
+        response[:, :3] = even[:, range(3), range(3)] / 2 @ cosine
+        response[:, 3::2] = even[:, first, second] / 2 @ cosine
+        response[:, 4::2] = odd[:, first, second] / -2 @ sine
         return response
 
 

@@ -8,9 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.ahead import Call
-from solvers.kernels import compiled
+from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
+
+LOG_OF = 4
+"""How many numbers are multiplied for one logarithm, which takes as long as twenty products. Each lies between 1e-38
+and 1e38, so that none of the products overflows. Set by hand."""
+
+
+@inlined
+def add_logs(products: Array, weight: float, totals: Array) -> None:
+    """Weighted logarithms of products added to `totals`, and the products begun anew."""
+    for t in range(products.size):
+        totals[t] += weight * np.log(products[t])
+        products[t] = 1.0
 
 
 @compiled
@@ -29,22 +41,21 @@ def tile_misfits(
     start: int,
     stop: int,
 ) -> None:
-    """Minus log likelihood of tiles start..stop into `out`, their powers (tile, 2, cell), reflection first, fitted.
+    """Minus log likelihood of tiles start..stop into `out`, their powers (2, cell, tile), reflection first, fitted.
 
     Hermitian matrices are par, perp, and the real and imaginary part of cross. Shapes: response (2, 4, n), what the
     pane makes of the transmission and of the reflection of power 1; noise (3,), without an imaginary part; data
-    (tile, 4, n); multiplicity, natural (n,), how often a frequency counts, and the power of natural images there; cells
+    (4, n, tile); multiplicity, natural (n,), how often a frequency counts, and the power of natural images there; cells
     (cell + 1,), where the frequencies of each begin. `freedom` is that of Student's likelihood, `least` the factor by
     which a power shrinks at most.
     """
-    two, half, zero = np.float32(2), np.float32(0.5), np.float32(0)
+    two, half, zero, one = np.float32(2), np.float32(0.5), np.float32(0), np.float32(1)
     n, tiny = multiplicity.size, np.float32(2e-6)
     n0, n1, n2 = noise[0], noise[1], noise[2]
     nn = two * (n0 * n1 - n2 * n2)
     # Trace of the adjugate of one matrix times the other: reflection a, transmission b.
-    products, of_data = np.empty((5, n), np.float32), np.empty((3, n), np.float32)
-    aa, bb, ab, an, bn = products[0], products[1], products[2], products[3], products[4]
-    ad, bd, nd = of_data[0], of_data[1], of_data[2]
+    aa, bb, ab = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    an, bn = np.empty(n, np.float32), np.empty(n, np.float32)
     a, b = np.empty((4, n), np.float32), np.empty((4, n), np.float32)
     for f in range(n):
         for i in range(4):
@@ -56,46 +67,75 @@ def tile_misfits(
         ab[f] = max(a0 * b1 + a1 * b0 - two * (a2 * b2 + a3 * b3), zero)
         an[f] = a0 * n1 + a1 * n0 - two * a2 * n2
         bn[f] = b0 * n1 + b1 * n0 - two * b2 * n2
-    for tile in range(start, stop):
-        d = data[tile]
-        for f in range(n):
-            d0, d1, d2, d3 = d[0, f], d[1, f], d[2, f], d[3, f]
-            ad[f] = a[0, f] * d1 + a[1, f] * d0 - two * (a[2, f] * d2 + a[3, f] * d3)
-            bd[f] = b[0, f] * d1 + b[1, f] * d0 - two * (b[2, f] * d2 + b[3, f] * d3)
-            nd[f] = n0 * d1 + n1 * d0 - two * n2 * d2
-        total = 0.0
-        for cell in range(cells.size - 1):
-            p, q = powers[tile, 0, cell], powers[tile, 1, cell]
-            for left in range(rounds, -1, -1):
-                more_p, less_p, more_q, less_q = zero, zero, zero, zero
-                value = 0.0
-                for f in range(cells[cell], cells[cell + 1]):
-                    by_p = p * aa[f] + q * ab[f] + an[f]
-                    by_q = q * bb[f] + p * ab[f] + bn[f]
-                    determinant = half * (p * (by_p + an[f]) + q * (by_q + bn[f]) + nn)
-                    inverse = np.float32(1) / determinant
-                    distance = (p * ad[f] + q * bd[f] + nd[f]) * inverse
-                    if left == 0:
-                        value += multiplicity[f] * (np.log(determinant) + (freedom + two) * np.log(freedom + distance))
-                        continue
-                    scale = multiplicity[f] * inverse
+    most = 0
+    for cell in range(cells.size - 1):
+        most = max(most, cells[cell + 1] - cells[cell])
+    # All tiles side by side, in arrays that begin with the first: so the loops over them vectorize.
+    count = stop - start
+    ps, qs, totals = np.empty(count, np.float32), np.empty(count, np.float32), np.zeros(count)
+    of_data, sums = np.empty((most, 3, count), np.float32), np.empty((4, count), np.float32)
+    volumes, distances = np.ones(count), np.ones(count)
+    for cell in range(cells.size - 1):
+        first, last = cells[cell], cells[cell + 1]
+        ps[:], qs[:] = powers[0, cell, start:stop], powers[1, cell, start:stop]
+        for f in range(first, last):
+            d, a0, a1, a2, a3, b0, b1, b2, b3 = (
+                of_data[f - first], a[0, f], a[1, f], a[2, f], a[3, f], b[0, f], b[1, f], b[2, f], b[3, f]
+            )  # fmt: skip
+            e0, e1, e2, e3 = (
+                data[0, f, start:stop],
+                data[1, f, start:stop],
+                data[2, f, start:stop],
+                data[3, f, start:stop],
+            )
+            for t in range(count):
+                d0, d1, d2, d3 = e0[t], e1[t], e2[t], e3[t]
+                d[0, t] = a0 * d1 + a1 * d0 - two * (a2 * d2 + a3 * d3)
+                d[1, t] = b0 * d1 + b1 * d0 - two * (b2 * d2 + b3 * d3)
+                d[2, t] = n0 * d1 + n1 * d0 - two * n2 * d2
+        for _ in range(rounds):
+            sums[:] = zero
+            for f in range(first, last):
+                d, m = of_data[f - first], multiplicity[f]
+                f_aa, f_bb, f_ab, f_an, f_bn = aa[f], bb[f], ab[f], an[f], bn[f]
+                for t in range(count):
+                    p, q = ps[t], qs[t]
+                    by_p = p * f_aa + q * f_ab + f_an
+                    by_q = q * f_bb + p * f_ab + f_bn
+                    inverse = one / (half * (p * (by_p + f_an) + q * (by_q + f_bn) + nn))
+                    distance = (p * d[0, t] + q * d[1, t] + d[2, t]) * inverse
+                    scale = m * inverse
                     surprise = scale * (freedom + two) / (freedom + distance)
-                    more_p += (distance * by_p - ad[f]) * surprise
-                    more_q += (distance * by_q - bd[f]) * surprise
-                    less_p += by_p * scale
-                    less_q += by_q * scale
-                if left == 0:
-                    total += value
-                else:
-                    p *= max(more_p / less_p, least)
-                    q *= max(more_q / less_q, least)
-            powers[tile, 0, cell], powers[tile, 1, cell] = p, q
-        out[tile] = total
+                    sums[0, t] += (distance * by_p - d[0, t]) * surprise
+                    sums[1, t] += (distance * by_q - d[1, t]) * surprise
+                    sums[2, t] += by_p * scale
+                    sums[3, t] += by_q * scale
+            for t in range(count):
+                ps[t] *= max(sums[0, t] / sums[2, t], least)
+                qs[t] *= max(sums[1, t] / sums[3, t], least)
+        taken = 0
+        for f in range(first, last):
+            d, m = of_data[f - first], multiplicity[f]
+            f_aa, f_bb, f_ab, f_an, f_bn = aa[f], bb[f], ab[f], an[f], bn[f]
+            for t in range(count):
+                p, q = ps[t], qs[t]
+                by_p = p * f_aa + q * f_ab + f_an
+                by_q = q * f_bb + p * f_ab + f_bn
+                volume = half * (p * (by_p + f_an) + q * (by_q + f_bn) + nn)
+                volumes[t] *= volume
+                distances[t] *= freedom + (p * d[0, t] + q * d[1, t] + d[2, t]) / volume
+            taken += 1
+            if taken == LOG_OF or f + 1 == last or multiplicity[f + 1] != m:
+                add_logs(volumes, m, totals)
+                add_logs(distances, m * (freedom + two), totals)
+                taken = 0
+        powers[0, cell, start:stop], powers[1, cell, start:stop] = ps, qs
+    out[start:stop] = totals
 
 
 def first_calls() -> list[Call]:
     """Calls on next to nothing of the kernel that every separation needs, for `solvers.ahead`."""
     one, numbers = np.float32(1), np.ones(1, np.float32)
-    data, powers = np.ones((1, 4, 1), np.float32), np.ones((1, 2, 1), np.float32)
+    data, powers = np.ones((4, 1, 1), np.float32), np.ones((2, 1, 1), np.float32)
     arrays = (np.ones((2, 4, 1), np.float32), np.ones(3, np.float32), data, numbers, numbers, np.array([0, 1]))
     return [(tile_misfits, (*arrays, one, one, 0, powers, np.zeros(1), 0, 0))]
