@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -15,8 +16,8 @@ from polaropt.estimation.polarized.errors import incidence_reach
 from polaropt.estimation.polarized.ghost_choice import (
     _beyond_brewster,
     ghosts_told,
+    likeliest_near,
     likely_starts,
-    moved_by_tiles,
     settled,
 )
 from polaropt.estimation.polarized.kernels import pane_vectors
@@ -25,14 +26,21 @@ from polaropt.estimation.polarized.light import (
     LOWEST_DEG,
     SHIFT,
     Candidate,
+    Place,
+    bounded,
+    candidates,
     degrees_mirrored,
     entering_light,
     free_numbers,
     in_place,
     pane_light,
+    point_showing,
+    shown_by,
 )
+from polaropt.estimation.polarized.mixing import Mixture
 from polaropt.estimation.polarized.tile_kernels import stokes_tile_misfits
 from polaropt.estimation.polarized.tiles import StokesTiles
+from polaropt.numerics import turn_between
 from polaropt.optics import brewster_angle_deg, frame_matrix
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
@@ -204,6 +212,9 @@ class Unsure:
         self.candidate = candidate
         return self
 
+    def near(self, point: np.ndarray) -> Callable[[np.ndarray], float]:
+        return self.evidence
+
 
 def test_a_pane_that_tiles_refuse_is_left() -> None:
     tiles = tiles_of(SHOWN)
@@ -221,16 +232,43 @@ def test_close_ghosts_before_polarized_light_are_found(shift: float) -> None:
     assert found.values()[0] == pytest.approx(70, abs=3)
 
 
+class Sure(Unsure):
+    """Coarse light that is sure of an incidence."""
+
+    def evidence(self, point: np.ndarray) -> float:
+        return 1e4 * float(point[0] - 63.0) ** 2
+
+
 def test_tiles_move_a_pane_to_where_its_ghosts_lie() -> None:
-    beside = moved(TRUE, incidence=63.0, shift=5.9)
-    point = moved_by_tiles(tiles_of(SHOWN), BLIND, beside).point
-    assert abs(point[0] - 60.0) < 1.5
+    beside = moved(TRUE, incidence=66.0, shift=5.9)
+    point = likeliest_near(tiles_of(SHOWN), BLIND, beside, Sure()).point
+    assert abs(point[0] - 60.0) < 2.5
     assert abs(point[SHIFT] - 6.3) < 0.1
 
 
-def test_tiles_do_not_move_a_pane_before_two_polarized_layers() -> None:
-    both = replace(moved(TRUE, incidence=63.0), reflection=True)
-    assert moved_by_tiles(tiles_of(SHOWN), BLIND, both) is both
+def test_before_two_polarized_layers_coarse_light_has_its_say() -> None:
+    both = replace(moved(TRUE, incidence=61.0), reflection=True)
+    assert likeliest_near(tiles_of(SHOWN), BLIND, both, Sure()).point[0] == pytest.approx(63.0, abs=0.2)
+    assert likeliest_near(tiles_of(SHOWN), BLIND, both, Unsure()).point[0] < 62.0
+
+
+def test_a_step_along_what_is_shown_follows_a_narrow_valley() -> None:
+    # Another incidence and azimuth, with the light that shows the same in place.
+    both = replace(TRUE, reflection=True)
+    shown = shown_by(TRUE.point, BLIND)
+    start = replace(both, point=bounded(point_showing(Place(50.0, 15.0, 6.3), shown, BLIND)))
+    tiles = tiles_of(SHOWN)
+    assert tiles.nearest(start, free_numbers(start, BLIND), 8).misfit < tiles.fitted(both).misfit + 5
+
+
+def test_ghosts_of_two_polarized_layers_are_found_in_any_direction() -> None:
+    scene = replace(SHOWN, azimuth_deg=146.0, reflection_polarization=(0.8, 20.0))
+    vectors = Mixture(stokes_images(capture_of(scene), NOISE)).likely_vectors()
+    in_place_ = [pane for pair in vectors for pane in candidates(pair, BLIND)]
+    fits = ghosts_told(tiles_of(scene), BLIND, in_place_, [], vectors)
+    place = fits[0].candidate.point[1:3]
+    assert abs(turn_between(float(place[0]), 146.0)) < 3
+    assert abs(abs(place[1]) - 6.3) < 0.3
 
 
 def test_close_to_brewster_s_angle_a_mirrored_scene_hardly_tells_the_incidence() -> None:

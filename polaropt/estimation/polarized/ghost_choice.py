@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.estimation.polarized.light import (
+    AZIMUTH,
     HIGHEST_DEG,
     INCIDENCE,
     LOWEST_DEG,
@@ -42,6 +43,11 @@ truth was in place the likeliest ones further apart than `_LIKE_BLUR_PX` gained 
 _LIKE_BLUR_PX, _LEAST_GAIN_OF_CLOSE, _SURE_OF_CLOSE = 3.0, 2.0, 3.0
 """Closer ones mimic a blur: log likelihood that they must gain of each tile and colour, with one polarized layer alone,
 and standard errors. Of the same windows true ones gained 2.6 and more, others 1.8 at most, with two layers 4.8."""
+_SURE_OF_BOTH, _LEAST_DEG_OF_BOTH, _FARTHEST_PX = 3.0, 12.0, GHOST_SHIFT_SEARCH_PX + 2
+"""Standard errors that ghosts before two polarized layers must gain, and incidence from which they are believed, as
+ghosts in any direction explain a little of everything; and shift up to which a search that leaves its range is. Of 175
+random windows in place (`studies.random_windows`, even seeds from 20000 to 23598, 192 and 256 px) one has more, of 152
+with ghosts all but three of those that only these tell."""
 _NONE_PX = 0.7
 """Ghosts that a fit brings closer are none. Set by hand."""
 _TOLD_BETTER, _OF_BOTH, _NOT_HOPELESS = 15.0, 30.0, 150.0
@@ -54,16 +60,27 @@ _AS_LIKELY, _AS_LIKELY_SKY = 50.0, 20.0
 mirrored sky. By trial on the same windows."""
 _SHIFTS: Values = np.concatenate([np.arange(-GHOST_SHIFT_SEARCH_PX, 0), np.arange(1, GHOST_SHIFT_SEARCH_PX + 1)])
 """Shifts that are looked at along the azimuth, in pixels: one apart, all that are searched."""
-_FAR_SHIFTS: Values = np.concatenate(
-    [sign * np.arange(3.0, GHOST_SHIFT_SEARCH_PX + 1, 1.5)[::sign] for sign in (-1, 1)]
-)
-"""Those that are looked at turned. Set by hand."""
-_TURNS_DEG = (-18.0, -12.0, -6.0, 6.0, 12.0, 18.0)
-"""Directions of ghosts that are looked at, from the azimuth of one polarized layer: light polarized in both may have
-turned it. Set by hand."""
-_MOST_PANES, _MOST_FITTED, _MOST_ALONG, _MOST_TURNED = 3, 2, 3, 1
-"""Panes in place that are looked at, and of these closely, and shifts of these that are fitted, along the azimuth and
-turned. Set by hand."""
+_PLACES_DEG = (35.0, 60.0)
+"""Incidences at which ghosts are looked for in any direction: one at least is near enough. By trial."""
+_HOPELESS_PAIR, _MOST_PLACES = 300.0, 4
+"""Misfit by which two vectors may be worse at few places for all places to be looked at, and places that are looked at
+closely. Set by hand."""
+
+
+def _half_plane(step: float) -> Values:
+    """Places (n, 2) a step apart, in pixels to the right and up, of one side and not close to the middle."""
+    side = np.arange(-GHOST_SHIFT_SEARCH_PX, GHOST_SHIFT_SEARCH_PX + step / 2, step)
+    right, up = (part.ravel() for part in np.meshgrid(side, side))
+    distance = np.hypot(right, up)
+    inside = (distance > _LIKE_BLUR_PX - step / 2) & (distance <= GHOST_SHIFT_SEARCH_PX)
+    inside &= (up > 0) | ((up == 0) & (right > 0))
+    return np.stack([right[inside], up[inside]], axis=1)
+
+
+_PLACES, _FEW_PLACES = _half_plane(1.5), _half_plane(8.0)
+"""Of ghosts: all, and few. Set by hand."""
+_MOST_PANES, _MOST_FITTED, _MOST_ALONG = 3, 2, 3
+"""Panes in place that are looked at, and of these closely, and shifts of these that are fitted. Set by hand."""
 _SAME_PX, _SAME_DEG = 1.6, np.array([4.0, 8.0])
 """Shifts (px), and incidences and azimuths, that differ by less are one. Set by hand."""
 _LEAST_OFF_DEG = 4.0
@@ -71,7 +88,7 @@ _LEAST_OFF_DEG = 4.0
 
 
 _LAST_TURNS = 12
-"""Turns in which tiles move the pane that is taken: along narrow valleys, in which four stand still. Set by hand."""
+"""Turns in which the pane that is taken is moved to where all find it likeliest. Set by hand."""
 
 
 class Evidence(Protocol):
@@ -83,9 +100,16 @@ class Evidence(Protocol):
     def finished(self, candidate: Candidate) -> Any:
         """With the candidate where they are likeliest."""
 
+    def near(self, point: Point) -> Callable[[Point], float]:
+        """Minus the log likelihood of points near one."""
+
 
 def ghosts_told(
-    tiles: StokesTiles, asked: SceneParameters, in_place: Sequence[Candidate], found: Sequence[Candidate]
+    tiles: StokesTiles,
+    asked: SceneParameters,
+    in_place: Sequence[Candidate],
+    found: Sequence[Candidate],
+    vectors: Sequence[Values] = (),
 ) -> list[TileFit]:
     """Panes with ghosts that tiles surely tell, the likeliest first; none where they tell of no ghosts.
 
@@ -98,11 +122,15 @@ def ghosts_told(
         Panes without ghosts that show what the capture shows, the likeliest first.
     found : sequence of Candidate
         Panes with ghosts that may be the best.
+    vectors : sequence of ndarray, shape (2, 3)
+        Likely pairs of Stokes vectors that the layers show in place.
     """
     panes = _distinct(in_place)[:_MOST_PANES]
     likely = sorted((tiles.fitted(pane) for pane in panes), key=_misfit)[:_MOST_FITTED]
     plain = min((_nearest(tiles, fit.candidate, asked) for fit in likely), key=_misfit)
-    fits = [_nearest(tiles, start, asked) for start in (*found, *_likely_shifts(tiles.luminance(), panes, asked))]
+    glance = tiles.luminance()
+    starts = (*found, *_likely_shifts(glance, panes), *_likely_places(glance, vectors, asked))
+    fits = [_nearest(tiles, start, asked) for start in starts]
     fits = [fit for fit in fits if _told(fit, plain)]
     if fits:
         fits += [_nearest(tiles, start, asked) for start in _alike(fits, asked)]
@@ -157,16 +185,15 @@ def settled(
     return _most_usual(panes, lambda pane: scores[id(pane)])
 
 
-def moved_by_tiles(tiles: StokesTiles, asked: SceneParameters, taken: Candidate) -> Candidate:
-    """The pane near the one taken that tiles find likeliest, where the light of one layer is polarized.
+def likeliest_near(tiles: StokesTiles, asked: SceneParameters, taken: Candidate, coarse: Evidence) -> Candidate:
+    """The pane near the one taken that tiles find likeliest, with coarse light and edges where both are polarized.
 
-    Coarse light tells the kind of pane, and is often sure of one beside the true one: of 81 random windows to fit on
-    with such ghosts (192 px) 33 come within 3 dB of the scene known where coarse light puts them, 40 where tiles do.
-    With both layers polarized tiles explain too much to tell better.
+    Coarse light tells the kind of pane, but is often sure of one beside the true one where one layer is polarized; with
+    two polarized layers tiles alone explain too much. Of 79 random windows to fit on with ghosts, of 192 and 256 px, 41
+    come within 3 dB of the scene known, 32 where coarse light alone has the last word.
     """
-    if not _single(taken):
-        return taken
-    return tiles.nearest(taken, free_numbers(taken, asked), _LAST_TURNS).candidate
+    beside = None if _single(taken) else coarse.near
+    return tiles.nearest(taken, free_numbers(taken, asked), _LAST_TURNS, beside=beside).candidate
 
 
 def _light(candidate: Candidate) -> tuple[bool, bool]:
@@ -192,28 +219,69 @@ def _alike_in_place(one: Candidate, other: Candidate) -> bool:
     return one.transmission == other.transmission and bool(np.all(np.abs(off) < _SAME_DEG))
 
 
-def _likely_shifts(tiles: StokesTiles, panes: Sequence[Candidate], asked: SceneParameters) -> list[Candidate]:
-    """The panes with ghosts where their tiles are likeliest, along the azimuth and turned."""
-    along = [valley for pane in panes for valley in _valleys(tiles, pane.point, pane, _SHIFTS)]
-    turned: list[tuple[float, Candidate]] = []
-    if asked.azimuth_deg is None:
-        for pane in panes[:_MOST_FITTED]:
-            incidence, azimuth, _ = (float(x) for x in pane.point[:3])
-            shown, both = shown_by(pane.point, asked), replace(pane, transmission=True, reflection=True)
-            for turn in _TURNS_DEG:
-                point = bounded(point_showing(Place(incidence, azimuth + turn, 0.0), shown, asked))
-                turned += _valleys(tiles, point, both, _FAR_SHIFTS)
-    return [*_first(along, _MOST_ALONG), *_first(turned, _MOST_TURNED)]
+def _likely_shifts(tiles: StokesTiles, panes: Sequence[Candidate]) -> list[Candidate]:
+    """The panes with ghosts where their tiles are likeliest, along the azimuth."""
+    return _first([valley for pane in panes for valley in _valleys(tiles, pane)], _MOST_ALONG)
 
 
-def _valleys(tiles: StokesTiles, point: Values, light: Candidate, shifts: Values) -> Iterator[tuple[float, Candidate]]:
-    """Least misfits of a point whose ghosts lie anywhere."""
-    misfits = tiles.of_shifts(point, shifts)
+def _likely_places(tiles: StokesTiles, vectors: Sequence[Values], asked: SceneParameters) -> list[Candidate]:
+    """Panes before two polarized layers where their tiles are likeliest, with ghosts in any direction.
+
+    A pane of any incidence and azimuth shows any two vectors, with the light that it takes.
+    """
+    if asked.azimuth_deg is not None:
+        return []
+    angles = _PLACES_DEG if asked.incidence_deg is None else (asked.incidence_deg,)
+    pairs = [(angle, shown) for angle in angles for pair in vectors for shown in (pair, pair[::-1])]
+    glances = [tiles.of_points(_points(*pair, asked, _FEW_PLACES)).min() for pair in pairs]
+    found: list[tuple[float, Candidate]] = []
+    for pair, glance in zip(pairs, glances, strict=True):
+        if glance < min(glances) + _HOPELESS_PAIR:
+            points = _points(*pair, asked, _PLACES)
+            misfits = tiles.of_points(points)
+            order = np.argsort(misfits)[: 4 * _MOST_PLACES]
+            found += [(float(misfits[i]), Candidate(points[i], True, True)) for i in order]
+    kept: list[Candidate] = []
+    for _, candidate in sorted(found, key=lambda place: place[0]):
+        if len(kept) < _MOST_PLACES and not any(_same_place(candidate, other) for other in kept):
+            kept.append(candidate)
+    fits = [tiles.nearest(_likelier_side(tiles, start), free_numbers(start, asked)) for start in kept]
+    return [fit.candidate for fit in sorted(fits, key=_misfit)[:_MOST_FITTED]]
+
+
+def _points(incidence_deg: float, shown: Values, asked: SceneParameters, places: Values) -> Values:
+    """Points (n, 7) of an incidence that show two vectors in place, with ghosts so far to the right and up, (n, 2)."""
+    azimuths = np.degrees(np.arctan2(places[:, 1], places[:, 0])).tolist()
+    where = (Place(incidence_deg, *numbers) for numbers in zip(azimuths, np.hypot(*places.T).tolist(), strict=True))
+    return np.array([bounded(point_showing(place, shown, asked)) for place in where])
+
+
+def _same_place(one: Candidate, other: Candidate) -> bool:
+    """Whether two panes of one incidence have their ghosts close by."""
+    places = [
+        pane.point[SHIFT] * np.array([math.cos(azimuth), math.sin(azimuth)])
+        for pane in (one, other)
+        for azimuth in [math.radians(float(pane.point[AZIMUTH]))]
+    ]
+    near = min(math.hypot(*(places[0] - places[1])), math.hypot(*(places[0] + places[1]))) < 2 * _SAME_PX
+    return near and one.point[INCIDENCE] == other.point[INCIDENCE]
+
+
+def _likelier_side(tiles: StokesTiles, pane: Candidate) -> Candidate:
+    """A pane with its ghosts there or on the other side."""
+    other = pane.point.copy()
+    other[SHIFT] *= -1
+    return min(pane, replace(pane, point=other), key=lambda one: tiles.fitted(one).misfit)
+
+
+def _valleys(tiles: StokesTiles, pane: Candidate) -> Iterator[tuple[float, Candidate]]:
+    """Least misfits of a pane whose ghosts lie anywhere along its azimuth."""
+    misfits = tiles.of_shifts(pane.point, _SHIFTS)
     beside = np.concatenate([[math.inf], misfits, [math.inf]])
     for i in np.flatnonzero((misfits <= beside[:-2]) & (misfits <= beside[2:])):
-        moved = point.copy()
-        moved[SHIFT] = shifts[i]
-        yield float(misfits[i]), replace(light, point=moved)
+        moved = pane.point.copy()
+        moved[SHIFT] = _SHIFTS[i]
+        yield float(misfits[i]), replace(pane, point=moved)
 
 
 def _first(valleys: list[tuple[float, Candidate]], most: int) -> list[Candidate]:
@@ -231,15 +299,18 @@ def _first(valleys: list[tuple[float, Candidate]], most: int) -> list[Candidate]
 
 def _told(fit: TileFit, plain: TileFit) -> bool:
     """Whether tiles surely tell of a fit's ghosts."""
-    gain, sure, shift = fit.gain_over(plain), fit.surer_than(plain), abs(float(fit.candidate.point[SHIFT]))
+    incidence, shift = float(fit.candidate.point[INCIDENCE]), abs(float(fit.candidate.point[SHIFT]))
+    gain, sure, single = fit.gain_over(plain), fit.surer_than(plain), _single(fit.candidate)
     if shift < _LIKE_BLUR_PX:
         enough = gain > _LEAST_GAIN_OF_CLOSE * len(fit.misfits) and sure > _SURE_OF_CLOSE
-        return enough and _single(fit.candidate) and shift > _NONE_PX
-    return gain > _LEAST_GAIN and sure > _SURE
+        return enough and single and shift > _NONE_PX
+    if shift > _FARTHEST_PX or not (single or incidence > _LEAST_DEG_OF_BOTH):
+        return False
+    return gain > _LEAST_GAIN and sure > (_SURE if single else _SURE_OF_BOTH)
 
 
 def _alike(fits: Sequence[TileFit], asked: SceneParameters) -> list[Candidate]:
-    """Beside the best fit, and the best with one polarized layer: with both, and beyond Brewster's angle."""
+    """Beside the best fit, and the best with one polarized layer: other light, and beyond Brewster's angle."""
     singles = [fit for fit in fits if _single(fit.candidate)]
     best = {id(fit): fit for part in (fits, singles) if part for fit in [min(part, key=_misfit)]}
     starts = []
@@ -247,9 +318,18 @@ def _alike(fits: Sequence[TileFit], asked: SceneParameters) -> list[Candidate]:
         candidate = fit.candidate
         if _single(candidate):
             starts.append(replace(candidate, transmission=True, reflection=True))
+        else:
+            starts += [_with_one_polarized(candidate, part) for part in (OF_TRANSMISSION, OF_REFLECTION)]
         if asked.incidence_deg is None:
             starts.append(_beyond_brewster(candidate, asked))
     return starts
+
+
+def _with_one_polarized(candidate: Candidate, part: slice) -> Candidate:
+    """The same pane before unpolarized light of the other layer."""
+    point = candidate.point.copy()
+    point[OF_REFLECTION if part is OF_TRANSMISSION else OF_TRANSMISSION] = 0
+    return Candidate(point, part is OF_TRANSMISSION, part is OF_REFLECTION)
 
 
 def _beyond_brewster(candidate: Candidate, asked: SceneParameters) -> Candidate:

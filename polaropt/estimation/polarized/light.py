@@ -191,3 +191,19 @@ def shown_by(point: Point, scene: SceneParameters) -> Values:
     entries = in_place(pane_light(float(point[INCIDENCE]), scene)) * entering_light(point)
     shown = entries @ np.linalg.inv(frame_matrix(float(point[AZIMUTH]))).T
     return np.asarray(shown / shown[:, :1])
+
+
+def coordinates_of(point: Point, scene: SceneParameters) -> Values:
+    """Pane, and what each layer shows in place, (s1, s2) where s0 = 1: what is told best, each for itself, (7,)."""
+    return np.concatenate([point[:3], shown_by(point, scene)[:, 1:].ravel()])
+
+
+def point_of(coordinates: Values, candidate: Candidate, scene: SceneParameters) -> Point:
+    """The point of some coordinates, where the light of a candidate's unpolarized layers stays as it is."""
+    shown = np.ones((2, 3))
+    shown[:, 1:] = coordinates[3:].reshape(2, 2)
+    point = point_showing(Place(*map(float, coordinates[:3])), shown, scene)
+    for part, polarized in ((OF_TRANSMISSION, candidate.transmission), (OF_REFLECTION, candidate.reflection)):
+        if not polarized:
+            point[part] = candidate.point[part]
+    return bounded(point)

@@ -7,8 +7,8 @@ Q. H. Vuong, Likelihood ratio tests for model selection and non-nested hypothese
 The directions of the two Stokes vectors (`Mixture`) leave a handful of panes that show them in place (`candidates`).
 Single tiles tell whether there are ghosts, and where (`ghosts_told`). Of panes that have them there the one is taken
 that explains the capture best, with the least polarized light that does: by coarse light (`closely`), unless tiles
-refuse it (`settled`), and where tiles put it (`moved_by_tiles`). Without ghosts what is likely of panes and light
-beforehand decides between those that show the same (`panes_alike`).
+refuse it (`settled`), where tiles find it likeliest (`likeliest_near`). Without ghosts what is likely of panes and
+light beforehand decides between those that show the same (`panes_alike`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX
 from polaropt.estimation.polarized.alike import panes_alike
 from polaropt.estimation.polarized.errors import incidence_reach, polarized_errors
-from polaropt.estimation.polarized.ghost_choice import ghosts_told, likely_starts, moved_by_tiles, settled
+from polaropt.estimation.polarized.ghost_choice import ghosts_told, likeliest_near, likely_starts, settled
 from polaropt.estimation.polarized.light import (
     HIGHEST_DEG,
     INCIDENCE,
@@ -39,7 +39,9 @@ from polaropt.estimation.polarized.light import (
     Point,
     bounded,
     candidates,
+    coordinates_of,
     free_numbers,
+    point_of,
     point_showing,
     scene_at,
     shown_by,
@@ -206,6 +208,11 @@ class Search:
         """Minus the log likelihood of spectra and edges at a point."""
         return self._likelihood.n * self._fitted(point, edges=True)
 
+    def near(self, point: Point) -> Callable[[Point], float]:
+        """The same of points near one, whose spectra it rests on."""
+        score = self._score(point, True)
+        return lambda near: self._likelihood.n * score(near)
+
     def _fitted(self, point: Point, edges: bool = False) -> float:
         """Score of a point, its spectra fitted."""
         likelihood = self._likelihood
@@ -306,17 +313,13 @@ class Search:
         return dataclasses.replace(candidate, point=self._point(candidate, coordinates, free, moved))
 
     def _coordinates(self, candidate: Candidate) -> Values:
-        """Pane and what the layers show in place, which is told best: coordinates of the search."""
-        return np.concatenate([candidate.point[:3], shown_by(candidate.point, self._asked)[:, 1:].ravel()])
+        """Coordinates of the search."""
+        return coordinates_of(candidate.point, self._asked)
 
     def _point(self, candidate: Candidate, coordinates: Values, free: NDArray[np.intp], x: Values) -> Point:
         full = coordinates.copy()
         full[free] = x
-        point = point_showing(Place(*full[:3]), _vectors(full[3:]), self._asked)
-        for part, polarized in ((OF_TRANSMISSION, candidate.transmission), (OF_REFLECTION, candidate.reflection)):
-            if not polarized:
-                point[part] = candidate.point[part]
-        return bounded(point)
+        return point_of(full, candidate, self._asked)
 
 
 def _least_gain(candidate: Candidate) -> float:
@@ -324,13 +327,6 @@ def _least_gain(candidate: Candidate) -> float:
     shift = abs(float(candidate.point[SHIFT]))
     least = _LEAST_GHOST_GAIN if _single(candidate) else _LEAST_GAIN_OF_BOTH
     return least * (1 + (_BLUR_PX / shift) ** 4) if shift >= LIKE_BLUR_PX else math.inf
-
-
-def _vectors(polarized: Values) -> Values:
-    """Stokes vectors (2, 3) with s0 = 1 from their other components (4,)."""
-    vectors = np.ones((2, 3))
-    vectors[:, 1:] = polarized.reshape(2, 2)
-    return vectors
 
 
 def _moved(point: Point, shift: float) -> Point:
@@ -528,7 +524,8 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
         return None
     mixture = Mixture(stokes)
     search = Search(likelihood, mixture, asked)
-    rough = search.rough([pane for vectors in mixture.likely_vectors() for pane in candidates(vectors, asked)])
+    vectors = mixture.likely_vectors()
+    rough = search.rough([pane for shown in vectors for pane in candidates(shown, asked)])
     if not rough:
         return None
     tiles = StokesTiles(stokes, asked)
@@ -536,7 +533,7 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
     ghosts = [candidate for candidate in finalists(rough) if candidate.point[SHIFT]]
     places, fits = finalists(in_place), list[TileFit]()
     if search.seeks_ghosts:
-        fits = ghosts_told(tiles, asked, [found.candidate for found in in_place], ghosts)
+        fits = ghosts_told(tiles, asked, [found.candidate for found in in_place], ghosts, vectors)
         ghosts = likely_starts(ghosts, fits)
     rivals: tuple[Rival, ...] = ()
     choice = choose(search, likelihood, ghosts or places)
@@ -554,7 +551,7 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
             candidate = closely(search, coarse, choice)
             if fits:
                 candidate = settled(tiles, asked, fits, candidate, search)
-            candidate = moved_by_tiles(tiles, asked, candidate)
+            candidate = likeliest_near(tiles, asked, candidate, search)
     elif asked.incidence_deg is None and asked.azimuth_deg is None:
         alike = panes_alike(mixture, likelihood, asked)
         candidate, rivals = (candidate, ()) if alike is None else (alike.candidate, alike.rivals)

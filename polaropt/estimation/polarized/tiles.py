@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,14 +32,19 @@ from polaropt.estimation.polarized.light import (
     Candidate,
     Point,
     bounded,
+    coordinates_of,
     entering_light,
     pane_light,
+    point_of,
 )
 from polaropt.numerics import Box, hann_autocorrelation, hann_window, opponent_basis
 from polaropt.optics import SceneParameters, frame_matrix
 from solvers.kernels import in_blocks
 
 Values = NDArray[np.float64]
+Against = Callable[[Point], float]
+"""Minus log likelihood of a point."""
+Beside = Callable[[Point], Against]
 Powers = NDArray[np.float64]
 """Of both layers in every tile and colour, reflection first, in units of natural images' power: (2, cell, tile)."""
 
@@ -54,8 +60,9 @@ _MOST_TILES = 32
 """Tiles that are looked at, all over the frame: enough to tell panes from one another, and bounded time."""
 _NO_ERROR = 1e-9
 """For none at all, of panes that are the same."""
-# Steps and bounds of a search, in a point's numbers. Set by hand.
+# Steps and bounds of a search, in a point's numbers and in its coordinates. Set by hand.
 _STEPS = np.array([1.0, 0.5, 0.1, 0.01, 0.01, 0.02, 0.02])
+_SHOWN_STEPS = np.array([1.0, 0.5, 0.1, 0.005, 0.005, 0.01, 0.01])
 _LOW = np.array([LOWEST_DEG, -720, -40, *4 * [-0.995]])
 _HIGH = np.array([HIGHEST_DEG, 720, 40, *4 * [0.995]])
 _TURNS, _AT_REST = 4, 0.1
@@ -138,31 +145,70 @@ class StokesTiles:
         """How likely the tiles are there, with the powers that suit it."""
         return TileFit(candidate, self._misfits(candidate.point, self._first_powers())[0])
 
-    def nearest(self, candidate: Candidate, free: NDArray[np.intp], turns: int = _TURNS) -> TileFit:
-        """The likeliest candidate near one, as far as some of its point's numbers go and so many turns lead."""
-        curvature = None
+    def nearest(
+        self, candidate: Candidate, free: NDArray[np.intp], turns: int = _TURNS, *, beside: Beside | None = None
+    ) -> TileFit:
+        """The likeliest candidate near one, as far as some of its point's numbers go.
+
+        What the layers show in place is told best, so that steps go along it; where none does, as light is polarized
+        fully, along the light's own numbers.
+
+        Parameters
+        ----------
+        candidate : Candidate
+        free : ndarray of int
+            Which of its point's numbers may move.
+        turns : int
+            Steps at most.
+        beside : callable, optional
+            From a point to what else speaks against points near it, which is added.
+        """
         for _ in range(turns if free.size else 0):
             powers = self._misfits(candidate.point, self._first_powers())[1]
+            also = None if beside is None else beside(candidate.point)
 
-            def misfit(x: Values, point: Point = candidate.point, powers: Powers = powers) -> float:
-                return float(self._misfits(_with(point, free, x), powers, _ROUNDS)[0].sum())
+            def misfit(point: Point, powers: Powers = powers, also: Against | None = also) -> float:
+                tiles = float(self._misfits(point, powers, _ROUNDS)[0].sum())
+                return tiles if also is None else tiles + also(point)
 
-            at, steps, low, high = (part[free] for part in (candidate.point, _STEPS, _LOW, _HIGH))
-            step = Box(np.clip(at, low + steps, high - steps), steps, low, high).newton(misfit, curvature)
-            candidate = replace(candidate, point=_with(candidate.point, free, step.point))
-            if np.all(np.abs(step.point - at) < _AT_REST * steps):
+            moved, step = self._moved(candidate, free, misfit, True)
+            if not step:
+                moved, step = self._moved(candidate, free, misfit, False)
+            candidate = moved
+            if step < _AT_REST:
                 break
-            curvature = step.curvature
         return self.fitted(candidate)
+
+    def _moved(
+        self, candidate: Candidate, free: NDArray[np.intp], misfit: Against, by_shown: bool
+    ) -> tuple[Candidate, float]:
+        """A candidate after a Newton step, and its length in usual steps."""
+        start = coordinates_of(candidate.point, self._asked) if by_shown else candidate.point
+
+        def point_at(x: Values) -> Point:
+            numbers = start.copy()
+            numbers[free] = x
+            return point_of(numbers, candidate, self._asked) if by_shown else bounded(numbers)
+
+        all_steps = _SHOWN_STEPS if by_shown else _STEPS
+        at, steps, low, high = (part[free] for part in (start, all_steps, _LOW, _HIGH))
+        box = Box(np.clip(at, low + steps, high - steps), steps, low, high)
+        step = box.newton(lambda x: misfit(point_at(x)))
+        length = float(np.max(np.abs(step.point - at) / steps))
+        return replace(candidate, point=point_at(step.point)), length
 
     def of_shifts(self, point: Point, shifts: Values) -> Values:
         """Minus log likelihood of all tiles where the ghosts of a point lie elsewhere, (shift,)."""
         moved = np.repeat(point[None], len(shifts), axis=0)
         moved[:, SHIFT] = shifts
-        far = moved[int(np.argmax(np.abs(shifts)))]
-        # Powers fitted with ghosts far away suit all shifts alike.
+        return self.of_points(moved)
+
+    def of_points(self, points: Values) -> Values:
+        """Minus log likelihood of all tiles at points (n, 7) that differ in their ghosts' places, roughly, (n,)."""
+        far = points[int(np.argmax(np.abs(points[:, SHIFT])))]
+        # Powers fitted with ghosts far away suit all places alike.
         powers = self._misfits(far, self._first_powers())[1]
-        return np.array([self._misfits(one, powers, _ROUNDS)[0].sum() for one in moved])
+        return np.array([self._misfits(point, powers, _ROUNDS)[0].sum() for point in points])
 
     def _first_powers(self) -> Powers:
         return np.ones((2, self._cells.size - 1, len(self)))
@@ -205,13 +251,6 @@ class StokesTiles:
         response[:, 3::2] = even[:, first, second] / 2 @ cosine
         response[:, 4::2] = odd[:, first, second] / -2 @ sine
         return response
-
-
-def _with(point: Point, free: NDArray[np.intp], x: Values) -> Point:
-    """A point with other numbers, and no light more polarized than it can be."""
-    point = point.copy()
-    point[free] = x
-    return bounded(point)
 
 
 def _valid(stokes: StokesImages) -> NDArray[np.bool_]:
