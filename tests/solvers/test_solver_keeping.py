@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -45,19 +46,44 @@ class Planted:
         return os.mkdir, (str(self.trace),)
 
 
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the program: what is kept counts for this place of it alone."""
+    folder = tmp_path_factory.mktemp("program")
+    (folder / "kernel.py").write_text(KERNEL)
+    return folder
+
+
 @pytest.fixture
-def place(tmp_path: Path) -> Path:
+def place(tmp_path: Path, program: Path) -> Path:
     """A program, a folder for the cache and a home."""
-    for name in ("program", "cache", "home"):
+    (tmp_path / "program").symlink_to(program)
+    for name in ("cache", "home"):
         (tmp_path / name).mkdir()
-    (tmp_path / "program" / "kernel.py").write_text(KERNEL)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def kept_once(tmp_path_factory: pytest.TempPathFactory, program: Path) -> Path:
+    """A folder in which the program has kept its machine code."""
+    folder = tmp_path_factory.mktemp("kept")
+    (folder / "program").symlink_to(program)
+    (folder / "cache").mkdir()
+    assert run(folder)
+    return folder / "cache"
+
+
+@pytest.fixture
+def filled(place: Path, kept_once: Path) -> Path:
+    """The same after a run that compiled."""
+    shutil.copytree(kept_once, place / "cache", dirs_exist_ok=True)
+    return place
 
 
 def run(place: Path, *, home: str = "home", before: str = "") -> bool:
     """Whether a kernel was compiled by a program that keeps it in a folder that it is told."""
     own = {"NUMBA_CACHE_DIR": str(place / "cache"), "XDG_CACHE_HOME": str(place / home)}
-    command = [sys.executable, "-c", before + RUN.format(folder=str(place / "program"))]
+    command = [sys.executable, "-c", before + RUN.format(folder=str((place / "program").resolve()))]
     ran = subprocess.run(command, cwd=ROOT, env=os.environ | own, capture_output=True, text=True, check=True)
     assert ran.stderr == ""
     return ran.stdout.strip() == "doubled"
@@ -74,69 +100,66 @@ def plant(index: Path, trace: Path) -> None:
     index.write_bytes(pickle.dumps(version) + pickle.dumps(Planted(trace)))
 
 
-def test_what_was_planted_in_a_folder_of_our_own_would_be_run(place: Path) -> None:
-    assert run(place)
-    index = kept(place, "cache")[-1]
+def test_what_was_planted_in_a_folder_of_our_own_would_be_run(filled: Path) -> None:
+    index = kept(filled, "cache")[-1]
     assert index.suffix == ".nbi"
-    assert not run(place)
-    plant(index, place / "trace")
+    assert not run(filled)
+    plant(index, filled / "trace")
     with pytest.raises(subprocess.CalledProcessError):
-        run(place)
-    assert (place / "trace").is_dir()
+        run(filled)
+    assert (filled / "trace").is_dir()
 
 
 @pytest.mark.parametrize("mode", [0o757, 0o777, 0o1777])
-def test_from_a_folder_that_anyone_may_write_to_nothing_is_run(place: Path, mode: int) -> None:
-    assert run(place)
-    index = kept(place, "cache")[-1]
-    plant(index, place / "trace")
+def test_from_a_folder_that_anyone_may_write_to_nothing_is_run(filled: Path, mode: int) -> None:
+    index = kept(filled, "cache")[-1]
+    plant(index, filled / "trace")
     index.parent.chmod(mode)
     # Compiled again, and kept where nobody else may write.
-    assert [run(place), run(place)] == [True, False]
-    assert not (place / "trace").exists()
-    (folder,) = {path.parent for path in kept(place, "home")}
+    assert [run(filled), run(filled)] == [True, False]
+    assert not (filled / "trace").exists()
+    (folder,) = {path.parent for path in kept(filled, "home")}
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
 @as_root
 @pytest.mark.parametrize("what", ["folder", "index", "code"])
-def test_what_belongs_to_a_stranger_is_not_run(place: Path, what: str) -> None:
-    assert run(place)
-    code, index = kept(place, "cache")
+def test_what_belongs_to_a_stranger_is_not_run(filled: Path, what: str) -> None:
+    code, index = kept(filled, "cache")
     given = {"folder": index.parent, "index": index, "code": code}[what]
     if what == "code":
-        code.write_bytes(pickle.dumps(Planted(place / "trace")))
+        code.write_bytes(pickle.dumps(Planted(filled / "trace")))
     else:
-        plant(index, place / "trace")
+        plant(index, filled / "trace")
     os.chown(given, STRANGER, STRANGER)
-    assert [run(place), run(place)] == [True, False]
-    assert not (place / "trace").exists()
-    assert bool(kept(place, "home")) == (what == "folder")
+    assert [run(filled), run(filled)] == [True, False]
+    assert not (filled / "trace").exists()
+    assert bool(kept(filled, "home")) == (what == "folder")
 
 
 @as_root
-def test_who_owns_the_program_is_trusted(place: Path) -> None:
-    assert run(place)
-    for path in (place / "program" / "kernel.py", place / "cache", *(place / "cache").rglob("*")):
+def test_who_owns_the_program_is_trusted(filled: Path) -> None:
+    paths = [filled / "program" / "kernel.py", filled / "cache", *(filled / "cache").rglob("*")]
+    for path in paths:
         os.chown(path, STRANGER, STRANGER)
-    assert not run(place)
+    told = run(filled)
+    os.chown(paths[0], os.getuid(), os.getgid())
+    assert not told
 
 
 @pytest.mark.parametrize("home", ["file", "home"])
-def test_without_a_folder_of_one_s_own_kernels_are_compiled_every_time(place: Path, home: str) -> None:
-    assert run(place)
-    for path in kept(place, "cache"):
+def test_without_a_folder_of_one_s_own_kernels_are_compiled_every_time(filled: Path, home: str) -> None:
+    for path in kept(filled, "cache"):
         path.parent.chmod(0o777)
-    (place / "file").write_text("no folder")
-    assert [run(place, home=home), run(place, home=home)] == [True, home == "file"]
+    (filled / "file").write_text("no folder")
+    assert [run(filled, home=home), run(filled, home=home)] == [True, home == "file"]
 
 
-def test_what_cannot_be_read_is_compiled(place: Path) -> None:
-    assert run(place)
-    index = kept(place, "cache")[-1]
+def test_what_cannot_be_read_is_compiled(filled: Path) -> None:
+    index = kept(filled, "cache")[-1]
     index.unlink()
     index.mkdir()
-    assert [run(place), run(place)] == [True, True]
+    assert [run(filled), run(filled)] == [True, True]
 
 
 def test_on_a_full_disk_nothing_is_kept(place: Path) -> None:

@@ -1,8 +1,9 @@
 """Ghosts before polarized light by a capture's tiles: whether there are any, where they lie, and whose light it is.
 
-Tiles are asked (`StokesTiles`) at the panes in place that show what the capture shows, each with its ghosts anywhere,
-and at those that mean spectra find. The likeliest pane is taken, with the least and most usual polarized light that
-explains the tiles as well: of one layer rather than both, and of the mirrored one, as skies are, rather than a screen.
+Tiles are asked (`StokesTiles`) at the panes in place that show what the capture shows, each with its ghosts anywhere
+along its azimuth, at panes of any azimuth before two polarized layers, and at those that mean spectra find. The
+likeliest pane is taken, with the least and most usual polarized light that explains the tiles as well: of one layer
+rather than both, and of the mirrored one, as skies are, rather than a screen.
 """
 
 from __future__ import annotations
@@ -85,8 +86,6 @@ _SAME_PX, _SAME_DEG = 1.6, np.array([4.0, 8.0])
 """Shifts (px), and incidences and azimuths, that differ by less are one. Set by hand."""
 _LEAST_OFF_DEG = 4.0
 """How far from Brewster's angle its other side is looked at, at least. Set by hand."""
-
-
 _LAST_TURNS = 12
 """Turns in which the pane that is taken is moved to where all find it likeliest. Set by hand."""
 
