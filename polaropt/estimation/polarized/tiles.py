@@ -65,9 +65,12 @@ _STEPS = np.array([1.0, 0.5, 0.1, 0.01, 0.01, 0.02, 0.02])
 _SHOWN_STEPS = np.array([1.0, 0.5, 0.1, 0.005, 0.005, 0.01, 0.01])
 _LOW = np.array([LOWEST_DEG, -720, -40, *4 * [-0.995]])
 _HIGH = np.array([HIGHEST_DEG, 720, 40, *4 * [0.995]])
-_TURNS, _AT_REST = 4, 0.1
-"""In which the powers are fitted to the last pane, and the move, in steps, that ends them. Set by hand."""
+_TURNS, _TURNS_OF_CURVATURE, _AT_REST = 4, 2, 0.1
+"""In which the powers are fitted to the last pane, and that share a curvature; and the move, in steps, that ends them.
+Set by hand."""
 _PAIRS = ((0, 1), (0, 2), (1, 2))
+_APART = np.stack([np.eye(_N_IMAGES, k=-k).ravel() for k in range(_N_IMAGES)], axis=-1)
+"""Which pairs of images are so many steps apart, (pair, steps)."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +166,10 @@ class StokesTiles:
         beside : callable, optional
             From a point to what else speaks against points near it, which is added.
         """
-        for _ in range(turns if free.size else 0):
+        curvature: Values | None = None
+        for turn in range(turns if free.size else 0):
+            # That of a turn before does for the next ones.
+            curvature = None if turn % _TURNS_OF_CURVATURE == 0 else curvature
             powers = self._misfits(candidate.point, self._first_powers())[1]
             also = None if beside is None else beside(candidate.point)
 
@@ -171,18 +177,24 @@ class StokesTiles:
                 tiles = float(self._misfits(point, powers, _ROUNDS)[0].sum())
                 return tiles if also is None else tiles + also(point)
 
-            moved, step = self._moved(candidate, free, misfit, True)
+            moved, step, curvature = self._moved(candidate, free, misfit, True, curvature)
             if not step:
-                moved, step = self._moved(candidate, free, misfit, False)
+                moved, step, _ = self._moved(candidate, free, misfit, False)
+                curvature = None
             candidate = moved
             if step < _AT_REST:
                 break
         return self.fitted(candidate)
 
     def _moved(
-        self, candidate: Candidate, free: NDArray[np.intp], misfit: Against, by_shown: bool
-    ) -> tuple[Candidate, float]:
-        """A candidate after a Newton step, and its length in usual steps."""
+        self,
+        candidate: Candidate,
+        free: NDArray[np.intp],
+        misfit: Against,
+        by_shown: bool,
+        curvature: Values | None = None,
+    ) -> tuple[Candidate, float, Values]:
+        """A candidate after a Newton step, its length in usual steps, and the curvature it was made with."""
         start = coordinates_of(candidate.point, self._asked) if by_shown else candidate.point
 
         def point_at(x: Values) -> Point:
@@ -193,9 +205,9 @@ class StokesTiles:
         all_steps = _SHOWN_STEPS if by_shown else _STEPS
         at, steps, low, high = (part[free] for part in (start, all_steps, _LOW, _HIGH))
         box = Box(np.clip(at, low + steps, high - steps), steps, low, high)
-        step = box.newton(lambda x: misfit(point_at(x)))
+        step = box.newton(lambda x: misfit(point_at(x)), curvature)
         length = float(np.max(np.abs(step.point - at) / steps))
-        return replace(candidate, point=point_at(step.point)), length
+        return replace(candidate, point=point_at(step.point)), length, step.curvature
 
     def of_shifts(self, point: Point, shifts: Values) -> Values:
         """Minus log likelihood of all tiles where the ghosts of a point lie elsewhere, (shift,)."""
@@ -243,7 +255,8 @@ class StokesTiles:
         images /= np.linalg.norm(images.sum(axis=-1), axis=-1)[:, None, None]
         images = images if shift else images.sum(axis=-1, keepdims=True)
         # Of the images of a layer (component, image) what those so many steps apart have in common.
-        products = np.stack([images[..., k:] @ images[..., : len(lags) - k].swapaxes(1, 2) for k in lags], axis=-1)
+        pairs = images[:, :, None, :, None] * images[:, None, :, None, :]
+        products = pairs.reshape(2, 3, 3, -1) @ (_APART if shift else np.ones((1, 1)))
         even, odd = products + products.swapaxes(1, 2), products - products.swapaxes(1, 2)
         first, second = np.array(_PAIRS).T
         response = np.empty((2, 9, self._columns.size))
