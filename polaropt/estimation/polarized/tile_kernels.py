@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.estimation.flat.windows.tile_kernels import LOG_OF, add_logs
+from polaropt.estimation.flat.windows.tile_kernels import add_logs
 from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
@@ -96,25 +96,25 @@ def stokes_tile_misfits(
         most = max(most, cells[cell + 1] - cells[cell])
     # All tiles side by side, in arrays that begin with the first: so the loops over them vectorize.
     count = stop - start
-    ps, qs, totals = np.empty(count), np.empty(count), np.zeros(count)
-    of_data, sums = np.empty((most, 6, count)), np.empty((4, count))
-    volumes, distances = np.ones(count), np.ones(count)
+    ps, qs, totals = np.empty(count), np.empty(count), np.zeros((2, count))
+    of_data, sums = np.zeros((most, 6, count)), np.empty((4, count))
+    volumes, distances = np.empty((most, count)), np.empty((most, count))
     for cell in range(cells.size - 1):
         first, last = cells[cell], cells[cell + 1]
-        ps[:], qs[:] = powers[0, cell, start:stop], powers[1, cell, start:stop]
+        for t in range(count):
+            ps[t], qs[t] = powers[0, cell, start + t], powers[1, cell, start + t]
         for f in range(first, last):
-            d = of_data[f - first]
             for k in range(6):
-                products = d[k]
+                products = of_data[f - first, k]
                 products[:] = 0.0
                 for i in range(3 if k == 5 else 9):
-                    m, seen = 1.0 if k == 5 else adjugates[k, i, f], data[i, f, start:stop]
+                    m = 1.0 if k == 5 else adjugates[k, i, f]
                     for t in range(count):
-                        products[t] += m * seen[t]
-        for _ in range(rounds):
+                        products[t] += m * data[i, f, np.uint64(start + t)]
+        for left in range(rounds, -1, -1):
             sums[:] = 0.0
             for f in range(first, last):
-                d, m = of_data[f - first], multiplicity[f]
+                d, volume, far, m = of_data[f - first], volumes[f - first], distances[f - first], multiplicity[f]
                 c0, c1, c2, c3, c4 = c[0, f], c[1, f], c[2, f], c[3, f], c[4, f]
                 c5, c6, c7, c8 = c[5, f], c[6, f], c[7, f], c[8, f]
                 for t in range(count):
@@ -124,34 +124,23 @@ def stokes_tile_misfits(
                     square = (p * (d_p + d[3, t]) + q * (d_q + d[4, t])) / 2 + d[5, t]
                     by_p = c3 + q * (c2 + q * c8) + p * (2 * c0 + 3 * p * c5 + 2 * q * c7)
                     by_q = c4 + p * (c2 + p * c7) + q * (2 * c1 + 3 * q * c6 + 2 * p * c8)
-                    determinant = (
-                        1 + p * (c3 + p * (c0 + p * c5 + q * c7)) + q * (c4 + q * (c1 + q * c6 + p * c8) + p * c2)
-                    )
-                    inverse = 1 / determinant
+                    linear = c4 + q * (c1 + q * c6 + p * c8) + p * c2
+                    volume[t] = 1 + p * (c3 + p * (c0 + p * c5 + q * c7)) + q * linear
+                    inverse = 1 / volume[t]
                     distance, scale = square * inverse, m * inverse
-                    surprise = scale * (freedom + 3.0) / (freedom + max(distance, 0.0))
+                    far[t] = freedom + max(distance, 0.0)
+                    surprise = scale * (freedom + 3.0) / far[t]
                     sums[0, t] += (distance * by_p - d_p) * surprise
                     sums[1, t] += (distance * by_q - d_q) * surprise
                     sums[2, t] += by_p * scale
                     sums[3, t] += by_q * scale
-            for t in range(count):
-                ps[t] *= max(sums[0, t] / sums[2, t], least)
-                qs[t] *= max(sums[1, t] / sums[3, t], least)
-        taken = 0
-        for f in range(first, last):
-            d, m = of_data[f - first], multiplicity[f]
-            c0, c1, c2, c3, c4 = c[0, f], c[1, f], c[2, f], c[3, f], c[4, f]
-            c5, c6, c7, c8 = c[5, f], c[6, f], c[7, f], c[8, f]
-            for t in range(count):
-                p, q = ps[t], qs[t]
-                square = p * (p * d[0, t] + q * d[2, t] + d[3, t]) + q * (q * d[1, t] + d[4, t]) + d[5, t]
-                determinant = 1 + p * (c3 + p * (c0 + p * c5 + q * c7)) + q * (c4 + q * (c1 + q * c6 + p * c8) + p * c2)
-                volumes[t] *= determinant
-                distances[t] *= freedom + max(square / determinant, 0.0)
-            taken += 1
-            if taken == LOG_OF or f + 1 == last or multiplicity[f + 1] != m:
-                add_logs(volumes, m, totals)
-                add_logs(distances, m * (freedom + 3.0), totals)
-                taken = 0
-        powers[0, cell, start:stop], powers[1, cell, start:stop] = ps, qs
-    out[start:stop] = totals
+            if left > 0:
+                for t in range(count):
+                    ps[t] *= max(sums[0, t] / sums[2, t], least)
+                    qs[t] *= max(sums[1, t] / sums[3, t], least)
+        add_logs(volumes, first, last, multiplicity, totals[0])
+        add_logs(distances, first, last, multiplicity, totals[1])
+        for t in range(count):
+            powers[0, cell, start + t], powers[1, cell, start + t] = ps[t], qs[t]
+    for t in range(count):
+        out[start + t] = totals[0, t] + (freedom + 3.0) * totals[1, t]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.ahead import Call
-from solvers.kernels import compiled, inlined
+from solvers.kernels import compiled
 
 Array = NDArray[Any]
 
@@ -17,12 +17,23 @@ LOG_OF = 4
 and 1e38, so that none of the products overflows. Set by hand."""
 
 
-@inlined
-def add_logs(products: Array, weight: float, totals: Array) -> None:
-    """Weighted logarithms of products added to `totals`, and the products begun anew."""
-    for t in range(products.size):
-        totals[t] += weight * np.log(products[t])
-        products[t] = 1.0
+@compiled
+def add_logs(values: Array, first: int, last: int, multiplicity: Array, totals: Array) -> None:
+    """Sum of logarithms of values (n, tile) of frequencies first..last, each as often as it counts, added to `totals`.
+
+    Of some that count alike the product's logarithm is taken.
+    """
+    products, taken = np.ones(totals.size), 0
+    for f in range(first, last):
+        value, m = values[f - first], multiplicity[f]
+        for t in range(totals.size):
+            products[t] *= value[t]
+        taken += 1
+        if taken == LOG_OF or f + 1 == last or multiplicity[f + 1] != m:
+            for t in range(totals.size):
+                totals[t] += m * np.log(products[t])
+                products[t] = 1.0
+            taken = 0
 
 
 @compiled
@@ -72,65 +83,49 @@ def tile_misfits(
         most = max(most, cells[cell + 1] - cells[cell])
     # All tiles side by side, in arrays that begin with the first: so the loops over them vectorize.
     count = stop - start
-    ps, qs, totals = np.empty(count, np.float32), np.empty(count, np.float32), np.zeros(count)
+    ps, qs, totals = np.empty(count, np.float32), np.empty(count, np.float32), np.zeros((2, count))
     of_data, sums = np.empty((most, 3, count), np.float32), np.empty((4, count), np.float32)
-    volumes, distances = np.ones(count), np.ones(count)
+    volumes, distances = np.empty((most, count), np.float32), np.empty((most, count), np.float32)
     for cell in range(cells.size - 1):
         first, last = cells[cell], cells[cell + 1]
-        ps[:], qs[:] = powers[0, cell, start:stop], powers[1, cell, start:stop]
+        for t in range(count):
+            ps[t], qs[t] = powers[0, cell, start + t], powers[1, cell, start + t]
         for f in range(first, last):
-            d, a0, a1, a2, a3, b0, b1, b2, b3 = (
-                of_data[f - first], a[0, f], a[1, f], a[2, f], a[3, f], b[0, f], b[1, f], b[2, f], b[3, f]
-            )  # fmt: skip
-            e0, e1, e2, e3 = (
-                data[0, f, start:stop],
-                data[1, f, start:stop],
-                data[2, f, start:stop],
-                data[3, f, start:stop],
-            )
             for t in range(count):
-                d0, d1, d2, d3 = e0[t], e1[t], e2[t], e3[t]
-                d[0, t] = a0 * d1 + a1 * d0 - two * (a2 * d2 + a3 * d3)
-                d[1, t] = b0 * d1 + b1 * d0 - two * (b2 * d2 + b3 * d3)
-                d[2, t] = n0 * d1 + n1 * d0 - two * n2 * d2
-        for _ in range(rounds):
+                tile = np.uint64(start + t)
+                d0, d1, d2, d3 = data[0, f, tile], data[1, f, tile], data[2, f, tile], data[3, f, tile]
+                of_data[f - first, 0, t] = a[0, f] * d1 + a[1, f] * d0 - two * (a[2, f] * d2 + a[3, f] * d3)
+                of_data[f - first, 1, t] = b[0, f] * d1 + b[1, f] * d0 - two * (b[2, f] * d2 + b[3, f] * d3)
+                of_data[f - first, 2, t] = n0 * d1 + n1 * d0 - two * n2 * d2
+        for left in range(rounds, -1, -1):
             sums[:] = zero
             for f in range(first, last):
-                d, m = of_data[f - first], multiplicity[f]
+                d, volume, far, m = of_data[f - first], volumes[f - first], distances[f - first], multiplicity[f]
                 f_aa, f_bb, f_ab, f_an, f_bn = aa[f], bb[f], ab[f], an[f], bn[f]
                 for t in range(count):
                     p, q = ps[t], qs[t]
                     by_p = p * f_aa + q * f_ab + f_an
                     by_q = q * f_bb + p * f_ab + f_bn
-                    inverse = one / (half * (p * (by_p + f_an) + q * (by_q + f_bn) + nn))
+                    volume[t] = half * (p * (by_p + f_an) + q * (by_q + f_bn) + nn)
+                    inverse = one / volume[t]
                     distance = (p * d[0, t] + q * d[1, t] + d[2, t]) * inverse
+                    far[t] = freedom + distance
                     scale = m * inverse
-                    surprise = scale * (freedom + two) / (freedom + distance)
+                    surprise = scale * (freedom + two) / far[t]
                     sums[0, t] += (distance * by_p - d[0, t]) * surprise
                     sums[1, t] += (distance * by_q - d[1, t]) * surprise
                     sums[2, t] += by_p * scale
                     sums[3, t] += by_q * scale
-            for t in range(count):
-                ps[t] *= max(sums[0, t] / sums[2, t], least)
-                qs[t] *= max(sums[1, t] / sums[3, t], least)
-        taken = 0
-        for f in range(first, last):
-            d, m = of_data[f - first], multiplicity[f]
-            f_aa, f_bb, f_ab, f_an, f_bn = aa[f], bb[f], ab[f], an[f], bn[f]
-            for t in range(count):
-                p, q = ps[t], qs[t]
-                by_p = p * f_aa + q * f_ab + f_an
-                by_q = q * f_bb + p * f_ab + f_bn
-                volume = half * (p * (by_p + f_an) + q * (by_q + f_bn) + nn)
-                volumes[t] *= volume
-                distances[t] *= freedom + (p * d[0, t] + q * d[1, t] + d[2, t]) / volume
-            taken += 1
-            if taken == LOG_OF or f + 1 == last or multiplicity[f + 1] != m:
-                add_logs(volumes, m, totals)
-                add_logs(distances, m * (freedom + two), totals)
-                taken = 0
-        powers[0, cell, start:stop], powers[1, cell, start:stop] = ps, qs
-    out[start:stop] = totals
+            if left > 0:
+                for t in range(count):
+                    ps[t] *= max(sums[0, t] / sums[2, t], least)
+                    qs[t] *= max(sums[1, t] / sums[3, t], least)
+        add_logs(volumes, first, last, multiplicity, totals[0])
+        add_logs(distances, first, last, multiplicity, totals[1])
+        for t in range(count):
+            powers[0, cell, start + t], powers[1, cell, start + t] = ps[t], qs[t]
+    for t in range(count):
+        out[start + t] = totals[0, t] + (freedom + two) * totals[1, t]
 
 
 def first_calls() -> list[Call]:
