@@ -241,7 +241,7 @@ class Sure(Unsure):
 
 def test_tiles_move_a_pane_to_where_its_ghosts_lie() -> None:
     beside = moved(TRUE, incidence=66.0, shift=5.9)
-    point = likeliest_near(tiles_of(SHOWN), BLIND, beside, Sure()).point
+    point = likeliest_near(tiles_of(SHOWN), BLIND, beside, Unsure()).point
     assert abs(point[0] - 60.0) < 2.5
     assert abs(point[SHIFT] - 6.3) < 0.1
 
