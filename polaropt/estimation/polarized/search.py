@@ -7,8 +7,8 @@ Q. H. Vuong, Likelihood ratio tests for model selection and non-nested hypothese
 The directions of the two Stokes vectors (`Mixture`) leave a handful of panes that show them in place (`candidates`).
 Single tiles tell whether there are ghosts, and where (`ghosts_told`). Of panes that have them there the one is taken
 that explains the capture best, with the least polarized light that does: by coarse light (`closely`), unless tiles
-refuse it (`settled`), where tiles find it likeliest (`likeliest_near`). Without ghosts what is likely of panes and
-light beforehand decides between those that show the same (`panes_alike`).
+refuse it (`settled`), where both together find it likeliest (`likeliest_near`). Without ghosts what is likely of panes
+and light beforehand decides between those that show the same (`panes_alike`).
 """
 
 from __future__ import annotations
