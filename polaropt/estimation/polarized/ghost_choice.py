@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.estimation.polarized.light import (
-    AZIMUTH,
     HIGHEST_DEG,
     INCIDENCE,
     LOWEST_DEG,
@@ -31,7 +30,9 @@ from polaropt.estimation.polarized.light import (
     free_numbers,
     point_showing,
     shown_by,
+    with_one_polarized,
 )
+from polaropt.estimation.polarized.likelihood import ghost_step
 from polaropt.estimation.polarized.tiles import StokesTiles, TileFit
 from polaropt.optics import GHOST_SHIFT_SEARCH_PX, SceneParameters, brewster_angle_deg
 
@@ -63,9 +64,9 @@ _SHIFTS: Values = np.concatenate([np.arange(-GHOST_SHIFT_SEARCH_PX, 0), np.arang
 """Shifts that are looked at along the azimuth, in pixels: one apart, all that are searched."""
 _PLACES_DEG = (35.0, 60.0)
 """Incidences at which ghosts are looked for in any direction: one at least is near enough. By trial."""
-_HOPELESS_PAIR, _MOST_PLACES = 300.0, 4
-"""Misfit by which two vectors may be worse at few places for all places to be looked at, and places that are looked at
-closely. Set by hand."""
+_HOPELESS_PAIR, _LIKELIEST, _MOST_PLACES = 300.0, 16, 4
+"""Misfit by which two vectors may be worse at few places for all places to be looked at, the likeliest of these, and of
+them, without neighbours, those that are looked at closely. Set by hand."""
 
 
 def _half_plane(step: float) -> Values:
@@ -246,7 +247,7 @@ def _likely_places(tiles: StokesTiles, vectors: Sequence[Values], asked: ScenePa
         if glance < min(glances) + _HOPELESS_PAIR:
             points = _points(*pair, asked, _PLACES)
             misfits = tiles.of_points(points)
-            order = np.argsort(misfits)[: 4 * _MOST_PLACES]
+            order = np.argsort(misfits)[:_LIKELIEST]
             found += [(float(misfits[i]), Candidate(points[i], True, True)) for i in order]
     kept: list[Candidate] = []
     for _, candidate in sorted(found, key=lambda place: place[0]):
@@ -265,12 +266,8 @@ def _points(incidence_deg: float, shown: Values, asked: SceneParameters, places:
 
 def _same_place(one: Candidate, other: Candidate) -> bool:
     """Whether two panes of one incidence have their ghosts close by."""
-    places = [
-        pane.point[SHIFT] * np.array([math.cos(azimuth), math.sin(azimuth)])
-        for pane in (one, other)
-        for azimuth in [math.radians(float(pane.point[AZIMUTH]))]
-    ]
-    near = min(math.hypot(*(places[0] - places[1])), math.hypot(*(places[0] + places[1]))) < 2 * _SAME_PX
+    first, second = (np.array(ghost_step(pane.point, float(pane.point[SHIFT]))) for pane in (one, other))
+    near = min(math.hypot(*(first - second)), math.hypot(*(first + second))) < 2 * _SAME_PX
     return near and one.point[INCIDENCE] == other.point[INCIDENCE]
 
 
@@ -326,17 +323,10 @@ def _alike(fits: Sequence[TileFit], asked: SceneParameters) -> list[Candidate]:
         if _single(candidate):
             starts.append(replace(candidate, transmission=True, reflection=True))
         else:
-            starts += [_with_one_polarized(candidate, part) for part in (OF_TRANSMISSION, OF_REFLECTION)]
+            starts += [with_one_polarized(candidate.point, part) for part in (OF_TRANSMISSION, OF_REFLECTION)]
         if asked.incidence_deg is None:
             starts.append(_beyond_brewster(candidate, asked))
     return starts
-
-
-def _with_one_polarized(candidate: Candidate, part: slice) -> Candidate:
-    """The same pane before unpolarized light of the other layer."""
-    point = candidate.point.copy()
-    point[OF_REFLECTION if part is OF_TRANSMISSION else OF_TRANSMISSION] = 0
-    return Candidate(point, part is OF_TRANSMISSION, part is OF_REFLECTION)
 
 
 def _beyond_brewster(candidate: Candidate, asked: SceneParameters) -> Candidate:

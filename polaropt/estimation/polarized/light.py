@@ -120,6 +120,13 @@ def candidates(vectors: Values, asked: SceneParameters) -> list[Candidate]:
     return found
 
 
+def with_one_polarized(point: Point, part: slice) -> Candidate:
+    """The pane at a point with polarized light in one layer, one of `OF_TRANSMISSION` and `OF_REFLECTION`, alone."""
+    point, behind = point.copy(), part == OF_TRANSMISSION
+    point[OF_REFLECTION if behind else OF_TRANSMISSION] = 0
+    return Candidate(point, behind, not behind)
+
+
 def bounded(point: Point) -> Point:
     """With no light more polarized than it can be."""
     point = point.copy()
@@ -151,10 +158,16 @@ def degrees_mirrored(asked: SceneParameters) -> tuple[Values, Values]:
     return _GRID_DEG, _degrees(1, asked)
 
 
+@lru_cache(maxsize=8)
 def _degrees(layer: int, asked: SceneParameters) -> Values:
-    """Degree of polarization that a layer's unpolarized light shows at the incidences of the grid."""
+    """Degree of polarization that a layer's unpolarized light shows at the incidences of the grid.
+
+    Asked of every candidate; not to be written to.
+    """
     gains = np.array([in_place(pane_light(float(x), asked))[layer, :2] for x in _GRID_DEG])
-    return np.asarray(np.abs(gains[:, 0] - gains[:, 1]) / gains.sum(axis=1))
+    degrees = np.asarray(np.abs(gains[:, 0] - gains[:, 1]) / gains.sum(axis=1))
+    degrees.flags.writeable = False
+    return degrees
 
 
 def _root(x: Values, values: Values) -> float | None:

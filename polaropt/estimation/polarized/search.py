@@ -45,6 +45,7 @@ from polaropt.estimation.polarized.light import (
     point_showing,
     scene_at,
     shown_by,
+    with_one_polarized,
 )
 from polaropt.estimation.polarized.likelihood import Levels, PolarizedLikelihood
 from polaropt.estimation.polarized.mixing import Mixture
@@ -193,11 +194,8 @@ class Search:
 
     def with_one_polarized(self, found: ScoredCandidate) -> ScoredCandidate:
         """The same with polarized light in one layer, whichever suits better."""
-        ones = []
-        for part in (OF_TRANSMISSION, OF_REFLECTION):
-            point = found.candidate.point.copy()
-            point[part] = 0
-            ones.append(self.finely(Candidate(point, part != OF_TRANSMISSION, part != OF_REFLECTION)))
+        point = found.candidate.point
+        ones = [self.finely(with_one_polarized(point, part)) for part in (OF_REFLECTION, OF_TRANSMISSION)]
         return min(ones, key=lambda one: one.score)
 
     def finished(self, candidate: Candidate) -> ScoredCandidate:

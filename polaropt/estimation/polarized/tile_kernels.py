@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.estimation.flat.windows.tile_kernels import add_logs
+from polaropt.estimation.flat.windows.tile_kernels import add_logs, step_powers
 from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
@@ -135,9 +135,7 @@ def stokes_tile_misfits(
                     sums[2, t] += by_p * scale
                     sums[3, t] += by_q * scale
             if left > 0:
-                for t in range(count):
-                    ps[t] *= max(sums[0, t] / sums[2, t], least)
-                    qs[t] *= max(sums[1, t] / sums[3, t], least)
+                step_powers(ps, qs, sums, least)
         add_logs(volumes, first, last, multiplicity, totals[0])
         add_logs(distances, first, last, multiplicity, totals[1])
         for t in range(count):

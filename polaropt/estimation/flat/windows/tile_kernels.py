@@ -37,6 +37,14 @@ def add_logs(values: Array, first: int, last: int, multiplicity: Array, totals: 
 
 
 @compiled
+def step_powers(ps: Array, qs: Array, sums: Array, least: Any) -> None:
+    """A multiplicative step of both layers' powers (tile,), by what speaks for more of each and for less, (4, tile)."""
+    for t in range(ps.size):
+        ps[t] *= max(sums[0, t] / sums[2, t], least)
+        qs[t] *= max(sums[1, t] / sums[3, t], least)
+
+
+@compiled
 def tile_misfits(
     response: Array,
     noise: Array,
@@ -117,9 +125,7 @@ def tile_misfits(
                     sums[2, t] += by_p * scale
                     sums[3, t] += by_q * scale
             if left > 0:
-                for t in range(count):
-                    ps[t] *= max(sums[0, t] / sums[2, t], least)
-                    qs[t] *= max(sums[1, t] / sums[3, t], least)
+                step_powers(ps, qs, sums, least)
         add_logs(volumes, first, last, multiplicity, totals[0])
         add_logs(distances, first, last, multiplicity, totals[1])
         for t in range(count):
