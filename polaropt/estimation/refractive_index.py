@@ -206,8 +206,8 @@ class _IndexSearch:
         if not self._stokes.aliased:
             by_gradients = _index_by_gradients(plate_frame(self._stokes, taken.scene.values()[1]), taken.scene)
         index = taken.index
-        if by_gradients is not None and by_gradients.told.sure and by_gradients.told.error < error:
-            index, error = by_gradients.told.index, by_gradients.told.error
+        if by_gradients is not None and by_gradients.sure and by_gradients.error < error:
+            index, error = by_gradients.index, by_gradients.error
         found = self._whole.replace(refractive_index=index)
         if index != GLASS_INDEX:
             found = clear_pane(found, index)
@@ -363,32 +363,35 @@ single clear panes to fit on (`studies.random_windows`, even seeds to 954) 50 wh
 2.8, and of 15 of which it was told wrongly by 0.05 and more seven gain 5.8 to 72."""
 
 
+_PROMISING = 0.5
+"""Share of the gain asked for that the likeliest of a few indices, with a parabola through its neighbours, must promise
+to be looked at closely. Set by hand."""
+
+
 def _told_by_gradients(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex | None:
     """What gradients in small windows tell of an index beside the one that was told, of a single clear pane."""
-    found = _index_by_gradients(frame, scene)
-    if found is None or not found.told.sure or found.gain < _LEAST_GAIN_BY_GRADIENTS:
-        return None
-    return found.told
+    found = _index_by_gradients(frame, scene, _LEAST_GAIN_BY_GRADIENTS)
+    return found if found is not None and found.sure else None
 
 
-@dataclass(frozen=True)
-class _ByGradients:
-    """The index that gradients tell, and how much likelier it is than the one of the scene that they were asked of."""
+def _index_by_gradients(
+    frame: PlateFrame, scene: SceneParameters, least_gain: float = -math.inf
+) -> LikelierIndex | None:
+    """The likeliest index of a single clear pane given gradients in small windows; None where they tell nothing.
 
-    told: LikelierIndex
-    gain: float
-
-
-def _index_by_gradients(frame: PlateFrame, scene: SceneParameters) -> _ByGradients | None:
-    """The likeliest index of a single clear pane given gradients in small windows; None where they tell nothing."""
+    Nor is one told that gains less than so much over the scene's, in log likelihood.
+    """
     least, most = _TELLING_DEG
     if not least <= scene.values()[0] <= most or noise_of_mirrored(frame, scene) > _SHOWN_NOISE:
         return None
     low, high = INDEX_SEARCH
-    indices = np.arange(low, high + _INDEX_STEP / 2, _INDEX_STEP).tolist()
     search = _IndexGradients(frame, scene)
-    best = search.nearest(min(indices, key=search.cost))
-    gain = search.cost(scene.index) - search.cost(best)
+    start, promise = search.glanced()
+    if promise < _PROMISING * least_gain:
+        return None
+    best = search.nearest(start)
+    if search.cost(scene.index) - search.cost(best) < least_gain:
+        return None
     # Ghosts are brought into place as they are before the likelier pane.
     for _ in range(_ROUNDS if scene.has_ghosts else 0):
         search = _IndexGradients(frame, scene.replace(refractive_index=best, incidence_deg=search.incidence(best)))
@@ -399,7 +402,7 @@ def _index_by_gradients(frame: PlateFrame, scene: SceneParameters) -> _ByGradien
     curvature = (lower + upper - 2 * here) / _INDEX_STEP**2
     error = math.hypot(_INDEX_TOLERANCE, 1 / math.sqrt(curvature)) if curvature > 0 else math.inf
     inside = low + _INDEX_STEP / 2 < best < high - _INDEX_STEP / 2
-    return _ByGradients(LikelierIndex(best, error, sure=inside and error < _TOLD_WITHIN), gain)
+    return LikelierIndex(best, error, sure=inside and error < _TOLD_WITHIN)
 
 
 class _IndexGradients:
@@ -420,6 +423,16 @@ class _IndexGradients:
     def cost(self, index: float) -> float:
         """Minus log likelihood of an index."""
         return self._gradients.cost(self.incidence(index), index)
+
+    def glanced(self) -> tuple[float, float]:
+        """The likeliest of a few indices, and about what one near it gains over the one of the scene."""
+        low, high = INDEX_SEARCH
+        indices = np.arange(low, high + _INDEX_STEP / 2, _INDEX_STEP)
+        costs = np.array([self.cost(index) for index in indices.tolist()])
+        best = min(max(int(np.argmin(costs)), 1), len(costs) - 2)
+        before, here, after = costs[best - 1 : best + 2].tolist()
+        least = min(costs.min(), here - (before - after) / 4 * vertex(before, here, after))
+        return float(indices[np.argmin(costs)]), self.cost(self._scene.index) - float(least)
 
     def nearest(self, index: float) -> float:
         """The likeliest index near one."""

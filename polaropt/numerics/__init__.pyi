@@ -10,6 +10,7 @@ __all__ = [
     "Box",
     "Members",
     "arrays_apart",
+    "bilinear_transfer",
     "block_mean",
     "block_shares",
     "column_multiplicity",
@@ -49,6 +50,7 @@ __all__ = [
     "vertex",
     "whole_blocks",
     "wiener_spectra",
+    "windowed_spectra",
 ]
 
 from .aliases import AliasGroups as AliasGroups
@@ -93,6 +95,7 @@ from .robust import quietest_combination as quietest_combination
 from .robust import robust_spread as robust_spread
 from .robust import second_differences as second_differences
 from .spectrum import NATURAL_POWER_LAW as NATURAL_POWER_LAW
+from .spectrum import bilinear_transfer as bilinear_transfer
 from .spectrum import column_multiplicity as column_multiplicity
 from .spectrum import each_plane as each_plane
 from .spectrum import frequencies as frequencies
@@ -101,3 +104,4 @@ from .spectrum import hann_window as hann_window
 from .spectrum import natural_frequencies as natural_frequencies
 from .spectrum import squared_frequencies as squared_frequencies
 from .spectrum import tukey_window as tukey_window
+from .spectrum import windowed_spectra as windowed_spectra

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solvers.kernels import in_blocks
+
+Array = NDArray[Any]
+Values = NDArray[np.float64]
 
 
 def frequencies(height: int, width: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -60,6 +64,57 @@ def hann_autocorrelation(lag: NDArray[np.float64]) -> NDArray[np.float64]:
     lag = np.minimum(np.abs(lag), 1)
     bulk: NDArray[np.float64] = (1 - lag) * (2 + np.cos(2 * np.pi * lag)) / 3
     return bulk + np.sin(2 * np.pi * lag) / (2 * np.pi)
+
+
+def windowed_spectra(images: Array, window: Array) -> NDArray[np.complexfloating[Any, Any]]:
+    """Spectra (..., h, w // 2 + 1) of images (..., h, w) under a window, by way of their gradients.
+
+    Under a window every frequency is mixed with those beside it. Of photographs the lower ones have more power: all of
+    them would be taken for lower than they are, and shifts between images for smaller. Gradients have about the same
+    power at all. What is constant is left out.
+
+    Parameters
+    ----------
+    images : ndarray, shape (..., h, w)
+    window : ndarray, shape (h, w)
+        Next to zero in the last row and column.
+    """
+    from scipy.fft import rfft2
+
+    height, width = images.shape[-2:]
+    rows, columns = frequencies(height, width)
+    down, right = np.exp(1j * rows) - 1, np.exp(1j * columns) - 1
+    gradients = np.zeros((2, *images.shape), images.dtype)
+    np.subtract(images[..., 1:, :], images[..., :-1, :], out=gradients[0, ..., :-1, :])
+    np.subtract(images[..., 1:], images[..., :-1], out=gradients[1, ..., :-1])
+    gradients *= window
+    of_down, of_right = rfft2(gradients)
+    size = np.abs(down) ** 2 + np.abs(right) ** 2
+    size[0, 0] = 1
+    spectra = of_down * (down.conj() / size).astype(of_down.dtype)
+    spectra += of_right * (right.conj() / size).astype(of_down.dtype)
+    return np.asarray(spectra)
+
+
+def bilinear_transfer(right: Array, down: Array, columns: Values, rows: Values) -> NDArray[np.complex128]:
+    """What bilinear interpolation makes of a picture's spectrum that is brought so far to the right and down.
+
+    Parameters
+    ----------
+    right, down : ndarray, shape (shift,)
+        In pixels.
+    columns, rows : ndarray, shape (n,)
+        Angular frequencies per pixel.
+
+    Returns
+    -------
+    ndarray of complex, shape (shift, n)
+    """
+    (whole_right, part_right), (whole_down, part_down) = (np.divmod(shift[:, None], 1) for shift in (right, down))
+    transfer = np.exp(-1j * (whole_right * columns + whole_down * rows))
+    transfer *= 1 + part_right * (np.exp(-1j * columns) - 1)
+    transfer *= 1 + part_down * (np.exp(-1j * rows) - 1)
+    return np.asarray(transfer)
 
 
 def tukey_window(inside: int, before: int, after: int) -> NDArray[np.float64]:

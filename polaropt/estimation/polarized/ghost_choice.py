@@ -87,7 +87,7 @@ _SAME_PX, _SAME_DEG = 1.6, np.array([4.0, 8.0])
 """Shifts (px), and incidences and azimuths, that differ by less are one. Set by hand."""
 _LEAST_OFF_DEG = 4.0
 """How far from Brewster's angle its other side is looked at, at least. Set by hand."""
-_LAST_TURNS, _WEIGHT_OF_COARSE = 12, 0.3
+_LAST_TURNS, _WEIGHT_OF_COARSE = 12, 0.1
 """Turns in which the pane that is taken is moved to where all find it likeliest, set by hand; and what a unit of log
 likelihood of coarse light counts there, of tiles 1, where the light of one layer is polarized. By the transmissions of
 79 random windows to fit on (even seeds from 20000 to 21898, 192 and 256 px) and of the scenes of `studies.model_ladder`

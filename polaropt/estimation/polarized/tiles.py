@@ -37,7 +37,14 @@ from polaropt.estimation.polarized.light import (
     pane_light,
     point_of,
 )
-from polaropt.numerics import Box, hann_autocorrelation, hann_window, opponent_basis
+from polaropt.numerics import (
+    Box,
+    bilinear_transfer,
+    hann_autocorrelation,
+    hann_window,
+    opponent_basis,
+    windowed_spectra,
+)
 from polaropt.optics import SceneParameters, frame_matrix
 from solvers.kernels import in_blocks
 
@@ -69,8 +76,8 @@ _TURNS, _TURNS_OF_CURVATURE, _AT_REST = 4, 2, 0.1
 """In which the powers are fitted to the last pane, and that share a curvature; and the move, in steps, that ends them.
 Set by hand."""
 _PAIRS = ((0, 1), (0, 2), (1, 2))
-_APART = np.stack([np.eye(_N_IMAGES, k=-k).ravel() for k in range(_N_IMAGES)], axis=-1)
-"""Which pairs of images are so many steps apart, (pair, steps)."""
+_IMAGE_PAIRS = np.tril_indices(_N_IMAGES)
+"""The later and the earlier of every two images."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +113,6 @@ class StokesTiles:
     """
 
     def __init__(self, stokes: StokesImages, asked: SceneParameters) -> None:
-        from scipy.fft import rfft2
-
         self._asked = asked
         height, width = stokes.images.shape[-2:]
         self._side = side = min(TILE_PX, height, width)
@@ -124,14 +129,13 @@ class StokesTiles:
         self._n_colours = stokes.images.shape[1]
         window = np.outer(hann_window(side), hann_window(side))
         window /= np.sqrt(np.sum(window**2))
-        share, basis = window / window.sum(), opponent_basis(self._n_colours)
+        basis = opponent_basis(self._n_colours)
         tiles = []
         corners = tile_corners(_valid(stokes), side)
         for top, left in corners[:: math.ceil(len(corners) / _MOST_TILES)]:
             part = stokes.images[..., top : top + side, left : left + side]
             part = np.einsum("ij,dc,jcyx->diyx", self._whiten, basis, part)
-            mean = np.einsum("diyx,yx->di", part, share)[..., None, None]
-            tiles.append(_products(rfft2((part - mean) * window)[..., use][..., order]))
+            tiles.append(_products(windowed_spectra(part, window)[..., use][..., order]))
         self._data = np.ascontiguousarray(np.concatenate(tiles).transpose(1, 2, 0))
 
     def luminance(self) -> StokesTiles:
@@ -245,24 +249,23 @@ class StokesTiles:
         mixing = self._whiten @ np.linalg.inv(frame_matrix(float(point[AZIMUTH])))
         azimuth, shift = math.radians(float(point[AZIMUTH])), float(point[SHIFT])
         right, up = shift * math.cos(azimuth), shift * math.sin(azimuth)
-        lags = np.arange(_N_IMAGES if shift else 1)
-        within = hann_autocorrelation(lags * right / self._side) * hann_autocorrelation(lags * up / self._side)
-        phase = lags[:, None] * (right * self._columns - up * self._rows)
-        cosine, sine = (2 * within[:, None] * wave(phase) for wave in (np.cos, np.sin))
-        cosine[0] = 1.0
+        steps = np.arange(_N_IMAGES if shift else 1)
         images = light[..., 1, None] * light[..., 2, None] ** np.arange(_N_IMAGES - 1)
         images = mixing @ np.concatenate([light[..., :1], images], axis=-1)
         images /= np.linalg.norm(images.sum(axis=-1), axis=-1)[:, None, None]
         images = images if shift else images.sum(axis=-1, keepdims=True)
-        # Of the images of a layer (component, image) what those so many steps apart have in common.
-        pairs = images[:, :, None, :, None] * images[:, None, :, None, :]
-        products = pairs.reshape(2, 3, 3, -1) @ (_APART if shift else np.ones((1, 1)))
+        # Of every two images of a layer (component, image) what they have in common, each of them interpolated.
+        one, other = _IMAGE_PAIRS if shift else (np.zeros(1, np.intp), np.zeros(1, np.intp))
+        moved = bilinear_transfer(steps * right, -steps * up, self._columns, self._rows)
+        within = hann_autocorrelation(steps * right / self._side) * hann_autocorrelation(steps * up / self._side)
+        common = np.where(one == other, 0.5, within[one - other])[:, None] * moved[one] * moved[other].conj()
+        products = images[:, :, None, one] * images[:, None, :, other]
         even, odd = products + products.swapaxes(1, 2), products - products.swapaxes(1, 2)
         first, second = np.array(_PAIRS).T
         response = np.empty((2, 9, self._columns.size))
-        response[:, :3] = even[:, range(3), range(3)] / 2 @ cosine
-        response[:, 3::2] = even[:, first, second] / 2 @ cosine
-        response[:, 4::2] = odd[:, first, second] / -2 @ sine
+        response[:, :3] = even[:, range(3), range(3)] @ common.real
+        response[:, 3::2] = even[:, first, second] @ common.real
+        response[:, 4::2] = odd[:, first, second] @ common.imag
         return response
 
 
