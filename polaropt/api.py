@@ -118,7 +118,7 @@ class Separation(separation.Separation):
 
 def separate(
     capture: Capture,
-    scene: SceneLike | None = None,
+    scene: SceneLike | LadderResult | None = None,
     solver: str = "lbfgs",
     init: str = "closed-form",
     refractive_index: float | None = GLASS_INDEX,
@@ -142,9 +142,10 @@ def separate(
     Parameters
     ----------
     capture : Capture
-    scene : SceneParameters or path, optional
+    scene : SceneParameters, path or what `estimate` returns, optional
         Fields that are None are estimated, the others stay fixed; or the ``report.json`` of an earlier separation,
-        whose scene is taken as it was found. Default: all is found blind, with the two parameters below.
+        whose scene is taken as it was found, or an estimate, with its errors. Default: all is found blind, with the two
+        parameters below.
     solver : str
         Name of a minimizer, see `solvers.registry.solver_names`.
     init : str
@@ -207,6 +208,9 @@ def separate(
     >>> result.transmission.shape, abs(result.scene.incidence_deg - 60) < 2
     ((128, 128, 3), True)
     """
+    if isinstance(scene, LadderResult):
+        scene_errors = scene.errors if scene_errors is None else scene_errors
+        scene = scene.scene
     found = separation.separate(
         _checked(capture),
         _scene_of(scene, capture),

@@ -34,7 +34,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(overview())
         return 0
     chosen = [study for study in STUDIES if options.name in (ALL, study.name)]
-    if lacking := _lacking(chosen):
+    lacking = _lacking(chosen)
+    if lacking and options.help:
+        print(
+            "\n".join(
+                [*(f"{study.name}: {study.question}" for study in chosen), f"To run, or to tell its options, {lacking}"]
+            )
+        )
+        return 0
+    if lacking:
         print(f"polaropt: {lacking}", file=sys.stderr)
         return _WRONG
     if options.help:

@@ -131,6 +131,12 @@ def test_what_is_found_shows_itself_as_the_commands_do(capture: polaropt.Capture
     assert found.scaled(2.0).scene.ghost_shift == 2 * found.scene.ghost_shift
 
 
+def test_an_estimate_can_be_separated_with(capture: polaropt.Capture, found: LadderResult) -> None:
+    result = polaropt.separate(capture, found)
+    assert result.scene == found.scene
+    assert result.errors == found.errors
+
+
 def test_a_result_that_is_warned_of_warns(capture: polaropt.Capture) -> None:
     grey = polaropt.Capture(np.repeat(np.moveaxis(capture.intensities[:1], 1, -1), 4, axis=0))
     with pytest.warns(ResultWarning):

@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from polaropt.capture import CAMERA_RAW
 from polaropt.errors import InputError
+from polaropt.reporting import RESULT_FILES, THUMBNAIL
 
 _STACKS = (".npz", ".npy", ".tif", ".tiff", ".png")
 """Names that mosaics and stacks end in. A JPEG holds neither."""
@@ -18,8 +19,11 @@ _PHOTOGRAPHS = (*_STACKS, ".jpg", ".jpeg", *CAMERA_RAW)
 _ANGLE = r"(?:(?:(?<=[^0-9A-Za-z])|^)(?:i|pol|deg|p)?|(?-i:(?<=[0-9a-z])I))(?P<angle>\d{1,3})(?:deg)?$"
 """An angle at the end of a name: ``_045``, ``-45``, ``I45``, ``vaseI45``, ``_45deg``, or nothing else."""
 _MARKS = " ._-"
-_OF_RESULTS = ("batch.jsonl", "report.json", "sequence.json")
+_OF_RESULTS = ("batch.jsonl", "sequence.json")
 """Files by which folders of results are known, in which nothing is looked for."""
+_OF_A_RESULT, _ITS_FILES = "report.json", {*RESULT_FILES, THUMBNAIL}
+"""The file by which a folder is known that holds a capture's results, and what is left out of it: photographs may lie
+there, too."""
 EACH, FOLDER = "each", "folder"
 """Of --group: each file is a capture; all files of a folder are one, in the order of their names."""
 
@@ -157,8 +161,9 @@ def _fixed_parts(parts: tuple[str, ...]) -> Iterator[str]:
 
 def _below(folder: Path, output: Path) -> Iterator[Path]:
     """Files in a folder and below it, in the order of their names; nothing hidden, and no results."""
+    results = _ITS_FILES if (folder / _OF_A_RESULT).exists() else set()
     for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or path.absolute() == output:
+        if path.name.startswith(".") or path.absolute() == output or path.name in results:
             continue
         if path.is_dir():
             if not any((path / name).exists() for name in _OF_RESULTS):

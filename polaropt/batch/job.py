@@ -17,13 +17,12 @@ from polaropt.batch.shared_scene import Estimate
 from polaropt.capture import Capture, align, read_capture, result_folder, write_bytes
 from polaropt.errors import InputError, in_one_line
 from polaropt.optics import FIELDS, SceneErrors, SceneParameters
-from polaropt.reporting import RESULT_FILES, json_values, scene_of_report, thumbnail_strip, write_separation
+from polaropt.reporting import RESULT_FILES, THUMBNAIL, json_values, scene_of_report, thumbnail_strip, write_separation
 
 if TYPE_CHECKING:
     from polaropt.separation import Separation
 
 
-THUMBNAIL = "thumbnail.jpg"
 REPORT = "report.json"
 DONE, ESTIMATED, FAILED, TOO_LARGE = "done", "estimated", "failed", "too large"
 DISAGREES = "SCENE_DISAGREES"

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from polaropt.batch.job import DISAGREES, DONE, REPORT, THUMBNAIL, Row
+from polaropt.batch.job import DISAGREES, DONE, REPORT, Row
 from polaropt.capture import result_file
 from polaropt.judging import SeparationWarning
+from polaropt.reporting import THUMBNAIL
 
 SHEET = "index.html"
 _TEMPLATE = "sheet_template.html"

@@ -23,6 +23,7 @@ from polaropt.capture.validity import (
     check_order,
     check_shape,
     check_values,
+    check_white_level,
     photographs_of,
 )
 from polaropt.numerics import (
@@ -347,6 +348,9 @@ class Capture:
         if images.ndim == 4:
             images = np.moveaxis(images, -1, 1)
             trusted = None if trusted is None else np.moveaxis(trusted, -1, 1)
+        # Where a mask says what is clipped, values may go beyond white.
+        if trusted is None:
+            check_white_level(images)
         self._take(images, angles_deg, trusted, None)
 
     @classmethod

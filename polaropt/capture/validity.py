@@ -29,6 +29,8 @@ SMALLEST_SIDE = 16
 """Least height and width of a capture in pixels; set by hand."""
 MOST_NEGATIVE = -0.01
 """Values down to here (white = 1) are below black by noise or by a black level that does little harm; set by hand."""
+_FAR_BEYOND_WHITE, _MOSTLY = 2.0, 0.5
+"""Value, and share of values beyond white, of photographs that were not divided by their white level. Set by hand."""
 _BEYOND_EXPECTED = 1.5
 """Standard deviations: the least of n normal values lies about sqrt(2 ln n) below their mean, this more hardly ever."""
 _AVERAGED = 8
@@ -46,6 +48,11 @@ def photographs_of(intensities: ArrayLike) -> NDArray[Any]:
         raise InputError("the photographs differ in shape; give images of one size") from None
     if images.dtype.kind not in "buif":
         raise InputError(f"photographs hold values of type {images.dtype}; real numbers are needed, white = 1")
+    if images.dtype.kind in "ui" and images.size and images.max() > 1:
+        raise InputError(
+            f"photographs hold whole numbers up to {images.max()}; white is 1: give floats, divided by the white level "
+            f"({np.iinfo(images.dtype).max} where all {8 * images.dtype.itemsize} bits are used)"
+        )
     return images
 
 
@@ -96,7 +103,7 @@ def check_shape(intensities: FloatImages, angles_deg: tuple[float, ...], valid: 
         raise InputError(f"photographs have shape {intensities.shape}; expected {expected}")
     if intensities.shape[0] != len(angles_deg):
         raise InputError(
-            f"{intensities.shape[0]} photographs but {len(angles_deg)} polarizer angles; give one angle each"
+            f"{intensities.shape[0]} photographs but {len(angles_deg)} polarizer angles; give one angle each (--angles)"
         )
     check_mask(valid.shape, intensities.shape)
     height, width = intensities.shape[-2:]
@@ -123,6 +130,16 @@ def check_values(intensities: FloatImages, valid: AnyMask) -> None:
         raise InputError("the capture is all black; check the exposure and the black level")
     if highest == lowest:
         raise InputError(f"the capture is constant ({highest:g} everywhere); it holds no scene")
+
+
+def check_white_level(intensities: FloatImages) -> None:
+    """InputError for photographs most of which lie beyond white, as those do that were not divided by it."""
+    highest = float(intensities.max(initial=0))
+    if highest > _FAR_BEYOND_WHITE and np.count_nonzero(intensities > 1) > _MOSTLY * intensities.size:
+        raise InputError(
+            f"most of the photographs lies beyond white, which is 1: values go up to {highest:g}; divide by the white "
+            "level"
+        )
 
 
 def check_black_level(intensities: FloatImages, valid: AnyMask, angles_deg: tuple[float, ...]) -> None:

@@ -348,6 +348,7 @@ PixelFormat = Annotated[
 ]
 AngleSense = Literal["ccw", "cw"]
 _RELATIVE = "relative"
+_USUAL_ANGLES = "0,45,90,135"
 
 
 @dataclass(frozen=True)
@@ -359,10 +360,11 @@ class ReadingOptions:
         typer.Option(
             metavar="DEG,DEG,...",
             help="Polarizer angles in degrees, counter-clockwise from horizontal. relative, or relative,DEG,DEG,...: "
-            "only the steps between them are known (0,45,90,135 unless given), the start is found from double images.",
+            "only the steps between them are known (0,45,90,135 unless given), the start is found from double images. "
+            "Default: those of these that the files' names end in, else these.",
             rich_help_panel=_FILES,
         ),
-    ] = "0,45,90,135"
+    ] = _USUAL_ANGLES
     angle_sense: Annotated[
         AngleSense,
         typer.Option(
@@ -456,7 +458,7 @@ class ReadingOptions:
     @property
     def angles_deg(self) -> tuple[float, ...]:
         """The angles, from an unknown start where they are relative."""
-        return numbers(self.angles.removeprefix(_RELATIVE).removeprefix(",") or "0,45,90,135", "--angles")
+        return numbers(self.angles.removeprefix(_RELATIVE).removeprefix(",") or _USUAL_ANGLES, "--angles")
 
     def arguments(self) -> dict[str, Any]:
         """What `read_capture` takes beside the files."""
@@ -498,6 +500,24 @@ class CaptureOptions(ReadingOptions):
         ),
     ]
 
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        """The angles: those that the names of the photographs end in, unless other ones are given."""
+        return self._angles_of_names() or super().angles_deg
+
+    def _angles_of_names(self) -> tuple[float, ...]:
+        """What names such as vase_45.png tell, in the order of the files; empty where they or --angles say otherwise.
+
+        A shell sorts 135 before 45.
+        """
+        from polaropt.batch import angle_in_name
+
+        if self.angles != _USUAL_ANGLES or len(self.captures) < 3:
+            return ()
+        named = tuple(found[1] for found in map(angle_in_name, self.captures) if found is not None)
+        usual = numbers(_USUAL_ANGLES, "--angles")
+        return named if len(named) == len(self.captures) == len(set(named)) and set(named) <= set(usual) else ()
+
     def read(self, stages: Stages, until: float = 1.0) -> Capture:
         """Read the files, align them and look for the start of the angles where that is asked for.
 
@@ -530,5 +550,8 @@ class CaptureOptions(ReadingOptions):
         """What aligning and looking for the start of the angles did to a capture that was read, where asked for."""
         from polaropt.reporting import alignment_sentence, start_sentence
 
-        sentences = [alignment_sentence(capture)] if self.align else []
+        named = self._angles_of_names()
+        told = f"Angles, as the names tell: {', '.join(f'{angle:g}' for angle in named)} deg."
+        sentences = [told] if named and named != super().angles_deg else []
+        sentences += [alignment_sentence(capture)] if self.align else []
         return [*sentences, start_sentence(capture)] if self.relative else sentences

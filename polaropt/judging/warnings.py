@@ -26,8 +26,8 @@ _MUCH_CLIPPED = 0.01
 _MUCH_NOISE = 0.42
 """There the transmission gains less than 7 dB on the plain intensity."""
 _BAD_FIT = 2.2
-"""Mean square of the photographs' residuals in units of the noise: with the right pane it is 1.9 at most, on the random
-windows to fit on (`studies.random_windows`), and what lies above are wrong panes, gains, angles or movement."""
+"""Misfit ratio of four photographs, or of a mosaic: with the right pane it is 1.9 at most, on the random windows to fit
+on (`studies.random_windows`), and what lies above are wrong panes, gains, angles or movement."""
 _APART = 0.1
 """What photographs fail to add up by, over the polarized light, from where on their gains or angles make a pane of
 their own. Set by hand: of random windows to fit on (`studies.random_windows`, even seeds) with wrong gains or angles 3
@@ -163,7 +163,9 @@ class Diagnostics:
     clipped : float
         Share of pixels that were not trusted, of what stands still.
     misfit_ratio : float
-        Mean squared residual of the photographs in units of the noise; 1 where the model explains them.
+        Mean squared residual of the photographs in units of the noise, less what two free layers take up. Where the
+        model explains them 1 to 1.9 for four photographs or a mosaic, up to 2.9 for three: layers of little noise
+        follow it less than free ones.
     reflection_unknown : float
         Share of the reflection's detail (finer than about 5 px) that the photographs do not tell, 0..1.
     estimate : SceneEstimate or None
@@ -258,7 +260,7 @@ def diagnose(
         registered, of_cells = capture.registered, None if estimate is None else estimate.scaled(small)
         of_registered = registered_noise(capture, noise)
         mistake = angle_mistake(registered, of_registered, scene.scaled(small), of_cells, unexplained)
-    explained = misfit_ratio <= _BAD_FIT and unexplained <= _MUCH_LEFT
+    explained = misfit_ratio <= _bad_fit(capture) and unexplained <= _MUCH_LEFT
     # Of photographs in a wrong order, moved or encoded there is a warning of its own.
     contradictory = _far_apart(capture) if before is None else before.contradictory
     explained = explained and not (mistakes == Mistakes() and contradictory)
@@ -322,6 +324,16 @@ def noise_share(capture: Capture, transmission: Floats, variance: float) -> floa
 def _loses(loss: SceneLoss | None) -> bool:
     """Whether the transmission rather loses much than not for the errors of the scene."""
     return loss is not None and loss.chance > _LIKELY
+
+
+def _bad_fit(capture: Capture) -> float:
+    """Misfit ratio from which on the model does not explain a capture.
+
+    Layers of little noise follow it less than two free values of every pixel could, which the ratio allows for: the
+    fewer photographs there are, the larger it is where all is well.
+    """
+    k = len(capture.angles_deg)
+    return _BAD_FIT if capture.samples is not None else _BAD_FIT * (k / (k - 2)) / (4 / (4 - 2))
 
 
 def _far_apart(capture: Capture) -> bool:

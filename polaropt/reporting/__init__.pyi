@@ -1,6 +1,7 @@
 __all__ = [
     "LAYERS",
     "RESULT_FILES",
+    "THUMBNAIL",
     "Inspection",
     "Picture",
     "alignment_sentence",
@@ -38,6 +39,7 @@ from .files import write_separation as write_separation
 from .inspection import Inspection as Inspection
 from .inspection import inspect_capture as inspect_capture
 from .names import RESULT_FILES as RESULT_FILES
+from .names import THUMBNAIL as THUMBNAIL
 from .notebook import plot_layers as plot_layers
 from .notebook import result_html as result_html
 from .notebook import result_lines as result_lines

@@ -222,7 +222,7 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
         closing_orders=() if cell_order is None else tuple(exchanged_order(cell_order, pair) for pair in swapped),
         left_out_px=(0, 0) if origin is None else origin.left_out_px,
         **_as_taken(origin or Origin()),
-        uneven_gains=() if swapped or moved else uneven_gains(capture),
+        uneven_gains=() if moved else uneven_gains(capture),
         moving_share=_moving_share(whole, moving),
     )
 

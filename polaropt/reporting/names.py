@@ -15,3 +15,5 @@ RESULT_FILES = (
     "report.html",
 )
 """All files that a separation may write: what of them a run does not write, an earlier one has left."""
+THUMBNAIL = "thumbnail.jpg"
+"""What a batch writes beside them, for its contact sheet."""

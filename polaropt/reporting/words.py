@@ -139,7 +139,9 @@ def _exposures(it: Inspection) -> str:
 
 
 def _held(it: Inspection) -> str:
-    return "" if it.orientation == 1 else " They were turned upright, as the camera tells how it was held."
+    if it.orientation == 1:
+        return ""
+    return " They were turned upright, as the camera tells how it was held; angles count from the upright horizontal."
 
 
 def _colors(it: Inspection) -> str:
@@ -171,9 +173,10 @@ def _gains(it: Inspection) -> Finding:
     told = ", or ".join(f"that at {angle:g} degrees {gain:.3f} times as bright" for angle, gain in it.uneven_gains)
     angle, gain = it.uneven_gains[0]
     exposures = ",".join(f"{gain:.3g}" if each == angle else "1" for each in it.angles_deg)
+    seen = "or one was exposed" if it.swapped_deg else "one photograph looks exposed"
     return Finding(
         "exposure",
-        attention=f"one photograph looks exposed unlike the others, {told} as these tell; if it was, give its exposure "
+        attention=f"{seen} unlike the others, {told} as these tell; if it was, give its exposure "
         f"(--exposures {exposures}).",
     )
 

@@ -78,6 +78,15 @@ def test_what_does_not_group_is_named(tmp_path: Path) -> None:
     assert {left.file.name for left in grouping.leftovers} == {"notes.txt", "look.jpg"}
 
 
+def test_photographs_beside_their_results_are_found(tmp_path: Path) -> None:
+    results = ("report.json", "transmission.tiff", "reflection_known.tiff", "uncertainty.png", "thumbnail.jpg")
+    touch(tmp_path, *(f"shots/a_{angle:03}.png" for angle in (0, 45, 90, 135)), *(f"shots/{name}" for name in results))
+    for folder in (tmp_path, tmp_path / "shots"):
+        grouping = grouped(folder)
+        assert [len(group.files) for group in grouping.groups] == [4]
+        assert grouping.leftovers == ()
+
+
 def test_other_angles_are_looked_for(tmp_path: Path) -> None:
     touch(tmp_path, "a_60.png", "a_0.png", "a_120.png")
     assert found(grouped(tmp_path, angles=(0, 60, 120))) == {"a": ["a_0.png", "a_60.png", "a_120.png"]}

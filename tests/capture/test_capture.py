@@ -130,6 +130,9 @@ def with_value(value):
         (lambda images: 0 * images + 1, ANGLES, "saturated"),
         (lambda images: images.astype(complex), ANGLES, "complex"),
         (lambda images: [images[0], images[1][:5]], (0, 45), "differ in shape"),
+        (lambda images: (255 * images).astype(np.uint8), ANGLES, "whole numbers up to .* give floats"),
+        (lambda images: (4095 * images).astype(np.uint16), ANGLES, "white is 1"),
+        (lambda images: 255 * images, ANGLES, "beyond white, which is 1"),
     ],
 )
 def test_what_is_no_capture_is_one_clear_line(change, angles, words):

@@ -73,6 +73,13 @@ def test_good_captures_at_other_angles_earn_no_warning(angles, seed):
     assert told(example.capture, example.scene) == set()
 
 
+@pytest.mark.parametrize("angles", [(0, 45, 90), (0, 60, 120)])
+@pytest.mark.parametrize("noise", [0.003, 0.01])
+def test_three_good_photographs_earn_no_warning(angles, noise):
+    example = blend(60, 128, angles_deg=angles, noise=noise)
+    assert separate(example.capture).diagnostics.warnings == ()
+
+
 def test_glass_seen_frontally():
     example = blend(8, 96)
     # What is frontal and yet told needs no warning.

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from skimage import data
 
-from polaropt import Capture, read_capture
+from polaropt import Capture, SceneParameters, read_capture, simulate
 from polaropt.capture import EncodingHint
 from polaropt.capture.checks import fit_gamma, swapped_photographs
 from polaropt.capture.files.write import encode_srgb, write_png
@@ -79,6 +80,25 @@ def test_swapped_photographs_are_seen_where_the_pairs_change(order):
     if order == (0, 2, 1, 3):
         assert (1, 2) in found
         assert any("45 and 90" in sentence for sentence in inspection_sentences(inspect_capture(capture)))
+
+
+@pytest.mark.parametrize(("which", "gain"), [(0, 0.5), (2, 0.5), (1, 0.5), (3, 2.0)])
+def test_a_photograph_exposed_unlike_the_others_is_not_taken_for_a_swap(which, gain):
+    images = scene().intensities.copy() / 4
+    images[which] *= gain
+    capture = Capture(images)
+    assert swapped_photographs(capture) == ()
+    angle, found = min(inspect_capture(capture).uneven_gains, key=lambda told: abs(told[1] - gain))
+    assert (angle, found) == (45.0 * which, pytest.approx(gain, abs=0.02))
+
+
+def test_where_a_swap_and_a_gain_explain_the_same_both_are_named():
+    pane = SceneParameters(62.0, 20.0, 5.0)
+    images = simulate(data.astronaut()[:256, 128:384], data.coffee()[:256, :256], pane, seed=1).intensities.copy()
+    images[0] *= 0.7
+    sentences = inspection_sentences(inspect_capture(Capture.of_planes(images)))
+    assert any("look swapped" in sentence for sentence in sentences)
+    assert any("or one was exposed unlike the others" in sentence and "0.7" in sentence for sentence in sentences)
 
 
 def test_with_five_angles_a_swap_is_seen():

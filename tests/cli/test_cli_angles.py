@@ -1,0 +1,53 @@
+"""The angles of photographs, as the names of their files tell them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from polaropt.capture.files.write import write_tiff
+from polaropt.cli.app import main
+from tests.blends import blend
+from tests.command_line import QUICK
+
+EXAMPLE = blend(60, 64, color=False)
+
+
+def written(folder: Path, names: dict[str, int]) -> list[str]:
+    """Photographs under these names, each the one of an angle's number; in the order that a shell has them in."""
+    for name, which in names.items():
+        write_tiff(folder / name, EXAMPLE.capture.intensities[which])
+    return sorted(str(folder / name) for name in names)
+
+
+def taken(folder: Path, files: list[str], *more: str) -> dict[str, object]:
+    assert main(["separate", *files, *more, "--write", "layers", "-o", str(folder / "out"), *QUICK]) == 0
+    report: dict[str, object] = json.loads((folder / "out" / "report.json").read_text())
+    return report
+
+
+@pytest.mark.parametrize("pattern", ["shot_{}.tiff", "I{}.tiff", "vase-{}deg.tiff"])
+def test_names_tell_the_angles(tmp_path: Path, pattern: str, capsys: pytest.CaptureFixture[str]) -> None:
+    files = written(tmp_path, {pattern.format(45 * k): k for k in range(4)})
+    report = taken(tmp_path, files)
+    assert report["input"]["angles_deg"] == [0, 135, 45, 90]  # type: ignore[index]
+    assert "as the names tell: 0, 135, 45, 90 deg" in capsys.readouterr().out
+    assert report["diagnostics"]["warnings"] == []  # type: ignore[index]
+
+
+def test_three_names_are_enough(tmp_path: Path) -> None:
+    report = taken(tmp_path, written(tmp_path, {f"shot_{45 * k}.tiff": k for k in (0, 1, 3)}))
+    assert report["input"]["angles_deg"] == [0, 135, 45]  # type: ignore[index]
+
+
+def test_numbers_that_are_no_angles_are_not_taken_for_them(tmp_path: Path) -> None:
+    report = taken(tmp_path, written(tmp_path, {f"shot_{k}.tiff": k for k in range(4)}))
+    assert report["input"]["angles_deg"] == [0, 45, 90, 135]  # type: ignore[index]
+
+
+def test_angles_that_are_given_count(tmp_path: Path) -> None:
+    files = written(tmp_path, {f"shot_{45 * k}.tiff": k for k in range(4)})
+    report = taken(tmp_path, files, "--angles", "10,145,55,100")
+    assert report["input"]["angles_deg"] == [10, 145, 55, 100]  # type: ignore[index]
