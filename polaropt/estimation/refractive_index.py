@@ -291,6 +291,9 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
         # Where double images lie apart tiles are the surer.
         if told is not None or _tiles_tell(frame, scene):
             return told or _told_by_tiles(frame, scene)
+    single = None if stokes.aliased else _single_pane_of(scene)
+    if single is not None and (told := _told_by_tiles(frame, single, beside=scene)) is not None:
+        return told
     return _told_by_spectra(frame, scene)
 
 
@@ -460,8 +463,33 @@ def _tiles_tell(frame: PlateFrame, scene: SceneParameters) -> bool:
     return abs(scene.values()[2]) >= LIKE_BLUR_PX and noise_of_mirrored(frame, scene) < MOST_NOISE
 
 
-def _told_by_tiles(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex | None:
-    """What single tiles tell of an index beside the one that was told, of a single clear pane."""
+_HARDLY_PX = 1.0
+"""Shift of a pane up to which two have the images of one, of other glass. By hand."""
+
+
+def _single_pane_of(scene: SceneParameters) -> SceneParameters | None:
+    """The single pane whose images two clear ones have, where they are hardly thick; None for all else."""
+    incidence, _, shift = scene.values()
+    if scene.n_panes != 2 or scene.absorption or scene.single_surface or abs(shift) >= _HARDLY_PX:
+        return None
+
+    def polarized(angle: float, n_panes: int) -> float:
+        par, perp = in_place_reflectance(angle, scene.index, False, n_panes)
+        return perp - par
+
+    angles = np.arange(incidence, INCIDENCE_SEARCH_DEG[1])
+    off = [abs(polarized(float(angle), 1) - polarized(incidence, 2)) for angle in angles]
+    single = clear_pane(scene, scene.index).replace(ghost_shift=shift + (scene.gap_shift or 0.0))
+    return single.replace(incidence_deg=float(angles[int(np.argmin(off))]))
+
+
+def _told_by_tiles(
+    frame: PlateFrame, scene: SceneParameters, *, beside: SceneParameters | None = None
+) -> LikelierIndex | None:
+    """What single tiles tell of an index beside the one that was told, of a single clear pane.
+
+    Where several were found, `beside` it they must not be likelier.
+    """
     window, told = window_of(scene, frame.azimuth_deg), scene.index
     starts = [
         (dataclasses.replace(window, incidence_deg=angle), index)
@@ -487,6 +515,8 @@ def _told_by_tiles(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex |
     here, start = tiles.nearest(window, told), likeliest.refractive_index
     best = pane(local_minimum(lambda index: pane(index).misfit, start, INDEX_SEARCH, _TILE_STEP, _INDEX_TOLERANCE))
     if here.misfit - best.misfit < _LEAST_GAIN_OF_TILES or best.surer_than(here) < _SURE_OF_TILES:
+        return None
+    if beside is not None and tiles.nearest(window_of(beside, frame.azimuth_deg), told).misfit < best.misfit:
         return None
     index = best.refractive_index
     before, after = (pane(index + move).misfit for move in (-_TILE_STEP, _TILE_STEP))

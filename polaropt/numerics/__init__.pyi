@@ -26,6 +26,7 @@ __all__ = [
     "grid_minimum",
     "grid_sums",
     "hann_autocorrelation",
+    "hann_spectra",
     "hann_window",
     "in_color",
     "jackknife_error",
@@ -50,7 +51,6 @@ __all__ = [
     "vertex",
     "whole_blocks",
     "wiener_spectra",
-    "windowed_spectra",
 ]
 
 from .aliases import AliasGroups as AliasGroups
@@ -100,8 +100,8 @@ from .spectrum import column_multiplicity as column_multiplicity
 from .spectrum import each_plane as each_plane
 from .spectrum import frequencies as frequencies
 from .spectrum import hann_autocorrelation as hann_autocorrelation
+from .spectrum import hann_spectra as hann_spectra
 from .spectrum import hann_window as hann_window
 from .spectrum import natural_frequencies as natural_frequencies
 from .spectrum import squared_frequencies as squared_frequencies
 from .spectrum import tukey_window as tukey_window
-from .spectrum import windowed_spectra as windowed_spectra

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from solvers.kernels import in_blocks
 
 Array = NDArray[Any]
+Complex = NDArray[np.complex128]
 Values = NDArray[np.float64]
 
 
@@ -66,34 +69,50 @@ def hann_autocorrelation(lag: NDArray[np.float64]) -> NDArray[np.float64]:
     return bulk + np.sin(2 * np.pi * lag) / (2 * np.pi)
 
 
-def windowed_spectra(images: Array, window: Array) -> NDArray[np.complexfloating[Any, Any]]:
-    """Spectra (..., h, w // 2 + 1) of images (..., h, w) under a window, by way of their gradients.
+def hann_spectra(images: Array) -> NDArray[np.complexfloating[Any, Any]]:
+    """Spectra (..., h, w // 2 + 1) of images (..., h, w) under Hann's window, by way of their gradients.
 
     Under a window every frequency is mixed with those beside it. Of photographs the lower ones have more power: all of
     them would be taken for lower than they are, and shifts between images for smaller. Gradients have about the same
-    power at all. What is constant is left out.
-
-    Parameters
-    ----------
-    images : ndarray, shape (..., h, w)
-    window : ndarray, shape (h, w)
-        Next to zero in the last row and column.
+    power at all. White noise of variance 1 has the power 1 at every frequency but 0, where all is left out.
     """
     from scipy.fft import rfft2
 
-    height, width = images.shape[-2:]
-    rows, columns = frequencies(height, width)
-    down, right = np.exp(1j * rows) - 1, np.exp(1j * columns) - 1
+    window, by_down, by_right = _of_gradients(*images.shape[-2:])
     gradients = np.zeros((2, *images.shape), images.dtype)
     np.subtract(images[..., 1:, :], images[..., :-1, :], out=gradients[0, ..., :-1, :])
     np.subtract(images[..., 1:], images[..., :-1], out=gradients[1, ..., :-1])
-    gradients *= window
+    gradients *= window.astype(images.dtype)
     of_down, of_right = rfft2(gradients)
+    return np.asarray(of_down * by_down.astype(of_down.dtype) + of_right * by_right.astype(of_down.dtype))
+
+
+@lru_cache(maxsize=8)
+def _of_gradients(height: int, width: int) -> tuple[Values, Complex, Complex]:
+    """Hann's window of unit power, and by what spectra of differences down and to the right become the picture's."""
+    window = np.outer(hann_window(height), hann_window(width))
+    window /= math.sqrt(float(np.sum(window**2)))
+    rows, columns = frequencies(height, width)
+    down, right = np.broadcast_arrays(np.exp(1j * rows) - 1, np.exp(1j * columns) - 1)
     size = np.abs(down) ** 2 + np.abs(right) ** 2
-    size[0, 0] = 1
-    spectra = of_down * (down.conj() / size).astype(of_down.dtype)
-    spectra += of_right * (right.conj() / size).astype(of_down.dtype)
-    return np.asarray(spectra)
+    size[0, 0] = math.inf
+    # Noise of neighbouring differences has in common what one pixel adds to both.
+    at, above, before = window, np.roll(window, -1, axis=0), np.roll(window, -1, axis=1)
+    squares, beside_rows, beside_columns = (float(np.sum(window * part)) for part in (at, above, before))
+    diagonal = float(np.sum(above * before))
+    of_down = 2 * squares - 2 * beside_rows * np.cos(rows)
+    of_right = 2 * squares - 2 * beside_columns * np.cos(columns)
+    both = (
+        squares
+        - beside_columns * np.exp(1j * columns)
+        - beside_rows * np.exp(-1j * rows)
+        + diagonal * np.exp(1j * (columns - rows))
+    )
+    power = np.abs(down) ** 2 * of_down + np.abs(right) ** 2 * of_right
+    power = power + 2 * (down.conj() * right * both.conj()).real
+    factors = np.sqrt(power)
+    factors[0, 0] = 1
+    return window, down.conj() / factors, right.conj() / factors
 
 
 def bilinear_transfer(right: Array, down: Array, columns: Values, rows: Values) -> NDArray[np.complex128]:

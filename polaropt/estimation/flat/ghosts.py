@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
-from polaropt.numerics import column_multiplicity, frequencies, hann_autocorrelation, hann_window
+from polaropt.numerics import column_multiplicity, frequencies, hann_autocorrelation, hann_spectra, hann_window
 from polaropt.optics import GhostSeries, GhostSum, Plate, SceneParameters, ghost_sum, interface
 from solvers.kernels import in_blocks
 
@@ -153,7 +153,7 @@ def cross_spectra(frame: PlateFrame) -> CrossSpectra:
     n_bands = min(_MOST_BANDS, len(corners))
     par: Images = np.zeros((n_bands, side, side // 2 + 1), np.float32)
     perp, cross, counts = par.copy(), np.zeros(par.shape, np.complex64), np.zeros(n_bands, np.intp)
-    for i, (first, second) in enumerate(tile_spectra(frame, side, corners)):
+    for i, (first, second) in enumerate(_tile_spectra(frame, side, corners)):
         band = i * n_bands // len(corners)
         par[band] += _power(first)
         perp[band] += _power(second)
@@ -162,18 +162,31 @@ def cross_spectra(frame: PlateFrame) -> CrossSpectra:
     return _usable(Bands(par, perp, cross, counts), side, frame)
 
 
-def tile_spectra(frame: PlateFrame, side: int, corners: Sequence[tuple[int, int]]) -> Iterator[NDArray[np.complex64]]:
-    """Of every tile in turn the spectra of I_par and I_perp under Hann's window, (2, channel, y, x)."""
+def _tile_spectra(frame: PlateFrame, side: int, corners: Sequence[tuple[int, int]]) -> Iterator[NDArray[np.complex64]]:
+    """Of every tile in turn the spectra of I_par and I_perp under Hann's window, (2, channel, y, x).
+
+    Those of `tile_spectra` are better; the thresholds of what mean spectra tell were found with these.
+    """
     from scipy.fft import rfft2
 
     profile = hann_window(side)
     window = np.outer(profile, profile)
     window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)
     share = window / np.sum(window)
-    for top, left in corners:
-        part = _opponent(frame.images[..., top : top + side, left : left + side])
+    for part in _tiles(frame, side, corners):
         mean = np.einsum("ecyx,yx->ec", part, share)[..., None, None]
         yield np.asarray(rfft2((part - mean) * window), np.complex64)
+
+
+def tile_spectra(frame: PlateFrame, side: int, corners: Sequence[tuple[int, int]]) -> Iterator[NDArray[np.complex64]]:
+    """The same by way of gradients: see `hann_spectra`."""
+    for part in _tiles(frame, side, corners):
+        yield np.asarray(hann_spectra(part), np.complex64)
+
+
+def _tiles(frame: PlateFrame, side: int, corners: Sequence[tuple[int, int]]) -> Iterator[Images]:
+    for top, left in corners:
+        yield _opponent(frame.images[..., top : top + side, left : left + side])
 
 
 def _power(spectra: NDArray[np.complex64]) -> Images:

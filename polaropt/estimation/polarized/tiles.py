@@ -41,9 +41,8 @@ from polaropt.numerics import (
     Box,
     bilinear_transfer,
     hann_autocorrelation,
-    hann_window,
+    hann_spectra,
     opponent_basis,
-    windowed_spectra,
 )
 from polaropt.optics import SceneParameters, frame_matrix
 from solvers.kernels import in_blocks
@@ -127,15 +126,13 @@ class StokesTiles:
         self._natural = 1 / np.maximum(self._columns**2 + self._rows**2, _NO_ERROR)
         self._whiten = np.linalg.inv(np.linalg.cholesky(stokes.covariance))
         self._n_colours = stokes.images.shape[1]
-        window = np.outer(hann_window(side), hann_window(side))
-        window /= np.sqrt(np.sum(window**2))
         basis = opponent_basis(self._n_colours)
         tiles = []
         corners = tile_corners(_valid(stokes), side)
         for top, left in corners[:: math.ceil(len(corners) / _MOST_TILES)]:
             part = stokes.images[..., top : top + side, left : left + side]
             part = np.einsum("ij,dc,jcyx->diyx", self._whiten, basis, part)
-            tiles.append(_products(windowed_spectra(part, window)[..., use][..., order]))
+            tiles.append(_products(hann_spectra(part)[..., use][..., order]))
         self._data = np.ascontiguousarray(np.concatenate(tiles).transpose(1, 2, 0))
 
     def luminance(self) -> StokesTiles:

@@ -132,6 +132,18 @@ def lags_of(window: Window, refractive_index: float) -> tuple[NDArray[np.int64],
     )
 
 
+def images_of(window: Window, refractive_index: float) -> tuple[NDArray[np.int64], Values]:
+    """Images of a window's kind: how many shifts of a pane and of a gap they are off, (image, 2), and weights.
+
+    Weights (2, image, 2) are those of both layers, transmission first, polarized along and across the azimuth.
+    """
+    images = _images(
+        round(window.incidence_deg, _DIGITS), window.n_panes, round(window.absorption, _DIGITS), refractive_index
+    )
+    seen = np.abs(images).max(axis=(0, -1)) > _LEAST_WEIGHT
+    return np.argwhere(seen), images[:, seen]
+
+
 def _seen(spectra: CrossSpectra) -> Seen:
     from polaropt.estimation.flat.windows.kernels import Seen
 
@@ -144,14 +156,22 @@ def _seen(spectra: CrossSpectra) -> Seen:
 
 
 @lru_cache(maxsize=4096)
-def _lags(
-    incidence_deg: float, n_panes: int, absorption: float, refractive_index: float
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Orders (2, lag, 2) and weights (2, lag, 4) of a kind of window, as `kernels.Lags`."""
+def _images(incidence_deg: float, n_panes: int, absorption: float, refractive_index: float) -> Values:
+    """Weights (2, pane shifts, gap shifts, 2) of the images of a kind of window; not to be written to."""
     scene = SceneParameters(
         incidence_deg, 0.0, 1.0, refractive_index, n_panes=n_panes, gap_shift=1.0, absorption=absorption
     )
     images = window_orders(scene, incidence_deg, 2 * _ORDERS)[:, :_ORDERS, :_ORDERS, :2]
+    images.flags.writeable = False
+    return images
+
+
+@lru_cache(maxsize=4096)
+def _lags(
+    incidence_deg: float, n_panes: int, absorption: float, refractive_index: float
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Orders (2, lag, 2) and weights (2, lag, 4) of a kind of window, as `kernels.Lags`."""
+    images = _images(incidence_deg, n_panes, absorption, refractive_index)
     images = np.where(np.abs(images) > _LEAST_WEIGHT, images, 0)
     side = 2 * _ORDERS
     spectra = np.fft.fft2(images, (side, side), axes=(1, 2))

@@ -30,8 +30,8 @@ from polaropt.estimation.flat.ghosts import (
     tile_spectra,
     usable_frequencies,
 )
-from polaropt.estimation.flat.windows.likelihood import Window, common_light, lags_of
-from polaropt.numerics import Box
+from polaropt.estimation.flat.windows.likelihood import Window, images_of
+from polaropt.numerics import Box, bilinear_transfer, frequencies, hann_autocorrelation
 from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_SEARCH_DEG
 from solvers.kernels import in_blocks
 
@@ -100,11 +100,10 @@ class TileLikelihood:
         cell = frequency_cells(along, across)
         order = np.argsort(cell, kind="stable")
         self._cells = np.searchsorted(cell[order], np.arange(cell.max(initial=-1) + 2))
-        turn = math.radians(self._azimuth_deg - frame.azimuth_deg)
-        self._along = (along * math.cos(turn) - across * math.sin(turn))[order]
-        self._across = (along * math.sin(turn) + across * math.cos(turn))[order]
+        rows, columns = np.broadcast_arrays(*frequencies(side, side))
+        self._rows, self._columns = rows[use][order], columns[use][order]
         self._multiplicity = np.ascontiguousarray(multiplicity[order])
-        self._natural = (1 / np.maximum(self._along**2 + self._across**2, _NO_ERROR)).astype(np.float32)
+        self._natural = (1 / np.maximum(self._columns**2 + self._rows**2, _NO_ERROR)).astype(np.float32)
         corners = tile_corners(frame.valid, side)
         tiles = []
         for spectra in tile_spectra(frame, side, corners):
@@ -166,16 +165,25 @@ class TileLikelihood:
 
     def _response(self, window: Window, refractive_index: float) -> NDArray[np.float32]:
         """What a window makes of both layers of power 1, transmission first: Hermitian matrices, (2, 4, n)."""
-        orders, weights = lags_of(window, refractive_index)
-        shifts = np.array([[window.pane_shift, window.gap_along, window.gap_across]])
-        weights = weights * common_light(orders[None], shifts, self._azimuth_deg, self._side)[0, ..., None]
-        pane = window.pane_shift * self._along
-        gap = window.gap_along * self._along + window.gap_across * self._across
-        # Both layers have images at the same lags.
-        phase = orders[0, :, :1] * pane + orders[0, :, 1:] * gap
-        response = np.empty((2, 4, phase.shape[-1]), np.float32)
-        response[:, :3] = weights[..., :3].swapaxes(1, 2) @ np.cos(phase)
-        response[:, 3] = -weights[..., 3] @ np.sin(phase)
+        orders, images = images_of(window, refractive_index)
+        azimuth = math.radians(self._azimuth_deg)
+        along = orders[:, 0] * window.pane_shift + orders[:, 1] * window.gap_along
+        across = orders[:, 1] * window.gap_across
+        right = along * math.cos(azimuth) + across * math.sin(azimuth)
+        down = across * math.cos(azimuth) - along * math.sin(azimuth)
+        moved = bilinear_transfer(right, down, self._columns, self._rows)
+        # Of every two images what they have in common, each of them interpolated.
+        one, other = np.tril_indices(len(orders))
+        within = hann_autocorrelation((right[one] - right[other]) / self._side)
+        within *= hann_autocorrelation((down[one] - down[other]) / self._side)
+        common = np.where(one == other, 0.5, within)[:, None] * moved[one] * moved[other].conj()
+        (par, perp), (other_par, other_perp) = (images[:, which].transpose(2, 0, 1) for which in (one, other))
+        forth, back = par * other_perp, perp * other_par
+        response = np.empty((2, 4, self._columns.size), np.float32)
+        response[:, 0] = 2 * par * other_par @ common.real
+        response[:, 1] = 2 * perp * other_perp @ common.real
+        response[:, 2] = (forth + back) @ common.real
+        response[:, 3] = (forth - back) @ common.imag
         return response
 
 
