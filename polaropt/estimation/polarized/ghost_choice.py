@@ -90,8 +90,8 @@ _LEAST_OFF_DEG = 4.0
 _LAST_TURNS, _WEIGHT_OF_COARSE = 12, 0.1
 """Turns in which the pane that is taken is moved to where all find it likeliest, set by hand; and what a unit of log
 likelihood of coarse light counts there, of tiles 1, where the light of one layer is polarized. On random windows to fit
-on (even seeds from 20000, 44 of 256 px and 24 of 512 px) T and R are 42.9, 26.4 and 41.9, 26.7 dB with it, 42.9, 26.3 and
-41.8, 25.9 with 0, 42.5, 26.4 and 41.8, 26.5 with 0.3."""
+on (even seeds from 20000, 44 of 256 px and 24 of 512 px) T and R are 42.9, 26.4 and 41.9, 26.7 dB with it, 42.9, 26.3
+and 41.8, 25.9 with 0, 42.5, 26.4 and 41.8, 26.5 with 0.3."""
 
 
 class Evidence(Protocol):
