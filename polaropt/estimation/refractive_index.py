@@ -477,7 +477,7 @@ def _single_pane_of(scene: SceneParameters) -> SceneParameters | None:
         par, perp = in_place_reflectance(angle, scene.index, False, n_panes)
         return perp - par
 
-    angles = np.arange(incidence, INCIDENCE_SEARCH_DEG[1])
+    angles = np.arange(incidence, max(incidence, INCIDENCE_SEARCH_DEG[1]) + 1)
     off = [abs(polarized(float(angle), 1) - polarized(incidence, 2)) for angle in angles]
     single = clear_pane(scene, scene.index).replace(ghost_shift=shift + (scene.gap_shift or 0.0))
     return single.replace(incidence_deg=float(angles[int(np.argmin(off))]))
