@@ -15,7 +15,7 @@ __all__ = [
     "Place",
     "Row",
     "SharedScene",
-    "angle_in_name",
+    "angles_in_names",
     "check_parquet",
     "combine_scenes",
     "distinct",
@@ -40,7 +40,7 @@ from .group import FOLDER as FOLDER
 from .group import Group as Group
 from .group import Grouping as Grouping
 from .group import Leftover as Leftover
-from .group import angle_in_name as angle_in_name
+from .group import angles_in_names as angles_in_names
 from .group import distinct as distinct
 from .group import group_sources as group_sources
 from .job import DONE as DONE

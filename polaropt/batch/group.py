@@ -293,6 +293,12 @@ def angle_in_name(file: Path) -> tuple[str, float] | None:
     return None if match is None else (file.stem[: match.start()].rstrip(_MARKS), float(match["angle"]))
 
 
+def angles_in_names(files: Sequence[Path]) -> tuple[float, ...]:
+    """The angles that names end in, in the order of the files; empty unless each has one of its own."""
+    angles = tuple(called[1] for called in map(angle_in_name, files) if called is not None)
+    return angles if len(angles) == len(set(angles)) == len(files) else ()
+
+
 def _no_capture(file: Path, angles_deg: Sequence[float]) -> str:
     suffix = file.suffix.lower()
     if suffix in (".raw", ".bin"):

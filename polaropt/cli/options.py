@@ -510,13 +510,12 @@ class CaptureOptions(ReadingOptions):
 
         A shell sorts 135 before 45.
         """
-        from polaropt.batch import angle_in_name
+        from polaropt.batch import angles_in_names
 
         if self.angles != _USUAL_ANGLES or len(self.captures) < 3:
             return ()
-        named = tuple(found[1] for found in map(angle_in_name, self.captures) if found is not None)
-        usual = numbers(_USUAL_ANGLES, "--angles")
-        return named if len(named) == len(self.captures) == len(set(named)) and set(named) <= set(usual) else ()
+        named = angles_in_names(self.captures)
+        return named if set(named) <= set(super().angles_deg) else ()
 
     def read(self, stages: Stages, until: float = 1.0) -> Capture:
         """Read the files, align them and look for the start of the angles where that is asked for.

@@ -25,8 +25,8 @@ from polaropt.estimation.flat.ghost_overlap import LayerOverlap
 from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX, cross_spectra
 from polaropt.estimation.flat.gradients import PaneGradients
 from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
-from polaropt.estimation.flat.window import judged_pane, judged_window, window_of
-from polaropt.estimation.flat.windows.search import LikelyWindow
+from polaropt.estimation.flat.window import HARDLY_PX, judged_pane, judged_window, window_of
+from polaropt.estimation.flat.windows.search import LikelyWindow, equivalent_single
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.numerics import local_minima, local_minimum, minimum_error, vertex
 from polaropt.optics import GLASS_INDEX, INCIDENCE_SEARCH_DEG, SceneParameters, in_place_reflectance, in_place_weights
@@ -463,24 +463,13 @@ def _tiles_tell(frame: PlateFrame, scene: SceneParameters) -> bool:
     return abs(scene.values()[2]) >= LIKE_BLUR_PX and noise_of_mirrored(frame, scene) < MOST_NOISE
 
 
-_HARDLY_PX = 1.0
-"""Shift of a pane up to which two have the images of one, of other glass. By hand."""
-
-
 def _single_pane_of(scene: SceneParameters) -> SceneParameters | None:
     """The single pane whose images two clear ones have, where they are hardly thick; None for all else."""
     incidence, _, shift = scene.values()
-    if scene.n_panes != 2 or scene.absorption or scene.single_surface or abs(shift) >= _HARDLY_PX:
+    if scene.n_panes != 2 or scene.absorption or scene.single_surface or abs(shift) >= HARDLY_PX:
         return None
-
-    def polarized(angle: float, n_panes: int) -> float:
-        par, perp = in_place_reflectance(angle, scene.index, False, n_panes)
-        return perp - par
-
-    angles = np.arange(incidence, max(incidence, INCIDENCE_SEARCH_DEG[1]) + 1)
-    off = [abs(polarized(float(angle), 1) - polarized(incidence, 2)) for angle in angles]
-    single = clear_pane(scene, scene.index).replace(ghost_shift=shift + (scene.gap_shift or 0.0))
-    return single.replace(incidence_deg=float(angles[int(np.argmin(off))]))
+    steeper = equivalent_single(incidence, scene.n_panes, scene.index)
+    return clear_pane(scene, scene.index).replace(incidence_deg=steeper, ghost_shift=shift + (scene.gap_shift or 0.0))
 
 
 def _told_by_tiles(

@@ -27,7 +27,7 @@ __all__ = [
     "grid_sums",
     "hann_autocorrelation",
     "hann_spectra",
-    "hann_window",
+    "hann_tile",
     "in_color",
     "jackknife_error",
     "left_out",
@@ -101,7 +101,7 @@ from .spectrum import each_plane as each_plane
 from .spectrum import frequencies as frequencies
 from .spectrum import hann_autocorrelation as hann_autocorrelation
 from .spectrum import hann_spectra as hann_spectra
-from .spectrum import hann_window as hann_window
+from .spectrum import hann_tile as hann_tile
 from .spectrum import natural_frequencies as natural_frequencies
 from .spectrum import squared_frequencies as squared_frequencies
 from .spectrum import tukey_window as tukey_window

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from solvers.kernels import in_blocks
 
 Array = NDArray[Any]
-Complex = NDArray[np.complex128]
 Values = NDArray[np.float64]
 
 
@@ -69,6 +68,12 @@ def hann_autocorrelation(lag: NDArray[np.float64]) -> NDArray[np.float64]:
     return bulk + np.sin(2 * np.pi * lag) / (2 * np.pi)
 
 
+def hann_tile(height: int, width: int) -> NDArray[np.float64]:
+    """Hann's window of a tile, (height, width), of unit power: noise keeps its own."""
+    window = np.outer(hann_window(height), hann_window(width))
+    return np.asarray(window / math.sqrt(float(np.sum(window**2))))
+
+
 def hann_spectra(images: Array) -> NDArray[np.complexfloating[Any, Any]]:
     """Spectra (..., h, w // 2 + 1) of images (..., h, w) under Hann's window, by way of their gradients.
 
@@ -78,20 +83,19 @@ def hann_spectra(images: Array) -> NDArray[np.complexfloating[Any, Any]]:
     """
     from scipy.fft import rfft2
 
-    window, by_down, by_right = _of_gradients(*images.shape[-2:])
+    window, by_down, by_right = _of_gradients(*images.shape[-2:], images.dtype)
     gradients = np.zeros((2, *images.shape), images.dtype)
     np.subtract(images[..., 1:, :], images[..., :-1, :], out=gradients[0, ..., :-1, :])
     np.subtract(images[..., 1:], images[..., :-1], out=gradients[1, ..., :-1])
-    gradients *= window.astype(images.dtype)
+    gradients *= window
     of_down, of_right = rfft2(gradients)
-    return np.asarray(of_down * by_down.astype(of_down.dtype) + of_right * by_right.astype(of_down.dtype))
+    return np.asarray(of_down * by_down + of_right * by_right)
 
 
 @lru_cache(maxsize=8)
-def _of_gradients(height: int, width: int) -> tuple[Values, Complex, Complex]:
+def _of_gradients(height: int, width: int, dtype: np.dtype[Any]) -> tuple[Array, Array, Array]:
     """Hann's window of unit power, and by what spectra of differences down and to the right become the picture's."""
-    window = np.outer(hann_window(height), hann_window(width))
-    window /= math.sqrt(float(np.sum(window**2)))
+    window = hann_tile(height, width)
     rows, columns = frequencies(height, width)
     down, right = np.broadcast_arrays(np.exp(1j * rows) - 1, np.exp(1j * columns) - 1)
     size = np.abs(down) ** 2 + np.abs(right) ** 2
@@ -112,7 +116,8 @@ def _of_gradients(height: int, width: int) -> tuple[Values, Complex, Complex]:
     power = power + 2 * (down.conj() * right * both.conj()).real
     factors = np.sqrt(power)
     factors[0, 0] = 1
-    return window, down.conj() / factors, right.conj() / factors
+    exact = np.result_type(dtype, np.complex64)
+    return window.astype(dtype), (down.conj() / factors).astype(exact), (right.conj() / factors).astype(exact)
 
 
 def bilinear_transfer(right: Array, down: Array, columns: Values, rows: Values) -> NDArray[np.complex128]:

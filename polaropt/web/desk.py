@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from polaropt.batch import angle_in_name
+from polaropt.batch import angles_in_names
 from polaropt.errors import InputError
 from polaropt.progress import Progress
 
@@ -230,10 +230,10 @@ def names_in_order(names: Sequence[str]) -> list[tuple[str, float | None]]:
 
     Four without angles are taken for 0, 45, 90 and 135 degrees, three for 0, 60 and 120.
     """
-    angles = [called[1] for called in map(angle_in_name, map(Path, names)) if called is not None]
+    angles = angles_in_names([Path(name) for name in names])
     # Of 000, 001, ... the numbers count files.
     counted = max(angles, default=0.0) - min(angles, default=0.0) < len(names)
-    if len(angles) == len(set(angles)) == len(names) and not counted and max(angles) <= _HALF_TURN_DEG:
+    if angles and not counted and max(angles) <= _HALF_TURN_DEG:
         return [(name, angle) for angle, name in sorted(zip(angles, names, strict=True))]
     usual = _USUAL.get(len(names), (None,) * len(names))
     return list(zip(sorted(names), usual, strict=True))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
-from polaropt.numerics import column_multiplicity, frequencies, hann_autocorrelation, hann_spectra, hann_window
+from polaropt.numerics import column_multiplicity, frequencies, hann_autocorrelation, hann_spectra, hann_tile
 from polaropt.optics import GhostSeries, GhostSum, Plate, SceneParameters, ghost_sum, interface
 from solvers.kernels import in_blocks
 
@@ -169,9 +169,7 @@ def _tile_spectra(frame: PlateFrame, side: int, corners: Sequence[tuple[int, int
     """
     from scipy.fft import rfft2
 
-    profile = hann_window(side)
-    window = np.outer(profile, profile)
-    window = (window / np.sqrt(np.sum(window**2))).astype(np.float32)
+    window = hann_tile(side, side).astype(np.float32)
     share = window / np.sum(window)
     for part in _tiles(frame, side, corners):
         mean = np.einsum("ecyx,yx->ec", part, share)[..., None, None]

@@ -36,7 +36,7 @@ from polaropt.numerics import (
     AliasGroups,
     Members,
     frequencies,
-    hann_window,
+    hann_tile,
     local_minimum,
     minimum_error,
     opponent_basis,
@@ -321,9 +321,7 @@ class SampledLikelihood:
         from scipy.fft import rfft2
 
         side, period = self._side, samples.sampling.period
-        profile = hann_window(side)
-        window = np.outer(profile, profile)
-        window /= np.sqrt(np.sum(window**2))
+        window = hann_tile(side, side)
         corners = tile_corners(samples.valid, side, period)
         sums = np.zeros((min(_BANDS, len(corners)), self._multiplicity.size, period**2, period**2), np.complex64)
         counts = np.zeros(len(sums))

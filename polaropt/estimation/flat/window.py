@@ -49,7 +49,7 @@ _TRIAL_DEG = (40.0, 52.0, 62.0, 72.0, 80.0)
 """Incidences of single panes that windows are likened to where the axis is in doubt."""
 _CLOSE_PX, _BESIDE_DEG = 3.0, (-9.0, -6.0, -3.0, 0.0, 3.0)
 """Shifts up to which edges alone tell the incidence, and how far from the likelihood's they are looked at."""
-_TURNED_DEG, _HARDLY_PX = 12.0, 1.0
+_TURNED_DEG, HARDLY_PX = 12.0, 1.0
 """Angle between gap and azimuth from which on, and shift of a pane up to which, a window is one pane for all that its
 images tell: as far as ghosts may lie beside the azimuth without a warning (`polaropt.estimation.angles`); by hand."""
 _BESIDE_PX, _TURNED_INCIDENCES_DEG = np.arange(-2.0, 2.5, 0.5), np.arange(10.0, INCIDENCE_SEARCH_DEG[1], 3.0)
@@ -118,7 +118,7 @@ def _looks_turned(window: Window) -> bool:
     """Whether it has the images of one pane and angles that start elsewhere, which is more usual, and warned of."""
     direction_deg = math.degrees(math.atan2(abs(window.gap_across), abs(window.gap_along)))
     apart_px = math.hypot(window.gap_along, window.gap_across)
-    return direction_deg > _TURNED_DEG and abs(window.pane_shift) < _HARDLY_PX and apart_px > _CLOSE_PX
+    return direction_deg > _TURNED_DEG and abs(window.pane_shift) < HARDLY_PX and apart_px > _CLOSE_PX
 
 
 @dataclass(frozen=True)
@@ -364,7 +364,7 @@ def _shows_another(window: LikelyWindow, other: LikelyWindow) -> bool:
     gains = other.misfit - window.misfit, other.edges - window.edges
     errors = [jackknife_error(b - a) for a, b in zip(window.parts, other.parts, strict=True)]
     seen, overlap = (gain / max(error, _NO_ERROR) for gain, error in zip(gains, errors, strict=True))
-    if _close(window.window) and _HARDLY_PX <= abs(other.window.pane_shift) <= _CLOSE_PX:
+    if _close(window.window) and HARDLY_PX <= abs(other.window.pane_shift) <= _CLOSE_PX:
         return bool(seen + overlap > _SURE_OF_CLOSE and window.score < other.score)
     together = gains[0] > _LEAST_GAIN and seen + overlap > _SURE_TOGETHER and window.score < other.score
     return seen > _SURE and (together or window.clearly_better(other, _LEAST_GAIN, _SURE))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghosts import TILE_PX, tile_corners, usable_frequencies
-from polaropt.estimation.flat.windows.tiles import FREEDOM, HIGHEST_TILE_FREQUENCY, frequency_cells
+from polaropt.estimation.flat.windows.tiles import FREEDOM, HIGHEST_TILE_FREQUENCY, frequency_cells, images_in_common
 from polaropt.estimation.polarized.light import (
     AZIMUTH,
     HIGHEST_DEG,
@@ -39,8 +39,6 @@ from polaropt.estimation.polarized.light import (
 )
 from polaropt.numerics import (
     Box,
-    bilinear_transfer,
-    hann_autocorrelation,
     hann_spectra,
     opponent_basis,
 )
@@ -75,8 +73,6 @@ _TURNS, _TURNS_OF_CURVATURE, _AT_REST = 4, 2, 0.1
 """In which the powers are fitted to the last pane, and that share a curvature; and the move, in steps, that ends them.
 Set by hand."""
 _PAIRS = ((0, 1), (0, 2), (1, 2))
-_IMAGE_PAIRS = np.tril_indices(_N_IMAGES)
-"""The later and the earlier of every two images."""
 
 
 @dataclass(frozen=True)
@@ -251,11 +247,8 @@ class StokesTiles:
         images = mixing @ np.concatenate([light[..., :1], images], axis=-1)
         images /= np.linalg.norm(images.sum(axis=-1), axis=-1)[:, None, None]
         images = images if shift else images.sum(axis=-1, keepdims=True)
-        # Of every two images of a layer (component, image) what they have in common, each of them interpolated.
-        one, other = _IMAGE_PAIRS if shift else (np.zeros(1, np.intp), np.zeros(1, np.intp))
-        moved = bilinear_transfer(steps * right, -steps * up, self._columns, self._rows)
-        within = hann_autocorrelation(steps * right / self._side) * hann_autocorrelation(steps * up / self._side)
-        common = np.where(one == other, 0.5, within[one - other])[:, None] * moved[one] * moved[other].conj()
+        seen = self._columns, self._rows, self._side
+        one, other, common = images_in_common(steps * right, -steps * up, *seen)
         products = images[:, :, None, one] * images[:, None, :, other]
         even, odd = products + products.swapaxes(1, 2), products - products.swapaxes(1, 2)
         first, second = np.array(_PAIRS).T

@@ -83,7 +83,7 @@ class WindowLikelihood:
         """Minus log likelihood per frequency of trial windows, up to a constant, (window,)."""
         from polaropt.estimation.flat.windows.kernels import Lags, window_misfits
 
-        glass = [(round(w.incidence_deg, _DIGITS), w.n_panes, round(w.absorption, _DIGITS)) for w in windows]
+        glass = [_kind(window) for window in windows]
         different = list(dict.fromkeys(glass))
         tables = [_lags(*of, self._index) for of in different]
         longest = max(len(orders[0]) for orders, _ in tables)
@@ -127,9 +127,7 @@ def common_light(orders: NDArray[np.int64], shifts: Values, azimuth_deg: float, 
 
 def lags_of(window: Window, refractive_index: float) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Orders (2, lag, 2) and weights (2, lag, 4) of a window's kind, as `kernels.Lags`."""
-    return _lags(
-        round(window.incidence_deg, _DIGITS), window.n_panes, round(window.absorption, _DIGITS), refractive_index
-    )
+    return _lags(*_kind(window), refractive_index)
 
 
 def images_of(window: Window, refractive_index: float) -> tuple[NDArray[np.int64], Values]:
@@ -137,11 +135,12 @@ def images_of(window: Window, refractive_index: float) -> tuple[NDArray[np.int64
 
     Weights (2, image, 2) are those of both layers, transmission first, polarized along and across the azimuth.
     """
-    images = _images(
-        round(window.incidence_deg, _DIGITS), window.n_panes, round(window.absorption, _DIGITS), refractive_index
-    )
-    seen = np.abs(images).max(axis=(0, -1)) > _LEAST_WEIGHT
-    return np.argwhere(seen), images[:, seen]
+    return _seen_images(*_kind(window), refractive_index)
+
+
+def _kind(window: Window) -> tuple[float, int, float]:
+    """What the weights of a window's images follow from: incidence, panes and absorption."""
+    return round(window.incidence_deg, _DIGITS), window.n_panes, round(window.absorption, _DIGITS)
 
 
 def _seen(spectra: CrossSpectra) -> Seen:
@@ -153,6 +152,16 @@ def _seen(spectra: CrossSpectra) -> Seen:
     shapes = spectral_shapes(spectra.along, spectra.across_azimuth, *DETAIL)
     arrays = (*parts, shapes, data, np.array([par, perp, cross]))
     return Seen(*(np.ascontiguousarray(part, dtype=np.float32) for part in arrays))
+
+
+@lru_cache(maxsize=4096)
+def _seen_images(
+    incidence_deg: float, n_panes: int, absorption: float, refractive_index: float
+) -> tuple[NDArray[np.int64], Values]:
+    """Those of `images_of`, which are asked for at every step of a search; not to be written to."""
+    images = _images(incidence_deg, n_panes, absorption, refractive_index)
+    seen = np.abs(images).max(axis=(0, -1)) > _LEAST_WEIGHT
+    return np.argwhere(seen), images[:, seen]
 
 
 @lru_cache(maxsize=4096)

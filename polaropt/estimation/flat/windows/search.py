@@ -205,13 +205,24 @@ def apart(one: Window, other: Window) -> bool:
 
 def equivalent_incidences(incidence_deg: float, n_panes: int, refractive_index: float) -> list[float]:
     """Incidences between those at which so many panes in place polarize, and mirror, as one does at another."""
-
-    def reflected(angle: float, n: int) -> tuple[float, float]:
-        par, perp = in_place_reflectance(angle, refractive_index, False, n)
-        return perp - par, perp
-
     angles = np.arange(INCIDENCE_SEARCH_DEG[0], incidence_deg + _EQUIVALENT_STEP_DEG, _EQUIVALENT_STEP_DEG)
-    table = np.array([reflected(float(angle), n_panes) for angle in angles])
-    lowest, highest = sorted(angles[np.abs(table - reflected(incidence_deg, 1)).argmin(axis=0)].tolist())
+    table = np.array([_reflected(float(angle), n_panes, refractive_index) for angle in angles])
+    alike = np.abs(table - _reflected(incidence_deg, 1, refractive_index)).argmin(axis=0)
+    lowest, highest = sorted(angles[alike].tolist())
     n = max(_LEAST_EQUIVALENT, math.ceil((highest - lowest) / _EQUIVALENT_SPACING_DEG) + 1)
     return [float(angle) for angle in np.linspace(lowest, highest, n)]
+
+
+def equivalent_single(incidence_deg: float, n_panes: int, refractive_index: float) -> float:
+    """Incidence at which one pane in place polarizes as so many do at another."""
+    last = max(incidence_deg, INCIDENCE_SEARCH_DEG[1])
+    angles = np.arange(incidence_deg, last + _EQUIVALENT_STEP_DEG, _EQUIVALENT_STEP_DEG)
+    asked, _ = _reflected(incidence_deg, n_panes, refractive_index)
+    off = [abs(_reflected(float(angle), 1, refractive_index)[0] - asked) for angle in angles]
+    return float(angles[int(np.argmin(off))])
+
+
+def _reflected(incidence_deg: float, n_panes: int, refractive_index: float) -> tuple[float, float]:
+    """How much more panes in place mirror across the plane of incidence than along, and how much across."""
+    par, perp = in_place_reflectance(incidence_deg, refractive_index, False, n_panes)
+    return perp - par, perp

@@ -171,12 +171,7 @@ class TileLikelihood:
         across = orders[:, 1] * window.gap_across
         right = along * math.cos(azimuth) + across * math.sin(azimuth)
         down = across * math.cos(azimuth) - along * math.sin(azimuth)
-        moved = bilinear_transfer(right, down, self._columns, self._rows)
-        # Of every two images what they have in common, each of them interpolated.
-        one, other = np.tril_indices(len(orders))
-        within = hann_autocorrelation((right[one] - right[other]) / self._side)
-        within *= hann_autocorrelation((down[one] - down[other]) / self._side)
-        common = np.where(one == other, 0.5, within)[:, None] * moved[one] * moved[other].conj()
+        one, other, common = images_in_common(right, down, self._columns, self._rows, self._side)
         (par, perp), (other_par, other_perp) = (images[:, which].transpose(2, 0, 1) for which in (one, other))
         forth, back = par * other_perp, perp * other_par
         response = np.empty((2, 4, self._columns.size), np.float32)
@@ -199,6 +194,34 @@ _TURNS, _AT_REST = 4, 0.1
 def _moved(window: Window, free: tuple[str, ...], x: Values) -> Window:
     """A window with other numbers."""
     return replace(window, **dict(zip(free, x.tolist(), strict=True)))
+
+
+def images_in_common(
+    right: NDArray[np.floating], down: NDArray[np.floating], columns: Values, rows: Values, side: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.complex128]]:
+    """What every two images of a layer have in common in a tile, each of them interpolated.
+
+    Parameters
+    ----------
+    right, down : ndarray, shape (image,)
+        How far they are moved, in pixels.
+    columns, rows : ndarray, shape (n,)
+        Angular frequencies per pixel.
+    side : int
+        Of the tile, in pixels.
+
+    Returns
+    -------
+    one, other : ndarray of int, shape (pair,)
+        The images of each pair.
+    common : ndarray of complex, shape (pair, n)
+        Cross spectra of images of a layer of power 1; half of it for an image and itself, as each pair stands for two.
+    """
+    moved = bilinear_transfer(right, down, columns, rows)
+    one, other = np.tril_indices(len(right))
+    within = hann_autocorrelation((right[one] - right[other]) / side)
+    within *= hann_autocorrelation((down[one] - down[other]) / side)
+    return one, other, np.where(one == other, 0.5, within)[:, None] * moved[one] * moved[other].conj()
 
 
 def frequency_cells(along: Values, across: Values) -> NDArray[np.intp]:
