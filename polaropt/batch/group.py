@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from polaropt.capture import CAMERA_RAW
 from polaropt.errors import InputError
-from polaropt.reporting import RESULT_FILES, THUMBNAIL
+from polaropt.reporting import COMPARISON, RESULT_FILES, THUMBNAIL, TRUE_LAYERS
 
 _STACKS = (".npz", ".npy", ".tif", ".tiff", ".png")
 """Names that mosaics and stacks end in. A JPEG holds neither."""
@@ -21,9 +21,12 @@ _ANGLE = r"(?:(?:(?<=[^0-9A-Za-z])|^)(?:i|pol|deg|p)?|(?-i:(?<=[0-9a-z])I))(?P<a
 _MARKS = " ._-"
 _OF_RESULTS = ("batch.jsonl", "sequence.json")
 """Files by which folders of results are known, in which nothing is looked for."""
-_OF_A_RESULT, _ITS_FILES = "report.json", {*RESULT_FILES, THUMBNAIL}
-"""The file by which a folder is known that holds a capture's results, and what is left out of it: photographs may lie
-there, too."""
+_WRITTEN_BESIDE = {
+    "report.json": frozenset((*RESULT_FILES, THUMBNAIL, COMPARISON, *TRUE_LAYERS)),
+    "scene.json": frozenset(TRUE_LAYERS),
+}
+"""Files by which folders of a capture's results and of a simulation are known, and what is left out of such a folder:
+photographs may lie there, too."""
 EACH, FOLDER = "each", "folder"
 """Of --group: each file is a capture; all files of a folder are one, in the order of their names."""
 
@@ -161,9 +164,9 @@ def _fixed_parts(parts: tuple[str, ...]) -> Iterator[str]:
 
 def _below(folder: Path, output: Path) -> Iterator[Path]:
     """Files in a folder and below it, in the order of their names; nothing hidden, and no results."""
-    results = _ITS_FILES if (folder / _OF_A_RESULT).exists() else set()
+    written = {name for sign, names in _WRITTEN_BESIDE.items() if (folder / sign).exists() for name in names}
     for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or path.absolute() == output or path.name in results:
+        if path.name.startswith(".") or path.absolute() == output or path.name in written:
             continue
         if path.is_dir():
             if not any((path / name).exists() for name in _OF_RESULTS):

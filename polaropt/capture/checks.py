@@ -79,6 +79,11 @@ class GammaFit:
         return self._differs(_SURE_GAMMA)
 
     @property
+    def linear(self) -> bool:
+        """Whether the photographs are surely linear, as far as an exponent tells."""
+        return self.certain and _LINEAR[0] <= self.exponent <= _LINEAR[1]
+
+    @property
     def likely_encoded(self) -> bool:
         """Whether they are not linear, if something else tells that the pairs do not add up."""
         return self._differs(_LIKELY_GAMMA)

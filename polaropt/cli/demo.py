@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from polaropt.optics import Field
 
 
-COMPARISON = "side-by-side.png"
 MOSAIC, OF_MOSAIC = "mosaic.png", "mosaic"
 
 
@@ -80,15 +79,15 @@ def _run(work: Path, folder: Path, stages: Stages) -> tuple[Example, dict[str, A
     from polaropt.capture import read_capture, write_capture, write_picture, write_tiff
     from polaropt.cli.example import comparison, make_example, scores
     from polaropt.optics import SceneParameters
-    from polaropt.reporting import write_separation
+    from polaropt.reporting import COMPARISON, TRUE_LAYERS, write_separation
     from polaropt.separation import separate
 
     stages.begin("Simulating", 0.0)
     example = make_example()
     # From the files on, as with one's own photographs.
     capture = _in_folder(read_capture(write_capture(example.capture, work / "capture.png")), folder)
-    write_tiff(work / "true_transmission.tiff", example.transmission)
-    write_tiff(work / "true_reflection.tiff", example.reflection)
+    for name, layer in zip(TRUE_LAYERS, (example.transmission, example.reflection), strict=True):
+        write_tiff(work / name, layer)
     unknown = SceneParameters(None, None, None)
     result = separate(capture, unknown, progress=stages.part(_MADE, _SEPARATED))
     stages.include(result.seconds, result.cpu_seconds)
@@ -111,7 +110,7 @@ def _run_mosaic(work: Path, folder: Path, stages: Stages) -> tuple[Score, Score]
 
     from polaropt.capture import WHITE_16, read_capture, write_picture, write_png, write_tiff
     from polaropt.cli.example import SCENE, Example, comparison, make_mosaic, scores
-    from polaropt.reporting import write_separation
+    from polaropt.reporting import COMPARISON, TRUE_LAYERS, write_separation
     from polaropt.separation import separate
 
     stages.begin("Simulating", 0.0)
@@ -121,8 +120,8 @@ def _run_mosaic(work: Path, folder: Path, stages: Stages) -> tuple[Score, Score]
     result = separate(capture, progress=stages.part(_MADE, _SEPARATED))
     stages.include(result.seconds, result.cpu_seconds)
     write_separation(work, result, capture, stages=stages, reached=_SEPARATED)
-    write_tiff(work / "true_transmission.tiff", transmission)
-    write_tiff(work / "true_reflection.tiff", reflection)
+    for name, layer in zip(TRUE_LAYERS, (transmission, reflection), strict=True):
+        write_tiff(work / name, layer)
     example, layers = Example(capture, transmission, reflection, SCENE), (result.transmission, result.reflection)
     write_picture(work / COMPARISON, comparison(example, *layers))
     return scores(example, *layers)
@@ -140,7 +139,7 @@ def _sentences(
     folder: Path,
 ) -> list[str]:
     from polaropt.optics import FIELDS, SEARCHED
-    from polaropt.reporting import marked, report_attention, time_sentence
+    from polaropt.reporting import COMPARISON, marked, report_attention, time_sentence
 
     def row(field: Field) -> str:
         (component,) = field.components

@@ -56,8 +56,8 @@ class PaneOptions:
         float | None,
         typer.Option(
             metavar="PX",
-            help="The same for what is behind the pane, where it is nearer or farther. Default: found where it shows, "
-            "else that of the reflection.",
+            help="The same for what is behind the pane, where it is nearer or farther. Default: that of the "
+            "reflection; `separate` finds another where it shows.",
             rich_help_panel=_PANE,
         ),
     ] = None
@@ -81,9 +81,9 @@ class PaneOptions:
         str | None,
         typer.Option(
             metavar="N",
-            help="Refractive index: 1.5 for glass, 1.33 for water. free: the glass is unknown; then the "
-            "index of one flat pane is found, as far as the photographs tell it (1.5 where they hardly do). Default: "
-            "1.5, and `separate` takes another where the photographs speak clearly for it.",
+            help="Refractive index: 1.5 for glass, 1.33 for water. free (not for `simulate`): the glass is "
+            "unknown; then the index of one flat pane is found, as far as the photographs tell it (1.5 where they "
+            "hardly do). Default: 1.5, and `separate` takes another where the photographs speak clearly for it.",
             rich_help_panel=_PANE,
         ),
     ] = None
@@ -96,7 +96,8 @@ class PaneOptions:
         int | None,
         typer.Option(
             metavar="N",
-            help="Panes of the window, one behind another. Default: up to three are found by their double images.",
+            help="Panes of the window, one behind another. Default: 1; `separate` finds up to three by their double "
+            "images.",
             rich_help_panel=_PANE,
         ),
     ] = None
@@ -121,7 +122,8 @@ class PaneOptions:
         typer.Option(
             metavar="SHARE",
             help="Share of the light that tinted glass passes, 0 to 1; the transmission is what is seen through it. "
-            "Default: found where a dimmed double image tells it (from about a quarter of the light on).",
+            "Default: 1; `separate` finds less where a dimmed double image tells it (from about a quarter of the light "
+            "taken on).",
             rich_help_panel=_PANE,
         ),
     ] = None
@@ -140,7 +142,7 @@ class PaneOptions:
         typer.Option(
             metavar="PX",
             help="Focal length in pixels of a lens so wide that the incidence changes over the picture; the azimuth is "
-            "then the direction into which the pane's normal leans. Found where it shows, unless given.",
+            "then the direction into which the pane's normal leans. Default: none; `separate` finds it where it shows.",
             rich_help_panel=_PANE,
         ),
     ] = None

@@ -138,13 +138,14 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
     import numpy as np
 
     from polaropt.capture import WHITE_16, result_folder, write_capture, write_png, write_tiff
-    from polaropt.reporting import json_values
+    from polaropt.reporting import TRUE_LAYERS, json_values
     from polaropt.simulation import (
         common_middle,
         photograph_mosaic,
         photograph_pair,
         read_photograph,
         sensor_image,
+        whole_patterns,
     )
 
     if many.photos is not None:
@@ -159,9 +160,9 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
         color = None if layers.sensor is None else layers.sensor == "color"
         if color is not None:
             _check_mosaic(layers, images[0])
+            images = [whole_patterns(image, color) for image in images]
         stages.begin("Writing the truth", 0.2)
-        truth = ["true_transmission.tiff", "true_reflection.tiff"]
-        for name, image, share in zip(truth, images, (scene.tint, 1.0), strict=True):
+        for name, image, share in zip(TRUE_LAYERS, images, (scene.tint, 1.0), strict=True):
             seen = camera.through_lens(image if color is None else sensor_image(image, color))
             write_tiff(work / name, seen if share == 1 else seen * np.float32(share))
         stages.begin("Simulating", 0.4)
@@ -176,9 +177,9 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
             write_png(work / MOSAIC, np.round(np.clip(raw, 0, 1) * WHITE_16).astype(np.uint16))
             files = [MOSAIC]
         document = {"polaropt": polaropt.__version__, "scene": json_values(scene), "camera": json_values(camera)}
-        document |= {"photographs": [str(path) for path in layers.layers], "files": files, "truth": truth}
+        document |= {"photographs": [str(path) for path in layers.layers], "files": files, "truth": list(TRUE_LAYERS)}
         (work / "scene.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
-    return {**document, "summary": ", ".join([*files, *truth, "scene.json"])}
+    return {**document, "summary": ", ".join([*files, *TRUE_LAYERS, "scene.json"])}
 
 
 def _written_before(folder: Path) -> list[str]:

@@ -1,7 +1,9 @@
 __all__ = [
+    "COMPARISON",
     "LAYERS",
     "RESULT_FILES",
     "THUMBNAIL",
+    "TRUE_LAYERS",
     "Inspection",
     "Picture",
     "alignment_sentence",
@@ -38,8 +40,10 @@ __all__ = [
 from .files import write_separation as write_separation
 from .inspection import Inspection as Inspection
 from .inspection import inspect_capture as inspect_capture
+from .names import COMPARISON as COMPARISON
 from .names import RESULT_FILES as RESULT_FILES
 from .names import THUMBNAIL as THUMBNAIL
+from .names import TRUE_LAYERS as TRUE_LAYERS
 from .notebook import plot_layers as plot_layers
 from .notebook import result_html as result_html
 from .notebook import result_lines as result_lines

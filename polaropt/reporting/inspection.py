@@ -267,7 +267,7 @@ def _darkest(capture: Capture) -> float | None:
 def _looks_encoded(gamma: GammaFit | None, hint: EncodingHint) -> bool | None:
     """The photographs' own word counts; the file format's only where they say nothing."""
     if gamma is not None and gamma.certain:
-        return gamma.encoded
+        return True if gamma.encoded else (False if gamma.linear else None)
     return True if hint.decides else None
 
 

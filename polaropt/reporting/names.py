@@ -17,3 +17,7 @@ RESULT_FILES = (
 """All files that a separation may write: what of them a run does not write, an earlier one has left."""
 THUMBNAIL = "thumbnail.jpg"
 """What a batch writes beside them, for its contact sheet."""
+TRUE_LAYERS = ("true_transmission.tiff", "true_reflection.tiff")
+"""What is written beside simulated photographs: the layers that they were made of."""
+COMPARISON = "side-by-side.png"
+"""Photographs, layers and truth of the demo, to look at."""

@@ -18,6 +18,7 @@ __all__ = [
     "similarity_map",
     "simulate",
     "stack_layers",
+    "whole_patterns",
     "without_margin",
     "write_dataset",
 ]
@@ -42,4 +43,5 @@ from .simulator import photograph_pair as photograph_pair
 from .simulator import sensor_image as sensor_image
 from .simulator import simulate as simulate
 from .simulator import stack_layers as stack_layers
+from .simulator import whole_patterns as whole_patterns
 from .simulator import without_margin as without_margin

@@ -251,6 +251,13 @@ def sensor_image(image: Image, color: bool) -> Image:
     return image if image.ndim == 2 else np.asarray(image.mean(axis=-1), dtype=np.float32)
 
 
+def whole_patterns(image: Image, color: bool) -> Image:
+    """An image (h, w[, channel]) without the last rows and columns that are no whole pattern of a sensor's mosaic."""
+    period = sampling_of(color)[0].period
+    height, width = (side // period * period for side in image.shape[:2])
+    return image[:height, :width]
+
+
 def without_margin(image: Image, margin: int = MARGIN) -> Image:
     """The frame of a layer (h, w[, channel])."""
     return np.ascontiguousarray(image[margin:-margin, margin:-margin])

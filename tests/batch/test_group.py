@@ -87,6 +87,19 @@ def test_photographs_beside_their_results_are_found(tmp_path: Path) -> None:
         assert grouping.leftovers == ()
 
 
+def test_what_simulate_and_demo_write_beside_photographs_is_no_capture(tmp_path: Path) -> None:
+    truth = ("true_transmission.tiff", "true_reflection.tiff")
+    photographs = [f"capture_{angle:03}.png" for angle in (0, 45, 90, 135)]
+    touch(tmp_path, *(f"simulated/{name}" for name in (*photographs, *truth, "scene.json")))
+    touch(tmp_path, *(f"demo/{name}" for name in (*photographs, *truth, "report.json", "side-by-side.png")))
+    touch(tmp_path, "mine/side-by-side.png")
+    assert found(grouped(tmp_path)) == {
+        "simulated/capture": photographs,
+        "demo/capture": photographs,
+        "mine/side-by-side": ["side-by-side.png"],
+    }
+
+
 def test_other_angles_are_looked_for(tmp_path: Path) -> None:
     touch(tmp_path, "a_60.png", "a_0.png", "a_120.png")
     assert found(grouped(tmp_path, angles=(0, 60, 120))) == {"a": ["a_0.png", "a_60.png", "a_120.png"]}

@@ -96,6 +96,24 @@ def test_gains_alone_are_told_as_such(tmp_path, capsys):
     assert "Only the gains are told" in capsys.readouterr().out
 
 
+def test_the_picture_of_a_scene_is_no_evenly_lit_field(tmp_path, capsys):
+    images = scene_intensities((128, 128))
+    stokes = np.tensordot(np.linalg.pinv(analyzer_matrix(ANGLES)), images, axes=1)
+    assert main(["calibrate", saved(tmp_path / "scene.png", photographed(stokes)), "-o", str(tmp_path / "a.json")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "scene.png: is no evenly lit field" in line
+    assert not (tmp_path / "a.json").exists()
+
+
+def test_a_field_may_fall_off_towards_its_corners_and_one_side(tmp_path):
+    y, x = np.mgrid[-1:1:160j, -1:1:192j]
+    light = 0.8 * (1 + 0.2 * x) / (1 + 0.3 * (x**2 + y**2)) ** 2
+    file = saved(tmp_path / "flat.png", photographed(light * np.array([1, 0, 0]).reshape(3, 1, 1)))
+    assert main(["calibrate", file, "-o", str(tmp_path / "a.json"), "--sensor", "mono"]) == 0
+    gains = np.array(TRUE.gains) / np.mean(TRUE.gains)
+    np.testing.assert_allclose(json.loads((tmp_path / "a.json").read_text())["gains"], gains, atol=3e-3)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -48,6 +48,18 @@ def test_simulate_writes_a_data_set(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert same[0] == same[1]
 
 
+@pytest.mark.parametrize(("sensor", "size"), [("mono", (66, 70)), ("color", (64, 68))])
+def test_the_truth_of_a_mosaic_is_as_large_as_its_layers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sensor: str, size: tuple[int, int]
+) -> None:
+    write_png(tmp_path / "a.png", data.camera()[:67, :71])
+    photographs = [str(tmp_path / "a.png")] * 2
+    spoken(capsys, "simulate", *photographs, "--sensor", sensor, "-o", str(tmp_path / "out"))
+    assert read_capture(tmp_path / "out" / "mosaic.png", sensor=sensor).shape[-2:] == size
+    for layer in ("transmission", "reflection"):
+        assert tifffile.imread(tmp_path / "out" / f"true_{layer}.tiff").shape[:2] == size
+
+
 def test_simulate_takes_photographs_from_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for number in range(3):
         write_png(tmp_path / f"{number}.png", data.camera()[: 20 + number, :30])

@@ -58,6 +58,16 @@ def test_gamma_encoding_is_measured(seed, encode, exponent):
     assert fit.exponent == pytest.approx(exponent, rel=0.2)
 
 
+def test_values_darker_than_linear_are_not_called_linear():
+    images = np.clip(scene(seed=2).intensities, 0, 1) ** 1.6
+    images += 0.01 * np.random.default_rng(0).standard_normal(images.shape).astype(np.float32)
+    it = inspect_capture(Capture(images))
+    assert it.gamma_exponent < 0.75
+    assert it.looks_encoded is None
+    (sentence,) = (sentence for sentence in inspection_sentences(it) if "exponent" in sentence)
+    assert "cannot be told" in sentence
+
+
 def test_a_gain_is_not_taken_for_gamma():
     images = scene().intensities * np.array([1, 1.03, 0.99, 1.02], dtype=np.float32).reshape(4, 1, 1)
     assert not fit_gamma(Capture(images)).encoded
