@@ -20,8 +20,8 @@ from polaropt.errors import InputError
 from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import cross_spectra
-from polaropt.estimation.flat.ghosts_by_tiles import with_ghosts_by_tiles
 from polaropt.estimation.flat.gradients import incidence_by_gradients
+from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
 from polaropt.estimation.flat.sampled_ghosts import pane_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -214,11 +214,11 @@ def _completed(
         misfit = blocks.constant_misfit(estimate.scene.values()[1])
     remark = window_remark(estimate.scene) if asked.n_panes is None and not estimate.scene.has_ghosts else ""
     window = {name: getattr(estimate.scene, name) for name in ("n_panes", "gap_shift", "gap_azimuth_deg", "absorption")}
-    asked = asked.replace(**window)
-    found = _climbed(Evidence(capture, noise, stokes, blocks, asked, estimate, misfit, model), seconds, remark)
+    of_window = asked.replace(**window)
+    found = _climbed(Evidence(capture, noise, stokes, blocks, of_window, estimate, misfit, model), seconds, remark)
     # Of a mosaic's cells the samples tell it; a thickness ties it to the ghosts.
     if not (stokes.aliased or thickness_px is not None or asked.incidence_deg is not None):
-        found = _with_all_told(found, stokes)
+        found = _with_all_told(found, stokes, asked)
     return _with_errors_of_gains(found, capture, blocks)
 
 
@@ -234,11 +234,11 @@ def _with_errors_of_gains(found: LadderResult, capture: Capture, blocks: Polariz
     return dataclasses.replace(found, of_gains=errors_of_gains(apart, share, scene))
 
 
-def _with_all_told(found: LadderResult, stokes: StokesImages) -> LadderResult:
-    """The same with the incidence that edges, gradients and spectra tell together, where the pane is seen from far.
+def _with_all_told(found: LadderResult, stokes: StokesImages, asked: SceneParameters) -> LadderResult:
+    """The same with the incidence that all tell together, where the pane is seen from far.
 
     Gradients in small windows and the edges' overlap go by the same edges, and gradients are the surer where the pane
-    polarizes much. Spectra tell the incidence of a single clear pane.
+    polarizes much. Spectra tell the incidence of a single clear pane, tiles that of any two faces.
     """
     scene, estimate = found.scene, found.estimate
     if estimate is None or estimate.errors.incidence_deg is None or scene.rung not in ("pixelwise", "ghosts"):
@@ -252,6 +252,8 @@ def _with_all_told(found: LadderResult, stokes: StokesImages) -> LadderResult:
     told = [part for part in (None if surer else by_edges, gradients, spectra) if part is not None]
     mean, error = reduce(weighted_incidence, told)
     scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(estimate.errors, incidence_deg=error)
+    if scene.transmission_ghost_shift is None and not scene.single_surface and scene.n_bounces is None:
+        scene, errors = with_tiles(frame, scene, errors, asked)
     estimate = dataclasses.replace(estimate, scene=scene, errors=errors)
     return dataclasses.replace(found, scene=scene, estimate=estimate)
 

@@ -11,9 +11,9 @@ import pytest
 from polaropt import SceneParameters
 from polaropt.capture import Capture, stokes_images
 from polaropt.estimation import find_scene
-from polaropt.estimation.flat import ghosts_by_tiles
+from polaropt.estimation.flat import pane_by_tiles
 from polaropt.estimation.flat.estimate import SceneEstimate
-from polaropt.estimation.flat.ghosts_by_tiles import with_ghosts_by_tiles
+from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.optics import SceneErrors
@@ -65,8 +65,8 @@ class Tiles:
 def test_the_limit_of_ghosts_that_tiles_do_not_show(
     shift: float, sure: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ghosts_by_tiles, "TileLikelihood", type("", (Tiles,), {"sure": sure}))
-    monkeypatch.setattr(ghosts_by_tiles, "refined_incidence", lambda frame, scene: (scene.incidence_deg, 0.2))
+    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", type("", (Tiles,), {"sure": sure}))
+    monkeypatch.setattr(pane_by_tiles, "refined_incidence", lambda frame, scene: (scene.incidence_deg, 0.2))
     stokes = stokes_images(taken(PLAIN, 0, 0.005), 0.005)
     estimate = replace(ESTIMATE, scene=PLAIN.replace(ghost_shift=shift))
     found = with_ghosts_by_tiles(estimate, stokes, OPEN, is_flat=True)

@@ -24,6 +24,7 @@ def replace_in(names: SimpleNamespace, **changes: object) -> SimpleNamespace:
 
 
 PLAIN = SceneParameters(55.0, 20.0, 4.0)
+BLIND = SceneParameters(None, None, None)
 LENS, BENT = PLAIN.replace(focal_px=90.0), PLAIN.replace(bend_deg_per_px=(0.1, 0.0, 0.0))
 OTHER = Rival(PLAIN.replace(incidence_deg=70.0), 0.4)
 ALL, MOST, HALF, HARDLY = 1.0, 2.0, 4.0, 8.0
@@ -392,7 +393,8 @@ def test_gains_that_are_wrong_leave_no_more_than_six_times_what_does_not_add_up(
     assert rungs._gains_explain(replace(evidence(10.0), blocks=blocks, capture=capture)) == explains
 
 
-GRADIENTS, SPECTRA = (39.0, 0.36), (40.0, 0.36)
+GRADIENTS, SPECTRA, OWN_SHIFT = (39.0, 0.36), (40.0, 0.36), {"transmission_ghost_shift": 3.0}
+WATER = {"ghost_shift": 0.0, "single_surface": True}
 # How the scene differs, what gradients tell, and the error of the edges where they count, gradients and spectra, which
 # are put together.
 TOLD = {
@@ -412,13 +414,33 @@ def test_edges_gradients_and_spectra_tell_the_incidence_together(name: str, monk
     monkeypatch.setattr(ladder, "cross_spectra", lambda frame: None)
     monkeypatch.setattr(ladder, "spectral_incidence", lambda spectra, scene: SPECTRA)
     monkeypatch.setattr(ladder, "incidence_by_gradients", lambda frame, scene: gradients)
+    monkeypatch.setattr(ladder, "with_tiles", lambda frame, scene, errors, asked: (scene, errors))
     scene = PLAIN.replace(incidence_deg=38.0, **change)
     found = ladder.LadderResult(scene, replace(ESTIMATE, scene=scene, errors=SceneErrors(incidence_deg=0.3)), ())
-    told = ladder._with_all_told(found, None)
+    told = ladder._with_all_told(found, None, BLIND)
     edges = None if edges_error is None else (38.0, edges_error)
     mean, error = reduce(weighted_incidence, [part for part in (edges, *others) if part is not None])
     assert told.scene == told.estimate.scene
     assert (told.scene.incidence_deg, told.errors.incidence_deg) == pytest.approx((mean, error))
+
+
+@pytest.mark.parametrize(
+    ("change", "asks"), [({}, True), ({"ghost_shift": 0.0}, True), (OWN_SHIFT, False), (WATER, False)]
+)
+def test_tiles_have_the_last_word_on_two_faces_whose_images_lie_as_far_apart_in_both_layers(
+    change: dict[str, float | bool], asks: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    by_tiles = PLAIN.replace(incidence_deg=41.0, ghost_shift=8.2), SceneErrors(incidence_deg=0.1, ghost_shift=0.05)
+    monkeypatch.setattr(ladder, "plate_frame", lambda stokes, azimuth: None)
+    monkeypatch.setattr(ladder, "cross_spectra", lambda frame: None)
+    monkeypatch.setattr(ladder, "spectral_incidence", lambda spectra, scene: SPECTRA)
+    monkeypatch.setattr(ladder, "incidence_by_gradients", lambda frame, scene: GRADIENTS)
+    monkeypatch.setattr(ladder, "with_tiles", lambda frame, scene, errors, asked: by_tiles)
+    scene = PLAIN.replace(incidence_deg=38.0, **change)
+    found = ladder.LadderResult(scene, replace(ESTIMATE, scene=scene, errors=SceneErrors(incidence_deg=0.3)), ())
+    told = ladder._with_all_told(found, None, BLIND)
+    assert ((told.scene, told.errors) == by_tiles) == asks
+    assert told.scene == told.estimate.scene
 
 
 class Seen(Exception):

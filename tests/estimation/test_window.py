@@ -7,6 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from polaropt import InputError, SceneParameters, separate
 from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
@@ -15,7 +17,12 @@ from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.window import _Several
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
-from polaropt.estimation.flat.windows.search import LikelyWindow, WindowSearch, equivalent_incidences
+from polaropt.estimation.flat.windows.search import (
+    LikelyWindow,
+    WindowSearch,
+    equivalent_incidences,
+    equivalent_single,
+)
 from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.numerics import turn_between
 from polaropt.optics import in_place_reflectance
@@ -84,6 +91,18 @@ def test_two_panes_that_look_like_one_lie_between_the_incidences_of_equal_reflec
     assert angles == sorted(angles)
     wanted = in_place_reflectance(incidence_deg, 1.5, False)[1]
     assert min(abs(in_place_reflectance(angle, 1.5, False, 2)[1] - wanted) for angle in angles) < 0.02
+
+
+@given(st.floats(20.0, 70.0), st.floats(1.35, 1.9))
+def test_one_pane_that_polarizes_as_two_do_is_steeper_but_no_mirror(incidence_deg: float, index: float) -> None:
+    single = equivalent_single(incidence_deg, 2, index)
+    (par, perp), (pars, perps) = (
+        in_place_reflectance(angle, index, False, n) for angle, n in ((incidence_deg, 2), (single, 1))
+    )
+    # The more light is mirrored, the less is left to be polarized: such a pane is on the other side.
+    most = max((np.diff(in_place_reflectance(angle, index, False))[0], angle) for angle in range(20, 90))
+    assert incidence_deg < single < most[1] + 1
+    assert perps - pars == pytest.approx(min(perp - par, most[0]), abs=5e-3)
 
 
 def test_two_panes_are_found_blind_and_one_is_left_alone() -> None:

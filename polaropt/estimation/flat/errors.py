@@ -88,12 +88,19 @@ def widened_incidence(error_deg: float) -> float:
 
 
 def weighted_incidence(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
-    """Mean of two incidences in degrees, weighted by their standard errors, and its own, wider where they contradict.
+    """Mean of two incidences in degrees as of `weighted_mean`, neither of which is believed to be exact."""
+    return weighted_mean(first, second, _SUREST_DEG)
+
+
+def weighted_mean(first: tuple[float, float], second: tuple[float, float], surest: float) -> tuple[float, float]:
+    """Mean of two values, weighted by their standard errors, and its own, wider where they contradict.
 
     Parameters
     ----------
     first, second : (float, float)
-        An incidence and its standard error, independent of each other.
+        A value and its standard error, independent of each other.
+    surest : float
+        Standard error below which none is believed.
 
     Notes
     -----
@@ -101,7 +108,7 @@ def weighted_incidence(first: tuple[float, float], second: tuple[float, float]) 
     of least squares, 1932).
     """
     values, errors = zip(first, second, strict=True)
-    information = [1 / max(error, _SUREST_DEG) ** 2 for error in errors]
+    information = [1 / max(error, surest) ** 2 for error in errors]
     mean = sum(value * weight for value, weight in zip(values, information, strict=True)) / sum(information)
     contradiction = abs(values[0] - values[1]) / math.hypot(*errors)
     return mean, max(1.0, contradiction) / math.sqrt(sum(information))

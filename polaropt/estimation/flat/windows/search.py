@@ -214,12 +214,13 @@ def equivalent_incidences(incidence_deg: float, n_panes: int, refractive_index: 
 
 
 def equivalent_single(incidence_deg: float, n_panes: int, refractive_index: float) -> float:
-    """Incidence at which one pane in place polarizes as so many do at another."""
+    """Incidence at which one pane in place polarizes as so many do at another, before it mirrors all light alike."""
     last = max(incidence_deg, INCIDENCE_SEARCH_DEG[1])
     angles = np.arange(incidence_deg, last + _EQUIVALENT_STEP_DEG, _EQUIVALENT_STEP_DEG)
     asked, _ = _reflected(incidence_deg, n_panes, refractive_index)
-    off = [abs(_reflected(float(angle), 1, refractive_index)[0] - asked) for angle in angles]
-    return float(angles[int(np.argmin(off))])
+    single = np.array([_reflected(float(angle), 1, refractive_index)[0] for angle in angles])
+    rising = single[: int(np.argmax(single)) + 1]
+    return float(angles[int(np.argmin(np.abs(rising - asked)))])
 
 
 def _reflected(incidence_deg: float, n_panes: int, refractive_index: float) -> tuple[float, float]:

@@ -145,6 +145,21 @@ class TileLikelihood:
                 break
         return self.fitted(window, refractive_index)
 
+    def errors(self, fit: TileFit, free: tuple[str, ...]) -> Values:
+        """Standard errors of some numbers of a likeliest window, by the curvature; infinite where it tells none."""
+        window, powers = fit.window, self._misfits(fit.window, fit.refractive_index, self._first_powers())[1]
+
+        def misfit(x: Values) -> float:
+            moved = _moved(window, free, x)
+            return float(self._misfits(moved, fit.refractive_index, powers, _ROUNDS)[0].sum())
+
+        steps, low, high = np.array([_SEARCH[name] for name in free]).T
+        at = np.clip([getattr(window, name) for name in free], low + steps, high - steps)
+        curvature = Box(at, steps, low, high).curvature(misfit)
+        if not np.all(np.isfinite(curvature)) or np.linalg.eigvalsh(curvature)[0] <= 0:
+            return np.full(len(free), math.inf)
+        return np.sqrt(np.diag(np.linalg.inv(curvature)))
+
     def _first_powers(self) -> Powers:
         return np.full((2, self._cells.size - 1, self._data.shape[-1]), FIRST_LEVEL, np.float32)
 

@@ -1,0 +1,125 @@
+"""Incidence and double images of a window where tiles and what told them before find them together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from polaropt import SceneParameters
+from polaropt.capture import PlateFrame, plate_frame, stokes_images
+from polaropt.estimation.flat import pane_by_tiles
+from polaropt.estimation.flat.pane_by_tiles import with_tiles
+from polaropt.estimation.flat.windows.likelihood import Window
+from polaropt.estimation.flat.windows.tiles import TileFit
+from polaropt.optics import SceneErrors
+from polaropt.simulation import Camera, photograph_pair
+from studies.photographs import pairs_of
+
+FRAME = SimpleNamespace(azimuth_deg=20.0)
+OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None, absorption=None)
+NOISE = 0.005
+ONE = SceneParameters(70.0, 20.0, 7.0)
+TWO = SceneParameters(60.0, 25.0, 2.0, n_panes=2, gap_shift=9.0, gap_azimuth_deg=30.0)
+TINTED = SceneParameters(55.0, 110.0, -6.0, absorption=0.4)
+# What a scene's numbers are off by before tiles are asked, and their standard errors.
+OFF = {"incidence_deg": 0.5, "ghost_shift": 0.2}
+ERRORS = SceneErrors(incidence_deg=0.4, ghost_shift=0.2, gap_shift=0.15, absorption=0.05)
+
+
+def frame(scene: SceneParameters, pair: int = 0) -> PlateFrame:
+    photographs = pairs_of(None, 192)[pair]
+    layers = photographs.transmission, photographs.reflection
+    capture = photograph_pair(*layers, scene, Camera(noise=NOISE), margin=photographs.margin)
+    assert scene.azimuth_deg is not None
+    return plate_frame(stokes_images(capture, NOISE), scene.azimuth_deg)
+
+
+@pytest.mark.parametrize(("scene", "names"), [
+    (ONE, ("incidence_deg", "ghost_shift")), (TWO, ("incidence_deg",)), (TINTED, ("incidence_deg",)),
+])  # fmt: skip
+def test_numbers_that_are_off_come_closer_to_the_truth_and_are_told_more_exactly(
+    scene: SceneParameters, names: tuple[str, ...]
+) -> None:
+    off = scene.replace(**{name: getattr(scene, name) + OFF[name] for name in names})
+    found, errors = with_tiles(frame(scene), off, ERRORS, OPEN)
+    for name in names:
+        error = abs(getattr(found, name) - getattr(scene, name))
+        assert error < 0.6 * abs(OFF[name])
+        assert error < 2 * getattr(errors, name) < 2 * 0.75 * getattr(ERRORS, name)
+    # Gaps, shifts beside them and tint stay as mean spectra tell them.
+    kept = {name: getattr(scene, name) for name in names}
+    assert found.replace(**kept) == scene
+    assert replace(errors, **{name: getattr(ERRORS, name) for name in names}) == ERRORS
+
+
+def test_what_was_given_stays() -> None:
+    off = ONE.replace(incidence_deg=70.5)
+    found, errors = with_tiles(frame(ONE), off, SceneErrors(incidence_deg=0.4), OPEN.replace(ghost_shift=7.0))
+    assert found == off.replace(incidence_deg=found.incidence_deg)
+    assert abs(found.values()[0] - 70) < 0.3
+    assert errors == SceneErrors(incidence_deg=errors.incidence_deg)
+
+
+@pytest.mark.parametrize(("incidence_deg", "asked"), [(24.9, False), (25.1, True)])
+def test_tiles_are_asked_of_a_pane_in_place_where_it_mirrors_enough(
+    incidence_deg: float, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = SceneParameters(incidence_deg, 20.0, 0.0)
+    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", Unasked)
+    if asked:
+        with pytest.raises(LookupError):
+            with_tiles(FRAME, place, ERRORS, OPEN)  # type: ignore[arg-type]
+    else:
+        assert with_tiles(FRAME, place, ERRORS, OPEN) == (place, ERRORS)  # type: ignore[arg-type]
+
+
+class Unasked:
+    """Tiles that must not be looked at."""
+
+    def __init__(self, frame: object) -> None:
+        raise LookupError
+
+
+class Tiles:
+    """A pane at 61 degrees whose images lie 5 px apart, told with standard errors."""
+
+    told = (0.1, 0.02)
+
+    def __init__(self, frame: object) -> None:
+        pass
+
+    def nearest(self, window: Window, refractive_index: float, free: tuple[str, ...]) -> TileFit:
+        assert free == ("incidence_deg", "pane_shift")
+        return TileFit(Window(61.0, 5.0), refractive_index, np.zeros(9))
+
+    def errors(self, fit: TileFit, free: tuple[str, ...]) -> np.ndarray:
+        return np.array(self.told)
+
+
+FOUND = SceneParameters(60.0, 20.0, 4.8)
+
+
+@pytest.mark.parametrize(("told", "before", "incidence", "shift"), [
+    # Widened they are 0.35 degrees and 0.09 px.
+    ((0.1, 0.02), SceneErrors(0.35, None, 0.09), (60.5, 0.5), (4.9, 0.1)),
+    # What had no error before is what tiles tell.
+    ((0.1, 0.02), SceneErrors(0.35, None, None), (60.5, 0.5), (5.0, 0.09)),
+    # What tiles do not tell stays, and what contradicts it: 2.5 standard errors are 0.97 degrees.
+    ((0.1, 0.02), SceneErrors(0.14, None, 0.09), (60.0, 0.14), (4.8, 0.09)),
+    ((math.inf, math.inf), SceneErrors(0.35, None, 0.09), (60.0, 0.35), (4.8, 0.09)),
+])  # fmt: skip
+def test_means_are_weighted_by_the_standard_errors(
+    told: tuple[float, float],
+    before: SceneErrors,
+    incidence: tuple[float, float],
+    shift: tuple[float, float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", type("", (Tiles,), {"told": told}))
+    scene, errors = with_tiles(FRAME, FOUND, before, OPEN)  # type: ignore[arg-type]
+    assert (scene.incidence_deg, errors.incidence_deg) == pytest.approx(incidence)
+    assert (scene.ghost_shift, errors.ghost_shift) == pytest.approx(shift)
