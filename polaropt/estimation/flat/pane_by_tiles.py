@@ -163,8 +163,8 @@ all tell together, as many as without tiles, and these are half and three quarte
 _SUREST = 0.02
 """Standard error of a shift in pixels below which none is believed. Set by hand."""
 _IN_PLACE_DEG = 25.0
-"""Incidence from which on tiles are asked of a window whose images are in place: below, ghosts a third of a pixel apart,
-which count as in place, tell them more than the layers do. Set by hand."""
+"""Incidence from which on tiles are asked of a window whose images are in place: below, ghosts a third of a pixel apart
+pass for another incidence. Set by hand."""
 _CONTRADICTS, _FARTHEST_DEG = 2.5, 3.0
 """Standard errors of both, and degrees, by which tiles and what told it before may differ in the incidence. Of those 81
 they differ by up to 2.1 and 1.0, by more of some whose index or number of panes is wrong."""
