@@ -21,7 +21,7 @@ from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence,
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import incidence_by_gradients
-from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
+from polaropt.estimation.flat.pane_by_tiles import contradicts, incidence_of_cells, with_ghosts_by_tiles, with_tiles
 from polaropt.estimation.flat.sampled_ghosts import pane_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -304,6 +304,9 @@ def in_full(
     if errors.incidence_deg is not None and sampled.incidence_error_deg is not None:
         by_edges = scene.values()[0], error_deg
         mean, error = weighted_incidence(by_edges, (sampled.incidence_deg, sampled.incidence_error_deg))
+        by_tiles = incidence_of_cells(capture, scene.replace(incidence_deg=mean), noise)
+        if by_tiles is not None and not contradicts(by_tiles, (mean, error)):
+            mean, error = weighted_incidence((mean, error), by_tiles)
         scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(errors, incidence_deg=error)
     tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in whole.tried)
     estimate = dataclasses.replace(whole.estimate, scene=scene, errors=errors)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from polaropt.capture import PlateFrame, StokesImages, plate_frame
+from polaropt.capture import Capture, PlateFrame, StokesImages, plate_frame, registered_noise, stokes_images
 from polaropt.estimation.flat.errors import weighted_incidence, weighted_mean, widened_incidence, widened_shift
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.ghost_overlap import refined_incidence
@@ -160,6 +160,8 @@ _IN_PLACE_WIDER = 4.5
 overlap, and layers are not quite what they are taken to be. On 81 random windows with double images and 64 in place to
 fit on (`studies.random_windows`, even seeds from 30000) 90 and 85 % of the true incidences then lie within two of what
 all tell together, as many as without tiles, and these are half and three quarters as wide."""
+_MONO_PERIOD = 2
+"""Side of a mono sensor's pattern in pixels."""
 _SUREST = 0.02
 """Standard error of a shift in pixels below which none is believed. Set by hand."""
 _IN_PLACE_DEG = 25.0
@@ -205,9 +207,42 @@ def with_tiles(
         told = getattr(fit.window, name), wider[name] * float(error)
         if name != "incidence_deg":
             mean = weighted_mean(others, told, _SUREST)
-        elif abs(told[0] - others[0]) > min(_FARTHEST_DEG, _CONTRADICTS * math.hypot(told[1], others[1])):
+        elif contradicts(told, others):
             return scene, errors
         else:
             mean = weighted_incidence(others, told)
         numbers[_OF_SCENE[name]], known[_OF_SCENE[name]] = mean
     return scene.replace(**numbers), replace(errors, **known)
+
+
+def contradicts(told: tuple[float, float], others: tuple[float, float]) -> bool:
+    """Whether the incidence by tiles is none that others leave possible; each with its standard error, in degrees."""
+    return abs(told[0] - others[0]) > min(_FARTHEST_DEG, _CONTRADICTS * math.hypot(told[1], others[1]))
+
+
+def incidence_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> tuple[float, float] | None:
+    """The incidence that tiles of a mono mosaic's cells tell, and its standard error, in degrees; None where none.
+
+    Of a color mosaic's cells, in which more aliases, they tell it too steep.
+
+    Parameters
+    ----------
+    capture : Capture
+        Of a mosaic.
+    scene : SceneParameters
+        Complete, in pixels of the capture, of a flat pane that is seen from far, with its double images where the
+        mosaic's samples have them.
+    noise : float
+        Standard deviation of a sample's noise.
+    """
+    if capture.cells is None or not scene.has_ghosts:
+        return None
+    period = capture.cells.samples.sampling.period
+    if period != _MONO_PERIOD:
+        return None
+    stokes = stokes_images(capture.registered, registered_noise(capture, noise))
+    frame = plate_frame(stokes, scene.values()[1])
+    tiles, free = TileLikelihood(frame, pattern_px=period), ("incidence_deg",)
+    fit = tiles.nearest(window_of(scene.scaled(1 / capture.scale), frame.azimuth_deg), scene.index, free)
+    (error,) = tiles.errors(fit, free)
+    return (fit.window.incidence_deg, _WIDER["incidence_deg"] * float(error)) if math.isfinite(error) else None

@@ -45,6 +45,8 @@ with smooth spectra of 12 powers (3 radii, 4 directions) in the place of such ce
 HIGHEST_TILE_FREQUENCY = 1.5
 """Highest that is used, in rad per pixel: beyond, ghosts between two pixels are blurred, by the sensor and by any model
 of them. Up to 2.8 a steep pane, with many ghosts, passes for two panes (4 standard errors), up to 1.7 it does not."""
+_HIGHEST_OF_CELLS = 1.0
+"""The same of a mosaic's cells: beyond, their low pass takes what is seen, and what aliases is mixed in. By trial."""
 FREEDOM = np.float32(16)
 """Of Student's likelihood. A cell's frequencies are much alike: with 4, as of mean spectra, windows that are told gain
 less, and incidences come out a little too shallow. By trial."""
@@ -89,13 +91,16 @@ class TileLikelihood:
     ghosts_deg : float, optional
         Direction in the image along which double images lie, where the polarizer's zero is in doubt. Default: the
         azimuth.
+    pattern_px : int
+        Sensor pixels along a side of what a pixel of the frame stands for: more than 1 of a mosaic's cells.
     """
 
-    def __init__(self, frame: PlateFrame, *, ghosts_deg: float | None = None) -> None:
+    def __init__(self, frame: PlateFrame, *, ghosts_deg: float | None = None, pattern_px: int = 1) -> None:
+        self._pattern_px = pattern_px
         self._side = side = min(TILE_PX, *frame.images.shape[-2:])
         self._azimuth_deg = frame.azimuth_deg if ghosts_deg is None else ghosts_deg
         use, along, across, multiplicity = usable_frequencies(side, frame.azimuth_deg)
-        coarse = np.hypot(along, across) < HIGHEST_TILE_FREQUENCY
+        coarse = np.hypot(along, across) < (HIGHEST_TILE_FREQUENCY if pattern_px == 1 else _HIGHEST_OF_CELLS)
         use[use], along, across, multiplicity = coarse, along[coarse], across[coarse], multiplicity[coarse]
         cell = frequency_cells(along, across)
         order = np.argsort(cell, kind="stable")
@@ -186,7 +191,7 @@ class TileLikelihood:
         across = orders[:, 1] * window.gap_across
         right = along * math.cos(azimuth) + across * math.sin(azimuth)
         down = across * math.cos(azimuth) - along * math.sin(azimuth)
-        one, other, common = images_in_common(right, down, self._columns, self._rows, self._side)
+        one, other, common = images_in_common(right, down, self._columns, self._rows, self._side, self._pattern_px)
         (par, perp), (other_par, other_perp) = (images[:, which].transpose(2, 0, 1) for which in (one, other))
         forth, back = par * other_perp, perp * other_par
         response = np.empty((2, 4, self._columns.size), np.float32)
@@ -212,7 +217,12 @@ def _moved(window: Window, free: tuple[str, ...], x: Values) -> Window:
 
 
 def images_in_common(
-    right: NDArray[np.floating], down: NDArray[np.floating], columns: Values, rows: Values, side: int
+    right: NDArray[np.floating],
+    down: NDArray[np.floating],
+    columns: Values,
+    rows: Values,
+    side: int,
+    pattern_px: int = 1,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.complex128]]:
     """What every two images of a layer have in common in a tile, each of them interpolated.
 
@@ -224,6 +234,8 @@ def images_in_common(
         Angular frequencies per pixel.
     side : int
         Of the tile, in pixels.
+    pattern_px : int
+        Sensor pixels along a side of a pixel: between those images are interpolated.
 
     Returns
     -------
@@ -232,7 +244,7 @@ def images_in_common(
     common : ndarray of complex, shape (pair, n)
         Cross spectra of images of a layer of power 1; half of it for an image and itself, as each pair stands for two.
     """
-    moved = bilinear_transfer(right, down, columns, rows)
+    moved = bilinear_transfer(right * pattern_px, down * pattern_px, columns / pattern_px, rows / pattern_px)
     one, other = np.tril_indices(len(right))
     within = hann_autocorrelation((right[one] - right[other]) / side)
     within *= hann_autocorrelation((down[one] - down[other]) / side)
