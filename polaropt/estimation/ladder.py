@@ -21,7 +21,13 @@ from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence,
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import incidence_by_gradients
-from polaropt.estimation.flat.pane_by_tiles import contradicts, incidence_of_cells, with_ghosts_by_tiles, with_tiles
+from polaropt.estimation.flat.pane_by_tiles import (
+    contradicts,
+    incidence_of_cells,
+    shift_of_cells,
+    with_ghosts_by_tiles,
+    with_tiles,
+)
 from polaropt.estimation.flat.sampled_ghosts import pane_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -285,9 +291,12 @@ def in_full(
     # A thickness ties the ghosts' distance to the incidence of the cells.
     sense_only &= open_shift
     error_deg = math.hypot(whole.errors.incidence_deg or math.inf, _OF_ALIASES_DEG)
+    about, flat = whole.scene, whole.scene.rung in ("pixelwise", "ghosts") and not whole.scene.single_surface
+    if open_shift and not sense_only and flat and not about.stacked:
+        about = about.replace(ghost_shift=shift_of_cells(capture, about, noise))
     sampled = pane_of_samples(
         capture,
-        whole.scene,
+        about,
         noise,
         incidence_error_deg=error_deg,
         open_shift=open_shift,

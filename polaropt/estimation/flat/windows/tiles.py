@@ -126,6 +126,12 @@ class TileLikelihood:
         other._data = np.ascontiguousarray(self._data[..., :: self._n_colours])
         return other
 
+    def some(self, most: int) -> TileLikelihood:
+        """That of so many tiles at most, spread over the frame."""
+        other = copy.copy(self)
+        other._data = np.ascontiguousarray(self._data[..., :: math.ceil(self._data.shape[-1] / most)])
+        return other
+
     def fitted(self, window: Window, refractive_index: float) -> TileFit:
         """How likely the tiles are under a window, with the powers that suit it."""
         return TileFit(window, refractive_index, self._misfits(window, refractive_index, self._first_powers())[0])
