@@ -219,15 +219,15 @@ def contradicts(told: tuple[float, float], others: tuple[float, float]) -> bool:
 
 
 _MONO_PERIOD = 2
-"""Side in pixels of a mono sensor's pattern. In a color mosaic's cells, four pixels wide, too much aliases: tiles of them
-tell incidences too steep, and lose as many ghosts as they find."""
+"""Side in pixels of a mono sensor's pattern. In a color mosaic's cells, four pixels wide, too much aliases: tiles tell
+incidences too steep, and lose as many ghosts as they find."""
 _SCAN_PX, _FARTHEST_PX, _MOST_TILES = 1.0, 32.0, 48
 """Spacing and reach, in pixels of the sensor, of the shifts that tiles of cells are asked of, and how many tiles are.
 Set by hand."""
 _SURE_OF_CELLS = 0.5
 """Standard errors by which they must find ghosts elsewhere likelier: the samples have the last word. On 144 mosaics of
-photographs that no figure is taken of (35 to 82 degrees, shifts of 2 to 16 px) 13 more are found and none is lost; of 72
-in place no more are given ghosts."""
+photographs that no figure is taken of (35 to 82 degrees, shifts of 2 to 16 px) 13 more are found and none is lost; of
+72 in place no more are given ghosts."""
 
 
 def incidence_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> tuple[float, float] | None:
