@@ -514,6 +514,8 @@ def test_samples_of_a_mosaic_tell_ghosts_and_incidence(name: str, monkeypatch: p
         return sampled
 
     monkeypatch.setattr(ladder, "pane_of_samples", samples)
+    monkeypatch.setattr(ladder, "shift_of_cells", lambda capture, scene, noise: scene.ghost_shift)
+    monkeypatch.setattr(ladder, "incidence_of_cells", lambda capture, scene, noise: None)
     errors = SceneErrors(incidence_deg=0.3, ghost_shift=0.2)
     reports = tuple(ladder.RungReport(rung, 1.0, 1.0, 0.1, rung == "ghosts", "") for rung in ("ghosts", "curved"))
     of_cells = ladder.LadderResult(PLAIN, replace(ESTIMATE, scene=PLAIN, errors=errors, rivals=()), reports)
@@ -530,6 +532,32 @@ def test_samples_of_a_mosaic_tell_ghosts_and_incidence(name: str, monkeypatch: p
         opened = {"open_shift": asked.ghost_shift is None, "sense_only": sense_only}
         assert how == {**opened, "open_incidence": asked.incidence_deg is None and not sense_only}
     assert bool(seen) == (name not in ("another rung is", "all is given"))
+
+
+BY_TILES = (56.0, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("by_tiles", "counts"), [(BY_TILES, True), ((59.0, 0.4), False), (None, False)], ids=["near", "far off", "nothing"]
+)
+def test_tiles_of_cells_tell_of_a_mosaic_where_about_the_ghosts_are_and_the_incidence(
+    by_tiles: tuple[float, float] | None, counts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def samples(capture: object, scene: SceneParameters, noise: float, **how: object) -> object:
+        assert scene.ghost_shift == 10.0
+        return SAMPLED
+
+    monkeypatch.setattr(ladder, "pane_of_samples", samples)
+    monkeypatch.setattr(ladder, "shift_of_cells", lambda capture, scene, noise: scene.ghost_shift + 2.0)
+    monkeypatch.setattr(ladder, "incidence_of_cells", lambda capture, scene, noise: by_tiles)
+    of_cells = ladder.LadderResult(
+        PLAIN, replace(ESTIMATE, scene=PLAIN, errors=SceneErrors(incidence_deg=0.3), rivals=()), ()
+    )
+    found = ladder.in_full(of_cells, SimpleNamespace(scale=2), OPEN, 0.005)
+    others = weighted_incidence((55.0, np.hypot(0.3, 0.6)), (57.0, 0.5))
+    told = weighted_incidence(others, BY_TILES) if counts else others
+    assert (found.scene.incidence_deg, found.errors.incidence_deg) == pytest.approx(told)
+    assert found.scene.ghost_shift == 9.0
 
 
 def test_a_scene_that_was_given_is_that_of_the_mosaic_too() -> None:

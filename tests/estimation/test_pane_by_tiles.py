@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters
-from polaropt.capture import PlateFrame, plate_frame, stokes_images
+from polaropt import Capture, SceneParameters, read_capture
+from polaropt.capture import PlateFrame, plate_frame, stokes_images, write_png
 from polaropt.estimation.flat import pane_by_tiles
-from polaropt.estimation.flat.pane_by_tiles import with_tiles
+from polaropt.estimation.flat.pane_by_tiles import contradicts, incidence_of_cells, shift_of_cells, with_tiles
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.optics import SceneErrors
-from polaropt.simulation import Camera, photograph_pair
+from polaropt.simulation import Camera, photograph_mosaic, photograph_pair
 from studies.photographs import pairs_of
 
 FRAME = SimpleNamespace(azimuth_deg=20.0)
+FAR = SceneParameters(65.0, 30.0, 13.0)
 OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None, absorption=None)
 NOISE = 0.005
 ONE = SceneParameters(70.0, 20.0, 7.0)
@@ -123,3 +127,43 @@ def test_means_are_weighted_by_the_standard_errors(
     scene, errors = with_tiles(FRAME, FOUND, before, OPEN)  # type: ignore[arg-type]
     assert (scene.incidence_deg, errors.incidence_deg) == pytest.approx(incidence)
     assert (scene.ghost_shift, errors.ghost_shift) == pytest.approx(shift)
+
+
+@cache
+def mosaic(sensor: str) -> Capture:
+    photographs = pairs_of(None, 384)[0]
+    camera = Camera(noise=NOISE, lens_blur_px=0.5)
+    raw = photograph_mosaic(photographs.transmission, photographs.reflection, FAR, camera, sensor == "color")
+    with TemporaryDirectory() as folder:
+        write_png(Path(folder, "raw.png"), np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
+        return read_capture(Path(folder, "raw.png"), sensor=sensor)
+
+
+@pytest.mark.parametrize("about", [0.0, -4.0, 12.0])
+def test_ghosts_of_a_mosaic_are_found_where_its_cells_hardly_show_them(about: float) -> None:
+    start = FAR.replace(ghost_shift=about, incidence_deg=67.0)
+    assert shift_of_cells(mosaic("mono"), start, NOISE) == pytest.approx(13.0, abs=1.0)
+
+
+def test_ghosts_of_color_mosaics_and_photographs_stay_where_they_were_found() -> None:
+    found = FAR.replace(ghost_shift=4.0)
+    assert shift_of_cells(mosaic("color"), found, NOISE) == 4.0
+    assert shift_of_cells(mosaic("mono").registered, found, NOISE) == 4.0
+
+
+def test_cells_of_a_mono_mosaic_tell_the_incidence_within_its_error() -> None:
+    told = incidence_of_cells(mosaic("mono"), FAR.replace(incidence_deg=66.0), NOISE)
+    assert told is not None
+    assert abs(told[0] - 65.0) < 2 * told[1] < 1.6
+    assert incidence_of_cells(mosaic("mono"), FAR.replace(ghost_shift=0.0), NOISE) is None
+    assert incidence_of_cells(mosaic("color"), FAR, NOISE) is None
+
+
+@pytest.mark.parametrize(("told", "others", "expected"), [
+    ((60.0, 0.3), (61.0, 0.25), True), ((60.0, 0.3), (60.9, 0.25), False),
+    ((60.0, 2.0), (63.1, 2.0), True), ((60.0, 2.0), (62.9, 2.0), False),
+])  # fmt: skip
+def test_tiles_contradict_others_beyond_both_errors_or_three_degrees(
+    told: tuple[float, float], others: tuple[float, float], expected: bool
+) -> None:
+    assert contradicts(told, others) == expected
