@@ -258,8 +258,7 @@ def _with_all_told(found: LadderResult, stokes: StokesImages, asked: SceneParame
     told = [part for part in (None if surer else by_edges, gradients, spectra) if part is not None]
     mean, error = reduce(weighted_incidence, told)
     scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(estimate.errors, incidence_deg=error)
-    if scene.transmission_ghost_shift is None and not scene.single_surface and scene.n_bounces is None:
-        scene, errors = with_tiles(frame, scene, errors, asked)
+    scene, errors = with_tiles(frame, scene, errors, asked)
     estimate = dataclasses.replace(estimate, scene=scene, errors=errors)
     return dataclasses.replace(found, scene=scene, estimate=estimate)
 

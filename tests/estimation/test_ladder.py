@@ -393,8 +393,7 @@ def test_gains_that_are_wrong_leave_no_more_than_six_times_what_does_not_add_up(
     assert rungs._gains_explain(replace(evidence(10.0), blocks=blocks, capture=capture)) == explains
 
 
-GRADIENTS, SPECTRA, OWN_SHIFT = (39.0, 0.36), (40.0, 0.36), {"transmission_ghost_shift": 3.0}
-WATER = {"ghost_shift": 0.0, "single_surface": True}
+GRADIENTS, SPECTRA = (39.0, 0.36), (40.0, 0.36)
 # How the scene differs, what gradients tell, and the error of the edges where they count, gradients and spectra, which
 # are put together.
 TOLD = {
@@ -424,22 +423,16 @@ def test_edges_gradients_and_spectra_tell_the_incidence_together(name: str, monk
     assert (told.scene.incidence_deg, told.errors.incidence_deg) == pytest.approx((mean, error))
 
 
-@pytest.mark.parametrize(
-    ("change", "asks"), [({}, True), ({"ghost_shift": 0.0}, True), (OWN_SHIFT, False), (WATER, False)]
-)
-def test_tiles_have_the_last_word_on_two_faces_whose_images_lie_as_far_apart_in_both_layers(
-    change: dict[str, float | bool], asks: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tiles_have_the_last_word_on_flat_panes(monkeypatch: pytest.MonkeyPatch) -> None:
     by_tiles = PLAIN.replace(incidence_deg=41.0, ghost_shift=8.2), SceneErrors(incidence_deg=0.1, ghost_shift=0.05)
     monkeypatch.setattr(ladder, "plate_frame", lambda stokes, azimuth: None)
     monkeypatch.setattr(ladder, "cross_spectra", lambda frame: None)
     monkeypatch.setattr(ladder, "spectral_incidence", lambda spectra, scene: SPECTRA)
     monkeypatch.setattr(ladder, "incidence_by_gradients", lambda frame, scene: GRADIENTS)
     monkeypatch.setattr(ladder, "with_tiles", lambda frame, scene, errors, asked: by_tiles)
-    scene = PLAIN.replace(incidence_deg=38.0, **change)
-    found = ladder.LadderResult(scene, replace(ESTIMATE, scene=scene, errors=SceneErrors(incidence_deg=0.3)), ())
+    found = ladder.LadderResult(PLAIN, replace(ESTIMATE, errors=SceneErrors(incidence_deg=0.3)), ())
     told = ladder._with_all_told(found, None, BLIND)
-    assert ((told.scene, told.errors) == by_tiles) == asks
+    assert (told.scene, told.errors) == by_tiles
     assert told.scene == told.estimate.scene
 
 

@@ -24,6 +24,7 @@ from studies.photographs import pairs_of
 
 FRAME = SimpleNamespace(azimuth_deg=20.0)
 FAR = SceneParameters(65.0, 30.0, 13.0)
+FOUND = SceneParameters(60.0, 20.0, 4.8)
 OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None, absorption=None)
 NOISE = 0.005
 ONE = SceneParameters(70.0, 20.0, 7.0)
@@ -68,17 +69,21 @@ def test_what_was_given_stays() -> None:
     assert errors == SceneErrors(incidence_deg=errors.incidence_deg)
 
 
-@pytest.mark.parametrize(("incidence_deg", "asked"), [(24.9, False), (25.1, True)])
-def test_tiles_are_asked_of_a_pane_in_place_where_it_mirrors_enough(
-    incidence_deg: float, asked: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("changes", "asked"), [
+    ({"ghost_shift": 0.0, "incidence_deg": 24.9}, False), ({"ghost_shift": 0.0, "incidence_deg": 25.1}, True),
+    ({"incidence_deg": 15.0}, True), ({"incidence_deg": 89.0}, False), ({"transmission_ghost_shift": 3.0}, False),
+    ({"ghost_shift": 0.0, "single_surface": True}, False),
+])  # fmt: skip
+def test_tiles_are_asked_of_two_faces_that_mirror_enough(
+    changes: dict[str, float | bool], asked: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = SceneParameters(incidence_deg, 20.0, 0.0)
+    scene = FOUND.replace(**changes)
     monkeypatch.setattr(pane_by_tiles, "TileLikelihood", Unasked)
     if asked:
         with pytest.raises(LookupError):
-            with_tiles(FRAME, place, ERRORS, OPEN)  # type: ignore[arg-type]
+            with_tiles(FRAME, scene, ERRORS, OPEN)  # type: ignore[arg-type]
     else:
-        assert with_tiles(FRAME, place, ERRORS, OPEN) == (place, ERRORS)  # type: ignore[arg-type]
+        assert with_tiles(FRAME, scene, ERRORS, OPEN) == (scene, ERRORS)  # type: ignore[arg-type]
 
 
 class Unasked:
@@ -91,20 +96,17 @@ class Unasked:
 class Tiles:
     """A pane at 61 degrees whose images lie 5 px apart, told with standard errors."""
 
-    told = (0.1, 0.02)
+    told, n_tiles = (0.1, 0.02), 9
 
     def __init__(self, frame: object) -> None:
         pass
 
     def nearest(self, window: Window, refractive_index: float, free: tuple[str, ...]) -> TileFit:
         assert free == ("incidence_deg", "pane_shift")
-        return TileFit(Window(61.0, 5.0), refractive_index, np.zeros(9))
+        return TileFit(Window(61.0, 5.0), refractive_index, np.zeros(self.n_tiles))
 
     def errors(self, fit: TileFit, free: tuple[str, ...]) -> np.ndarray:
         return np.array(self.told)
-
-
-FOUND = SceneParameters(60.0, 20.0, 4.8)
 
 
 @pytest.mark.parametrize(("told", "before", "incidence", "shift"), [
@@ -127,6 +129,11 @@ def test_means_are_weighted_by_the_standard_errors(
     scene, errors = with_tiles(FRAME, FOUND, before, OPEN)  # type: ignore[arg-type]
     assert (scene.incidence_deg, errors.incidence_deg) == pytest.approx(incidence)
     assert (scene.ghost_shift, errors.ghost_shift) == pytest.approx(shift)
+
+
+def test_few_tiles_tell_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", type("", (Tiles,), {"n_tiles": 8}))
+    assert with_tiles(FRAME, FOUND, ERRORS, OPEN) == (FOUND, ERRORS)  # type: ignore[arg-type]
 
 
 @cache

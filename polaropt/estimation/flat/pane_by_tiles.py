@@ -180,12 +180,13 @@ def with_tiles(
     frame : PlateFrame
         At the azimuth of the scene.
     scene, errors : SceneParameters, SceneErrors
-        Of a window that is seen from far, before unpolarized light, with double images that lie as far apart in both
-        layers, or in place.
+        Of a window that is seen from far, before unpolarized light. One surface, and double images that lie apart in
+        each layer for itself, are left as they are.
     asked : SceneParameters
         None stands for what was to be found.
     """
-    if not scene.has_ghosts and scene.values()[0] < _IN_PLACE_DEG:
+    least = 0.0 if scene.has_ghosts else _IN_PLACE_DEG
+    if not _is_of_two_faces(scene) or not least <= scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]:
         return scene, errors
     window, tiles = window_of(scene, frame.azimuth_deg), TileLikelihood(frame)
     tells_shift = scene.has_ghosts and not scene.stacked and not scene.absorption
@@ -194,7 +195,7 @@ def with_tiles(
     free = tuple(name for name in _OF_SCENE if asks[name])
     fit = tiles.nearest(window, scene.index, free)
     by_tiles = tiles.errors(fit, free)
-    if not np.all(np.isfinite(by_tiles)):
+    if len(fit.misfits) < _LEAST_TILES or not np.all(np.isfinite(by_tiles)):
         return scene, errors
     wider = _WIDER if scene.has_ghosts else {"incidence_deg": _IN_PLACE_WIDER}
     numbers: dict[str, Any] = {}
@@ -249,7 +250,8 @@ def incidence_of_cells(capture: Capture, scene: SceneParameters, noise: float) -
     small, free = scene.scaled(1 / capture.scale), ("incidence_deg",)
     fit = tiles.nearest(window_of(small, scene.values()[1]), scene.index, free)
     (error,) = tiles.errors(fit, free)
-    return (fit.window.incidence_deg, _WIDER["incidence_deg"] * float(error)) if math.isfinite(error) else None
+    told = len(fit.misfits) >= _LEAST_TILES and math.isfinite(error)
+    return (fit.window.incidence_deg, _WIDER["incidence_deg"] * float(error)) if told else None
 
 
 def shift_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> float:
@@ -273,7 +275,8 @@ def shift_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> fl
     likeliest = min(windows, key=lambda window: glance.fitted(window, scene.index).misfit)
     other = tiles.nearest(likeliest, scene.index, tuple(_OF_SCENE))
     found = tiles.fitted(Window(incidence, shift / capture.scale), scene.index)
-    return other.window.pane_shift * capture.scale if other.surer_than(found) > _SURE_OF_CELLS else shift
+    told = len(found.misfits) >= _LEAST_TILES and other.surer_than(found) > _SURE_OF_CELLS
+    return other.window.pane_shift * capture.scale if told else shift
 
 
 def _tiles_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> TileLikelihood | None:
