@@ -21,13 +21,7 @@ from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence,
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import incidence_by_gradients
-from polaropt.estimation.flat.pane_by_tiles import (
-    contradicts,
-    incidence_of_cells,
-    shift_of_cells,
-    with_ghosts_by_tiles,
-    with_tiles,
-)
+from polaropt.estimation.flat.pane_by_tiles import contradicts, tiles_of_cells, with_ghosts_by_tiles, with_tiles
 from polaropt.estimation.flat.sampled_ghosts import pane_of_samples
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -290,9 +284,9 @@ def in_full(
     # A thickness ties the ghosts' distance to the incidence of the cells.
     sense_only &= open_shift
     error_deg = math.hypot(whole.errors.incidence_deg or math.inf, _OF_ALIASES_DEG)
-    about, flat = whole.scene, whole.scene.rung in ("pixelwise", "ghosts") and not whole.scene.single_surface
-    if open_shift and not sense_only and flat and not about.stacked:
-        about = about.replace(ghost_shift=shift_of_cells(capture, about, noise))
+    about, tiles = whole.scene, None if sense_only else tiles_of_cells(capture, whole.scene, noise)
+    if tiles is not None and open_shift:
+        about = about.replace(ghost_shift=tiles.ghost_shift(about))
     sampled = pane_of_samples(
         capture,
         about,
@@ -312,7 +306,7 @@ def in_full(
     if errors.incidence_deg is not None and sampled.incidence_error_deg is not None:
         by_edges = scene.values()[0], error_deg
         mean, error = weighted_incidence(by_edges, (sampled.incidence_deg, sampled.incidence_error_deg))
-        by_tiles = incidence_of_cells(capture, scene.replace(incidence_deg=mean), noise)
+        by_tiles = None if tiles is None else tiles.incidence(scene.replace(incidence_deg=mean))
         if by_tiles is not None and not contradicts(by_tiles, (mean, error)):
             mean, error = weighted_incidence((mean, error), by_tiles)
         scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(errors, incidence_deg=error)

@@ -507,8 +507,7 @@ def test_samples_of_a_mosaic_tell_ghosts_and_incidence(name: str, monkeypatch: p
         return sampled
 
     monkeypatch.setattr(ladder, "pane_of_samples", samples)
-    monkeypatch.setattr(ladder, "shift_of_cells", lambda capture, scene, noise: scene.ghost_shift)
-    monkeypatch.setattr(ladder, "incidence_of_cells", lambda capture, scene, noise: None)
+    monkeypatch.setattr(ladder, "tiles_of_cells", lambda capture, scene, noise: None)
     errors = SceneErrors(incidence_deg=0.3, ghost_shift=0.2)
     reports = tuple(ladder.RungReport(rung, 1.0, 1.0, 0.1, rung == "ghosts", "") for rung in ("ghosts", "curved"))
     of_cells = ladder.LadderResult(PLAIN, replace(ESTIMATE, scene=PLAIN, errors=errors, rivals=()), reports)
@@ -541,8 +540,8 @@ def test_tiles_of_cells_tell_of_a_mosaic_where_about_the_ghosts_are_and_the_inci
         return SAMPLED
 
     monkeypatch.setattr(ladder, "pane_of_samples", samples)
-    monkeypatch.setattr(ladder, "shift_of_cells", lambda capture, scene, noise: scene.ghost_shift + 2.0)
-    monkeypatch.setattr(ladder, "incidence_of_cells", lambda capture, scene, noise: by_tiles)
+    tiles = SimpleNamespace(ghost_shift=lambda scene: scene.ghost_shift + 2.0, incidence=lambda scene: by_tiles)
+    monkeypatch.setattr(ladder, "tiles_of_cells", lambda capture, scene, noise: tiles)
     of_cells = ladder.LadderResult(
         PLAIN, replace(ESTIMATE, scene=PLAIN, errors=SceneErrors(incidence_deg=0.3), rivals=()), ()
     )

@@ -15,7 +15,7 @@ import pytest
 from polaropt import Capture, SceneParameters, read_capture
 from polaropt.capture import PlateFrame, plate_frame, stokes_images, write_png
 from polaropt.estimation.flat import pane_by_tiles
-from polaropt.estimation.flat.pane_by_tiles import contradicts, incidence_of_cells, shift_of_cells, with_tiles
+from polaropt.estimation.flat.pane_by_tiles import CellTiles, contradicts, tiles_of_cells, with_tiles
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.optics import SceneErrors
@@ -146,24 +146,32 @@ def mosaic(sensor: str) -> Capture:
         return read_capture(Path(folder, "raw.png"), sensor=sensor)
 
 
+@cache
+def mono_tiles() -> CellTiles:
+    tiles = tiles_of_cells(mosaic("mono"), FAR, NOISE)
+    assert tiles is not None
+    return tiles
+
+
 @pytest.mark.parametrize("about", [0.0, -4.0, 12.0])
 def test_ghosts_of_a_mosaic_are_found_where_its_cells_hardly_show_them(about: float) -> None:
     start = FAR.replace(ghost_shift=about, incidence_deg=67.0)
-    assert shift_of_cells(mosaic("mono"), start, NOISE) == pytest.approx(13.0, abs=1.0)
+    assert mono_tiles().ghost_shift(start) == pytest.approx(13.0, abs=1.0)
 
 
 def test_ghosts_of_color_mosaics_and_photographs_stay_where_they_were_found() -> None:
     found = FAR.replace(ghost_shift=4.0)
-    assert shift_of_cells(mosaic("color"), found, NOISE) == 4.0
-    assert shift_of_cells(mosaic("mono").registered, found, NOISE) == 4.0
+    assert tiles_of_cells(mosaic("color"), found, NOISE) is None
+    assert tiles_of_cells(mosaic("mono").registered, found, NOISE) is None
+    for changes in ({"n_panes": 2, "gap_shift": 9.0}, {"single_surface": True}, {"focal_px": 400.0}):
+        assert tiles_of_cells(mosaic("mono"), found.replace(**changes), NOISE) is None
 
 
 def test_cells_of_a_mono_mosaic_tell_the_incidence_within_its_error() -> None:
-    told = incidence_of_cells(mosaic("mono"), FAR.replace(incidence_deg=66.0), NOISE)
+    told = mono_tiles().incidence(FAR.replace(incidence_deg=66.0))
     assert told is not None
     assert abs(told[0] - 65.0) < 2 * told[1] < 1.6
-    assert incidence_of_cells(mosaic("mono"), FAR.replace(ghost_shift=0.0), NOISE) is None
-    assert incidence_of_cells(mosaic("color"), FAR, NOISE) is None
+    assert mono_tiles().incidence(FAR.replace(ghost_shift=0.0)) is None
 
 
 @pytest.mark.parametrize(("told", "others", "expected"), [

@@ -231,58 +231,62 @@ photographs that no figure is taken of (35 to 82 degrees, shifts of 2 to 16 px) 
 72 in place no more are given ghosts."""
 
 
-def incidence_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> tuple[float, float] | None:
-    """The incidence that tiles of a mono mosaic's cells tell, and its standard error, in degrees; None where none.
+class CellTiles:
+    """Tiles of a mono mosaic's cells, whose mean spectra their low pass spoils: it looks like ghosts close together.
+
+    Parameters
+    ----------
+    tiles : TileLikelihood
+        At the azimuth of the scenes that are looked at. These are complete, in pixels of the capture, of a flat pane
+        that is seen from far.
+    scale : int
+        Pixels of the capture per cell.
+    """
+
+    def __init__(self, tiles: TileLikelihood, scale: int) -> None:
+        self._tiles, self._scale = tiles, scale
+
+    def incidence(self, scene: SceneParameters) -> tuple[float, float] | None:
+        """The incidence near that of a scene with ghosts, and its standard error, in degrees; None where none is told.
+
+        The ghosts are where the mosaic's samples have them.
+        """
+        if not scene.has_ghosts:
+            return None
+        small, free = scene.scaled(1 / self._scale), ("incidence_deg",)
+        fit = self._tiles.nearest(window_of(small, scene.values()[1]), scene.index, free)
+        (error,) = self._tiles.errors(fit, free)
+        told = len(fit.misfits) >= _LEAST_TILES and math.isfinite(error)
+        return (fit.window.incidence_deg, _WIDER["incidence_deg"] * float(error)) if told else None
+
+    def ghost_shift(self, scene: SceneParameters) -> float:
+        """About where the ghosts are, in pixels of the capture: elsewhere than in a scene, if that is likelier."""
+        incidence, _, shift = scene.values()
+        scan = np.arange(_SCAN_PX, _FARTHEST_PX, _SCAN_PX) / _MONO_PERIOD
+        windows = [Window(incidence, float(trial)) for trial in (*scan, *-scan)]
+        glance = self._tiles.some(_MOST_TILES)
+        likeliest = min(windows, key=lambda window: glance.fitted(window, scene.index).misfit)
+        other = self._tiles.nearest(likeliest, scene.index, tuple(_OF_SCENE))
+        found = self._tiles.fitted(Window(incidence, shift / self._scale), scene.index)
+        told = len(found.misfits) >= _LEAST_TILES and other.surer_than(found) > _SURE_OF_CELLS
+        return other.window.pane_shift * self._scale if told else shift
+
+
+def tiles_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> CellTiles | None:
+    """Tiles of a mono mosaic's cells at the azimuth of a scene; None of any other capture, or pane.
 
     Parameters
     ----------
     capture : Capture
-        Of a mosaic.
     scene : SceneParameters
-        Complete, in pixels of the capture, of a flat pane that is seen from far, with its double images where the
-        mosaic's samples have them.
+        Complete.
     noise : float
         Standard deviation of a sample's noise.
     """
-    tiles = _tiles_of_cells(capture, scene, noise) if scene.has_ghosts else None
-    if tiles is None:
-        return None
-    small, free = scene.scaled(1 / capture.scale), ("incidence_deg",)
-    fit = tiles.nearest(window_of(small, scene.values()[1]), scene.index, free)
-    (error,) = tiles.errors(fit, free)
-    told = len(fit.misfits) >= _LEAST_TILES and math.isfinite(error)
-    return (fit.window.incidence_deg, _WIDER["incidence_deg"] * float(error)) if told else None
-
-
-def shift_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> float:
-    """About where the ghosts are in a mono mosaic, in pixels of the capture: elsewhere, if tiles find that likelier.
-
-    Parameters
-    ----------
-    capture, noise
-        As of `incidence_of_cells`.
-    scene : SceneParameters
-        Complete, in pixels of the capture, of a flat pane that is seen from far, with its double images as mean spectra
-        of the cells have them: their low pass looks like ghosts close together.
-    """
-    incidence, _, shift = scene.values()
-    tiles = _tiles_of_cells(capture, scene, noise)
-    if tiles is None:
-        return shift
-    scan = np.arange(_SCAN_PX, _FARTHEST_PX, _SCAN_PX) / _MONO_PERIOD
-    windows = [Window(incidence, float(trial)) for trial in (*scan, *-scan)]
-    glance = tiles.some(_MOST_TILES)
-    likeliest = min(windows, key=lambda window: glance.fitted(window, scene.index).misfit)
-    other = tiles.nearest(likeliest, scene.index, tuple(_OF_SCENE))
-    found = tiles.fitted(Window(incidence, shift / capture.scale), scene.index)
-    told = len(found.misfits) >= _LEAST_TILES and other.surer_than(found) > _SURE_OF_CELLS
-    return other.window.pane_shift * capture.scale if told else shift
-
-
-def _tiles_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> TileLikelihood | None:
-    """Tiles of a mono mosaic's cells at the azimuth of a scene; None of any other capture."""
     period = 1 if capture.cells is None else capture.cells.samples.sampling.period
-    if period != _MONO_PERIOD:
+    flat = scene.rung in ("pixelwise", "ghosts") and not scene.single_surface and not scene.stacked
+    if period != _MONO_PERIOD or not flat:
         return None
     stokes = stokes_images(capture.registered, registered_noise(capture, noise))
-    return TileLikelihood(plate_frame(stokes, scene.values()[1]), pattern_px=period)
+    tiles = TileLikelihood(plate_frame(stokes, scene.values()[1]), pattern_px=period)
+    return CellTiles(tiles, capture.scale)

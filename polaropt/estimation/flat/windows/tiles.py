@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,14 +123,15 @@ class TileLikelihood:
 
     def luminance(self) -> TileLikelihood:
         """That of the colours' sum alone, which takes a third of the time."""
-        other = copy.copy(self)
-        other._data = np.ascontiguousarray(self._data[..., :: self._n_colours])
-        return other
+        return self._every(self._n_colours)
 
     def some(self, most: int) -> TileLikelihood:
         """That of so many tiles at most, spread over the frame."""
+        return self._every(math.ceil(self._data.shape[-1] / most))
+
+    def _every(self, step: int) -> TileLikelihood:
         other = copy.copy(self)
-        other._data = np.ascontiguousarray(self._data[..., :: math.ceil(self._data.shape[-1] / most)])
+        other._data = np.ascontiguousarray(self._data[..., ::step])
         return other
 
     def fitted(self, window: Window, refractive_index: float) -> TileFit:
@@ -144,32 +146,31 @@ class TileLikelihood:
             if not np.all(np.isfinite(misfits)):
                 break
 
-            def misfit(x: Values, window: Window = window, powers: Powers = powers) -> float:
-                moved = _moved(window, free, x)
-                return float(self._misfits(moved, refractive_index, powers, _ROUNDS)[0].sum())
-
-            at = np.array([getattr(window, name) for name in free])
-            steps, low, high = np.array([_SEARCH[name] for name in free]).T
-            step = Box(np.clip(at, low + steps, high - steps), steps, low, high).newton(misfit)
+            at, box = _numbers(window, free)
+            step = box.newton(self._misfit_near(window, refractive_index, free, powers))
             window = _moved(window, free, step.point)
-            if np.all(np.abs(step.point - at) < _AT_REST * steps):
+            if np.all(np.abs(step.point - at) < _AT_REST * box.step):
                 break
         return self.fitted(window, refractive_index)
 
     def errors(self, fit: TileFit, free: tuple[str, ...]) -> Values:
         """Standard errors of some numbers of a likeliest window, by the curvature; infinite where it tells none."""
-        window, powers = fit.window, self._misfits(fit.window, fit.refractive_index, self._first_powers())[1]
-
-        def misfit(x: Values) -> float:
-            moved = _moved(window, free, x)
-            return float(self._misfits(moved, fit.refractive_index, powers, _ROUNDS)[0].sum())
-
-        steps, low, high = np.array([_SEARCH[name] for name in free]).T
-        at = np.clip([getattr(window, name) for name in free], low + steps, high - steps)
-        curvature = Box(at, steps, low, high).curvature(misfit)
+        window, index = fit.window, fit.refractive_index
+        powers = self._misfits(window, index, self._first_powers())[1]
+        curvature = _numbers(window, free)[1].curvature(self._misfit_near(window, index, free, powers))
         if not np.all(np.isfinite(curvature)) or np.linalg.eigvalsh(curvature)[0] <= 0:
             return np.full(len(free), math.inf)
         return np.sqrt(np.diag(np.linalg.inv(curvature)))
+
+    def _misfit_near(
+        self, window: Window, refractive_index: float, free: tuple[str, ...], powers: Powers
+    ) -> Callable[[Values], float]:
+        """Minus log likelihood by the free numbers of windows near one whose powers are given."""
+
+        def misfit(x: Values) -> float:
+            return float(self._misfits(_moved(window, free, x), refractive_index, powers, _ROUNDS)[0].sum())
+
+        return misfit
 
     def _first_powers(self) -> Powers:
         return np.full((2, self._cells.size - 1, self._data.shape[-1]), FIRST_LEVEL, np.float32)
@@ -215,6 +216,13 @@ _SEARCH = {
 """Step, and least and greatest value, of what is searched. Set by hand."""
 _TURNS, _AT_REST = 4, 0.1
 """In which the powers are fitted to the last window, and the move, in steps, that ends them. Set by hand."""
+
+
+def _numbers(window: Window, free: tuple[str, ...]) -> tuple[Values, Box]:
+    """Some numbers of a window, and where near them a search may go."""
+    at = np.array([getattr(window, name) for name in free])
+    steps, low, high = np.array([_SEARCH[name] for name in free]).T
+    return at, Box(np.clip(at, low + steps, high - steps), steps, low, high)
 
 
 def _moved(window: Window, free: tuple[str, ...], x: Values) -> Window:
