@@ -67,6 +67,14 @@ def test_nor_is_it_left_in_the_transmission() -> None:
     assert found_or_announced(sample) > 0
 
 
+def test_a_bright_reflection_at_brewsters_angle_does_not_hide_the_incidence() -> None:
+    """Of whatever pane it may be: 62.3 degrees were found, and the transmission was worse than doing nothing."""
+    sample = photographed(1, SceneParameters(57.0, 110.0, 4.0), noise=0.005, reflection_gain=10.0)
+    found = estimate(sample.capture)
+    assert found.scene.values()[0] == pytest.approx(57.0, abs=1.0)
+    assert found.errors.incidence_deg < 2
+
+
 def test_in_strong_noise_an_axis_that_edges_alone_tell_is_doubted() -> None:
     """Without double images at 80 degrees the layers were exchanged in silence."""
     found_or_announced(photographed(2, SceneParameters(79.6, 110.0, 0.0), noise=0.02))

@@ -205,8 +205,12 @@ def _completed(
     unpolarized = not estimate.polarized and asked.incidence_deg is None
     if unpolarized or model == "none":
         return _unseparated(estimate, seconds, "There is no polarization beyond the noise." if unpolarized else _ASKED)
+    # Ghosts that mean spectra have at half their distance tell another index.
+    two_faces = not asked.single_surface and asked.n_bounces != 0 and asked.transmission_ghost_shift is None
+    open_ghosts = two_faces and flat.ghost_shift is None
+    open_window = open_ghosts or None in (asked.n_panes, asked.absorption)
     # The low pass of a mosaic's cells, and what aliases there, passes for a second pane.
-    open_window = thickness_px is None and not stokes.aliased and None in (asked.n_panes, asked.absorption)
+    open_window &= thickness_px is None and not stokes.aliased
     # Beyond the angles that are searched any number of panes is a mirror.
     open_window &= estimate.scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]
     if shifted or (open_window and model in ("auto", "ghosts") and is_flat):

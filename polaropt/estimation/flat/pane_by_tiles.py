@@ -165,9 +165,10 @@ _SUREST = 0.02
 _IN_PLACE_DEG = 25.0
 """Incidence from which on tiles are asked of a window whose images are in place: below, ghosts a third of a pixel apart
 pass for another incidence. Set by hand."""
-_CONTRADICTS, _FARTHEST_DEG = 2.5, 3.0
-"""Standard errors of both, and degrees, by which tiles and what told it before may differ in the incidence. Of those 81
-they differ by up to 2.1 and 1.0, by more of some whose index or number of panes is wrong."""
+_CONTRADICTS = 2.5
+"""Standard errors of both by which tiles and what told it before may differ in the incidence: of those 81 they differ
+by up to 2.1, by more of some whose index or number of panes is wrong. Where a bright reflection hides the other's edges
+they may be 5 degrees off, and know it."""
 
 
 def with_tiles(
@@ -216,7 +217,7 @@ def with_tiles(
 
 def contradicts(told: tuple[float, float], others: tuple[float, float]) -> bool:
     """Whether the incidence by tiles is none that others leave possible; each with its standard error, in degrees."""
-    return abs(told[0] - others[0]) > min(_FARTHEST_DEG, _CONTRADICTS * math.hypot(told[1], others[1]))
+    return abs(told[0] - others[0]) > _CONTRADICTS * math.hypot(told[1], others[1])
 
 
 _MONO_PERIOD = 2
