@@ -28,6 +28,7 @@ from polaropt.estimation import (
     model_names,
     scene_source,
     still_photographs,
+    tiles_of_mosaic,
     with_incidence_checked,
     with_index,
     with_likelier_side,
@@ -468,9 +469,16 @@ def _case_of(
     stages.advance(_INDEX_KNOWN)
     checked = with_incidence_checked(source, fit.scene, of_source)
     stages.advance(_INCIDENCE_CHECKED)
-    found = find_scene(
-        source, checked.scene, of_source, settings.model, thickness_px=thickness_px, thickness_kind=kind
-    ).with_index(fit)
+    mosaic = tiles_of_mosaic(still.capture, noise)
+    find = partial(
+        find_scene,
+        noise=of_source,
+        model=settings.model,
+        thickness_px=thickness_px,
+        thickness_kind=kind,
+        mosaic=mosaic,
+    )
+    found = find(source, checked.scene).with_index(fit)
     stages.advance(_SCENE_FOUND)
     if settings.model == "auto":
         found = left_alone(found, checked)
@@ -479,13 +487,11 @@ def _case_of(
     index = likelier_index(source, found.scene, of_source) if told else None
     if index is not None and index.sure and index_assumed and not asked.stacked and not asked.absorption:
         fit = IndexFit(clear_pane(checked.scene, index.index), index.error)
-        found = find_scene(
-            source, fit.scene, of_source, settings.model, thickness_px=thickness_px, thickness_kind=kind
-        ).with_index(fit)
+        found = find(source, fit.scene).with_index(fit)
         asked, index = asked.replace(refractive_index=None), None
     sense_only = settings.thickness_px is not None
     stages.advance(_INDEX_CHECKED)
-    found = in_full(found, still.capture, asked, noise, settings.model, sense_only=sense_only)
+    found = in_full(found, still.capture, asked, noise, settings.model, mosaic=mosaic, sense_only=sense_only)
     if asked.ghost_shift is None:
         edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
         found = with_likelier_side(found, source, edges)

@@ -20,6 +20,7 @@ __all__ = [
     "moving_pixels",
     "scene_source",
     "still_photographs",
+    "tiles_of_mosaic",
     "with_incidence_checked",
     "with_index",
     "with_likelier_side",
@@ -32,6 +33,7 @@ from .angles import find_start_angle as find_start_angle
 from .flat.azimuth import NOTABLE_CHANCE as NOTABLE_CHANCE
 from .flat.estimate import SceneEstimate as SceneEstimate
 from .flat.estimate import estimate_scene as estimate_scene
+from .flat.samples.tiles import tiles_of_mosaic as tiles_of_mosaic
 from .ghost_side import with_likelier_side as with_likelier_side
 from .ladder import LadderResult as LadderResult
 from .ladder import RungReport as RungReport

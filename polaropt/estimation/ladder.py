@@ -21,8 +21,9 @@ from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence,
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import incidence_by_gradients
-from polaropt.estimation.flat.pane_by_tiles import contradicts, tiles_of_cells, with_ghosts_by_tiles, with_tiles
-from polaropt.estimation.flat.sampled_ghosts import pane_of_samples
+from polaropt.estimation.flat.pane_by_tiles import contradicts, with_ghosts_by_tiles, with_tiles
+from polaropt.estimation.flat.samples.ghosts import pane_of_samples
+from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
@@ -131,6 +132,7 @@ def find_scene(
     *,
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
+    mosaic: SampledTiles | None = None,
 ) -> LadderResult:
     """Complete a scene on the lowest rung that explains the capture, or on the one asked for.
 
@@ -144,11 +146,19 @@ def find_scene(
         Standard deviation of one photograph's noise; of a mosaic, of a sample's.
     model : str
         One of `model_names`.
-    thickness_px, thickness_kind
-        As for `estimate_scene`.
+    thickness_px, thickness_kind, mosaic
+        As for `estimate_scene`; of a mosaic itself its tiles are asked here.
     """
     fit = with_index(capture, asked, noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
-    found = _completed(capture, fit.scene, noise, model, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    found = _completed(
+        capture,
+        fit.scene,
+        noise,
+        model,
+        thickness_px=thickness_px,
+        thickness_kind=thickness_kind,
+        mosaic=mosaic,
+    )
     return found.with_index(fit)
 
 
@@ -160,6 +170,7 @@ def _completed(
     *,
     thickness_px: float | None,
     thickness_kind: Literal["paper", "plate"],
+    mosaic: SampledTiles | None = None,
 ) -> LadderResult:
     """The same where the index is known."""
     if asked.index < LEAST_INDEX:
@@ -170,7 +181,7 @@ def _completed(
     if asked.stacked and thickness_px is not None:
         raise InputError("a thickness is for a single pane; give the shifts of a window of several, or leave it out")
     if capture.cells is not None:
-        small, of_cells = 1 / capture.scale, registered_noise(capture)
+        small, of_cells, tiles = 1 / capture.scale, registered_noise(capture), tiles_of_mosaic(capture, noise)
         thickness = None if thickness_px is None else thickness_px * small
         found = _completed(
             capture.registered,
@@ -179,8 +190,9 @@ def _completed(
             model,
             thickness_px=thickness,
             thickness_kind=thickness_kind,
+            mosaic=tiles,
         )
-        return in_full(found, capture, asked, noise, model, sense_only=thickness_px is not None)
+        return in_full(found, capture, asked, noise, model, mosaic=tiles, sense_only=thickness_px is not None)
     if asked.focal_px is not None and model == "auto":
         model = "perspective"
     if asked.stacked and model not in ("auto", "ghosts"):
@@ -195,7 +207,14 @@ def _completed(
     if asked.ghost_shift is None and (model not in ("auto", "ghosts") or capture.start_unknown):
         flat = flat.replace(ghost_shift=0.0)
     stokes = stokes_images(capture, noise)
-    estimate = estimate_scene(capture, flat, noise=noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    estimate = estimate_scene(
+        capture,
+        flat,
+        noise=noise,
+        thickness_px=thickness_px,
+        thickness_kind=thickness_kind,
+        mosaic=mosaic,
+    )
     blocks = PolarizedBlocks(stokes)
     misfit = blocks.constant_misfit(estimate.scene.values()[1])
     is_flat = misfit <= noise_misfit(blocks.n)
@@ -268,6 +287,7 @@ def in_full(
     noise: float,
     model: str = "auto",
     *,
+    mosaic: SampledTiles | None = None,
     sense_only: bool = False,
 ) -> LadderResult:
     """What was found from a mosaic's cells, in pixels of the capture, with ghosts and incidence as its samples tell.
@@ -278,6 +298,8 @@ def in_full(
         In pixels of `Capture.registered`.
     capture, asked, noise, model
         As of `find_scene`.
+    mosaic : SampledTiles, optional
+        Tiles of the capture, where there are enough.
     sense_only : bool
         Whether the distance of the ghosts is given, and only their side is to be told.
     """
@@ -288,9 +310,12 @@ def in_full(
     # A thickness ties the ghosts' distance to the incidence of the cells.
     sense_only &= open_shift
     error_deg = math.hypot(whole.errors.incidence_deg or math.inf, _OF_ALIASES_DEG)
-    about, tiles = whole.scene, None if sense_only else tiles_of_cells(capture, whole.scene, noise)
+    about, tiles, told = whole.scene, None, None
+    if mosaic is not None and not sense_only and _is_flat_and_single(about):
+        tiles = PaneOfTiles(mosaic, about.values()[1], mosaic.period / capture.scale)
     if tiles is not None and open_shift:
-        about = about.replace(ghost_shift=tiles.ghost_shift(about))
+        told = tiles.ghosts(asked.replace(refractive_index=about.index), about.values()[0])
+        about = about.replace(ghost_shift=told.shift_px)
     sampled = pane_of_samples(
         capture,
         about,
@@ -299,6 +324,7 @@ def in_full(
         open_shift=open_shift,
         open_incidence=open_incidence and not sense_only,
         sense_only=sense_only,
+        told_error_px=told.error_px if told is not None and told.sure else None,
     )
     if sampled is None or (model == "ghosts" and not sampled.shift_px):
         return whole
@@ -317,6 +343,11 @@ def in_full(
     tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in whole.tried)
     estimate = dataclasses.replace(whole.estimate, scene=scene, errors=errors)
     return dataclasses.replace(whole, scene=scene, estimate=estimate, tried=tried)
+
+
+def _is_flat_and_single(scene: SceneParameters) -> bool:
+    """Whether a scene is a flat pane of two faces that is seen from far."""
+    return scene.rung in ("pixelwise", "ghosts") and not scene.single_surface and not scene.stacked
 
 
 _ASKED = "It is the one asked for."

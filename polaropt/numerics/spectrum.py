@@ -74,34 +74,39 @@ def hann_tile(height: int, width: int) -> NDArray[np.float64]:
     return np.asarray(window / math.sqrt(float(np.sum(window**2))))
 
 
-def hann_spectra(images: Array) -> NDArray[np.complexfloating[Any, Any]]:
+def hann_spectra(images: Array, step: int = 1) -> NDArray[np.complexfloating[Any, Any]]:
     """Spectra (..., h, w // 2 + 1) of images (..., h, w) under Hann's window, by way of their gradients.
+
+    With a step these are differences of pixels that far apart: of a mosaic, of pixels that see alike.
 
     Under a window every frequency is mixed with those beside it. Of photographs the lower ones have more power: all of
     them would be taken for lower than they are, and shifts between images for smaller. Gradients have about the same
-    power at all. White noise of variance 1 has the power 1 at every frequency but 0, where all is left out.
+    power at all. White noise of variance 1 has the power 1 at every frequency but those that differences do not see (0,
+    and what repeats after a step), where all is left out.
     """
     from scipy.fft import rfft2
 
-    window, by_down, by_right = _of_gradients(*images.shape[-2:], images.dtype)
+    window, by_down, by_right = _of_gradients(*images.shape[-2:], images.dtype, step)
     gradients = np.zeros((2, *images.shape), images.dtype)
-    np.subtract(images[..., 1:, :], images[..., :-1, :], out=gradients[0, ..., :-1, :])
-    np.subtract(images[..., 1:], images[..., :-1], out=gradients[1, ..., :-1])
+    np.subtract(images[..., step:, :], images[..., :-step, :], out=gradients[0, ..., :-step, :])
+    np.subtract(images[..., step:], images[..., :-step], out=gradients[1, ..., :-step])
     gradients *= window
     of_down, of_right = rfft2(gradients)
     return np.asarray(of_down * by_down + of_right * by_right)
 
 
+_UNSEEN = 1e-12
+"""Power of differences below which they see nothing of a frequency, for rounding."""
+
+
 @lru_cache(maxsize=8)
-def _of_gradients(height: int, width: int, dtype: np.dtype[Any]) -> tuple[Array, Array, Array]:
+def _of_gradients(height: int, width: int, dtype: np.dtype[Any], step: int) -> tuple[Array, Array, Array]:
     """Hann's window of unit power, and by what spectra of differences down and to the right become the picture's."""
     window = hann_tile(height, width)
-    rows, columns = frequencies(height, width)
+    rows, columns = (step * part for part in frequencies(height, width))
     down, right = np.broadcast_arrays(np.exp(1j * rows) - 1, np.exp(1j * columns) - 1)
-    size = np.abs(down) ** 2 + np.abs(right) ** 2
-    size[0, 0] = math.inf
     # Noise of neighbouring differences has in common what one pixel adds to both.
-    at, above, before = window, np.roll(window, -1, axis=0), np.roll(window, -1, axis=1)
+    at, above, before = window, np.roll(window, -step, axis=0), np.roll(window, -step, axis=1)
     squares, beside_rows, beside_columns = (float(np.sum(window * part)) for part in (at, above, before))
     diagonal = float(np.sum(above * before))
     of_down = 2 * squares - 2 * beside_rows * np.cos(rows)
@@ -114,8 +119,8 @@ def _of_gradients(height: int, width: int, dtype: np.dtype[Any]) -> tuple[Array,
     )
     power = np.abs(down) ** 2 * of_down + np.abs(right) ** 2 * of_right
     power = power + 2 * (down.conj() * right * both.conj()).real
-    factors = np.sqrt(power)
-    factors[0, 0] = 1
+    factors = np.sqrt(np.maximum(power, 0))
+    factors[np.abs(down) ** 2 + np.abs(right) ** 2 < _UNSEEN] = math.inf
     exact = np.result_type(dtype, np.complex64)
     return window.astype(dtype), (down.conj() / factors).astype(exact), (right.conj() / factors).astype(exact)
 

@@ -14,6 +14,7 @@ from polaropt import InputError, SceneParameters
 from polaropt.estimation import ladder, rungs
 from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.flat.estimate import SceneEstimate
+from polaropt.estimation.flat.samples.tiles import ToldGhosts
 from polaropt.estimation.rung import Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.fits import PerspectiveFit
 from polaropt.optics import Rival, SceneErrors
@@ -447,6 +448,7 @@ def test_of_a_mosaic_s_cells_a_thickness_is_in_cells(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(ladder, "estimate_scene", asked)
     monkeypatch.setattr(ladder, "stokes_images", lambda *given: None)
     monkeypatch.setattr(ladder, "registered_noise", lambda capture: 0.002)
+    monkeypatch.setattr(ladder, "tiles_of_mosaic", lambda capture, noise: None)
     mosaic = SimpleNamespace(cells=1, scale=4, registered=SimpleNamespace(cells=None, start_unknown=False))
     scene = SceneParameters(None, None, None, transmission_ghost_shift=6.0)
     given = {"thickness_px": 10.0, "thickness_kind": "plate"}
@@ -507,7 +509,6 @@ def test_samples_of_a_mosaic_tell_ghosts_and_incidence(name: str, monkeypatch: p
         return sampled
 
     monkeypatch.setattr(ladder, "pane_of_samples", samples)
-    monkeypatch.setattr(ladder, "tiles_of_cells", lambda capture, scene, noise: None)
     errors = SceneErrors(incidence_deg=0.3, ghost_shift=0.2)
     reports = tuple(ladder.RungReport(rung, 1.0, 1.0, 0.1, rung == "ghosts", "") for rung in ("ghosts", "curved"))
     of_cells = ladder.LadderResult(PLAIN, replace(ESTIMATE, scene=PLAIN, errors=errors, rivals=()), reports)
@@ -522,7 +523,11 @@ def test_samples_of_a_mosaic_tell_ghosts_and_incidence(name: str, monkeypatch: p
         (how,) = seen
         assert how.pop("incidence_error_deg") == pytest.approx(by_edges)
         opened = {"open_shift": asked.ghost_shift is None, "sense_only": sense_only}
-        assert how == {**opened, "open_incidence": asked.incidence_deg is None and not sense_only}
+        assert how == {
+            **opened,
+            "open_incidence": asked.incidence_deg is None and not sense_only,
+            "told_error_px": None,
+        }
     assert bool(seen) == (name not in ("another rung is", "all is given"))
 
 
@@ -532,24 +537,40 @@ BY_TILES = (56.0, 0.4)
 @pytest.mark.parametrize(
     ("by_tiles", "counts"), [(BY_TILES, True), ((59.0, 0.4), False), (None, False)], ids=["near", "far off", "nothing"]
 )
-def test_tiles_of_cells_tell_of_a_mosaic_where_about_the_ghosts_are_and_the_incidence(
+def test_tiles_of_a_mosaic_tell_where_about_the_ghosts_are_and_the_incidence(
     by_tiles: tuple[float, float] | None, counts: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def samples(capture: object, scene: SceneParameters, noise: float, **how: object) -> object:
-        assert scene.ghost_shift == 10.0
+        assert (scene.ghost_shift, how["told_error_px"]) == (10.0, 0.3)
         return SAMPLED
 
+    def pane_of_tiles(mosaic: object, azimuth_deg: float, of_sensor: float) -> object:
+        assert (azimuth_deg, of_sensor) == (PLAIN.values()[1], 2.0)
+        return SimpleNamespace(
+            ghosts=lambda asked, incidence: ToldGhosts(10.0, 0.3, True), incidence=lambda scene: by_tiles
+        )
+
     monkeypatch.setattr(ladder, "pane_of_samples", samples)
-    tiles = SimpleNamespace(ghost_shift=lambda scene: scene.ghost_shift + 2.0, incidence=lambda scene: by_tiles)
-    monkeypatch.setattr(ladder, "tiles_of_cells", lambda capture, scene, noise: tiles)
+    monkeypatch.setattr(ladder, "PaneOfTiles", pane_of_tiles)
     of_cells = ladder.LadderResult(
         PLAIN, replace(ESTIMATE, scene=PLAIN, errors=SceneErrors(incidence_deg=0.3), rivals=()), ()
     )
-    found = ladder.in_full(of_cells, SimpleNamespace(scale=2), OPEN, 0.005)
+    mosaic = SimpleNamespace(period=4)
+    found = ladder.in_full(of_cells, SimpleNamespace(scale=2), OPEN, 0.005, mosaic=mosaic)
     others = weighted_incidence((55.0, np.hypot(0.3, 0.6)), (57.0, 0.5))
     told = weighted_incidence(others, BY_TILES) if counts else others
     assert (found.scene.incidence_deg, found.errors.incidence_deg) == pytest.approx(told)
     assert found.scene.ghost_shift == 9.0
+
+
+def test_samples_are_left_to_find_ghosts_that_tiles_are_not_sure_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[object] = []
+    tiles = SimpleNamespace(ghosts=lambda asked, incidence: ToldGhosts(3.0, 0.3, False), incidence=lambda scene: None)
+    monkeypatch.setattr(ladder, "PaneOfTiles", lambda *_: tiles)
+    monkeypatch.setattr(ladder, "pane_of_samples", lambda *_, **how: seen.append(how["told_error_px"]))
+    of_cells = ladder.LadderResult(PLAIN, replace(ESTIMATE, scene=PLAIN, rivals=()), ())
+    ladder.in_full(of_cells, SimpleNamespace(scale=2), OPEN, 0.005, mosaic=SimpleNamespace(period=2))
+    assert seen == [None]
 
 
 def test_a_scene_that_was_given_is_that_of_the_mosaic_too() -> None:

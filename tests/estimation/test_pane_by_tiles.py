@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from polaropt import Capture, SceneParameters, read_capture
-from polaropt.capture import PlateFrame, plate_frame, stokes_images, write_png
+from polaropt import SceneParameters
+from polaropt.capture import PlateFrame, plate_frame, stokes_images
 from polaropt.estimation import find_scene, likelier_index
 from polaropt.estimation.flat import pane_by_tiles
-from polaropt.estimation.flat.pane_by_tiles import CellTiles, contradicts, tiles_of_cells, with_tiles
+from polaropt.estimation.flat.pane_by_tiles import contradicts, with_tiles
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.optics import SceneErrors
-from polaropt.simulation import Camera, photograph_mosaic, photograph_pair
+from polaropt.simulation import Camera, photograph_pair
 from studies.camera import take
 from studies.photographs import pairs_of
 from studies.scenes import protocol
@@ -139,47 +136,9 @@ def test_few_tiles_tell_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert with_tiles(FRAME, FOUND, ERRORS, OPEN) == (FOUND, ERRORS)  # type: ignore[arg-type]
 
 
-@cache
-def mosaic(sensor: str) -> Capture:
-    photographs = pairs_of(None, 384)[0]
-    camera = Camera(noise=NOISE, lens_blur_px=0.5)
-    raw = photograph_mosaic(photographs.transmission, photographs.reflection, FAR, camera, sensor == "color")
-    with TemporaryDirectory() as folder:
-        write_png(Path(folder, "raw.png"), np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
-        return read_capture(Path(folder, "raw.png"), sensor=sensor)
-
-
-@cache
-def mono_tiles() -> CellTiles:
-    tiles = tiles_of_cells(mosaic("mono"), FAR, NOISE)
-    assert tiles is not None
-    return tiles
-
-
-@pytest.mark.parametrize("about", [0.0, -4.0, 12.0])
-def test_ghosts_of_a_mosaic_are_found_where_its_cells_hardly_show_them(about: float) -> None:
-    start = FAR.replace(ghost_shift=about, incidence_deg=67.0)
-    assert mono_tiles().ghost_shift(start) == pytest.approx(13.0, abs=1.0)
-
-
-def test_ghosts_of_color_mosaics_and_photographs_stay_where_they_were_found() -> None:
-    found = FAR.replace(ghost_shift=4.0)
-    assert tiles_of_cells(mosaic("color"), found, NOISE) is None
-    assert tiles_of_cells(mosaic("mono").registered, found, NOISE) is None
-    for changes in ({"n_panes": 2, "gap_shift": 9.0}, {"single_surface": True}, {"focal_px": 400.0}):
-        assert tiles_of_cells(mosaic("mono"), found.replace(**changes), NOISE) is None
-
-
-def test_cells_of_a_mono_mosaic_tell_the_incidence_within_its_error() -> None:
-    told = mono_tiles().incidence(FAR.replace(incidence_deg=66.0))
-    assert told is not None
-    assert abs(told[0] - 65.0) < 2 * told[1] < 1.6
-    assert mono_tiles().incidence(FAR.replace(ghost_shift=0.0)) is None
-
-
 @pytest.mark.parametrize(("told", "others", "expected"), [
     ((60.0, 0.3), (61.0, 0.25), True), ((60.0, 0.3), (60.9, 0.25), False),
-    ((60.0, 2.0), (67.2, 2.0), True), ((60.0, 2.0), (66.9, 2.0), False),
+    ((60.0, 2.0), (65.8, 2.0), True), ((60.0, 2.0), (65.5, 2.0), False),
 ])  # fmt: skip
 def test_tiles_contradict_others_beyond_both_errors(
     told: tuple[float, float], others: tuple[float, float], expected: bool

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from polaropt import SceneParameters
 from polaropt.capture import Capture, RawSamples
 from polaropt.capture.mosaic import sampling_of
-from polaropt.estimation.flat.sampled_ghosts import (
+from polaropt.estimation.flat.samples.ghosts import (
     SampledLikelihood,
     SampledPane,
     pane_of_samples,

@@ -110,3 +110,26 @@ def test_white_noise_keeps_its_power_by_way_of_gradients(shape: tuple[int, int])
     np.testing.assert_allclose(power.ravel()[1:], 1, atol=0.13)
     assert power[2:, 2:].mean() == pytest.approx(1, abs=2e-3)
     assert power[0, 0] == 0
+
+
+@pytest.mark.parametrize("step", [2, 4])
+def test_differences_of_pixels_that_see_alike_take_a_pattern_out_and_keep_what_it_carries(
+    step: int,
+) -> None:
+    rng = np.random.default_rng(4)
+    pattern = np.tile(rng.random((step, step)), (64 // step, 64 // step))
+    rows, columns = np.mgrid[:64, :64]
+    slow = np.cos(2 * np.pi * (5 * columns + 3 * rows) / 64)
+    found = hann_spectra(slow * (1 + 0.5 * (-1.0) ** columns) + pattern, step)
+    assert np.abs(hann_spectra(pattern, step)).max() < 1e-9
+    # Columns 32 - 5 hold the conjugate of what is beside the carrier at half a turn per pixel.
+    assert found[-3, 32 - 5] / found[3, 5].conj() == pytest.approx(0.5, abs=0.02)
+
+
+def test_white_noise_keeps_its_power_by_way_of_differences_of_a_mosaic() -> None:
+    power = np.mean(np.abs(hann_spectra(np.random.default_rng(5).standard_normal((4000, 32, 32)), 4)) ** 2, axis=0)
+    # Differences do not see what repeats every four pixels.
+    seen = np.ones(power.shape, bool)
+    seen[::8, ::8] = False
+    np.testing.assert_allclose(power[seen], 1, atol=0.13)
+    assert np.all(power[~seen] == 0)

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
+from polaropt.estimation.flat.errors import weighted_mean
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood
 from polaropt.estimation.flat.search import Evidence, Trial
 from polaropt.estimation.flat.windows.tiles import TileFit
-from polaropt.numerics import jackknife_error
+from polaropt.numerics import jackknife_error, turn_between
 from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_correction
 
 Images = NDArray[np.float32]
@@ -91,6 +92,26 @@ def principal_axis(stokes: StokesImages) -> PrincipalAxis:
     return PrincipalAxis(math.degrees(twice) / 4 % 90, error_deg, signal / of_noise)
 
 
+_QUARTER_TURN_DEG = 90.0
+_ALIASES_WIDER, _LEAST_DEG = 3.0, 0.05
+"""What the error of a mosaic's cells by their noise is multiplied by, as fine detail aliases in them, and the least
+that is believed. On 320 mosaics of photographs that no figure is taken of, at 30 and 40 degrees, the azimuth is then
+off by half of what the cells' is, root mean square (color 5.8 and 2.2 degrees, mono 3.9 and 1.5), at 75 as theirs."""
+_CONTRADICTS = 2.5
+"""Standard errors of both beyond which detail has misled the cells, and tiles alone are believed."""
+
+
+def weighed_axis(of_cells: PrincipalAxis, of_tiles: tuple[float, float]) -> PrincipalAxis:
+    """The axis of a mosaic's cells with what tiles of its samples tell: azimuth and standard error, in degrees."""
+    azimuth, error = of_tiles
+    cells_error = max(_ALIASES_WIDER * of_cells.error_deg, _LEAST_DEG)
+    apart = turn_between(azimuth, of_cells.azimuth_deg, _QUARTER_TURN_DEG)
+    if abs(apart) > _CONTRADICTS * math.hypot(cells_error, error):
+        return replace(of_cells, azimuth_deg=azimuth % 90, error_deg=error)
+    turned, mean_error = weighted_mean((0.0, cells_error), (apart, error), _LEAST_DEG)
+    return replace(of_cells, azimuth_deg=(of_cells.azimuth_deg + turned) % 90, error_deg=mean_error)
+
+
 def _thinning(side: int) -> int:
     """Side of the blocks that are averaged first: polarized light shows at low frequencies."""
     return int(2 ** max(0, math.ceil(math.log2(side / _MOST_SIDE))))
@@ -128,6 +149,10 @@ _OF_SCORE, _OF_TILES = 0.3, 0.4
 """Log odds per noise level of the search's own score, and per standard error by which single tiles are likelier."""
 # Noise levels by which scores differ where the search is not mistaken: so it was in all of these scenes.
 _SETTLED = 2.0
+_SETTLED_OF_CELLS = 4.0
+"""The same of a mosaic's cells, in which more is mistaken than by noise. Of 212 mosaics of photographs that no figure
+is taken of, at 30 to 80 degrees, 209 are then told rightly, without the spectra, which the cells' low pass shapes: with
+these and the bound above 204."""
 NOTABLE_CHANCE = 0.2
 """Chance of the other pane from which on the axis is in doubt, set by hand: of those windows 28 of the 170 that are
 right are in doubt, and 14 of the 22 that are not."""
@@ -175,7 +200,12 @@ class AxisChoice:
 
 
 def choose_axis(
-    panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParameters, noise: float, polarized_db: float
+    panes: tuple[AxisCandidate, AxisCandidate],
+    scene: SceneParameters,
+    noise: float,
+    polarized_db: float,
+    *,
+    aliased: bool = False,
 ) -> AxisChoice:
     """Weigh what the transmission gains where a pane is right with what it loses where the other one is.
 
@@ -193,11 +223,13 @@ def choose_axis(
         Standard deviation of the noise of one photograph.
     polarized_db : float
         Polarized light over its noise, in a pixel.
+    aliased : bool
+        Whether they are of a mosaic's cells, and single tiles of its samples.
     """
     score = (panes[1].trial.score - panes[0].trial.score) / noise
-    if abs(score) > _SETTLED:
+    if abs(score) > (_SETTLED_OF_CELLS if aliased else _SETTLED):
         return AxisChoice(0 if score > 0 else 1)
-    chance = 1 / (1 + math.exp(log_odds(panes, scene, noise)))
+    chance = 1 / (1 + math.exp(log_odds(panes, scene, noise, aliased=aliased)))
     first, second = (in_place_correction(_incidence(pane), scene.index, *scene.sheets) for pane in panes)
     choices = []
     for best, (wrong, ratio) in enumerate(((chance, first / second), (1 - chance, second / first))):
@@ -206,21 +238,28 @@ def choose_axis(
     return max(choices, key=lambda choice: choice.gain_db)
 
 
-def log_odds(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParameters, noise: float) -> float:
+def log_odds(
+    panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParameters, noise: float, *, aliased: bool = False
+) -> float:
     """Natural logarithm of how much likelier the first pane is; parameters as for `choose_axis`.
 
     From the likelihood of the spectra, less trusted the more it differs between parts of the frame; from that of single
     tiles, in standard errors; from the search's score, which noise biases; and from how often panes are seen at such an
     incidence: those of random directions show a projected area that goes with the sine of twice the incidence.
     """
-    n = float(panes[0].evidence.spectra.multiplicity.sum())
-    gain, error = _likelier(panes, scene)
-    likelier = _AS_FOUND * gain + _AT_BEST * (panes[1].least_misfit - panes[0].least_misfit)
-    of_spectra = _OF_SPECTRA * np.clip(n * likelier / math.hypot(1, n * error), -_MOST_OF_SPECTRA, _MOST_OF_SPECTRA)
+    of_spectra = 0.0 if aliased else _of_spectra(panes, scene)
     of_score = _OF_SCORE * (panes[1].trial.score - panes[0].trial.score) / noise
     of_tiles = _OF_TILES * panes[0].tile_fit().surer_than(panes[1].tile_fit())
     area = [math.sin(2 * math.radians(_incidence(pane))) for pane in panes]
     return float(of_spectra + of_score + of_tiles + math.log(area[0] / area[1]))
+
+
+def _of_spectra(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParameters) -> float:
+    """Log odds by mean spectra, at the shifts found and at the likeliest."""
+    n = float(panes[0].evidence.spectra.multiplicity.sum())
+    gain, error = _likelier(panes, scene)
+    likelier = _AS_FOUND * gain + _AT_BEST * (panes[1].least_misfit - panes[0].least_misfit)
+    return float(_OF_SPECTRA * np.clip(n * likelier / math.hypot(1, n * error), -_MOST_OF_SPECTRA, _MOST_OF_SPECTRA))
 
 
 def _incidence(pane: AxisCandidate) -> float:

@@ -17,9 +17,10 @@ import numpy as np
 
 from polaropt.capture import Capture, PlateFrame, noise_level, plate_frame, stokes_images
 from polaropt.errors import InputError
-from polaropt.estimation.flat.azimuth import AxisCandidate, AxisChoice, choose_axis, principal_axis
+from polaropt.estimation.flat.azimuth import AxisCandidate, AxisChoice, choose_axis, principal_axis, weighed_axis
 from polaropt.estimation.flat.errors import ShiftErrors, widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
+from polaropt.estimation.flat.samples.tiles import SampledTileLikelihood, SampledTiles, likeliest_panes
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
@@ -110,6 +111,7 @@ def estimate_scene(
     noise: float | None = None,
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
+    mosaic: SampledTiles | None = None,
 ) -> SceneEstimate:
     """Estimate what a scene leaves open.
 
@@ -124,6 +126,8 @@ def estimate_scene(
         Thickness of the pane in pixels; ties the ghost shift to the incidence (its sense stays open).
     thickness_kind : {"paper", "plate"}
         Formula of the ghost step, see `ghost_step`.
+    mosaic : SampledTiles, optional
+        Tiles of the mosaic whose cells the capture is: they have a say in the azimuth, and which of two it is.
 
     Returns
     -------
@@ -142,9 +146,10 @@ def estimate_scene(
     noise = max(LEAST_NOISE, noise_level(capture) if noise is None else noise)
     stokes = stokes_images(capture, noise)
     axis = principal_axis(stokes)
+    axis = axis if mosaic is None else weighed_axis(axis, mosaic.axis)
     frame = plate_frame(stokes, axis.azimuth_deg if scene.azimuth_deg is None else scene.azimuth_deg)
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
-    taken = _choose_axis(frame, scene, thickness, noise)
+    taken = _choose_axis(frame, scene, thickness, noise, mosaic)
     frame, search, trial = taken.frame, taken.search, taken.trial
     # Of a mosaic's cells the low pass shapes the spectra.
     told = axis.snr > _POLARIZED_SNR and not stokes.aliased
@@ -189,7 +194,9 @@ class _Taken:
     choice: AxisChoice
 
 
-def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None, noise: float) -> _Taken:
+def _choose_axis(
+    frame: PlateFrame, scene: SceneParameters, thickness: Thickness | None, noise: float, mosaic: SampledTiles | None
+) -> _Taken:
     """At the given azimuth, or at that one of two which explains the capture better, or is safer where both do."""
     seen = evidence(frame)
     frames, seens = [frame, frame.across()], [seen, seen.across()]
@@ -208,11 +215,13 @@ def _choose_axis(frame: PlateFrame, scene: SceneParameters, thickness: Thickness
             part,
             trial,
             float(search.shift_curve(trial)[1].min()),
-            partial(_tile_fit, at, _windows(search, trial, scene), scene),
+            partial(_tile_fit, at, _windows(search, trial, scene), scene)
+            if mosaic is None
+            else partial(_sampled_fit, mosaic, at.azimuth_deg, trial, scene),
         )
         for at, part, search, trial in zip(frames, seens, searches, trials, strict=True)
     ]
-    choice = choose_axis((panes[0], panes[1]), scene, noise, _polarized_db(frame))
+    choice = choose_axis((panes[0], panes[1]), scene, noise, _polarized_db(frame), aliased=mosaic is not None)
     best = choice.best
     return _Taken(frames[best], searches[best], trials[best], _margin(trials) * (1 - 2 * best), choice)
 
@@ -241,6 +250,16 @@ def _tile_fit(frame: PlateFrame, windows: Sequence[Window], scene: SceneParamete
     glance = tiles.luminance()
     likeliest = min(windows, key=lambda window: glance.nearest(window, scene.index, free).misfit)
     return tiles.nearest(likeliest, scene.index, free)
+
+
+def _sampled_fit(mosaic: SampledTiles, azimuth_deg: float, trial: Trial, scene: SceneParameters) -> TileFit:
+    """How likely tiles of a mosaic are under the likeliest pane near a trial's, which is in pixels of the cells."""
+    likelihood, told = SampledTileLikelihood(mosaic, azimuth_deg), scene.ghost_shift
+    if told:
+        free = ("incidence_deg",) if scene.incidence_deg is None else ()
+        return likelihood.nearest(Window(trial.incidence_deg, mosaic.period * told), scene.index, free)
+    ghosts = told is None and not scene.single_surface
+    return likeliest_panes(likelihood, scene, trial.incidence_deg, ghosts=ghosts)[1]
 
 
 def _margin(trials: list[Trial]) -> float:

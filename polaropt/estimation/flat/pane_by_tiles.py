@@ -6,7 +6,7 @@ with none. Tiles, each with spectra of its own, tell them apart, and close ghost
 
 Where images lie apart their brightness goes by the incidence, and no edge that both layers have in common misleads: of
 such windows tiles tell the incidence up to four times as exactly as edges, gradients and mean spectra do. Where all are
-in place they tell it as exactly as these, by other signs. Of a mono mosaic they are asked through its cells.
+in place they tell it as exactly as these, by other signs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from polaropt.capture import Capture, PlateFrame, StokesImages, plate_frame, registered_noise, stokes_images
+from polaropt.capture import PlateFrame, StokesImages, plate_frame
 from polaropt.estimation.flat.errors import weighted_incidence, weighted_mean, widened_incidence, widened_shift
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.ghost_overlap import refined_incidence
@@ -165,10 +165,10 @@ _SUREST = 0.02
 _IN_PLACE_DEG = 25.0
 """Incidence from which on tiles are asked of a window whose images are in place: below, ghosts a third of a pixel apart
 pass for another incidence. Set by hand."""
-_CONTRADICTS = 2.5
-"""Standard errors of both by which tiles and what told it before may differ in the incidence: of those 81 they differ
-by up to 2.1, by more of some whose index or number of panes is wrong. Where a bright reflection hides the other's edges
-they may be 5 degrees off, and know it."""
+_CONTRADICTS, _FAR_DEG, _CONTRADICTS_FAR = 2.5, 3.0, 2.0
+"""Standard errors of both by which tiles and what told it before may differ in the incidence, and how many beyond some
+degrees: of those 81 they differ by up to 2.1 errors and 1.0 degrees, by more of some whose index or number of panes is
+wrong. Where a bright reflection hides the other's edges they may be 5 degrees off, and know it."""
 
 
 def with_tiles(
@@ -217,77 +217,5 @@ def with_tiles(
 
 def contradicts(told: tuple[float, float], others: tuple[float, float]) -> bool:
     """Whether the incidence by tiles is none that others leave possible; each with its standard error, in degrees."""
-    return abs(told[0] - others[0]) > _CONTRADICTS * math.hypot(told[1], others[1])
-
-
-_MONO_PERIOD = 2
-"""Side in pixels of a mono sensor's pattern. In a color mosaic's cells, four pixels wide, too much aliases: tiles tell
-incidences too steep, and lose as many ghosts as they find."""
-_SCAN_PX, _FARTHEST_PX, _MOST_TILES = 1.0, 32.0, 48
-"""Spacing and reach, in pixels of the sensor, of the shifts that tiles of cells are asked of, and how many tiles are.
-Set by hand."""
-_SURE_OF_CELLS = 0.5
-"""Standard errors by which they must find ghosts elsewhere likelier: the samples have the last word. On 144 mosaics of
-photographs that no figure is taken of (35 to 82 degrees, shifts of 2 to 16 px) 13 more are found and none is lost; of
-72 in place no more are given ghosts."""
-
-
-class CellTiles:
-    """Tiles of a mono mosaic's cells, whose mean spectra their low pass spoils: it looks like ghosts close together.
-
-    Parameters
-    ----------
-    tiles : TileLikelihood
-        At the azimuth of the scenes that are looked at. These are complete, in pixels of the capture, of a flat pane
-        that is seen from far.
-    scale : int
-        Pixels of the capture per cell.
-    """
-
-    def __init__(self, tiles: TileLikelihood, scale: int) -> None:
-        self._tiles, self._scale = tiles, scale
-
-    def incidence(self, scene: SceneParameters) -> tuple[float, float] | None:
-        """The incidence near that of a scene with ghosts, and its standard error, in degrees; None where none is told.
-
-        The ghosts are where the mosaic's samples have them.
-        """
-        if not scene.has_ghosts:
-            return None
-        small, free = scene.scaled(1 / self._scale), ("incidence_deg",)
-        fit = self._tiles.nearest(window_of(small, scene.values()[1]), scene.index, free)
-        (error,) = self._tiles.errors(fit, free)
-        told = len(fit.misfits) >= _LEAST_TILES and math.isfinite(error)
-        return (fit.window.incidence_deg, _WIDER["incidence_deg"] * float(error)) if told else None
-
-    def ghost_shift(self, scene: SceneParameters) -> float:
-        """About where the ghosts are, in pixels of the capture: elsewhere than in a scene, if that is likelier."""
-        incidence, _, shift = scene.values()
-        scan = np.arange(_SCAN_PX, _FARTHEST_PX, _SCAN_PX) / _MONO_PERIOD
-        windows = [Window(incidence, float(trial)) for trial in (*scan, *-scan)]
-        glance = self._tiles.some(_MOST_TILES)
-        likeliest = min(windows, key=lambda window: glance.fitted(window, scene.index).misfit)
-        other = self._tiles.nearest(likeliest, scene.index, tuple(_OF_SCENE))
-        found = self._tiles.fitted(Window(incidence, shift / self._scale), scene.index)
-        told = len(found.misfits) >= _LEAST_TILES and other.surer_than(found) > _SURE_OF_CELLS
-        return other.window.pane_shift * self._scale if told else shift
-
-
-def tiles_of_cells(capture: Capture, scene: SceneParameters, noise: float) -> CellTiles | None:
-    """Tiles of a mono mosaic's cells at the azimuth of a scene; None of any other capture, or pane.
-
-    Parameters
-    ----------
-    capture : Capture
-    scene : SceneParameters
-        Complete.
-    noise : float
-        Standard deviation of a sample's noise.
-    """
-    period = 1 if capture.cells is None else capture.cells.samples.sampling.period
-    flat = scene.rung in ("pixelwise", "ghosts") and not scene.single_surface and not scene.stacked
-    if period != _MONO_PERIOD or not flat:
-        return None
-    stokes = stokes_images(capture.registered, registered_noise(capture, noise))
-    tiles = TileLikelihood(plate_frame(stokes, scene.values()[1]), pattern_px=period)
-    return CellTiles(tiles, capture.scale)
+    apart = abs(told[0] - others[0])
+    return apart > (_CONTRADICTS if apart <= _FAR_DEG else _CONTRADICTS_FAR) * math.hypot(told[1], others[1])

@@ -46,8 +46,6 @@ with smooth spectra of 12 powers (3 radii, 4 directions) in the place of such ce
 HIGHEST_TILE_FREQUENCY = 1.5
 """Highest that is used, in rad per pixel: beyond, ghosts between two pixels are blurred, by the sensor and by any model
 of them. Up to 2.8 a steep pane, with many ghosts, passes for two panes (4 standard errors), up to 1.7 it does not."""
-_HIGHEST_OF_CELLS = 1.0
-"""The same of a mosaic's cells: beyond, their low pass takes what is seen, and what aliases is mixed in. By trial."""
 FREEDOM = np.float32(16)
 """Of Student's likelihood. A cell's frequencies are much alike: with 4, as of mean spectra, windows that are told gain
 less, and incidences come out a little too shallow. By trial."""
@@ -92,16 +90,13 @@ class TileLikelihood:
     ghosts_deg : float, optional
         Direction in the image along which double images lie, where the polarizer's zero is in doubt. Default: the
         azimuth.
-    pattern_px : int
-        Sensor pixels along a side of what a pixel of the frame stands for: more than 1 of a mosaic's cells.
     """
 
-    def __init__(self, frame: PlateFrame, *, ghosts_deg: float | None = None, pattern_px: int = 1) -> None:
-        self._pattern_px = pattern_px
+    def __init__(self, frame: PlateFrame, *, ghosts_deg: float | None = None) -> None:
         self._side = side = min(TILE_PX, *frame.images.shape[-2:])
         self._azimuth_deg = frame.azimuth_deg if ghosts_deg is None else ghosts_deg
         use, along, across, multiplicity = usable_frequencies(side, frame.azimuth_deg)
-        coarse = np.hypot(along, across) < (HIGHEST_TILE_FREQUENCY if pattern_px == 1 else _HIGHEST_OF_CELLS)
+        coarse = np.hypot(along, across) < HIGHEST_TILE_FREQUENCY
         use[use], along, across, multiplicity = coarse, along[coarse], across[coarse], multiplicity[coarse]
         cell = frequency_cells(along, across)
         order = np.argsort(cell, kind="stable")
@@ -109,7 +104,7 @@ class TileLikelihood:
         rows, columns = np.broadcast_arrays(*frequencies(side, side))
         self._rows, self._columns = rows[use][order], columns[use][order]
         self._multiplicity = np.ascontiguousarray(multiplicity[order])
-        self._natural = (1 / np.maximum(self._columns**2 + self._rows**2, _NO_ERROR)).astype(np.float32)
+        self._natural = natural_power(self._columns, self._rows)
         corners = tile_corners(frame.valid, side)
         tiles = []
         for spectra in tile_spectra(frame, side, corners):
@@ -119,7 +114,8 @@ class TileLikelihood:
         self._data = np.ascontiguousarray(np.concatenate(tiles, axis=1).swapaxes(1, 2), dtype=np.float32)
         self._n_colours = frame.images.shape[1]
         (n_par, n_cross), (_, n_perp) = frame.covariance
-        self._noise = np.array([n_par, n_perp, n_cross], np.float32)
+        noise = np.array([n_par, n_perp, n_cross], np.float32)
+        self._noise = np.broadcast_to(noise[:, None, None], (3, self._cells.size - 1, self._data.shape[-1])).copy()
 
     def luminance(self) -> TileLikelihood:
         """That of the colours' sum alone, which takes a third of the time."""
@@ -131,7 +127,7 @@ class TileLikelihood:
 
     def _every(self, step: int) -> TileLikelihood:
         other = copy.copy(self)
-        other._data = np.ascontiguousarray(self._data[..., ::step])
+        other._data, other._noise = (np.ascontiguousarray(part[..., ::step]) for part in (self._data, self._noise))
         return other
 
     def fitted(self, window: Window, refractive_index: float) -> TileFit:
@@ -198,7 +194,7 @@ class TileLikelihood:
         across = orders[:, 1] * window.gap_across
         right = along * math.cos(azimuth) + across * math.sin(azimuth)
         down = across * math.cos(azimuth) - along * math.sin(azimuth)
-        one, other, common = images_in_common(right, down, self._columns, self._rows, self._side, self._pattern_px)
+        one, other, common = images_in_common(right, down, self._columns, self._rows, self._side)
         (par, perp), (other_par, other_perp) = (images[:, which].transpose(2, 0, 1) for which in (one, other))
         forth, back = par * other_perp, perp * other_par
         response = np.empty((2, 4, self._columns.size), np.float32)
@@ -236,7 +232,6 @@ def images_in_common(
     columns: Values,
     rows: Values,
     side: int,
-    pattern_px: int = 1,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.complex128]]:
     """What every two images of a layer have in common in a tile, each of them interpolated.
 
@@ -248,8 +243,6 @@ def images_in_common(
         Angular frequencies per pixel.
     side : int
         Of the tile, in pixels.
-    pattern_px : int
-        Sensor pixels along a side of a pixel: between those images are interpolated.
 
     Returns
     -------
@@ -258,11 +251,16 @@ def images_in_common(
     common : ndarray of complex, shape (pair, n)
         Cross spectra of images of a layer of power 1; half of it for an image and itself, as each pair stands for two.
     """
-    moved = bilinear_transfer(right * pattern_px, down * pattern_px, columns / pattern_px, rows / pattern_px)
+    moved = bilinear_transfer(right, down, columns, rows)
     one, other = np.tril_indices(len(right))
     within = hann_autocorrelation((right[one] - right[other]) / side)
     within *= hann_autocorrelation((down[one] - down[other]) / side)
     return one, other, np.where(one == other, 0.5, within)[:, None] * moved[one] * moved[other].conj()
+
+
+def natural_power(columns: Values, rows: Values) -> NDArray[np.float32]:
+    """Power of natural images at angular frequencies per pixel, up to a factor."""
+    return np.asarray(1 / np.maximum(columns**2 + rows**2, _NO_ERROR), np.float32)
 
 
 def frequency_cells(along: Values, across: Values) -> NDArray[np.intp]:

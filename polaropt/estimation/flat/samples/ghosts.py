@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, RawSamples
-from polaropt.estimation.flat.errors import widened_incidence
+from polaropt.estimation.flat.errors import weighted_mean, widened_incidence
 from polaropt.estimation.flat.ghosts import (
     DEGREES_OF_FREEDOM,
     FIRST_LEVEL,
@@ -74,6 +74,8 @@ _APART_DEG = 3.0
 """Between incidences at which shifts are compared: what the one explains the other may, too. By trial."""
 _NEAR_DEG = 12.0
 """Farthest from the cells' incidence that is tried. Set by hand."""
+_SUREST_PX = 0.2
+"""Standard error of a shift in pixels below which none is believed. Set by hand."""
 _MODEL_DEG = 0.6
 """Standard error of the incidence that a jackknife does not see, as all tiles share it: spectra are not quite of the
 shape that they are taken to have. By trial on mosaics of photographs that no figure is taken of."""
@@ -107,6 +109,7 @@ def sampled_pane(
     open_shift: bool = True,
     open_incidence: bool = True,
     sense_only: bool = False,
+    told_error_px: float | None = None,
 ) -> SampledPane | None:
     """Where a mosaic's samples have the ghosts of a flat pane, and its incidence; None if ghosts are too far off.
 
@@ -126,31 +129,40 @@ def sampled_pane(
         Which of both is to be told.
     sense_only : bool
         Whether the ghosts' distance is known, and nothing but their side is to be told.
+    told_error_px : float, optional
+        Standard error of the scene's ghost shift where tiles are sure of it: ghosts are then looked for near by only,
+        and where it is 0, not at all.
     """
     start, _, shift = scene.values()
     about, sides = abs(shift), _TILE_PX[samples.sampling.period]
-    if about > _FARTHEST_IN_TILE * sides[-1]:
+    told = told_error_px is not None
+    if about > _FARTHEST_IN_TILE * sides[-1] + (_ROOM_PX if told else 0.0):
         return None
     farthest = min(_FARTHEST * about + _ROOM_PX, _FARTHEST_IN_TILE * sides[-1]) if about else _NO_GHOSTS_PX
-    tile = next(side for side in sides if farthest <= _FARTHEST_IN_TILE * side)
+    tile = next((side for side in sides if farthest <= _FARTHEST_IN_TILE * side), sides[-1])
     tile = min(tile, *samples.values.shape)
     likelihood = SampledLikelihood(samples, angles_deg, scene, _TRUSTED_NOISE * noise, tile)
     if sense_only:
         return SampledPane(min(about, -about, key=likelihood.misfit), None, start, None)
-    best = 0.0 if open_shift else shift
+    best = 0.0 if open_shift and told_error_px is None else shift
     search = _Search(likelihood, (best, start), incidence_error_deg if open_incidence else None)
-    incidence = search.first_deg
-    if open_shift:
+    incidence, error = search.first_deg, None
+    if open_shift and told_error_px is None:
         nearest = max(_STEP_PX, _NEAREST * about - _STEP_PX / 2)
         distances = np.arange(nearest, max(farthest, nearest + 2 * _STEP_PX), _STEP_PX)
         panes = (search.with_incidence(0.0, incidence), search.with_ghosts(distances, farthest))
         best, incidence = min(panes, key=lambda pane: search.score(*pane))
         best = best if abs(best) >= LEAST_SHIFT_PX else 0.0
+        error = _shift_error(likelihood, best, incidence)
+    elif open_shift and shift:
+        near = search.shift_near(shift, incidence)
+        of_samples = near, _shift_error(likelihood, near, incidence)
+        best, error = weighted_mean(of_samples, (shift, told_error_px or 0.0), _SUREST_PX)
     if open_incidence:
         incidence = search.likeliest_incidence(best, incidence)
     return SampledPane(
         best,
-        _shift_error(likelihood, best, incidence) if open_shift else None,
+        error,
         incidence,
         _incidence_error(likelihood, best, incidence) if open_incidence else None,
     )
@@ -207,6 +219,16 @@ class _Search:
             return self._misfit(trial, incidence, _ROUNDS)
 
         return float(local_minimum(misfit, shift, side, _STEP_PX / 2, _TOLERANCE_PX)), incidence
+
+    def shift_near(self, shift_px: float, incidence_deg: float) -> float:
+        """The best shift near one at an incidence, or itself where none is."""
+        low, high = shift_px - _ROOM_PX, shift_px + _ROOM_PX
+
+        def misfit(trial: float) -> float:
+            return self._misfit(trial, incidence_deg, _ROUNDS)
+
+        best = float(local_minimum(misfit, shift_px, (low, high), _STEP_PX / 2, _TOLERANCE_PX))
+        return best if low + _TOLERANCE_PX < best < high - _TOLERANCE_PX else shift_px
 
     def likeliest_incidence(self, shift_px: float, about_deg: float) -> float:
         """What the samples alone tell of it."""
@@ -327,7 +349,7 @@ class SampledLikelihood:
         counts = np.zeros(len(sums))
         for i, (top, left) in enumerate(corners):
             part = (slice(top, top + side), slice(left, left + side))
-            tile = _off_level(samples.values[part], samples.valid[part], window, period)
+            tile = off_level(samples.values[part], samples.valid[part], window, period)
             spectrum = self._members.of(rfft2(tile * window)).T
             band = i * len(sums) // len(corners)
             sums[band] += spectrum[:, :, None] * spectrum[:, None].conj()
@@ -384,7 +406,7 @@ def _usable(groups: AliasGroups) -> tuple[Members, NDArray[np.float64]]:
     return groups.members(rows[use], columns[use]), multiplicity[use]
 
 
-def _off_level(values: NDArray[Any], valid: NDArray[Any], window: NDArray[Any], period: int) -> NDArray[Any]:
+def off_level(values: NDArray[Any], valid: NDArray[Any], window: NDArray[Any], period: int) -> NDArray[Any]:
     """A tile less the level of each pixel of the pattern, which stands for what is not valid."""
     shape = (values.shape[0] // period, period, values.shape[1] // period, period)
     weights = np.where(valid, window, 0).reshape(shape)
@@ -403,6 +425,7 @@ def pane_of_samples(
     open_shift: bool = True,
     open_incidence: bool = True,
     sense_only: bool = False,
+    told_error_px: float | None = None,
 ) -> SampledPane | None:
     """What a mosaic's samples tell of a scene, in pixels of the capture; None where they are not asked.
 
@@ -412,7 +435,7 @@ def pane_of_samples(
         Of a mosaic.
     scene : SceneParameters
         Complete, in pixels of the capture.
-    noise, incidence_error_deg, open_shift, open_incidence, sense_only
+    noise, incidence_error_deg, open_shift, open_incidence, sense_only, told_error_px
         As of `sampled_pane`.
     """
     cells = capture.cells
@@ -429,6 +452,7 @@ def pane_of_samples(
         open_shift=open_shift,
         open_incidence=open_incidence,
         sense_only=sense_only,
+        told_error_px=None if told_error_px is None else told_error_px * of_sensor,
     )
     if found is None:
         return None

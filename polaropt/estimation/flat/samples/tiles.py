@@ -1,0 +1,334 @@
+"""What tiles of a raw mosaic's samples tell of a flat pane: its azimuth, where its ghosts are, and the incidence.
+
+A mosaic of polarizers keeps the polarized light beside two of its carriers, where fine detail of the scene lies, too:
+edges along the rows beside the one, edges along the columns beside the other. On the mean over the frame both pass for
+polarized light, and turn the azimuth of a pane that polarizes little by many degrees. But tile by tile mostly one of
+them is clean. So in every tile each carrier counts as far as the detail beside it leaves it to, and how the pane mixes
+the layers is told from what is left, as `polaropt.estimation.flat.windows.tiles` tells it from photographs.
+
+Of a color mosaic the luminance is looked at, between the carriers of the colors.
+
+References
+----------
+D. Alleysson, S. Susstrunk, J. Herault, Linear demosaicing inspired by the human visual system, IEEE TIP, 2005: a mosaic
+as a picture beside carriers.
+D. B. Rubin, D. T. Thayer, EM algorithms for ML factor analysis, Psychometrika, 1982.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture, RawSamples
+from polaropt.estimation.flat.ghosts import LOWEST_CYCLES, TILE_PX, tile_corners
+from polaropt.estimation.flat.samples.ghosts import off_level
+from polaropt.estimation.flat.windows.likelihood import Window
+from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood, frequency_cells, natural_power
+from polaropt.numerics import column_multiplicity, frequencies, hann_spectra, hann_tile, jackknife_error
+from polaropt.optics import SceneParameters
+
+Values = NDArray[np.float64]
+
+_HIGHEST_FREQUENCY = {2: 1.4, 4: 1.0}
+"""Highest that is used, in rad per pixel, for a pattern's period: beyond, of a color mosaic, colors are mixed in. By
+trial on mosaics of photographs that no figure is taken of, as all below."""
+_CARRIERS = ((1, 0), (0, 1), (1, 1))
+"""Along rows and columns, in half turns per pixel, where a mosaic of polarizers keeps what is polarized."""
+_ROUNDS = 15
+"""In which the power of the detail beside the carriers is fitted."""
+_LEAST_FACTOR = 0.02
+"""By which a power shrinks in a round at most. Set by hand."""
+_TRIALS_DEG = (np.arange(0.0, 90.0, 0.5), np.arange(-1.0, 1.01, 0.05))
+"""Azimuths that are tried, and beside the best of them. Set by hand."""
+_PARTS, _PART_DEG = 8, np.arange(-8.0, 8.01, 0.1)
+"""Parts of the tiles that are left out in turn for a standard error, and azimuths that are tried for them. Set by
+hand."""
+_AXIS_WIDER = 1.3
+"""What that error is multiplied by, as parts are few and alike: on 320 mosaics of photographs that no figure is taken
+of azimuths are off by 1.1 to 1.6 jackknife errors, root mean square."""
+_SCAN_PX, _FARTHEST_PX, _MOST_TILES = 1.0, 20.0, 64
+"""Spacing and reach, in pixels of the sensor, of the shifts that tiles are asked of, and how many tiles are at first.
+Set by hand."""
+_CANDIDATES = 2
+"""Of the likeliest shifts that are looked at closely."""
+_SURE, _SURE_OF_NONE = 2.0, 1.0
+"""Standard errors by which tiles must find ghosts likelier than none to be sure of them, and to leave it open whether
+there are some."""
+_SHIFT_WIDER, _LEAST_ERROR_PX = 9.0, 0.2
+"""What the standard error of a shift by the curvature is multiplied by, and the least that is believed."""
+_WIDER = 3.5
+"""What the standard error of an incidence by the curvature is multiplied by: tiles overlap, and layers are not quite
+what they are taken to be."""
+_LEAST_TILES = 9
+"""Tiles that can tell: fewer say nothing."""
+_LEAST_POWER = 1e-30
+"""Of what nothing is left of."""
+
+
+class SampledTiles:
+    """Spectra of a mosaic's tiles at low frequencies: the light, and what is beside two carriers.
+
+    Parameters
+    ----------
+    samples : RawSamples
+    angles_deg : tuple of float
+        Of the photographs that they sample.
+    noise : float
+        Standard deviation of a sample's noise.
+    """
+
+    def __init__(self, samples: RawSamples, angles_deg: tuple[float, ...], noise: float) -> None:
+        period = samples.sampling.period
+        self.period, self.noise = period, noise
+        self.side = side = min(TILE_PX, *samples.values.shape) // period * period
+        rows, columns = np.broadcast_arrays(*frequencies(side, side))
+        radius = np.hypot(rows, columns)
+        use = (radius > LOWEST_CYCLES * 2 * np.pi / side) & (radius < _HIGHEST_FREQUENCY[period])
+        # The window makes neighbouring frequencies much alike: every second one, as on a chessboard, says the same.
+        use &= np.add.outer(np.arange(side), np.arange(side // 2 + 1)) % 2 == 0
+        cell = frequency_cells(columns[use], rows[use])
+        order = np.argsort(cell, kind="stable")
+        self.rows, self.columns, self.cell = rows[use][order], columns[use][order], cell[order]
+        self.multiplicity = np.broadcast_to(column_multiplicity(side), use.shape)[use][order].astype(np.float64)
+        self._of_cells = np.eye(self.cell.max(initial=-1) + 1)[self.cell] * self.multiplicity[:, None]
+        carriers, self._lines = _polarized_carriers(samples, angles_deg)
+        down, across = (index[order] for index in np.nonzero(use))
+        places = _beside(carriers, down, across, side)
+        window = hann_tile(side, side)
+        spectra: list[list[NDArray[np.complexfloating[Any, Any]]]] = []
+        for top, left in tile_corners(samples.valid, side, period):
+            part = (slice(top, top + side), slice(left, left + side))
+            tile = off_level(samples.values[part], samples.valid[part], window, period)
+            spectrum = hann_spectra(tile, period)
+            spectra.append([np.where(mirrored, spectrum[place].conj(), spectrum[place]) for place, mirrored in places])
+        self.spectra = np.array(spectra).reshape(-1, 3, self.cell.size)
+        """(tile, 3, frequency), samples as they are; a photograph has half of the light."""
+
+    def moments(self, first: int, second: int) -> NDArray[np.complex128]:
+        """Sums over each cell of frequencies of a spectrum's conjugate times another, (tile, cell)."""
+        return np.asarray((self.spectra[:, first].conj() * self.spectra[:, second]) @ self._of_cells)
+
+    @property
+    def counts(self) -> Values:
+        """Frequencies in a cell."""
+        return np.asarray(self._of_cells.sum(axis=0))
+
+    def shares(self, azimuth_deg: float) -> tuple[float, float]:
+        """What is beside either carrier of light polarized along an azimuth, less what is polarized across."""
+        twice = 2 * math.radians(azimuth_deg)
+        one, other = self._lines @ np.array([math.cos(twice), math.sin(twice)])
+        return float(one), float(other)
+
+    @cached_property
+    def axis(self) -> tuple[float, float]:
+        """Azimuth modulo 90 degrees along which light is polarized, and its standard error, in degrees.
+
+        What is polarized along the azimuth or across goes with the light, as both are of the same layers; what the
+        carriers tell of light polarized between these is fine detail, which goes with the light at random, and alike in
+        a tile. So every tile has one say, and what is far off counts little.
+        """
+        light = self.moments(0, 0).real
+        one, other, both = self.moments(1, 1).real, self.moments(2, 2).real, self.moments(1, 2).real
+        with_one, with_other = self.moments(0, 1).real, self.moments(0, 2).real
+
+        def surprises(azimuths_deg: Values) -> Values:
+            """(azimuth, tile)"""
+            values = np.empty((azimuths_deg.size, len(light)))
+            for value, (a, b) in zip(values, map(self.shares, azimuths_deg), strict=True):
+                between = np.maximum(b * b * one + a * a * other - 2 * a * b * both, _LEAST_POWER)
+                goes_with = ((b * with_one - a * with_other) / between).sum(axis=1)
+                value[:] = np.log1p(goes_with**2 / np.maximum((light / between).sum(axis=1), _LEAST_POWER))
+            return values
+
+        azimuth = 0.0
+        for trials in _TRIALS_DEG:
+            azimuth += float(trials[np.argmin(surprises(azimuth + trials).sum(axis=1))])
+        beside = surprises(azimuth + _PART_DEG)
+        part = np.arange(len(light)) * _PARTS // max(1, len(light))
+        found = [_PART_DEG[np.argmin(beside[:, part != k].sum(axis=1))] for k in range(_PARTS)]
+        return azimuth % 90, _AXIS_WIDER * jackknife_error(np.array(found))
+
+
+def _beside(
+    carriers: list[tuple[int, int]], rows: NDArray[np.intp], columns: NDArray[np.intp], side: int
+) -> list[tuple[tuple[NDArray[np.intp], NDArray[np.intp]], NDArray[np.bool_]]]:
+    """Where half a tile's spectrum has frequencies, at zero and beside carriers, and where it has their conjugates."""
+    half, places = side // 2, []
+    for y, x in ((0, 0), *carriers):
+        down, across = (rows + half * y) % side, (columns + half * x) % side
+        mirrored = across > half
+        places.append(((np.where(mirrored, -down % side, down), np.where(mirrored, side - across, across)), mirrored))
+    return places
+
+
+def _polarized_carriers(
+    samples: RawSamples, angles_deg: tuple[float, ...]
+) -> tuple[list[tuple[int, int]], NDArray[np.float64]]:
+    """The two carriers that have most of what is polarized, and what is there of both components, (2, 2)."""
+    twice = 2 * np.radians(angles_deg)[np.array(samples.sampling.photographs)]
+    middle = samples.sampling.period // 2
+    spectra = [np.fft.fft2(component).real / (2 * component.size) for component in (np.cos(twice), np.sin(twice))]
+    lines = np.array([[spectrum[middle * y, middle * x] for spectrum in spectra] for y, x in _CARRIERS])
+    most = np.sort(np.argsort(-np.square(lines).sum(axis=1), kind="stable")[:2])
+    return [_CARRIERS[k] for k in most], lines[most]
+
+
+class SampledTileLikelihood(TileLikelihood):
+    """Likelihood of windows given the spectra of a mosaic's tiles.
+
+    Where the base class has the light polarized along and across, this has all light, and the difference of both.
+
+    Parameters
+    ----------
+    tiles : SampledTiles
+    azimuth_deg : float
+        Of the windows, whose shifts are in pixels of the sensor.
+    """
+
+    def __init__(self, tiles: SampledTiles, azimuth_deg: float) -> None:
+        # Nothing of the base class's own is kept: it reads photographs.
+        self._side, self._azimuth_deg, self._n_colours = tiles.side, azimuth_deg, 1
+        self._rows, self._columns = tiles.rows, tiles.columns
+        self._multiplicity = tiles.multiplicity.astype(np.float32)
+        self._cells = np.searchsorted(tiles.cell, np.arange(tiles.counts.size + 1))
+        self._natural = natural_power(tiles.columns, tiles.rows)
+        weights, of_difference = _cleanest(tiles, azimuth_deg, tiles.noise**2)
+        light = 2 * tiles.spectra[:, 0]
+        difference = (weights[:, :, tiles.cell] * tiles.spectra[:, 1:].swapaxes(0, 1)).sum(axis=0)
+        cross = light * difference.conj()
+        data = np.stack([np.abs(light) ** 2, np.abs(difference) ** 2, cross.real, cross.imag])
+        self._data = np.ascontiguousarray(data.swapaxes(1, 2), dtype=np.float32)
+        of_light = np.full_like(of_difference, 4 * tiles.noise**2)
+        noises = np.stack([of_light, of_difference, np.zeros_like(of_difference)])
+        self._noise = np.ascontiguousarray(noises.swapaxes(1, 2), dtype=np.float32)
+
+    def _response(self, window: Window, refractive_index: float) -> NDArray[np.float32]:
+        par, perp, real, imaginary = super()._response(window, refractive_index).swapaxes(0, 1)
+        both = par + perp
+        return np.stack([both + 2 * real, both - 2 * real, par - perp, -2 * imaginary], axis=1)
+
+
+def _cleanest(tiles: SampledTiles, azimuth_deg: float, noise_power: float) -> tuple[Values, Values]:
+    """By what the two carriers are multiplied for the light polarized along less across, and the noise left in it.
+
+    Shapes (2, tile, cell) and (tile, cell). Detail beside the carriers is noise of a power of its own there.
+    """
+    n, (a, b) = tiles.counts, tiles.shares(azimuth_deg)
+    one, other = (tiles.moments(k, k).real / n for k in (1, 2))
+    both = tiles.moments(1, 2).real / n
+    beside_one, beside_other = (np.maximum(seen / 2, noise_power) for seen in (one, other))
+    polarized = np.minimum(one, other) + 4 * noise_power
+    # Of what is seen beside both, the part that goes together is polarized, the rest is detail.
+    for _ in range(_ROUNDS):
+        v, w, vw = polarized * a * a + beside_one, polarized * b * b + beside_other, polarized * a * b
+        size = np.maximum(v * w - vw * vw, _LEAST_POWER)
+        # Inverse covariance, and what it makes of the data on both sides.
+        i, j, ij = w / size, v / size, -vw / size
+        left, across, back, right = (
+            i * one + ij * both,
+            i * both + ij * other,
+            ij * one + j * both,
+            ij * both + j * other,
+        )
+        ii, jj, cross = left * i + across * ij, back * ij + right * j, left * ij + across * j
+        found = a * a * ii + b * b * jj + 2 * a * b * cross
+        polarized = polarized * np.maximum(found / (a * a * i + b * b * j + 2 * a * b * ij), _LEAST_FACTOR)
+        beside_one = np.maximum(beside_one * np.maximum(ii / i, _LEAST_FACTOR), noise_power)
+        beside_other = np.maximum(beside_other * np.maximum(jj / j, _LEAST_FACTOR), noise_power)
+    told = np.stack([a / beside_one, b / beside_other])
+    noise = 1 / (a * told[0] + b * told[1])
+    return told * noise, noise
+
+
+def likeliest_panes(
+    likelihood: TileLikelihood, scene: SceneParameters, incidence_deg: float, *, ghosts: bool = True
+) -> tuple[TileFit, TileFit]:
+    """The likeliest pane whose images are in place, and the likeliest of all.
+
+    Parameters
+    ----------
+    likelihood : TileLikelihood
+        Of a mosaic.
+    scene : SceneParameters
+        An incidence that is not None is kept.
+    incidence_deg : float
+        Where about it is.
+    ghosts : bool
+        Whether images may lie apart.
+    """
+    index, free = scene.index, ("incidence_deg",) if scene.incidence_deg is None else ()
+    place = likelihood.nearest(Window(incidence_deg, 0.0), index, free)
+    if not ghosts:
+        return place, place
+    scan = np.arange(_SCAN_PX, _FARTHEST_PX, _SCAN_PX)
+    incidences = dict.fromkeys((place.window.incidence_deg, incidence_deg))
+    windows = [Window(incidence, float(shift)) for shift in (*scan, *-scan) for incidence in incidences]
+    glance = likelihood.some(_MOST_TILES)
+    likely = sorted((glance.fitted(window, index) for window in windows), key=lambda fit: fit.misfit)
+    starts = [fit.window for fit in likely[:_CANDIDATES]]
+    fits = [likelihood.nearest(start, index, (*free, "pane_shift")) for start in starts]
+    return place, min((place, *fits), key=lambda fit: fit.misfit)
+
+
+@dataclass(frozen=True)
+class ToldGhosts:
+    """Where tiles have the ghosts: shift and its standard error in pixels, and whether they are sure, be it of none."""
+
+    shift_px: float
+    error_px: float
+    sure: bool
+
+
+class PaneOfTiles:
+    """What tiles of a mosaic tell of a flat pane that is seen from far.
+
+    Parameters
+    ----------
+    tiles : SampledTiles
+    azimuth_deg : float
+        Of the pane.
+    of_sensor : float
+        Pixels of the sensor per pixel of the scenes.
+    """
+
+    def __init__(self, tiles: SampledTiles, azimuth_deg: float, of_sensor: float) -> None:
+        self._likelihood, self._of_sensor = SampledTileLikelihood(tiles, azimuth_deg), of_sensor
+
+    def ghosts(self, asked: SceneParameters, incidence_deg: float) -> ToldGhosts:
+        """Where the ghosts are, in pixels of the scenes."""
+        place, best = likeliest_panes(self._likelihood, asked, incidence_deg)
+        surer = 0.0 if best is place else best.surer_than(place)
+        if surer < _SURE_OF_NONE:
+            return ToldGhosts(0.0, math.inf, True)
+        (error,) = self._likelihood.errors(best, ("pane_shift",))
+        widened = math.hypot(_SHIFT_WIDER * float(error), _LEAST_ERROR_PX)
+        return ToldGhosts(best.window.pane_shift / self._of_sensor, widened / self._of_sensor, surer > _SURE)
+
+    def incidence(self, scene: SceneParameters) -> tuple[float, float] | None:
+        """The incidence near that of a scene, and its standard error, in degrees; None where none is told."""
+        small, free = scene.scaled(self._of_sensor), ("incidence_deg",)
+        incidence, _, shift = small.values()
+        fit = self._likelihood.nearest(Window(incidence, shift), scene.index, free)
+        (error,) = self._likelihood.errors(fit, free)
+        return (fit.window.incidence_deg, _WIDER * float(error)) if math.isfinite(error) else None
+
+
+def tiles_of_mosaic(capture: Capture, noise: float) -> SampledTiles | None:
+    """Tiles of a mosaic; None of any other capture, and where there are too few.
+
+    Parameters
+    ----------
+    capture : Capture
+    noise : float
+        Standard deviation of a sample's noise.
+    """
+    if capture.cells is None:
+        return None
+    tiles = SampledTiles(capture.cells.samples, capture.angles_deg, noise)
+    return tiles if len(tiles.spectra) >= _LEAST_TILES else None

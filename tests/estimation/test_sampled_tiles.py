@@ -1,0 +1,151 @@
+"""Tiles of a mosaic's samples: azimuth, ghosts and incidence where its cells mislead."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from polaropt import Capture, SceneParameters, read_capture
+from polaropt.capture import write_png
+from polaropt.estimation.flat.azimuth import PrincipalAxis, weighed_axis
+from polaropt.estimation.flat.samples import tiles as sampled_tiles
+from polaropt.estimation.flat.samples.ghosts import sampled_pane
+from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
+from polaropt.numerics import turn_between
+from polaropt.optics import Sampling
+from polaropt.simulation import Camera, photograph_mosaic
+from studies.photographs import pairs_of
+
+FAR, NOISE = SceneParameters(65.0, 30.0, 13.0), 0.005
+MIDDLE, PLACE = SceneParameters(50.0, 112.0, 9.0), SceneParameters(60.0, 75.0, 0.0)
+OPEN = SceneParameters(None, None, None)
+SENSORS = ("mono", "color")
+
+
+@cache
+def mosaic(sensor: str, scene: SceneParameters) -> Capture:
+    photographs = pairs_of(None, 384)[0]
+    camera = Camera(noise=NOISE, lens_blur_px=0.5)
+    raw = photograph_mosaic(photographs.transmission, photographs.reflection, scene, camera, sensor == "color")
+    with TemporaryDirectory() as folder:
+        write_png(Path(folder, "raw.png"), np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
+        return read_capture(Path(folder, "raw.png"), sensor=sensor)
+
+
+def tiles(sensor: str, scene: SceneParameters) -> SampledTiles:
+    found = tiles_of_mosaic(mosaic(sensor, scene), NOISE)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("scene", [FAR, MIDDLE, PLACE], ids=["far", "middle", "place"])
+def test_the_azimuth_of_a_mosaic_is_told_within_its_error(sensor: str, scene: SceneParameters) -> None:
+    azimuth, error = tiles(sensor, scene).axis
+    assert abs(turn_between(azimuth, scene.values()[1], 90.0)) < min(2.5 * error + 0.05, 2.0)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("scene", [FAR, MIDDLE], ids=["far", "middle"])
+def test_ghosts_of_a_mosaic_are_found_where_its_cells_hardly_show_them(sensor: str, scene: SceneParameters) -> None:
+    pane = PaneOfTiles(tiles(sensor, scene), scene.values()[1], 1.0)
+    told = pane.ghosts(OPEN, scene.values()[0] + 1.5)
+    assert told.sure
+    assert told.shift_px == pytest.approx(scene.values()[2], abs=min(1.0, 2.5 * told.error_px))
+    half = PaneOfTiles(tiles(sensor, scene), scene.values()[1], 2.0).ghosts(OPEN, scene.values()[0] + 1.5)
+    assert (half.shift_px, half.error_px) == pytest.approx((told.shift_px / 2, told.error_px / 2))
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_images_in_place_are_given_no_ghosts(sensor: str) -> None:
+    told = PaneOfTiles(tiles(sensor, PLACE), PLACE.values()[1], 1.0).ghosts(OPEN, 61.0)
+    assert (told.shift_px, told.sure) == (0.0, True)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("scene", [FAR, PLACE], ids=["far", "place"])
+def test_the_incidence_of_a_mosaic_is_told_within_its_error(sensor: str, scene: SceneParameters) -> None:
+    incidence, azimuth, _ = scene.values()
+    told = PaneOfTiles(tiles(sensor, scene), azimuth, 1.0).incidence(scene.replace(incidence_deg=incidence + 1))
+    assert told is not None
+    assert abs(told[0] - incidence) < 2.5 * told[1] < 4
+
+
+def test_photographs_and_small_mosaics_have_no_tiles() -> None:
+    cells = mosaic("mono", FAR)
+    assert tiles_of_mosaic(cells.registered, NOISE) is None
+    assert tiles_of_mosaic(cells.part(slice(0, 96), slice(0, 64)), NOISE) is None
+
+
+@pytest.mark.parametrize("order", [(90.0, 45.0, 135.0, 0.0), (0.0, 90.0, 45.0, 135.0)], ids=["across", "beside"])
+def test_polarized_light_is_found_beside_the_carriers_of_any_order(order: tuple[float, ...]) -> None:
+    """Of detail that is all polarized the two carriers, weighed, give back the difference of par and perp."""
+    angles = (0.0, 45.0, 90.0, 135.0)
+    pattern = tuple(tuple(angles.index(order[2 * y + x]) for x in (0, 1)) for y in (0, 1))
+    sampling = Sampling(pattern, ((0, 0), (0, 0)))
+    rows, columns = np.mgrid[:192, :192]
+    light = 1 + 0.2 * np.cos(2 * np.pi * (6 * columns + 4 * rows) / 64)
+    azimuth, degree = 20.0, 0.3
+    photographs = np.array([
+        light / 2 * (1 + degree * math.cos(2 * math.radians(angle - azimuth))) for angle in angles
+    ])[:, None]  # fmt: skip
+    samples = SimpleNamespace(values=sampling.sample(photographs), valid=np.ones(light.shape, bool), sampling=sampling)
+    found = SampledTiles(samples, angles, 1e-4)  # type: ignore[arg-type]
+    assert abs(turn_between(found.axis[0], azimuth, 90.0)) < 0.5
+    likelihood = sampled_tiles.SampledTileLikelihood(found, azimuth)
+    of_light, of_difference, cross, imaginary = likelihood._data.sum(axis=(1, 2))
+    assert cross / of_light == pytest.approx(degree, rel=1e-3)
+    assert of_difference / of_light == pytest.approx(degree**2, rel=1e-3)
+    assert abs(imaginary) < 1e-3 * cross
+
+
+def test_a_carrier_that_fine_detail_covers_counts_for_little() -> None:
+    rng = np.random.default_rng(1)
+    polarized, detail, n = rng.standard_normal((3, 40, 30)), 10 * rng.standard_normal((3, 40, 30)), 30
+
+    def moments(first: int, second: int) -> np.ndarray:
+        beside = {1: polarized + detail, 2: polarized}
+        return (beside[first] * beside[second]).sum(axis=-1)
+
+    tiles = SimpleNamespace(counts=np.full(40, n), shares=lambda _: (1.0, 1.0), moments=moments)
+    (covered, clean), noise = sampled_tiles._cleanest(tiles, 0.0, 1e-3)  # type: ignore[arg-type]
+    assert np.median(np.abs(covered)) < 0.05
+    np.testing.assert_allclose(covered + clean, 1)
+    assert np.median(noise) < 0.5
+
+
+@pytest.mark.parametrize(("cells", "of_tiles", "expected"), [
+    ((20.0, 0.5), (23.0, 1.5), (21.5, 1.5 / math.sqrt(2))),
+    ((89.0, 0.5), (2.0, 1.5), (0.5, 1.5 / math.sqrt(2))),
+    # Detail turns the azimuth that cells tell by many degrees: tiles alone are believed.
+    ((35.0, 0.3), (21.0, 1.1), (21.0, 1.1)),
+], ids=["mean", "round", "contradiction"])  # fmt: skip
+def test_cells_and_tiles_tell_the_azimuth_together(
+    cells: tuple[float, float], of_tiles: tuple[float, float], expected: tuple[float, float]
+) -> None:
+    axis = weighed_axis(PrincipalAxis(*cells, 50.0), of_tiles)
+    # Errors of cells count three times; those that two values contradict grow.
+    assert (axis.azimuth_deg, axis.error_deg) == pytest.approx(expected, rel=0.5, abs=1e-6)
+    assert axis.azimuth_deg == pytest.approx(expected[0])
+    assert axis.snr == 50.0
+
+
+def test_samples_look_for_ghosts_that_tiles_are_sure_of_near_these_only() -> None:
+    cells = mosaic("mono", FAR).cells
+    assert cells is not None
+    angles = mosaic("mono", FAR).angles_deg
+    near = sampled_pane(cells.samples, angles, FAR.replace(ghost_shift=12.5), NOISE, told_error_px=0.4)
+    assert near is not None
+    assert near.shift_px == pytest.approx(13.0, abs=0.4)
+    wrong = sampled_pane(cells.samples, angles, FAR.replace(ghost_shift=-6.0), NOISE, told_error_px=0.4)
+    assert wrong is not None
+    assert wrong.shift_px == pytest.approx(-6.0, abs=1.6)
+    none = sampled_pane(cells.samples, angles, FAR.replace(ghost_shift=0.0), NOISE, told_error_px=math.inf)
+    assert none is not None
+    assert (none.shift_px, none.shift_error_px) == (0.0, None)
