@@ -21,8 +21,8 @@ from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence,
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import incidence_by_gradients
-from polaropt.estimation.flat.pane_by_tiles import contradicts, with_ghosts_by_tiles, with_tiles
-from polaropt.estimation.flat.samples.ghosts import pane_of_samples
+from polaropt.estimation.flat.pane_by_tiles import contradicts, is_of_two_faces, with_ghosts_by_tiles, with_tiles
+from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -225,8 +225,7 @@ def _completed(
     if unpolarized or model == "none":
         return _unseparated(estimate, seconds, "There is no polarization beyond the noise." if unpolarized else _ASKED)
     # Ghosts that mean spectra have at half their distance tell another index.
-    two_faces = not asked.single_surface and asked.n_bounces != 0 and asked.transmission_ghost_shift is None
-    open_ghosts = two_faces and flat.ghost_shift is None
+    open_ghosts = is_of_two_faces(asked) and flat.ghost_shift is None
     open_window = open_ghosts or None in (asked.n_panes, asked.absorption)
     # The low pass of a mosaic's cells, and what aliases there, passes for a second pane.
     open_window &= thickness_px is None and not stokes.aliased
@@ -311,7 +310,7 @@ def in_full(
     sense_only &= open_shift
     error_deg = math.hypot(whole.errors.incidence_deg or math.inf, _OF_ALIASES_DEG)
     about, tiles, told = whole.scene, None, None
-    if mosaic is not None and not sense_only and _is_flat_and_single(about):
+    if mosaic is not None and not sense_only and is_told_by_samples(about):
         tiles = PaneOfTiles(mosaic, about.values()[1], mosaic.period / capture.scale)
     if tiles is not None and open_shift:
         told = tiles.ghosts(asked.replace(refractive_index=about.index), about.values()[0])
@@ -343,11 +342,6 @@ def in_full(
     tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in whole.tried)
     estimate = dataclasses.replace(whole.estimate, scene=scene, errors=errors)
     return dataclasses.replace(whole, scene=scene, estimate=estimate, tried=tried)
-
-
-def _is_flat_and_single(scene: SceneParameters) -> bool:
-    """Whether a scene is a flat pane of two faces that is seen from far."""
-    return scene.rung in ("pixelwise", "ghosts") and not scene.single_surface and not scene.stacked
 
 
 _ASKED = "It is the one asked for."

@@ -66,7 +66,7 @@ def with_ghosts_by_tiles(
     incidence, azimuth, shift = estimate.scene.values()
     # Of a mosaic's cells the low pass shapes the spectra; towards grazing incidence every pane is a mirror.
     told = not stokes.aliased and estimate.polarized and incidence <= INCIDENCE_SEARCH_DEG[1]
-    if not told or not _is_of_two_faces(estimate.scene):
+    if not told or not is_of_two_faces(estimate.scene):
         return estimate
     free = ("incidence_deg",) if asked.incidence_deg is None else ()
     searched = is_flat and incidence >= _SEARCHED_DEG
@@ -87,7 +87,7 @@ def with_ghosts_by_tiles(
     return estimate if taken is found else _moved(estimate, frame, taken, free, _shift_error(tiles, taken))
 
 
-def _is_of_two_faces(scene: SceneParameters) -> bool:
+def is_of_two_faces(scene: SceneParameters) -> bool:
     """Whether light bounces between two faces, and lies as far apart in both layers."""
     return not scene.single_surface and scene.n_bounces != 0 and scene.transmission_ghost_shift is None
 
@@ -187,7 +187,7 @@ def with_tiles(
         None stands for what was to be found.
     """
     least = 0.0 if scene.has_ghosts else _IN_PLACE_DEG
-    if not _is_of_two_faces(scene) or not least <= scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]:
+    if not is_of_two_faces(scene) or not least <= scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]:
         return scene, errors
     window, tiles = window_of(scene, frame.azimuth_deg), TileLikelihood(frame)
     tells_shift = scene.has_ghosts and not scene.stacked and not scene.absorption

@@ -416,6 +416,12 @@ def off_level(values: NDArray[Any], valid: NDArray[Any], window: NDArray[Any], p
     return np.where(valid.reshape(shape), of_pattern - level, 0).reshape(values.shape)
 
 
+def is_told_by_samples(scene: SceneParameters) -> bool:
+    """Whether a complete scene is a single flat pane, seen from far, whose images lie as far apart in both layers."""
+    flat = scene.rung in ("pixelwise", "ghosts") and not scene.stacked
+    return flat and not scene.single_surface and scene.n_bounces != 0 and scene.transmission_ghost_shift is None
+
+
 def pane_of_samples(
     capture: Capture,
     scene: SceneParameters,
@@ -439,8 +445,7 @@ def pane_of_samples(
         As of `sampled_pane`.
     """
     cells = capture.cells
-    flat = scene.rung in ("pixelwise", "ghosts") and not scene.single_surface and scene.n_bounces != 0
-    if cells is None or not flat or scene.stacked or scene.transmission_ghost_shift is not None:
+    if cells is None or not is_told_by_samples(scene):
         return None
     of_sensor = cells.samples.sampling.period / cells.scale
     found = sampled_pane(

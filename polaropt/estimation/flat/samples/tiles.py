@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, RawSamples
-from polaropt.estimation.flat.ghosts import LOWEST_CYCLES, TILE_PX, tile_corners
+from polaropt.estimation.flat.ghosts import TILE_PX, tile_corners, usable_frequencies
 from polaropt.estimation.flat.samples.ghosts import off_level
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood, frequency_cells, natural_power
-from polaropt.numerics import column_multiplicity, frequencies, hann_spectra, hann_tile, jackknife_error
+from polaropt.numerics import hann_spectra, hann_tile, jackknife_error
 from polaropt.optics import SceneParameters
 
 Values = NDArray[np.float64]
@@ -87,15 +87,13 @@ class SampledTiles:
         period = samples.sampling.period
         self.period, self.noise = period, noise
         self.side = side = min(TILE_PX, *samples.values.shape) // period * period
-        rows, columns = np.broadcast_arrays(*frequencies(side, side))
-        radius = np.hypot(rows, columns)
-        use = (radius > LOWEST_CYCLES * 2 * np.pi / side) & (radius < _HIGHEST_FREQUENCY[period])
-        # The window makes neighbouring frequencies much alike: every second one, as on a chessboard, says the same.
-        use &= np.add.outer(np.arange(side), np.arange(side // 2 + 1)) % 2 == 0
-        cell = frequency_cells(columns[use], rows[use])
+        use, columns, rows, multiplicity = usable_frequencies(side, 0.0)
+        coarse = np.hypot(columns, rows) < _HIGHEST_FREQUENCY[period]
+        use[use], columns, rows = coarse, columns[coarse], rows[coarse]
+        cell = frequency_cells(columns, rows)
         order = np.argsort(cell, kind="stable")
-        self.rows, self.columns, self.cell = rows[use][order], columns[use][order], cell[order]
-        self.multiplicity = np.broadcast_to(column_multiplicity(side), use.shape)[use][order].astype(np.float64)
+        self.rows, self.columns, self.cell = rows[order], columns[order], cell[order]
+        self.multiplicity = multiplicity[coarse][order].astype(np.float64)
         self._of_cells = np.eye(self.cell.max(initial=-1) + 1)[self.cell] * self.multiplicity[:, None]
         carriers, self._lines = _polarized_carriers(samples, angles_deg)
         down, across = (index[order] for index in np.nonzero(use))
