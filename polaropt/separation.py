@@ -469,7 +469,7 @@ def _case_of(
     stages.advance(_INDEX_KNOWN)
     checked = with_incidence_checked(source, fit.scene, of_source)
     stages.advance(_INCIDENCE_CHECKED)
-    mosaic = tiles_of_mosaic(still.capture, noise)
+    mosaic = None if checked.scene.complete else tiles_of_mosaic(still.capture, noise)
     find = partial(
         find_scene,
         noise=of_source,
