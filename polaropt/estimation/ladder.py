@@ -21,8 +21,8 @@ from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence,
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import incidence_by_gradients
-from polaropt.estimation.flat.pane_by_tiles import contradicts, is_of_two_faces, with_ghosts_by_tiles, with_tiles
-from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples
+from polaropt.estimation.flat.pane_by_tiles import is_of_two_faces, with_ghosts_by_tiles, with_tiles
+from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -304,44 +304,80 @@ def in_full(
     """
     whole = found.scaled(capture.scale)
     open_shift, open_incidence = asked.ghost_shift is None, asked.incidence_deg is None
-    if whole.estimate is None or model not in ("auto", "ghosts") or not (open_shift or open_incidence):
+    estimate = whole.estimate
+    if estimate is None or model not in ("auto", "ghosts") or not (open_shift or open_incidence):
         return whole
     # A thickness ties the ghosts' distance to the incidence of the cells.
     sense_only &= open_shift
-    error_deg = math.hypot(whole.errors.incidence_deg or math.inf, _OF_ALIASES_DEG)
-    about, tiles, told = whole.scene, None, None
-    if mosaic is not None and not sense_only and is_told_by_samples(about):
-        tiles = PaneOfTiles(mosaic, about.values()[1], mosaic.period / capture.scale)
-    if tiles is not None and open_shift:
-        told = tiles.ghosts(asked.replace(refractive_index=about.index), about.values()[0])
-        about = about.replace(ghost_shift=told.shift_px)
+    if mosaic is not None and not sense_only and is_told_by_samples(found.scene):
+        of_sensor = _told_by_tiles(found.scaled(mosaic.period), capture, mosaic, asked, noise)
+        return (
+            whole
+            if model == "ghosts" and not of_sensor.scene.has_ghosts
+            else of_sensor.scaled(capture.scale / mosaic.period)
+        )
     sampled = pane_of_samples(
         capture,
-        about,
+        whole.scene,
         noise,
-        incidence_error_deg=error_deg,
+        incidence_error_deg=_error_of_cells(whole),
         open_shift=open_shift,
         open_incidence=open_incidence and not sense_only,
         sense_only=sense_only,
-        told_error_px=told.error_px if told is not None and told.sure else None,
     )
     if sampled is None or (model == "ghosts" and not sampled.shift_px):
         return whole
-    scene, errors = whole.scene, whole.estimate.errors
+    scene, errors = whole.scene, estimate.errors
     if open_shift:
         scene = scene.replace(ghost_shift=sampled.shift_px)
         error = errors.ghost_shift if sense_only else sampled.shift_error_px
         errors = dataclasses.replace(errors, ghost_shift=error if scene.has_ghosts else None)
-    if errors.incidence_deg is not None and sampled.incidence_error_deg is not None:
-        by_edges = scene.values()[0], error_deg
-        mean, error = weighted_incidence(by_edges, (sampled.incidence_deg, sampled.incidence_error_deg))
-        by_tiles = None if tiles is None else tiles.incidence(scene.replace(incidence_deg=mean))
-        if by_tiles is not None and not contradicts(by_tiles, (mean, error)):
-            mean, error = weighted_incidence((mean, error), by_tiles)
+    return _with_incidence(whole, estimate, scene, errors, sampled.incidence)
+
+
+def _told_by_tiles(
+    found: LadderResult, capture: Capture, mosaic: SampledTiles, asked: SceneParameters, noise: float
+) -> LadderResult:
+    """What was found from a mosaic's cells, in pixels of the sensor, with ghosts and incidence as its tiles tell.
+
+    Where tiles show ghosts all samples together tell more exactly how far off.
+    """
+    estimate, samples = found.estimate, capture.samples
+    if estimate is None or samples is None:
+        return found
+    scene, errors = found.scene, estimate.errors
+    incidence, azimuth, _ = scene.values()
+    tiles = PaneOfTiles(mosaic, azimuth)
+    if asked.ghost_shift is None:
+        shift, error = tiles.ghosts(asked.replace(refractive_index=scene.index), incidence)
+        if shift:
+            about = scene.replace(ghost_shift=shift)
+            shift, error = sampled_shift(samples, capture.angles_deg, about, noise, error)
+        scene = scene.replace(ghost_shift=shift)
+        errors = dataclasses.replace(errors, ghost_shift=error if shift else None)
+    told = tiles.incidence(scene) if asked.incidence_deg is None else None
+    return _with_incidence(found, estimate, scene, errors, told)
+
+
+def _with_incidence(
+    found: LadderResult,
+    estimate: SceneEstimate,
+    scene: SceneParameters,
+    errors: SceneErrors,
+    told: tuple[float, float] | None,
+) -> LadderResult:
+    """What was found with another scene and its errors, the incidence that of the cells and what is told together."""
+    if errors.incidence_deg is not None and told is not None:
+        mean, error = weighted_incidence((found.scene.values()[0], _error_of_cells(found)), told)
         scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(errors, incidence_deg=error)
-    tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in whole.tried)
-    estimate = dataclasses.replace(whole.estimate, scene=scene, errors=errors)
-    return dataclasses.replace(whole, scene=scene, estimate=estimate, tried=tried)
+    tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in found.tried)
+    estimate = dataclasses.replace(estimate, scene=scene, errors=errors)
+    return dataclasses.replace(found, scene=scene, estimate=estimate, tried=tried)
+
+
+def _error_of_cells(found: LadderResult) -> float:
+    """Standard error in degrees of the incidence that a mosaic's cells tell."""
+    return math.hypot(found.errors.incidence_deg or math.inf, _OF_ALIASES_DEG)
 
 
 _ASKED = "It is the one asked for."

@@ -14,7 +14,7 @@ from polaropt import InputError, SceneParameters
 from polaropt.estimation import ladder, rungs
 from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.flat.estimate import SceneEstimate
-from polaropt.estimation.flat.samples.tiles import ToldGhosts
+from polaropt.estimation.flat.samples.ghosts import SampledPane
 from polaropt.estimation.rung import Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.fits import PerspectiveFit
 from polaropt.optics import Rival, SceneErrors
@@ -479,7 +479,7 @@ def test_what_is_unexplained_is_what_the_rung_taken_leaves(left: float | None, t
     assert ladder.LadderResult(PLAIN, None, tried).unexplained == unexplained
 
 
-SAMPLED = SimpleNamespace(shift_px=9.0, shift_error_px=0.2, incidence_deg=57.0, incidence_error_deg=0.5)
+SAMPLED = SampledPane(shift_px=9.0, shift_error_px=0.2, incidence_deg=57.0, incidence_error_deg=0.5)
 # What is asked, the rung that is wanted, whether only the side is to be told, what samples tell of a pane of 8 px and
 # 55 degrees; the shift and its error, and whether the incidence is a mean of both.
 MOSAICS = {
@@ -489,12 +489,12 @@ MOSAICS = {
     "all is given": (PLAIN, "auto", False, SAMPLED, (8.0, 0.4), False),
     "the shift is given": (OPEN.replace(ghost_shift=8.0), "auto", False, SAMPLED, (8.0, 0.4), True),
     "the incidence is given": (
-        OPEN.replace(incidence_deg=55.0), "auto", False, replace_in(SAMPLED, incidence_error_deg=None), (9.0, 0.2),
+        OPEN.replace(incidence_deg=55.0), "auto", False, replace(SAMPLED, incidence_error_deg=None), (9.0, 0.2),
         False),
-    "a thickness is": (OPEN, "auto", True, replace_in(SAMPLED, incidence_error_deg=None), (9.0, 0.4), False),
+    "a thickness is": (OPEN, "auto", True, replace(SAMPLED, incidence_error_deg=None), (9.0, 0.4), False),
     "samples tell nothing": (OPEN, "auto", False, None, (8.0, 0.4), False),
-    "samples tell of no ghosts": (OPEN, "auto", False, replace_in(SAMPLED, shift_px=0.0), (0.0, None), True),
-    "no ghosts, which are asked for": (OPEN, "ghosts", False, replace_in(SAMPLED, shift_px=0.0), (8.0, 0.4), False),
+    "samples tell of no ghosts": (OPEN, "auto", False, replace(SAMPLED, shift_px=0.0), (0.0, None), True),
+    "no ghosts, which are asked for": (OPEN, "ghosts", False, replace(SAMPLED, shift_px=0.0), (8.0, 0.4), False),
 }  # fmt: skip
 
 
@@ -523,54 +523,43 @@ def test_samples_of_a_mosaic_tell_ghosts_and_incidence(name: str, monkeypatch: p
         (how,) = seen
         assert how.pop("incidence_error_deg") == pytest.approx(by_edges)
         opened = {"open_shift": asked.ghost_shift is None, "sense_only": sense_only}
-        assert how == {
-            **opened,
-            "open_incidence": asked.incidence_deg is None and not sense_only,
-            "told_error_px": None,
-        }
+        assert how == {**opened, "open_incidence": asked.incidence_deg is None and not sense_only}
     assert bool(seen) == (name not in ("another rung is", "all is given"))
 
 
 BY_TILES = (56.0, 0.4)
+# What is asked, the rung that is wanted, what tiles tell of a pane of 4 px of the cells and 55 degrees, and of the
+# incidence; the shift that is found, in pixels of half a cell's side, and whether the incidence is a mean of both.
+TILES = {
+    "all is told": (OPEN, "auto", (12.0, 0.3), BY_TILES, 7.0, True),
+    "no ghosts": (OPEN, "auto", (0.0, np.inf), BY_TILES, 0.0, True),
+    "no ghosts, which are asked for": (OPEN, "ghosts", (0.0, np.inf), BY_TILES, 8.0, False),
+    "no incidence": (OPEN, "auto", (12.0, 0.3), None, 7.0, False),
+    "the incidence is given": (OPEN.replace(incidence_deg=55.0), "auto", (12.0, 0.3), BY_TILES, 7.0, False),
+    "the shift is given": (OPEN.replace(ghost_shift=8.0), "auto", (12.0, 0.3), BY_TILES, 8.0, True),
+}
 
 
-@pytest.mark.parametrize(
-    ("by_tiles", "counts"), [(BY_TILES, True), ((59.0, 0.4), False), (None, False)], ids=["near", "far off", "nothing"]
-)
-def test_tiles_of_a_mosaic_tell_where_about_the_ghosts_are_and_the_incidence(
-    by_tiles: tuple[float, float] | None, counts: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("name", TILES)
+def test_tiles_of_a_mosaic_tell_ghosts_which_samples_make_exact_and_the_incidence(
+    name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def samples(capture: object, scene: SceneParameters, noise: float, **how: object) -> object:
-        assert (scene.ghost_shift, how["told_error_px"]) == (10.0, 0.3)
-        return SAMPLED
+    asked, wanted, ghosts, incidence, shift, counts = TILES[name]
+    tiles = SimpleNamespace(ghosts=lambda asked, incidence: ghosts, incidence=lambda scene: incidence)
 
-    def pane_of_tiles(mosaic: object, azimuth_deg: float, of_sensor: float) -> object:
-        assert (azimuth_deg, of_sensor) == (PLAIN.values()[1], 2.0)
-        return SimpleNamespace(
-            ghosts=lambda asked, incidence: ToldGhosts(10.0, 0.3, True), incidence=lambda scene: by_tiles
-        )
+    def near(samples: object, angles: object, scene: SceneParameters, noise: float, error: float) -> object:
+        assert (samples, scene.ghost_shift, noise, error) == ("samples", 12.0, 0.005, 0.3)
+        return 14.0, 0.2
 
-    monkeypatch.setattr(ladder, "pane_of_samples", samples)
-    monkeypatch.setattr(ladder, "PaneOfTiles", pane_of_tiles)
-    of_cells = ladder.LadderResult(
-        PLAIN, replace(ESTIMATE, scene=PLAIN, errors=SceneErrors(incidence_deg=0.3), rivals=()), ()
-    )
-    mosaic = SimpleNamespace(period=4)
-    found = ladder.in_full(of_cells, SimpleNamespace(scale=2), OPEN, 0.005, mosaic=mosaic)
-    others = weighted_incidence((55.0, np.hypot(0.3, 0.6)), (57.0, 0.5))
-    told = weighted_incidence(others, BY_TILES) if counts else others
-    assert (found.scene.incidence_deg, found.errors.incidence_deg) == pytest.approx(told)
-    assert found.scene.ghost_shift == 9.0
-
-
-def test_samples_are_left_to_find_ghosts_that_tiles_are_not_sure_of(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[object] = []
-    tiles = SimpleNamespace(ghosts=lambda asked, incidence: ToldGhosts(3.0, 0.3, False), incidence=lambda scene: None)
+    monkeypatch.setattr(ladder, "sampled_shift", near)
     monkeypatch.setattr(ladder, "PaneOfTiles", lambda *_: tiles)
-    monkeypatch.setattr(ladder, "pane_of_samples", lambda *_, **how: seen.append(how["told_error_px"]))
-    of_cells = ladder.LadderResult(PLAIN, replace(ESTIMATE, scene=PLAIN, rivals=()), ())
-    ladder.in_full(of_cells, SimpleNamespace(scale=2), OPEN, 0.005, mosaic=SimpleNamespace(period=2))
-    assert seen == [None]
+    errors = SceneErrors(incidence_deg=0.3, ghost_shift=0.2)
+    of_cells = ladder.LadderResult(PLAIN, replace(ESTIMATE, scene=PLAIN, errors=errors, rivals=()), ())
+    capture = SimpleNamespace(scale=2, samples="samples", angles_deg=())
+    found = ladder.in_full(of_cells, capture, asked, 0.005, wanted, mosaic=SimpleNamespace(period=4))
+    told = weighted_incidence((55.0, np.hypot(0.3, 0.6)), BY_TILES) if counts else (55.0, 0.3)
+    assert (found.scene.incidence_deg, found.errors.incidence_deg) == pytest.approx(told)
+    assert found.scene.ghost_shift == shift
 
 
 def test_a_scene_that_was_given_is_that_of_the_mosaic_too() -> None:

@@ -15,7 +15,7 @@ from polaropt import Capture, SceneParameters, read_capture
 from polaropt.capture import write_png
 from polaropt.estimation.flat.azimuth import PrincipalAxis, weighed_axis
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
-from polaropt.estimation.flat.samples.ghosts import sampled_pane
+from polaropt.estimation.flat.samples.ghosts import sampled_shift
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.numerics import turn_between
 from polaropt.optics import Sampling
@@ -54,25 +54,21 @@ def test_the_azimuth_of_a_mosaic_is_told_within_its_error(sensor: str, scene: Sc
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("scene", [FAR, MIDDLE], ids=["far", "middle"])
 def test_ghosts_of_a_mosaic_are_found_where_its_cells_hardly_show_them(sensor: str, scene: SceneParameters) -> None:
-    pane = PaneOfTiles(tiles(sensor, scene), scene.values()[1], 1.0)
-    told = pane.ghosts(OPEN, scene.values()[0] + 1.5)
-    assert told.sure
-    assert told.shift_px == pytest.approx(scene.values()[2], abs=min(1.0, 2.5 * told.error_px))
-    half = PaneOfTiles(tiles(sensor, scene), scene.values()[1], 2.0).ghosts(OPEN, scene.values()[0] + 1.5)
-    assert (half.shift_px, half.error_px) == pytest.approx((told.shift_px / 2, told.error_px / 2))
+    shift, error = PaneOfTiles(tiles(sensor, scene), scene.values()[1]).ghosts(OPEN, scene.values()[0] + 1.5)
+    assert shift == pytest.approx(scene.values()[2], abs=min(1.0, 2.5 * error))
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_images_in_place_are_given_no_ghosts(sensor: str) -> None:
-    told = PaneOfTiles(tiles(sensor, PLACE), PLACE.values()[1], 1.0).ghosts(OPEN, 61.0)
-    assert (told.shift_px, told.sure) == (0.0, True)
+    shift, _ = PaneOfTiles(tiles(sensor, PLACE), PLACE.values()[1]).ghosts(OPEN, 61.0)
+    assert shift == 0.0
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("scene", [FAR, PLACE], ids=["far", "place"])
 def test_the_incidence_of_a_mosaic_is_told_within_its_error(sensor: str, scene: SceneParameters) -> None:
     incidence, azimuth, _ = scene.values()
-    told = PaneOfTiles(tiles(sensor, scene), azimuth, 1.0).incidence(scene.replace(incidence_deg=incidence + 1))
+    told = PaneOfTiles(tiles(sensor, scene), azimuth).incidence(scene.replace(incidence_deg=incidence + 1))
     assert told is not None
     assert abs(told[0] - incidence) < 2.5 * told[1] < 4
 
@@ -111,10 +107,12 @@ def test_a_carrier_that_fine_detail_covers_counts_for_little() -> None:
 
     def moments(first: int, second: int) -> np.ndarray:
         beside = {1: polarized + detail, 2: polarized}
-        return (beside[first] * beside[second]).sum(axis=-1)
+        return (beside[first] * beside[second]).sum(axis=-1)[None]
 
-    tiles = SimpleNamespace(counts=np.full(40, n), shares=lambda _: (1.0, 1.0), moments=moments)
-    (covered, clean), noise = sampled_tiles._cleanest(tiles, 0.0, 1e-3)  # type: ignore[arg-type]
+    tiles = SimpleNamespace(
+        counts=np.full(40, n), shares=lambda _: (1.0, 1.0), moments=moments, detail=np.ones((2, 40))
+    )
+    ((covered,), (clean,)), (noise,) = sampled_tiles._cleanest(tiles, 0.0, 1e-3)  # type: ignore[arg-type]
     assert np.median(np.abs(covered)) < 0.05
     np.testing.assert_allclose(covered + clean, 1)
     assert np.median(noise) < 0.5
@@ -136,16 +134,30 @@ def test_cells_and_tiles_tell_the_azimuth_together(
     assert axis.snr == 50.0
 
 
-def test_samples_look_for_ghosts_that_tiles_are_sure_of_near_these_only() -> None:
+@pytest.mark.parametrize("cell", [0, 3])
+def test_detail_of_a_cell_is_told_by_its_frequencies_and_by_the_tile(cell: int) -> None:
+    """Cells that have what the whole tile makes expect keep it; of one that has more by itself few frequencies count
+    less than many."""
+    counts, shape = np.array([5.0, 10.0, 20.0, 200.0]), np.array([1.0, 2.0, 4.0, 8.0])
+    usual = 3.0 * shape[None]
+    np.testing.assert_allclose(sampled_tiles._detail(usual, counts, shape), usual)
+    more = usual.copy()
+    more[0, cell] *= 2
+    kept = sampled_tiles._detail(more, counts, shape) / usual
+    own = counts[cell] / (counts[cell] + sampled_tiles._OF_TILE)
+    of_tile = 1 + counts[cell] / counts.sum()
+    assert kept[0, cell] == pytest.approx(2 * own + of_tile * (1 - own))
+    others = np.arange(4) != cell
+    np.testing.assert_allclose(
+        kept[0, others], 1 + (of_tile - 1) * sampled_tiles._OF_TILE / (counts[others] + sampled_tiles._OF_TILE)
+    )
+
+
+def test_samples_look_for_ghosts_that_tiles_tell_near_these_only() -> None:
     cells = mosaic("mono", FAR).cells
     assert cells is not None
     angles = mosaic("mono", FAR).angles_deg
-    near = sampled_pane(cells.samples, angles, FAR.replace(ghost_shift=12.5), NOISE, told_error_px=0.4)
-    assert near is not None
-    assert near.shift_px == pytest.approx(13.0, abs=0.4)
-    wrong = sampled_pane(cells.samples, angles, FAR.replace(ghost_shift=-6.0), NOISE, told_error_px=0.4)
-    assert wrong is not None
-    assert wrong.shift_px == pytest.approx(-6.0, abs=1.6)
-    none = sampled_pane(cells.samples, angles, FAR.replace(ghost_shift=0.0), NOISE, told_error_px=math.inf)
-    assert none is not None
-    assert (none.shift_px, none.shift_error_px) == (0.0, None)
+    shift, _ = sampled_shift(cells.samples, angles, FAR.replace(ghost_shift=12.5), NOISE, 0.4)
+    assert shift == pytest.approx(13.0, abs=0.4)
+    shift, _ = sampled_shift(cells.samples, angles, FAR.replace(ghost_shift=-6.0), NOISE, 0.4)
+    assert shift == pytest.approx(-6.0, abs=1.6)

@@ -98,6 +98,12 @@ class SampledPane:
     incidence_deg: float
     incidence_error_deg: float | None
 
+    @property
+    def incidence(self) -> tuple[float, float] | None:
+        """Incidence and its standard error; None where it is not told."""
+        error = self.incidence_error_deg
+        return None if error is None else (self.incidence_deg, error)
+
 
 def sampled_pane(
     samples: RawSamples,
@@ -109,7 +115,6 @@ def sampled_pane(
     open_shift: bool = True,
     open_incidence: bool = True,
     sense_only: bool = False,
-    told_error_px: float | None = None,
 ) -> SampledPane | None:
     """Where a mosaic's samples have the ghosts of a flat pane, and its incidence; None if ghosts are too far off.
 
@@ -129,35 +134,25 @@ def sampled_pane(
         Which of both is to be told.
     sense_only : bool
         Whether the ghosts' distance is known, and nothing but their side is to be told.
-    told_error_px : float, optional
-        Standard error of the scene's ghost shift where tiles are sure of it: ghosts are then looked for near by only,
-        and where it is 0, not at all.
     """
     start, _, shift = scene.values()
-    about, sides = abs(shift), _TILE_PX[samples.sampling.period]
-    told = told_error_px is not None
-    if about > _FARTHEST_IN_TILE * sides[-1] + (_ROOM_PX if told else 0.0):
+    about, reach = abs(shift), _FARTHEST_IN_TILE * _TILE_PX[samples.sampling.period][-1]
+    if about > reach:
         return None
-    farthest = min(_FARTHEST * about + _ROOM_PX, _FARTHEST_IN_TILE * sides[-1]) if about else _NO_GHOSTS_PX
-    tile = next((side for side in sides if farthest <= _FARTHEST_IN_TILE * side), sides[-1])
-    tile = min(tile, *samples.values.shape)
-    likelihood = SampledLikelihood(samples, angles_deg, scene, _TRUSTED_NOISE * noise, tile)
+    farthest = min(_FARTHEST * about + _ROOM_PX, reach) if about else _NO_GHOSTS_PX
+    likelihood = _likelihood(samples, angles_deg, scene, noise, farthest)
     if sense_only:
         return SampledPane(min(about, -about, key=likelihood.misfit), None, start, None)
-    best = 0.0 if open_shift and told_error_px is None else shift
+    best = 0.0 if open_shift else shift
     search = _Search(likelihood, (best, start), incidence_error_deg if open_incidence else None)
     incidence, error = search.first_deg, None
-    if open_shift and told_error_px is None:
+    if open_shift:
         nearest = max(_STEP_PX, _NEAREST * about - _STEP_PX / 2)
         distances = np.arange(nearest, max(farthest, nearest + 2 * _STEP_PX), _STEP_PX)
         panes = (search.with_incidence(0.0, incidence), search.with_ghosts(distances, farthest))
         best, incidence = min(panes, key=lambda pane: search.score(*pane))
         best = best if abs(best) >= LEAST_SHIFT_PX else 0.0
         error = _shift_error(likelihood, best, incidence)
-    elif open_shift and shift:
-        near = search.shift_near(shift, incidence)
-        of_samples = near, _shift_error(likelihood, near, incidence)
-        best, error = weighted_mean(of_samples, (shift, told_error_px or 0.0), _SUREST_PX)
     if open_incidence:
         incidence = search.likeliest_incidence(best, incidence)
     return SampledPane(
@@ -166,6 +161,39 @@ def sampled_pane(
         incidence,
         _incidence_error(likelihood, best, incidence) if open_incidence else None,
     )
+
+
+def sampled_shift(
+    samples: RawSamples, angles_deg: tuple[float, ...], scene: SceneParameters, noise: float, error_px: float
+) -> tuple[float, float]:
+    """Ghost shift of a flat pane near that of a scene, as this and a mosaic's samples have it; and its standard error.
+
+    Parameters
+    ----------
+    samples, angles_deg, noise
+        As of `sampled_pane`.
+    scene : SceneParameters
+        Complete, in pixels of the sensor, with ghosts that lie apart.
+    error_px : float
+        Standard error of its ghost shift.
+    """
+    incidence, _, shift = scene.values()
+    likelihood = _likelihood(samples, angles_deg, scene, noise, abs(shift) + _ROOM_PX)
+    low, high = shift - _ROOM_PX, shift + _ROOM_PX
+    misfit = cache(lambda trial: likelihood.misfit(trial, incidence))
+    near = float(local_minimum(misfit, shift, (low, high), _STEP_PX / 2, _TOLERANCE_PX))
+    if not low + _TOLERANCE_PX < near < high - _TOLERANCE_PX:
+        return shift, error_px
+    return weighted_mean((near, _shift_error(likelihood, near, incidence)), (shift, error_px), _SUREST_PX)
+
+
+def _likelihood(
+    samples: RawSamples, angles_deg: tuple[float, ...], scene: SceneParameters, noise: float, farthest_px: float
+) -> SampledLikelihood:
+    """Of ghosts up to a distance: the smallest tiles serve in which these do not lie too far apart."""
+    sides = _TILE_PX[samples.sampling.period]
+    tile = next((side for side in sides if farthest_px <= _FARTHEST_IN_TILE * side), sides[-1])
+    return SampledLikelihood(samples, angles_deg, scene, _TRUSTED_NOISE * noise, min(tile, *samples.values.shape))
 
 
 class _Search:
@@ -219,16 +247,6 @@ class _Search:
             return self._misfit(trial, incidence, _ROUNDS)
 
         return float(local_minimum(misfit, shift, side, _STEP_PX / 2, _TOLERANCE_PX)), incidence
-
-    def shift_near(self, shift_px: float, incidence_deg: float) -> float:
-        """The best shift near one at an incidence, or itself where none is."""
-        low, high = shift_px - _ROOM_PX, shift_px + _ROOM_PX
-
-        def misfit(trial: float) -> float:
-            return self._misfit(trial, incidence_deg, _ROUNDS)
-
-        best = float(local_minimum(misfit, shift_px, (low, high), _STEP_PX / 2, _TOLERANCE_PX))
-        return best if low + _TOLERANCE_PX < best < high - _TOLERANCE_PX else shift_px
 
     def likeliest_incidence(self, shift_px: float, about_deg: float) -> float:
         """What the samples alone tell of it."""
@@ -431,7 +449,6 @@ def pane_of_samples(
     open_shift: bool = True,
     open_incidence: bool = True,
     sense_only: bool = False,
-    told_error_px: float | None = None,
 ) -> SampledPane | None:
     """What a mosaic's samples tell of a scene, in pixels of the capture; None where they are not asked.
 
@@ -441,7 +458,7 @@ def pane_of_samples(
         Of a mosaic.
     scene : SceneParameters
         Complete, in pixels of the capture.
-    noise, incidence_error_deg, open_shift, open_incidence, sense_only, told_error_px
+    noise, incidence_error_deg, open_shift, open_incidence, sense_only
         As of `sampled_pane`.
     """
     cells = capture.cells
@@ -457,7 +474,6 @@ def pane_of_samples(
         open_shift=open_shift,
         open_incidence=open_incidence,
         sense_only=sense_only,
-        told_error_px=None if told_error_px is None else told_error_px * of_sensor,
     )
     if found is None:
         return None

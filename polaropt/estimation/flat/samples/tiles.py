@@ -18,7 +18,6 @@ D. B. Rubin, D. T. Thayer, EM algorithms for ML factor analysis, Psychometrika, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -61,14 +60,14 @@ _SCAN_PX, _FARTHEST_PX, _MOST_TILES = 1.0, 20.0, 64
 Set by hand."""
 _CANDIDATES = 2
 """Of the likeliest shifts that are looked at closely."""
-_SURE, _SURE_OF_NONE = 2.0, 1.0
-"""Standard errors by which tiles must find ghosts likelier than none to be sure of them, and to leave it open whether
-there are some."""
+_SURE = 2.0
+"""Standard errors by which tiles must find ghosts likelier than none: what is likelier by 1 to 2 is hardly ever right
+(on 392 mosaics of photographs that no figure is taken of 3 of 37)."""
 _SHIFT_WIDER, _LEAST_ERROR_PX = 9.0, 0.2
 """What the standard error of a shift by the curvature is multiplied by, and the least that is believed."""
 _WIDER = 3.5
 """What the standard error of an incidence by the curvature is multiplied by: tiles overlap, and layers are not quite
-what they are taken to be."""
+what they are taken to be. With it 90 % of the true incidences of those mosaics lie within two errors."""
 _LEAST_TILES = 9
 """Tiles that can tell: fewer say nothing."""
 _LEAST_POWER = 1e-30
@@ -301,44 +300,30 @@ def likeliest_panes(
     return place, min((place, *fits), key=lambda fit: fit.misfit)
 
 
-@dataclass(frozen=True)
-class ToldGhosts:
-    """Where tiles have the ghosts: shift and its standard error in pixels, and whether they are sure, be it of none."""
-
-    shift_px: float
-    error_px: float
-    sure: bool
-
-
 class PaneOfTiles:
-    """What tiles of a mosaic tell of a flat pane that is seen from far.
+    """What tiles of a mosaic tell of a flat pane that is seen from far, in pixels of the sensor.
 
     Parameters
     ----------
     tiles : SampledTiles
     azimuth_deg : float
         Of the pane.
-    of_sensor : float
-        Pixels of the sensor per pixel of the scenes.
     """
 
-    def __init__(self, tiles: SampledTiles, azimuth_deg: float, of_sensor: float) -> None:
-        self._likelihood, self._of_sensor = SampledTileLikelihood(tiles, azimuth_deg), of_sensor
+    def __init__(self, tiles: SampledTiles, azimuth_deg: float) -> None:
+        self._likelihood = SampledTileLikelihood(tiles, azimuth_deg)
 
-    def ghosts(self, asked: SceneParameters, incidence_deg: float) -> ToldGhosts:
-        """Where the ghosts are, in pixels of the scenes."""
+    def ghosts(self, asked: SceneParameters, incidence_deg: float) -> tuple[float, float]:
+        """Where the ghosts are, 0 for none, and the standard error of that."""
         place, best = likeliest_panes(self._likelihood, asked, incidence_deg)
-        surer = 0.0 if best is place else best.surer_than(place)
-        if surer < _SURE_OF_NONE:
-            return ToldGhosts(0.0, math.inf, True)
+        if best is place or best.surer_than(place) < _SURE:
+            return 0.0, math.inf
         (error,) = self._likelihood.errors(best, ("pane_shift",))
-        widened = math.hypot(_SHIFT_WIDER * float(error), _LEAST_ERROR_PX)
-        return ToldGhosts(best.window.pane_shift / self._of_sensor, widened / self._of_sensor, surer > _SURE)
+        return best.window.pane_shift, math.hypot(_SHIFT_WIDER * float(error), _LEAST_ERROR_PX)
 
     def incidence(self, scene: SceneParameters) -> tuple[float, float] | None:
         """The incidence near that of a scene, and its standard error, in degrees; None where none is told."""
-        small, free = scene.scaled(self._of_sensor), ("incidence_deg",)
-        incidence, _, shift = small.values()
+        (incidence, _, shift), free = scene.values(), ("incidence_deg",)
         fit = self._likelihood.nearest(Window(incidence, shift), scene.index, free)
         (error,) = self._likelihood.errors(fit, free)
         return (fit.window.incidence_deg, _WIDER * float(error)) if math.isfinite(error) else None
