@@ -25,6 +25,7 @@ from polaropt.estimation import (
     in_full,
     left_alone,
     likelier_index,
+    likelier_index_of_mosaic,
     model_names,
     scene_source,
     still_photographs,
@@ -478,20 +479,31 @@ def _case_of(
         thickness_kind=kind,
         mosaic=mosaic,
     )
-    found = find(source, checked.scene).with_index(fit)
-    stages.advance(_SCENE_FOUND)
+    in_whole = partial(
+        in_full,
+        capture=still.capture,
+        asked=asked,
+        noise=noise,
+        model=settings.model,
+        mosaic=mosaic,
+        sense_only=settings.thickness_px is not None,
+    )
+    of_cells = find(source, checked.scene).with_index(fit)
     if settings.model == "auto":
-        found = left_alone(found, checked)
+        of_cells = left_alone(of_cells, checked)
+    found = in_whole(of_cells)
+    stages.advance(_SCENE_FOUND)
     # An index that is told fits badly where the incidence is, too.
-    told = asked.refractive_index is not None and asked.incidence_deg is None
-    index = likelier_index(source, found.scene, of_source) if told else None
+    index = None
+    if asked.refractive_index is not None and asked.incidence_deg is None:
+        index = likelier_index(source, of_cells.scene, of_source)
+        if mosaic is not None:
+            index = likelier_index_of_mosaic(mosaic, found.scene.scaled(mosaic.period / scale), index)
     if index is not None and index.sure and index_assumed and not asked.stacked and not asked.absorption:
         fit = IndexFit(clear_pane(checked.scene, index.index), index.error)
-        found = find(source, fit.scene).with_index(fit)
+        found = in_whole(find(source, fit.scene).with_index(fit))
         asked, index = asked.replace(refractive_index=None), None
-    sense_only = settings.thickness_px is not None
     stages.advance(_INDEX_CHECKED)
-    found = in_full(found, still.capture, asked, noise, settings.model, mosaic=mosaic, sense_only=sense_only)
     if asked.ghost_shift is None:
         edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
         found = with_likelier_side(found, source, edges)

@@ -15,6 +15,7 @@ __all__ = [
     "in_full",
     "left_alone",
     "likelier_index",
+    "likelier_index_of_mosaic",
     "model_names",
     "motion_shows",
     "moving_pixels",
@@ -35,6 +36,8 @@ from .flat.estimate import SceneEstimate as SceneEstimate
 from .flat.estimate import estimate_scene as estimate_scene
 from .flat.samples.tiles import tiles_of_mosaic as tiles_of_mosaic
 from .ghost_side import with_likelier_side as with_likelier_side
+from .index_by_tiles import LikelierIndex as LikelierIndex
+from .index_by_tiles import likelier_index_of_mosaic as likelier_index_of_mosaic
 from .ladder import LadderResult as LadderResult
 from .ladder import RungReport as RungReport
 from .ladder import find_scene as find_scene
@@ -46,7 +49,6 @@ from .motion import moving_pixels as moving_pixels
 from .motion import still_photographs as still_photographs
 from .motion import without_moving as without_moving
 from .refractive_index import IndexFit as IndexFit
-from .refractive_index import LikelierIndex as LikelierIndex
 from .refractive_index import clear_pane as clear_pane
 from .refractive_index import likelier_index as likelier_index
 from .refractive_index import with_index as with_index

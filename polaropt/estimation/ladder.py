@@ -310,12 +310,9 @@ def in_full(
     # A thickness ties the ghosts' distance to the incidence of the cells.
     sense_only &= open_shift
     if mosaic is not None and not sense_only and is_told_by_samples(found.scene):
-        of_sensor = _told_by_tiles(found.scaled(mosaic.period), capture, mosaic, asked, noise)
-        return (
-            whole
-            if model == "ghosts" and not of_sensor.scene.has_ghosts
-            else of_sensor.scaled(capture.scale / mosaic.period)
-        )
+        by_tiles = _told_by_tiles(found.scaled(mosaic.period), capture, mosaic, asked, noise)
+        is_asked_for = model == "auto" or by_tiles.scene.has_ghosts
+        return by_tiles.scaled(capture.scale / mosaic.period) if is_asked_for else whole
     sampled = pane_of_samples(
         capture,
         whole.scene,

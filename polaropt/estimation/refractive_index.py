@@ -22,17 +22,22 @@ from polaropt.capture import Capture, PlateFrame, plate_frame, registered_noise,
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import LEAST_NOISE, estimate_scene
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap
-from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX, cross_spectra
+from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import PaneGradients
-from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
-from polaropt.estimation.flat.window import HARDLY_PX, judged_pane, judged_window, window_of
+from polaropt.estimation.flat.overlap import noise_of_mirrored
+from polaropt.estimation.flat.window import HARDLY_PX, judged_pane, judged_window
 from polaropt.estimation.flat.windows.search import LikelyWindow, equivalent_single
-from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
+from polaropt.estimation.flat.windows.tiles import TileLikelihood
+from polaropt.estimation.index_by_tiles import (
+    INDEX_SEARCH,
+    LikelierIndex,
+    alike_incidences,
+    tiles_tell,
+    told_by_tiles,
+)
 from polaropt.numerics import local_minima, local_minimum, minimum_error, vertex
-from polaropt.optics import GLASS_INDEX, INCIDENCE_SEARCH_DEG, SceneParameters, in_place_reflectance, in_place_weights
+from polaropt.optics import GLASS_INDEX, INCIDENCE_SEARCH_DEG, SceneParameters
 
-INDEX_SEARCH = (1.3, 2.0)
-"""Indices that are searched: from water to the heaviest flint glass, and what coatings make of 1.5. Set by hand."""
 # All below by trial.
 _TRIALS = (1.33, GLASS_INDEX, 1.7, 1.9)
 """Indices at which the pane is looked for blindly: with one far off, another pane is found."""
@@ -243,27 +248,6 @@ _AS_GOOD = 1.0
 """Standard errors by which a window of several panes, or tinted, may be better than a single pane in its place."""
 _SCAN_DEG = 5.0
 """Spacing of the incidences at which a single pane is looked for in the place of several."""
-_ALIKE_DEG = np.arange(*INCIDENCE_SEARCH_DEG, 0.5)
-"""Incidences among which those are that make panes alike."""
-
-
-@dataclass(frozen=True)
-class LikelierIndex:
-    """An index that explains a capture clearly better than the one that was told.
-
-    Attributes
-    ----------
-    index : float
-    error : float
-        Standard error.
-    sure : bool
-        Whether it lies inside of what was searched, the spectra alone speak for it as well, and one clear pane of it is
-        clearly better than what was found with the index that was told, be that several panes or tinted glass.
-    """
-
-    index: float
-    error: float
-    sure: bool = True
 
 
 def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> LikelierIndex | None:
@@ -289,11 +273,13 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
     if not (stokes.aliased or scene.stacked or scene.absorption):
         told = _told_by_gradients(frame, scene)
         # Where double images lie apart tiles are the surer.
-        if told is not None or _tiles_tell(frame, scene):
-            return told or _told_by_tiles(frame, scene)
+        if told is not None or tiles_tell(frame, scene):
+            return told or told_by_tiles(TileLikelihood(frame), scene, frame.azimuth_deg)
     single = None if stokes.aliased else _single_pane_of(scene)
-    if single is not None and (told := _told_by_tiles(frame, single, beside=scene)) is not None:
-        return told
+    if single is not None:
+        told = told_by_tiles(TileLikelihood(frame), single, frame.azimuth_deg, beside=scene)
+        if told is not None:
+            return told
     return _told_by_spectra(frame, scene)
 
 
@@ -330,7 +316,7 @@ def _told_by_spectra(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex
             if not low <= step <= high:
                 break
             last = panes[step - side]
-            starts = _alike(last.window.incidence_deg, scene.index + (step - side) * _WALK, side * _WALK)
+            starts = alike_incidences(last.window.incidence_deg, scene.index + (step - side) * _WALK, side * _WALK)
             panes[step] = nearest(step, starts)
             if panes[step].score > last.score:
                 break
@@ -419,7 +405,9 @@ class _IndexGradients:
         """The likeliest incidence of an index, in degrees; no index is looked at twice."""
         if index not in self._incidences:
             here, told = self._scene.values()[0], self._scene.index
-            near = (self._gradients.nearest(angle, index) for angle in (here, *_alike(here, told, index - told)))
+            near = (
+                self._gradients.nearest(angle, index) for angle in (here, *alike_incidences(here, told, index - told))
+            )
             self._incidences[index] = min(near, key=lambda angle: self._gradients.cost(angle, index))
         return self._incidences[index]
 
@@ -442,27 +430,6 @@ class _IndexGradients:
         return local_minimum(self.cost, index, INDEX_SEARCH, _INDEX_STEP / 2, _INDEX_TOLERANCE)
 
 
-_LEAST_GAIN_OF_TILES, _SURE_OF_TILES, _FAR_OFF = 50.0, 2.5, 2.0
-"""Log likelihood of tiles that another index must gain, standard errors of it, and standard errors of the index that it
-must be off. Of 40 random windows of single panes whose index was told rightly, among them 22 of photographs that no
-figure is taken of, one lacks more than 33 (73, 1.6 standard errors off); of three that were told wrongly by 0.15 and
-more all gain 62 to 379."""
-_TILE_INDICES, _LEAST_GLANCE = (1.35, 1.5, 1.65, 1.8, 1.95), 20.0
-"""Indices at which tiles are glanced at, and log likelihood of their luminance that one of these must gain for them
-to be looked at closely. By hand."""
-_TILE_STEP, _TILES_WIDER, _LEAST_TILE_ERROR = 0.08, 5.0, 0.03
-"""First step from the likeliest of them, and how much wider its error is than the curvature says, at least so much:
-with them all of those 40 lie within two errors."""
-
-
-def _tiles_tell(frame: PlateFrame, scene: SceneParameters) -> bool:
-    """Whether tiles tell an index: only by double images that lie apart, and where noise leaves them to be seen.
-
-    Without any, spectra that differ from natural ones pass for another index.
-    """
-    return abs(scene.values()[2]) >= LIKE_BLUR_PX and noise_of_mirrored(frame, scene) < MOST_NOISE
-
-
 def _single_pane_of(scene: SceneParameters) -> SceneParameters | None:
     """The single pane whose images two clear ones have, where they are hardly thick; None for all else."""
     incidence, _, shift = scene.values()
@@ -472,69 +439,8 @@ def _single_pane_of(scene: SceneParameters) -> SceneParameters | None:
     return clear_pane(scene, scene.index).replace(incidence_deg=steeper, ghost_shift=shift + (scene.gap_shift or 0.0))
 
 
-def _told_by_tiles(
-    frame: PlateFrame, scene: SceneParameters, *, beside: SceneParameters | None = None
-) -> LikelierIndex | None:
-    """What single tiles tell of an index beside the one that was told, of a single clear pane.
-
-    Where several were found, `beside` it they must not be likelier.
-    """
-    window, told = window_of(scene, frame.azimuth_deg), scene.index
-    starts = [
-        (dataclasses.replace(window, incidence_deg=angle), index)
-        for index in _TILE_INDICES
-        for angle in _alike(window.incidence_deg, told, index - told)
-    ]
-    tiles = TileLikelihood(frame)
-    glance = tiles.luminance()
-    likeliest = min((glance.fitted(*start) for start in starts), key=lambda fit: fit.misfit)
-    if glance.fitted(window, told).misfit - likeliest.misfit < _LEAST_GLANCE:
-        return None
-    panes = dict[float, TileFit]()
-
-    def pane(index: float) -> TileFit:
-        """The likeliest single pane of an index."""
-        if index not in panes:
-            known = min((likeliest, *panes.values()), key=lambda fit: abs(fit.refractive_index - index))
-            angles = _alike(known.window.incidence_deg, known.refractive_index, index - known.refractive_index)
-            near = [tiles.fitted(dataclasses.replace(window, incidence_deg=angle), index) for angle in angles]
-            panes[index] = tiles.nearest(min(near, key=lambda fit: fit.misfit).window, index)
-        return panes[index]
-
-    here, start = tiles.nearest(window, told), likeliest.refractive_index
-    best = pane(local_minimum(lambda index: pane(index).misfit, start, INDEX_SEARCH, _TILE_STEP, _INDEX_TOLERANCE))
-    if here.misfit - best.misfit < _LEAST_GAIN_OF_TILES or best.surer_than(here) < _SURE_OF_TILES:
-        return None
-    if beside is not None and tiles.nearest(window_of(beside, frame.azimuth_deg), told).misfit < best.misfit:
-        return None
-    index = best.refractive_index
-    before, after = (pane(index + move).misfit for move in (-_TILE_STEP, _TILE_STEP))
-    curvature = (before + after - 2 * best.misfit) / _TILE_STEP**2
-    low, high = INDEX_SEARCH
-    if curvature <= 0 or not low + _INDEX_TOLERANCE < index < high - _INDEX_TOLERANCE:
-        return None
-    error = math.hypot(_LEAST_TILE_ERROR, _TILES_WIDER / math.sqrt(curvature))
-    return LikelierIndex(index, error) if abs(index - told) > _FAR_OFF * error else None
-
-
 def _evident(one: LikelyWindow, other: LikelyWindow) -> bool:
     return one.clearly_better(other, _LEAST_EVIDENCE, _EVIDENT)
-
-
-def _alike(incidence_deg: float, index: float, more: float) -> list[float]:
-    """Incidences at which a pane of another index keeps the transmission, and the reflection, as free of the other.
-
-    What is mirrored along and across the plane of incidence tells the first by its ratio, on the same side of
-    Brewster's angle, the second by the ratio of what is not mirrored; a single one where both are close.
-    """
-    par, perp = in_place_reflectance(incidence_deg, index, False)
-    _, (pars, perps, _) = in_place_weights(np.cos(np.radians(_ALIKE_DEG)), index + more, False)
-    steep = incidence_deg > math.degrees(math.atan(index))
-    same_side = (math.degrees(math.atan(index + more)) < _ALIKE_DEG) == steep
-    of_transmission = np.where(same_side, np.abs(np.log(perps * par / (pars * perp))), np.inf)
-    of_reflection = np.abs(np.log((1 - perps) * (1 - par) / ((1 - pars) * (1 - perp))))
-    first, second = (float(_ALIKE_DEG[np.argmin(apart)]) for apart in (of_transmission, of_reflection))
-    return [second] if abs(first - second) < _AT_REST_DEG else [second, first]
 
 
 def _beside(index: float, step: float) -> list[float]:

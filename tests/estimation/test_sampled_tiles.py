@@ -17,6 +17,7 @@ from polaropt.estimation.flat.azimuth import PrincipalAxis, weighed_axis
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
 from polaropt.estimation.flat.samples.ghosts import sampled_shift
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
+from polaropt.estimation.index_by_tiles import LikelierIndex, likelier_index_of_mosaic
 from polaropt.numerics import turn_between
 from polaropt.optics import Sampling
 from polaropt.simulation import Camera, photograph_mosaic
@@ -161,3 +162,35 @@ def test_samples_look_for_ghosts_that_tiles_tell_near_these_only() -> None:
     assert shift == pytest.approx(13.0, abs=0.4)
     shift, _ = sampled_shift(cells.samples, angles, FAR.replace(ghost_shift=-6.0), NOISE, 0.4)
     assert shift == pytest.approx(-6.0, abs=1.6)
+
+
+@pytest.mark.parametrize(
+    ("index", "incidence", "shift"), [(1.5, 75.0, 9.0), (1.5, 65.0, 0.0), (1.72, 75.0, 9.0), (1.72, 75.0, 0.0)]
+)
+def test_tiles_of_a_mosaic_tell_an_index_and_let_none_pass_that_its_cells_make_up(
+    index: float, incidence: float, shift: float
+) -> None:
+    scene = SceneParameters(incidence, 25.0, shift, refractive_index=index)
+    seen = tiles("mono", scene)
+    told = scene.replace(refractive_index=1.5)
+    made_up = LikelierIndex(1.8, 0.1)
+    for of_cells in (None, made_up):
+        found = likelier_index_of_mosaic(seen, told, of_cells)
+        if index == 1.5:
+            assert found is None
+        else:
+            assert found is not None
+            assert abs(found.index - index) < 2 * found.error < 0.3
+    # Nor do they say anything against the right one, even where images in place were given ghosts.
+    assert likelier_index_of_mosaic(seen, scene, None) is None
+    assert likelier_index_of_mosaic(seen, scene.replace(n_panes=2, gap_shift=3.0), made_up) is None
+
+
+def test_an_index_of_cells_that_tiles_bear_out_is_told() -> None:
+    """Near Brewster's angle tiles alone cannot tell on which side of it the pane stands."""
+    scene = SceneParameters(63.0, 25.0, 9.0, refractive_index=1.72)
+    seen, of_cells = tiles("mono", scene), LikelierIndex(1.72, 0.1)
+    told = scene.replace(refractive_index=1.5, incidence_deg=68.0)
+    assert likelier_index_of_mosaic(seen, told, None) is None
+    assert likelier_index_of_mosaic(seen, told, of_cells) is of_cells
+    assert likelier_index_of_mosaic(seen, told, LikelierIndex(1.4, 0.1)) is None
