@@ -23,7 +23,7 @@ from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import incidence_by_gradients
 from polaropt.estimation.flat.pane_by_tiles import is_of_two_faces, with_ghosts_by_tiles, with_tiles
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
-from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
+from polaropt.estimation.flat.samples.tiles import FARTHEST_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
@@ -309,7 +309,7 @@ def in_full(
         return whole
     # A thickness ties the ghosts' distance to the incidence of the cells.
     sense_only &= open_shift
-    if mosaic is not None and not sense_only and is_told_by_samples(found.scene):
+    if mosaic is not None and not sense_only and _is_told_by_tiles(found.scene.scaled(mosaic.period), asked):
         by_tiles = _told_by_tiles(found.scaled(mosaic.period), capture, mosaic, asked, noise)
         is_asked_for = model == "auto" or by_tiles.scene.has_ghosts
         return by_tiles.scaled(capture.scale / mosaic.period) if is_asked_for else whole
@@ -330,6 +330,12 @@ def in_full(
         error = errors.ghost_shift if sense_only else sampled.shift_error_px
         errors = dataclasses.replace(errors, ghost_shift=error if scene.has_ghosts else None)
     return _with_incidence(whole, estimate, scene, errors, sampled.incidence)
+
+
+def _is_told_by_tiles(scene: SceneParameters, asked: SceneParameters) -> bool:
+    """Whether tiles of a mosaic tell of a scene that its cells show, in pixels of the sensor: of no ghosts far off."""
+    near = asked.ghost_shift is not None or abs(scene.values()[2]) <= FARTHEST_PX
+    return near and is_told_by_samples(scene)
 
 
 def _told_by_tiles(

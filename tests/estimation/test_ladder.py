@@ -540,6 +540,18 @@ TILES = {
 }
 
 
+@pytest.mark.parametrize(("shift", "asked"), [(5.0, True), (5.1, False), (-5.1, False)])
+def test_tiles_are_not_asked_of_ghosts_far_off(shift: float, asked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiles = SimpleNamespace(ghosts=lambda asked, incidence: (0.0, np.inf), incidence=lambda scene: None)
+    monkeypatch.setattr(ladder, "PaneOfTiles", lambda *_: tiles)
+    monkeypatch.setattr(ladder, "pane_of_samples", lambda *_, **__: SAMPLED)
+    scene = PLAIN.replace(ghost_shift=shift)
+    of_cells = ladder.LadderResult(scene, replace(ESTIMATE, scene=scene, rivals=()), ())
+    capture = SimpleNamespace(scale=2, samples="samples", angles_deg=())
+    found = ladder.in_full(of_cells, capture, OPEN, 0.005, mosaic=SimpleNamespace(period=4))
+    assert found.scene.ghost_shift == (0.0 if asked else SAMPLED.shift_px)
+
+
 @pytest.mark.parametrize("name", TILES)
 def test_tiles_of_a_mosaic_tell_ghosts_which_samples_make_exact_and_the_incidence(
     name: str, monkeypatch: pytest.MonkeyPatch

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from polaropt import Capture, SceneParameters, read_capture
+from polaropt import Capture, SceneParameters, estimate, read_capture
 from polaropt.capture import write_png
 from polaropt.estimation.flat.azimuth import PrincipalAxis, weighed_axis
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
@@ -57,6 +57,13 @@ def test_the_azimuth_of_a_mosaic_is_told_within_its_error(sensor: str, scene: Sc
 def test_ghosts_of_a_mosaic_are_found_where_its_cells_hardly_show_them(sensor: str, scene: SceneParameters) -> None:
     shift, error = PaneOfTiles(tiles(sensor, scene), scene.values()[1]).ghosts(OPEN, scene.values()[0] + 1.5)
     assert shift == pytest.approx(scene.values()[2], abs=min(1.0, 2.5 * error))
+
+
+def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells() -> None:
+    scene = SceneParameters(65.0, 25.0, sampled_tiles.FARTHEST_PX + 4)
+    found = estimate(mosaic("mono", scene)).scene
+    assert abs(turn_between(found.values()[1], 25.0, 180.0)) < 1
+    assert found.values()[2] == pytest.approx(scene.values()[2], abs=0.5)
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

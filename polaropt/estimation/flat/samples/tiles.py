@@ -55,9 +55,12 @@ hand."""
 _AXIS_WIDER = 1.3
 """What that error is multiplied by, as parts are few and alike: on 320 mosaics of photographs that no figure is taken
 of azimuths are off by 1.1 to 1.6 jackknife errors, root mean square."""
-_SCAN_PX, _FARTHEST_PX, _MOST_TILES = 1.0, 20.0, 64
-"""Spacing and reach, in pixels of the sensor, of the shifts that tiles are asked of, and how many tiles are at first.
+FARTHEST_PX = 20.0
+"""Farthest ghosts that tiles are asked of, in pixels of the sensor: the mosaic's cells show those that lie farther off.
 Set by hand."""
+_SCAN_PX, _MOST_TILES = 1.0, 64
+"""Spacing of the shifts that tiles are asked of, in pixels of the sensor, and how many tiles are at first. Set by
+hand."""
 _CANDIDATES = 2
 """Of the likeliest shifts that are looked at closely."""
 _SURE = 2.0
@@ -290,7 +293,7 @@ def likeliest_panes(
     place = likelihood.nearest(Window(incidence_deg, 0.0), index, free)
     if not ghosts:
         return place, place
-    scan = np.arange(_SCAN_PX, _FARTHEST_PX, _SCAN_PX)
+    scan = np.arange(_SCAN_PX, FARTHEST_PX, _SCAN_PX)
     incidences = dict.fromkeys((place.window.incidence_deg, incidence_deg))
     windows = [Window(incidence, float(shift)) for shift in (*scan, *-scan) for incidence in incidences]
     glance = likelihood.some(_MOST_TILES)
