@@ -345,8 +345,8 @@ def _told_by_tiles(
 
     Where tiles show ghosts all samples together tell more exactly how far off.
     """
-    estimate, samples = found.estimate, capture.samples
-    if estimate is None or samples is None:
+    estimate, cells = found.estimate, capture.cells
+    if estimate is None or cells is None:
         return found
     scene, errors = found.scene, estimate.errors
     incidence, azimuth, _ = scene.values()
@@ -355,7 +355,7 @@ def _told_by_tiles(
         shift, error = tiles.ghosts(asked.replace(refractive_index=scene.index), incidence)
         if shift:
             about = scene.replace(ghost_shift=shift)
-            shift, error = sampled_shift(samples, capture.angles_deg, about, noise, error)
+            shift, error = sampled_shift(cells.samples, capture.angles_deg, about, noise, error)
         scene = scene.replace(ghost_shift=shift)
         errors = dataclasses.replace(errors, ghost_shift=error if shift else None)
     told = tiles.incidence(scene) if asked.incidence_deg is None else None

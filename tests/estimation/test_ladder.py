@@ -547,7 +547,7 @@ def test_tiles_are_not_asked_of_ghosts_far_off(shift: float, asked: bool, monkey
     monkeypatch.setattr(ladder, "pane_of_samples", lambda *_, **__: SAMPLED)
     scene = PLAIN.replace(ghost_shift=shift)
     of_cells = ladder.LadderResult(scene, replace(ESTIMATE, scene=scene, rivals=()), ())
-    capture = SimpleNamespace(scale=2, samples="samples", angles_deg=())
+    capture = SimpleNamespace(scale=2, cells=SimpleNamespace(samples="samples"), angles_deg=())
     found = ladder.in_full(of_cells, capture, OPEN, 0.005, mosaic=SimpleNamespace(period=4))
     assert found.scene.ghost_shift == (0.0 if asked else SAMPLED.shift_px)
 
@@ -567,7 +567,7 @@ def test_tiles_of_a_mosaic_tell_ghosts_which_samples_make_exact_and_the_incidenc
     monkeypatch.setattr(ladder, "PaneOfTiles", lambda *_: tiles)
     errors = SceneErrors(incidence_deg=0.3, ghost_shift=0.2)
     of_cells = ladder.LadderResult(PLAIN, replace(ESTIMATE, scene=PLAIN, errors=errors, rivals=()), ())
-    capture = SimpleNamespace(scale=2, samples="samples", angles_deg=())
+    capture = SimpleNamespace(scale=2, cells=SimpleNamespace(samples="samples"), angles_deg=())
     found = ladder.in_full(of_cells, capture, asked, 0.005, wanted, mosaic=SimpleNamespace(period=4))
     told = weighted_incidence((55.0, np.hypot(0.3, 0.6)), BY_TILES) if counts else (55.0, 0.3)
     assert (found.scene.incidence_deg, found.errors.incidence_deg) == pytest.approx(told)

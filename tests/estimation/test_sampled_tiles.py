@@ -30,13 +30,13 @@ SENSORS = ("mono", "color")
 
 
 @cache
-def mosaic(sensor: str, scene: SceneParameters) -> Capture:
+def mosaic(sensor: str, scene: SceneParameters, resolution: str = "sensor") -> Capture:
     photographs = pairs_of(None, 384)[0]
     camera = Camera(noise=NOISE, lens_blur_px=0.5)
     raw = photograph_mosaic(photographs.transmission, photographs.reflection, scene, camera, sensor == "color")
     with TemporaryDirectory() as folder:
         write_png(Path(folder, "raw.png"), np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
-        return read_capture(Path(folder, "raw.png"), sensor=sensor)
+        return read_capture(Path(folder, "raw.png"), sensor=sensor, resolution=resolution)
 
 
 def tiles(sensor: str, scene: SceneParameters) -> SampledTiles:
@@ -57,6 +57,13 @@ def test_the_azimuth_of_a_mosaic_is_told_within_its_error(sensor: str, scene: Sc
 def test_ghosts_of_a_mosaic_are_found_where_its_cells_hardly_show_them(sensor: str, scene: SceneParameters) -> None:
     shift, error = PaneOfTiles(tiles(sensor, scene), scene.values()[1]).ghosts(OPEN, scene.values()[0] + 1.5)
     assert shift == pytest.approx(scene.values()[2], abs=min(1.0, 2.5 * error))
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_the_pane_is_the_same_at_either_resolution(sensor: str) -> None:
+    """Tiles of the samples tell it, be the layers asked for at the sensor's resolution or at that of its cells."""
+    scene, of_cells = (estimate(mosaic(sensor, FAR, resolution)).scene for resolution in ("sensor", "cell"))
+    assert of_cells.scaled(2 if sensor == "mono" else 4).values() == pytest.approx(scene.values())
 
 
 def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells() -> None:
