@@ -36,10 +36,9 @@ to be looked at closely. By hand."""
 _TILE_STEP, _TILES_WIDER, _LEAST_TILE_ERROR = 0.08, 5.0, 0.03
 """First step from the likeliest of them, and how much wider its error is than the curvature says, at least so much:
 with them all of those 40 lie within two errors."""
-_LEAST_ERROR_OF_MOSAIC = 0.06
-"""The same of a mosaic's tiles. Of 180 mosaics of photographs that no figure is taken of, at 45 to 78 degrees, with
-ghosts and in place, no index of 1.5 is then told to be another; of 1.4, 1.7 and 1.8 it is told of 70 of 104 from 72
-degrees on, and of 37 of 156 below, all but two within two errors."""
+_LEAST_GAIN_OF_MOSAIC, _LEAST_ERROR_OF_MOSAIC, _BEYOND_DEG = 1.5, 0.06, 4.0
+"""Log likelihood per tile of a mosaic that another index must gain, the least error, and degrees beyond Brewster's
+angle from which on it is told: before it, panes that look alike gain up to 2.8 per tile."""
 _INDEX_TOLERANCE = 0.01
 """Accuracy of the likeliest index. Set by hand."""
 _BORNE_OUT = 1.5
@@ -116,8 +115,8 @@ def told_by_tiles(
 ) -> LikelierIndex | None:
     """What single tiles tell of an index beside the one that was told, of a single clear pane.
 
-    Where several were found, `beside` it they must not be likelier. Of a mosaic no pane is told that lies on the other
-    side of Brewster's angle.
+    Where several were found, `beside` it they must not be likelier. Of a mosaic none is told but beyond Brewster's
+    angle, before which panes of other indices look much alike.
     """
     window, told = window_of(scene, azimuth_deg), scene.index
     starts = [
@@ -145,11 +144,12 @@ def told_by_tiles(
 
     here, start = tiles.nearest(window, told), likeliest.refractive_index
     best = pane(local_minimum(lambda index: pane(index).misfit, start, INDEX_SEARCH, _TILE_STEP, _INDEX_TOLERANCE))
-    if here.misfit - best.misfit < _LEAST_GAIN_OF_TILES or best.surer_than(here) < _SURE_OF_TILES:
+    least = _LEAST_GAIN_OF_MOSAIC * len(here.misfits) if of_mosaic else _LEAST_GAIN_OF_TILES
+    if here.misfit - best.misfit < least or best.surer_than(here) < _SURE_OF_TILES:
         return None
     if beside is not None and tiles.nearest(window_of(beside, azimuth_deg), told).misfit < best.misfit:
         return None
-    if of_mosaic and _is_steep(best) != _is_steep(here):
+    if of_mosaic and not (_is_steep(best) and _is_steep(here)):
         return None
     index = best.refractive_index
     before, after = (pane(index + move).misfit for move in (-_TILE_STEP, _TILE_STEP))
@@ -162,8 +162,8 @@ def told_by_tiles(
 
 
 def _is_steep(fit: TileFit) -> bool:
-    """Whether a pane lies beyond Brewster's angle."""
-    return fit.window.incidence_deg > math.degrees(math.atan(fit.refractive_index))
+    """Whether a pane lies clearly beyond Brewster's angle."""
+    return fit.window.incidence_deg > math.degrees(math.atan(fit.refractive_index)) + _BEYOND_DEG
 
 
 def alike_incidences(incidence_deg: float, index: float, more: float) -> list[float]:

@@ -77,6 +77,15 @@ def test_a_pane_as_good_as_itself_is_as_likely_and_worth_the_risk_where_polarize
         assert same == AxisChoice(0, 0.5, pytest.approx(polarized_db / 2 - 10 * math.log10(2)))
 
 
+def test_a_pane_hardly_in_doubt_is_taken_even_where_noise_covers_the_polarized_light(
+    panes: tuple[AxisCandidate, AxisCandidate],
+) -> None:
+    for order, best in ((panes, 0), (panes[::-1], 1)):
+        taken = choose_axis(order, BLIND, NOISE, 0.0)
+        assert (taken.best, taken.gain_db) == (best, math.inf)
+        assert 0 < taken.chance < 0.1
+
+
 def test_tiles_tell_where_all_else_is_alike(panes: tuple[AxisCandidate, AxisCandidate]) -> None:
     true, across = panes[0].tile_fit(), panes[1].tile_fit()
     assert true.surer_than(across) > 1

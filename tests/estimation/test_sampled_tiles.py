@@ -66,10 +66,12 @@ def test_the_pane_is_the_same_at_either_resolution(sensor: str) -> None:
     assert of_cells.scaled(2 if sensor == "mono" else 4).values() == pytest.approx(scene.values())
 
 
-def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells() -> None:
-    scene = SceneParameters(65.0, 25.0, sampled_tiles.FARTHEST_PX + 4)
+@pytest.mark.parametrize("incidence", [65.0, 80.0])
+def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells(incidence: float) -> None:
+    scene = SceneParameters(incidence, 25.0, sampled_tiles.FARTHEST_PX + 4)
     found = estimate(mosaic("mono", scene)).scene
     assert abs(turn_between(found.values()[1], 25.0, 180.0)) < 1
+    assert found.values()[0] == pytest.approx(scene.values()[0], abs=1.5)
     assert found.values()[2] == pytest.approx(scene.values()[2], abs=0.5)
 
 

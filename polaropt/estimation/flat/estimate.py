@@ -20,7 +20,7 @@ from polaropt.errors import InputError
 from polaropt.estimation.flat.azimuth import AxisCandidate, AxisChoice, choose_axis, principal_axis, weighed_axis
 from polaropt.estimation.flat.errors import ShiftErrors, widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
-from polaropt.estimation.flat.samples.tiles import SampledTileLikelihood, SampledTiles, likeliest_panes
+from polaropt.estimation.flat.samples.tiles import FARTHEST_PX, SampledTileLikelihood, SampledTiles, likeliest_panes
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
@@ -255,11 +255,18 @@ def _tile_fit(frame: PlateFrame, windows: Sequence[Window], scene: SceneParamete
 def _sampled_fit(mosaic: SampledTiles, azimuth_deg: float, trial: Trial, scene: SceneParameters) -> TileFit:
     """How likely tiles of a mosaic are under the likeliest pane near a trial's, which is in pixels of the cells."""
     likelihood, told = SampledTileLikelihood(mosaic, azimuth_deg), scene.ghost_shift
+    free = ("incidence_deg",) if scene.incidence_deg is None else ()
     if told:
-        free = ("incidence_deg",) if scene.incidence_deg is None else ()
         return likelihood.nearest(Window(trial.incidence_deg, mosaic.period * told), scene.index, free)
     ghosts = told is None and not scene.single_surface
-    return likeliest_panes(likelihood, scene, trial.incidence_deg, ghosts=ghosts)[1]
+    fits, far = (
+        [likeliest_panes(likelihood, scene, trial.incidence_deg, ghosts=ghosts)[1]],
+        mosaic.period * trial.ghost_shift,
+    )
+    if ghosts and abs(far) > FARTHEST_PX:
+        starts = (Window(trial.incidence_deg, shift) for shift in (far, -far))
+        fits += [likelihood.nearest(start, scene.index, (*free, "pane_shift")) for start in starts]
+    return min(fits, key=lambda fit: fit.misfit)
 
 
 def _margin(trials: list[Trial]) -> float:
