@@ -71,7 +71,7 @@ def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells(inc
     scene = SceneParameters(incidence, 25.0, sampled_tiles.FARTHEST_PX + 4)
     found = estimate(mosaic("mono", scene)).scene
     assert abs(turn_between(found.values()[1], 25.0, 180.0)) < 1
-    assert found.values()[0] == pytest.approx(scene.values()[0], abs=1.5)
+    assert found.values()[0] == pytest.approx(scene.values()[0], abs=3)
     assert found.values()[2] == pytest.approx(scene.values()[2], abs=0.5)
 
 
