@@ -259,10 +259,8 @@ def _sampled_fit(mosaic: SampledTiles, azimuth_deg: float, trial: Trial, scene: 
     if told:
         return likelihood.nearest(Window(trial.incidence_deg, mosaic.period * told), scene.index, free)
     ghosts = told is None and not scene.single_surface
-    fits, far = (
-        [likeliest_panes(likelihood, scene, trial.incidence_deg, ghosts=ghosts)[1]],
-        mosaic.period * trial.ghost_shift,
-    )
+    fits = [likeliest_panes(likelihood, scene, trial.incidence_deg, ghosts=ghosts)[1]]
+    far = mosaic.period * trial.ghost_shift
     if ghosts and abs(far) > FARTHEST_PX:
         starts = (Window(trial.incidence_deg, shift) for shift in (far, -far))
         fits += [likelihood.nearest(start, scene.index, (*free, "pane_shift")) for start in starts]
