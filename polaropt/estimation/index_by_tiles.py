@@ -94,7 +94,10 @@ def likelier_index_of_mosaic(
     here = tiles.nearest(window, told)
     angles = alike_incidences(here.window.incidence_deg, told, of_cells.index - told)
     near = (tiles.nearest(dataclasses.replace(window, incidence_deg=angle), of_cells.index) for angle in angles)
-    return of_cells if min(near, key=lambda fit: fit.misfit).surer_than(here) > _BORNE_OUT else None
+    # On the other side of Brewster's angle are panes that look alike.
+    same_side = [fit for fit in near if _is_beyond(fit, 0.0) == _is_beyond(here, 0.0)]
+    best = min(same_side, key=lambda fit: fit.misfit, default=here)
+    return of_cells if best is not here and best.surer_than(here) > _BORNE_OUT else None
 
 
 def tiles_tell(frame: PlateFrame, scene: SceneParameters) -> bool:
@@ -149,7 +152,7 @@ def told_by_tiles(
         return None
     if beside is not None and tiles.nearest(window_of(beside, azimuth_deg), told).misfit < best.misfit:
         return None
-    if of_mosaic and not (_is_steep(best) and _is_steep(here)):
+    if of_mosaic and not (_is_beyond(best, _BEYOND_DEG) and _is_beyond(here, _BEYOND_DEG)):
         return None
     index = best.refractive_index
     before, after = (pane(index + move).misfit for move in (-_TILE_STEP, _TILE_STEP))
@@ -158,12 +161,14 @@ def told_by_tiles(
     if curvature <= 0 or not low + _INDEX_TOLERANCE < index < high - _INDEX_TOLERANCE:
         return None
     error = math.hypot(_LEAST_ERROR_OF_MOSAIC if of_mosaic else _LEAST_TILE_ERROR, _TILES_WIDER / math.sqrt(curvature))
-    return LikelierIndex(index, error) if abs(index - told) > _FAR_OFF * error else None
+    # What lies at the end of the search, as a pane across does, is none.
+    inside = not of_mosaic or (low < index - error and index + error < high)
+    return LikelierIndex(index, error) if inside and abs(index - told) > _FAR_OFF * error else None
 
 
-def _is_steep(fit: TileFit) -> bool:
-    """Whether a pane lies clearly beyond Brewster's angle."""
-    return fit.window.incidence_deg > math.degrees(math.atan(fit.refractive_index)) + _BEYOND_DEG
+def _is_beyond(fit: TileFit, by_deg: float) -> bool:
+    """Whether a pane lies beyond Brewster's angle by so many degrees and more."""
+    return fit.window.incidence_deg > math.degrees(math.atan(fit.refractive_index)) + by_deg
 
 
 def alike_incidences(incidence_deg: float, index: float, more: float) -> list[float]:
