@@ -333,8 +333,11 @@ def in_full(
 
 
 def _is_told_by_tiles(scene: SceneParameters, asked: SceneParameters) -> bool:
-    """Whether tiles of a mosaic tell of a scene that its cells show, in pixels of the sensor: of no ghosts far off."""
-    near = asked.ghost_shift is not None or abs(scene.values()[2]) <= FARTHEST_PX
+    """Whether tiles of a mosaic tell of a scene that its cells show, in pixels of the sensor: of no ghosts far off.
+
+    From the farthest that are tried the likeliest is found a pixel farther.
+    """
+    near = asked.ghost_shift is not None or abs(scene.values()[2]) <= FARTHEST_PX + 1
     return near and is_told_by_samples(scene)
 
 

@@ -540,7 +540,7 @@ TILES = {
 }
 
 
-@pytest.mark.parametrize(("shift", "asked"), [(5.0, True), (5.1, False), (-5.1, False)])
+@pytest.mark.parametrize(("shift", "asked"), [(5.25, True), (5.3, False), (-5.3, False)])
 def test_tiles_are_not_asked_of_ghosts_far_off(shift: float, asked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     tiles = SimpleNamespace(ghosts=lambda asked, incidence: (0.0, np.inf), incidence=lambda scene: None)
     monkeypatch.setattr(ladder, "PaneOfTiles", lambda *_: tiles)
