@@ -42,7 +42,8 @@ angle from which on it is told: before it, panes that look alike gain up to 2.8 
 _INDEX_TOLERANCE = 0.01
 """Accuracy of the likeliest index. Set by hand."""
 _BORNE_OUT = 1.5
-"""Standard errors by which tiles of a mosaic must find an index that its cells tell likelier than the one told."""
+"""Standard errors by which tiles of a mosaic must find an index that its cells tell likelier than the one told. By
+trial."""
 _SAME_DEG = 0.5
 """Incidences less apart are the same. Set by hand."""
 _ALIKE_DEG = np.arange(*INCIDENCE_SEARCH_DEG, 0.5)
@@ -122,15 +123,18 @@ def told_by_tiles(
     angle, before which panes of other indices look much alike.
     """
     window, told = window_of(scene, azimuth_deg), scene.index
+    glance = tiles.luminance()
+    look = glance.nearest if of_mosaic else glance.fitted
+    first = look(window, told)
+    if of_mosaic and not _is_beyond(first, _BEYOND_DEG):
+        return None
     starts = [
         (dataclasses.replace(window, incidence_deg=angle), index)
         for index in _TILE_INDICES
         for angle in alike_incidences(window.incidence_deg, told, index - told)
     ]
-    glance = tiles.luminance()
-    look = glance.nearest if of_mosaic else glance.fitted
     likeliest = min((look(*start) for start in starts), key=lambda fit: fit.misfit)
-    if look(window, told).misfit - likeliest.misfit < _LEAST_GLANCE:
+    if first.misfit - likeliest.misfit < _LEAST_GLANCE:
         return None
     panes = dict[float, TileFit]()
 
@@ -145,14 +149,15 @@ def told_by_tiles(
             panes[index] = tiles.nearest(min(near, key=lambda fit: fit.misfit).window, index)
         return panes[index]
 
-    here, start = tiles.nearest(window, told), likeliest.refractive_index
+    # Of a mosaic the glance was at all there is.
+    here, start = first if of_mosaic else tiles.nearest(window, told), likeliest.refractive_index
     best = pane(local_minimum(lambda index: pane(index).misfit, start, INDEX_SEARCH, _TILE_STEP, _INDEX_TOLERANCE))
     least = _LEAST_GAIN_OF_MOSAIC * len(here.misfits) if of_mosaic else _LEAST_GAIN_OF_TILES
     if here.misfit - best.misfit < least or best.surer_than(here) < _SURE_OF_TILES:
         return None
     if beside is not None and tiles.nearest(window_of(beside, azimuth_deg), told).misfit < best.misfit:
         return None
-    if of_mosaic and not (_is_beyond(best, _BEYOND_DEG) and _is_beyond(here, _BEYOND_DEG)):
+    if of_mosaic and not _is_beyond(best, _BEYOND_DEG):
         return None
     index = best.refractive_index
     before, after = (pane(index + move).misfit for move in (-_TILE_STEP, _TILE_STEP))

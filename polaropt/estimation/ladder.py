@@ -19,11 +19,11 @@ from polaropt.capture import Capture, StokesImages, closure_share, plate_frame, 
 from polaropt.errors import InputError
 from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
 from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
-from polaropt.estimation.flat.ghosts import cross_spectra
+from polaropt.estimation.flat.ghosts import cross_spectra, is_of_two_faces
 from polaropt.estimation.flat.gradients import incidence_by_gradients
-from polaropt.estimation.flat.pane_by_tiles import is_of_two_faces, with_ghosts_by_tiles, with_tiles
+from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
-from polaropt.estimation.flat.samples.tiles import FARTHEST_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
+from polaropt.estimation.flat.samples.tiles import REACH_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.refractive_index import IndexFit, with_index
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
@@ -333,11 +333,8 @@ def in_full(
 
 
 def _is_told_by_tiles(scene: SceneParameters, asked: SceneParameters) -> bool:
-    """Whether tiles of a mosaic tell of a scene that its cells show, in pixels of the sensor: of no ghosts far off.
-
-    From the farthest that are tried the likeliest is found a pixel farther.
-    """
-    near = asked.ghost_shift is not None or abs(scene.values()[2]) <= FARTHEST_PX + 1
+    """Whether tiles of a mosaic tell of a scene that its cells show, in pixels of the sensor: of no ghosts far off."""
+    near = asked.ghost_shift is not None or abs(scene.values()[2]) <= REACH_PX
     return near and is_told_by_samples(scene)
 
 

@@ -146,6 +146,11 @@ class CrossSpectra:
         return (common * hann_autocorrelation(shifts * math.sin(direction) / self.tile)).astype(np.float32)
 
 
+def is_of_two_faces(scene: SceneParameters) -> bool:
+    """Whether light bounces between two faces, and lies as far apart in both layers."""
+    return not scene.single_surface and scene.n_bounces != 0 and scene.transmission_ghost_shift is None
+
+
 def cross_spectra(frame: PlateFrame) -> CrossSpectra:
     """Welch's mean periodograms over half-overlapping Hann tiles, a bounded number of them."""
     side = min(TILE_PX, *frame.images.shape[-2:])

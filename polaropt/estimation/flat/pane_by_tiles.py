@@ -21,7 +21,7 @@ from polaropt.capture import PlateFrame, StokesImages, plate_frame
 from polaropt.estimation.flat.errors import weighted_incidence, weighted_mean, widened_incidence, widened_shift
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.ghost_overlap import refined_incidence
-from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, LIKE_BLUR_PX
+from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, LIKE_BLUR_PX, is_of_two_faces
 from polaropt.estimation.flat.window import window_of
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
@@ -85,11 +85,6 @@ def with_ghosts_by_tiles(
     if taken is None:
         return _moved(estimate, frame, place, free) if shift else estimate
     return estimate if taken is found else _moved(estimate, frame, taken, free, _shift_error(tiles, taken))
-
-
-def is_of_two_faces(scene: SceneParameters) -> bool:
-    """Whether light bounces between two faces, and lies as far apart in both layers."""
-    return not scene.single_surface and scene.n_bounces != 0 and scene.transmission_ghost_shift is None
 
 
 def _is_a_trifle(estimate: SceneEstimate) -> bool:

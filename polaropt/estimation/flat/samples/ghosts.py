@@ -28,6 +28,7 @@ from polaropt.estimation.flat.ghosts import (
     LEAST_FACTOR,
     LEAST_SHIFT_PX,
     LOWEST_CYCLES,
+    is_of_two_faces,
     spectral_shapes,
     tile_corners,
 )
@@ -436,8 +437,7 @@ def off_level(values: NDArray[Any], valid: NDArray[Any], window: NDArray[Any], p
 
 def is_told_by_samples(scene: SceneParameters) -> bool:
     """Whether a complete scene is a single flat pane, seen from far, whose images lie as far apart in both layers."""
-    flat = scene.rung in ("pixelwise", "ghosts") and not scene.stacked
-    return flat and not scene.single_surface and scene.n_bounces != 0 and scene.transmission_ghost_shift is None
+    return scene.rung in ("pixelwise", "ghosts") and not scene.stacked and is_of_two_faces(scene)
 
 
 def pane_of_samples(

@@ -61,6 +61,8 @@ Set by hand."""
 _SCAN_PX, _MOST_TILES = 1.0, 64
 """Spacing of the shifts that tiles are asked of, in pixels of the sensor, and how many tiles are at first. Set by
 hand."""
+REACH_PX = FARTHEST_PX + _SCAN_PX
+"""How far ghosts may lie that tiles find: beside the farthest that they are asked of are likelier ones."""
 _CANDIDATES = 2
 """Of the likeliest shifts that are looked at closely."""
 _SURE = 2.0
