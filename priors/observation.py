@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,6 +40,11 @@ class Observation:
         Share of each layer in each view.
     step : Tensor, shape (batch, 2)
         From one ghost to the next in pixels: to the right and down.
+    unexplained : Tensor, shape (batch, 2, 3, h, w)
+        Where the photographs ask the layers to change: downhill of their misfit at the layers, in units of what noise
+        does to it.
+    told : Tensor, shape (batch, 2, 3, h, w)
+        How much a pixel's photographs tell of each layer, over the frame's mean: of a raw mosaic what its filter shows.
     shares : Tensor, shape (batch, `N_CANDIDATES`, 2)
         Of the light along and across its plane of incidence, what a pane can transmit.
     """
@@ -51,6 +56,8 @@ class Observation:
     errors: Tensor | None = None
     mixing: Tensor | None = None
     step: Tensor | None = None
+    unexplained: Tensor | None = None
+    told: Tensor | None = None
     shares: Tensor | None = None
 
     @property
@@ -83,7 +90,7 @@ def of_arrays(**arrays: NDArray[Any]) -> Observation:
     Images may be grey, (..., 1, h, w).
     """
     tensors = {name: torch.from_numpy(np.ascontiguousarray(array, np.float32)) for name, array in arrays.items()}
-    for name in ("views", "layers"):
+    for name in _IMAGES:
         if name in tensors:
             tensors[name] = in_color(tensors[name])
     return Observation(**{name: tensor[None] for name, tensor in tensors.items()})
@@ -110,6 +117,17 @@ def placed(observation: Observation, device: Any) -> Observation:
     return Observation(**there)
 
 
+def turned_observation(
+    observation: Observation, images: Callable[[Tensor], Tensor], vectors: Callable[[Tensor], Tensor]
+) -> Observation:
+    """With all images and the ghosts' step as these functions turn them."""
+    kept: dict[str, Any] = {name: getattr(observation, name) for name in _NAMES}
+    for name in (*_IMAGES, "trusted"):
+        kept[name] = None if kept[name] is None else images(kept[name])
+    kept["step"] = None if observation.step is None else vectors(observation.step)
+    return Observation(**kept)
+
+
 def _joined(tensors: list[Tensor | None]) -> Any:
     known = [tensor for tensor in tensors if tensor is not None]
     if known and len(known) != len(tensors):
@@ -117,4 +135,5 @@ def _joined(tensors: list[Tensor | None]) -> Any:
     return torch.cat(known) if known else None
 
 
-_NAMES = ("views", "view_errors", "trusted", "layers", "errors", "mixing", "step", "shares")
+_IMAGES = ("views", "layers", "unexplained", "told")
+_NAMES = (*_IMAGES, "view_errors", "trusted", "errors", "mixing", "step", "shares")

@@ -243,7 +243,7 @@ def observed(capture: Capture, form: str) -> Observation:
     if form == "paper":
         return plain_observation(capture, noise)
     problem = Problem(capture, find_scene(capture, BLIND, noise).scene, noise, Weights())
-    return conditioned_observation(problem, np.ascontiguousarray(problem.canvas.crop(problem.best_known())))
+    return conditioned_observation(problem)
 
 
 @lru_cache(maxsize=16)

@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 
 Form = Literal["conditioned", "paper"]
 PolarNetKind = Literal["compact", "vgg19", "plain"]
+FusionKind = Literal["compact", "large"]
 # Steps and side in pixels of a trial of about a minute.
 _QUICK_STEPS, _QUICK_SIZE = 40, 64
-# Steps between tests, and samples that are tested on. Set by hand.
-_TEST_EVERY, _TEST_SAMPLES = 250, 16
+# Steps between tests at least, tests at most, and samples that are tested on. Set by hand.
+_TEST_EVERY, _MOST_TESTS, _TEST_SAMPLES = 250, 30, 16
 _NETWORK = "The networks"
 _TRAINING = "The training"
 
@@ -61,6 +62,14 @@ class NetworkOptions:
             rich_help_panel=_NETWORK,
         ),
     ] = None
+    fusionnet: Annotated[
+        FusionKind | None,
+        typer.Option(
+            metavar="SIZE",
+            help="FusionNet's size: large, or compact. Default: large for the conditioned form, compact for the paper's.",
+            rich_help_panel=_NETWORK,
+        ),
+    ] = None
     begin_with: Annotated[
         Path | None,
         typer.Option(
@@ -73,11 +82,12 @@ class NetworkOptions:
 
     def architecture(self) -> Architecture:
         """What the options describe."""
-        from priors.networks.fusionnet import Architecture
+        from priors.networks.fusionnet import FUSION_SIZES, Architecture
 
         if self.polarnet == "vgg19" and self.vgg19 is None:
             raise InputError("--polarnet vgg19 needs its weights: name torchvision's file with --vgg19")
-        return Architecture(self.form, self.polarnet)
+        size = self.fusionnet or ("large" if self.form == "conditioned" else "compact")
+        return Architecture(self.form, self.polarnet, **FUSION_SIZES[size])
 
 
 @dataclass(frozen=True)
@@ -93,6 +103,12 @@ class RunOptions:
         ),
     ] = None
     steps: Annotated[int, typer.Option(metavar="N", help="Batches.", rich_help_panel=_TRAINING)] = 5000
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S", help="End in this time, however few batches it takes.", rich_help_panel=_TRAINING, show_default=False
+        ),
+    ] = None
     batch: Annotated[int, typer.Option(metavar="N", help="Samples per batch.", rich_help_panel=_TRAINING)] = 4
     size: Annotated[int, typer.Option(metavar="PX", help="Side of a sample.", rich_help_panel=_TRAINING)] = 128
     rate: Annotated[
@@ -172,7 +188,8 @@ class RunOptions:
         """What the options describe."""
         from priors.training.trainer import TrainingOptions
 
-        chosen: dict[str, Any] = {"steps": self.steps, "test_every": _TEST_EVERY, "test_samples": _TEST_SAMPLES}
+        chosen: dict[str, Any] = {"steps": self.steps, "test_samples": _TEST_SAMPLES}
+        chosen["test_every"] = max(_TEST_EVERY, self.steps // _MOST_TESTS)
         if self.quick:
             chosen |= {"steps": _QUICK_STEPS, "test_every": _QUICK_STEPS // 2, "test_samples": 4, "averaging": 0.9}
         self._check(chosen["steps"])
@@ -189,6 +206,7 @@ class RunOptions:
             seed=self.seed,
             device=self.device,
             half_precision=True if self.half else None,
+            seconds=self.seconds,
         )
 
     def _check(self, steps: int) -> None:
@@ -196,6 +214,8 @@ class RunOptions:
         for name, (count, least) in {"steps": (steps, 1), **counts, "workers": (self.workers, 0)}.items():
             if count < least:
                 raise InputError(f"--{name} is {count}; give {least} or more")
+        if self.seconds is not None and not self.seconds > 0:
+            raise InputError(f"--seconds is {self.seconds:g}; give more than 0")
         if not 0 <= self.leaves_share <= 1:
             raise InputError(f"--leaves-share is {self.leaves_share:g}; give a number from 0 to 1")
         if not 0 < self.fresh <= self.batch:

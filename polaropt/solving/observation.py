@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 # Incidences of the panes that the paper's form chooses from, first and last: set by hand; the networks shipped were
 # trained with these.
 _CANDIDATES_DEG = (8.0, 88.0)
+# What is told of a layer where nothing is, in parts of a photograph's share: keeps what divides by it finite.
+_LEAST_TOLD = 1e-3
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 
@@ -66,18 +68,14 @@ def transmitted_shares(refractive_index: float, n: int) -> Matrix:
     return np.asarray(transmitted[:2, 0].T)
 
 
-def conditioned_observation(problem: Problem, layers: Images) -> Observation:
-    """The views along and across the plane of incidence, and the layers in closed form: for the conditioned form.
-
-    Parameters
-    ----------
-    problem : Problem
-    layers : ndarray of float32, shape (2, channel, h, w)
-        The closed form's, on the frame.
-    """
+def conditioned_observation(problem: Problem) -> Observation:
+    """The views along and across the plane of incidence, and the layers known best before: for the conditioned form."""
     from priors.observation import of_arrays
 
-    capture, pse = problem.capture, problem.pse
+    capture, pse, layers = problem.capture, problem.pse, problem.best_known()
+    told = told_in_place(capture.observed, pse)
+    # What noise does to the slope of the misfit, where as much is told as on average.
+    usual = np.sqrt(told.mean(axis=(1, 2, 3), keepdims=True)) / np.float32(problem.noise)
     stokes = least_squares_entries(capture, analyzer_matrix(capture.angles_deg))
     _, azimuth_deg, shift = problem.scene.values()
     azimuth = math.radians(azimuth_deg)
@@ -85,10 +83,12 @@ def conditioned_observation(problem: Problem, layers: Images) -> Observation:
         views=plate_views(stokes, pse),
         view_errors=view_errors(frame_matrix(0.0)[:2], capture, problem.noise),
         trusted=_trusted(capture),
-        layers=layers,
+        layers=problem.canvas.crop(layers),
         errors=_layer_errors(problem.known.variance),
         mixing=mixing_in_place(pse, *capture.shape[-2:]),
         step=np.array([shift * math.cos(azimuth), -shift * math.sin(azimuth)]),
+        unexplained=-problem.canvas.crop(problem.slope_of_misfit(layers)) / usual,
+        told=told / told.mean(axis=(1, 2, 3), keepdims=True),
     )
 
 
@@ -97,9 +97,20 @@ def plate_views(stokes: Images, pse: PSE | VaryingPSE) -> Images:
     if isinstance(pse, PSE):
         rotation = frame_matrix(pse.scene.values()[1])[:2]
         return np.asarray(np.tensordot(rotation.astype(np.float32), stokes, axes=1), dtype=np.float32)
-    cos, sin = _directions(pse, *stokes.shape[-2:])
+    cos, sin = polarizing_directions(pse, *stokes.shape[-2:])
     along = cos * stokes[1] + sin * stokes[2]
     return np.asarray(np.stack([stokes[0] + along, stokes[0] - along]) / 2, dtype=np.float32)
+
+
+def told_in_place(observed: Capture, pse: PSE | VaryingPSE) -> Images:
+    """Squares of what each layer adds to the photographs of a pixel, summed over those measured, (2, channel, h, w).
+
+    Double images count where they come from, the mixing is that of the frame's middle.
+    """
+    squares = np.square(_shares(pse, *observed.shape[-2:])).astype(np.float32)
+    valid = observed.valid.reshape(len(squares), -1, *observed.shape[-2:])
+    least = np.float32(_LEAST_TOLD) * squares.mean()
+    return np.asarray(np.tensordot(squares.T, valid.astype(np.float32), axes=1) + least)
 
 
 def mixing_in_place(pse: PSE | VaryingPSE, height: int, width: int) -> Matrix:
@@ -108,12 +119,20 @@ def mixing_in_place(pse: PSE | VaryingPSE, height: int, width: int) -> Matrix:
         return np.ascontiguousarray(pse.taps.sum(axis=1).T[:2])
     row, column = height // 2, width // 2
     mixture = pse.mixtures(height, width)[:, :, row, column]
-    cos, sin = (float(direction[row, column]) for direction in _directions(pse, height, width))
+    cos, sin = (float(direction[row, column]) for direction in polarizing_directions(pse, height, width))
     along = cos * mixture[1] + sin * mixture[2]
     return np.stack([mixture[0] + along, mixture[0] - along]).astype(np.float64) / 2
 
 
-def _directions(pse: VaryingPSE, height: int, width: int) -> tuple[Images, Images]:
+def _shares(pse: PSE | VaryingPSE, height: int, width: int) -> Matrix:
+    """What layers of intensity 1 add to each photograph at the middle of the frame, (k, 2)."""
+    if isinstance(pse, PSE):
+        mixture = pse.taps.sum(axis=1).T
+        return np.asarray(pse.mixing[:, : len(mixture)] @ mixture)
+    return np.asarray(pse.analyzer @ pse.mixtures(height, width)[:, :, height // 2, width // 2])
+
+
+def polarizing_directions(pse: VaryingPSE, height: int, width: int) -> tuple[Images, Images]:
     """Cosine and sine of twice the azimuth at each pixel: the direction in which a pane polarizes what it transmits."""
     scene: SceneParameters = pse.scene.replace(transmission_polarization=(0.0, 0.0))
     plain = VaryingPSE(scene, pse.angles_deg, pse.center(height, width))

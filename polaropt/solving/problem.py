@@ -205,7 +205,7 @@ class Problem:
         if misfits[1] - misfits[0] <= _SPOILT * self.misfit_of_noise:
             self.expected = around
 
-    def _slope_of_misfit(self, layers: Images) -> Images:
+    def slope_of_misfit(self, layers: Images) -> Images:
         """Gradient of the photographs' misfit at canvas layers."""
         slope = np.empty_like(layers)
         self._misfit.value_and_grad(layers, slope)
@@ -219,7 +219,7 @@ class Problem:
         """The priors of the objective. Error maps, which solve nothing, do without them."""
         mosaic = self.capture.samples is not None
         # Windows of a mosaic's samples are too sure of what they expect to be left where they are.
-        slope = None if mosaic or self.expected is None else self._slope_of_misfit(self.best_known())
+        slope = None if mosaic or self.expected is None else self.slope_of_misfit(self.best_known())
         penalties = default_penalties(self.known, self._mean_noise, mosaic, self.expected, slope)
         others = {**penalties.others, **plugged_penalties(self._weights, self.known, self._mean_noise)}
         return replace(penalties, others=others)
@@ -277,7 +277,7 @@ class Problem:
         return expected_layers(
             self.known,
             self.canvas,
-            self._slope_of_misfit,
+            self.slope_of_misfit,
             self._relative_precision(),
             layers,
             before=None if self._memory is None or layers is not None else self._memory.seen,

@@ -123,12 +123,11 @@ def _learned_layers(problem: Problem) -> Images:
     from priors.learned import shipped_initializer
     from priors.networks.critics import WrongWeights
 
-    layers = np.ascontiguousarray(problem.canvas.crop(problem.best_known()))
     try:
         learned = shipped_initializer()
     except WrongWeights as error:
         raise InputError(str(error)) from None
-    return learned.layers(conditioned_observation(problem, layers), layers.shape[1])
+    return learned.layers(conditioned_observation(problem), problem.known.layers.shape[1])
 
 
 def _with_channels(layers: Images, capture: Capture) -> Images:

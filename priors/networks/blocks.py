@@ -21,8 +21,8 @@ _OPPONENT = (
 )
 # Side of the squares, in pixels, over which a mean counts as coarse: set by hand.
 _COARSE = 8
-# Local contrast in units of its error, where it is compressed to half.
-_LARGE = 4.0
+LARGE = 4.0
+"""Planes in units of their errors are compressed to half here."""
 
 
 def opponent(images: Tensor) -> Tensor:
@@ -40,7 +40,7 @@ def detail(images: Tensor, errors: Tensor) -> Tensor:
     mean = avg_pool2d(images, _COARSE, ceil_mode=True)
     smooth = interpolate(mean, size=images.shape[-2:], mode="bilinear", align_corners=False)
     contrast = (images - smooth) / errors[:, :, None, None].clamp(min=1e-4)
-    return contrast / (1 + contrast.abs() / _LARGE)
+    return contrast / (1 + contrast.abs() / LARGE)
 
 
 class Modulation(nn.Module):

@@ -48,7 +48,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def save_network(path: Path, network: SeparationNetwork) -> str:
-    """Write a network's weights and architecture; those of a fixed VGG-19 are left out.
+    """Write a network's weights in half precision and its architecture; those of a fixed VGG-19 are left out.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def save_network(path: Path, network: SeparationNetwork) -> str:
     from safetensors.torch import save
 
     weights = {
-        name: tensor.detach().cpu().contiguous()
+        name: tensor.detach().half().cpu().contiguous()
         for name, tensor in network.state_dict().items()
         if not _is_fixed(name, network.architecture)
     }

@@ -12,6 +12,7 @@ from torch.nn.functional import avg_pool2d, pixel_shuffle, pixel_unshuffle
 
 from priors.networks.blocks import (
     GROUPS,
+    LARGE,
     N_BANDS,
     Hourglass,
     activity,
@@ -137,6 +138,14 @@ class Architecture:
         return PAPER_VIEWS if self.form == "paper" else PLATE_VIEWS
 
 
+FusionSize = Literal["compact", "large"]
+FUSION_SIZES: dict[FusionSize, dict[str, tuple[int, ...]]] = {
+    "compact": {"fusion_widths": (32, 48, 64, 96), "fusion_blocks": (1, 2, 2, 1)},
+    "large": {"fusion_widths": (64, 96, 128, 160), "fusion_blocks": (1, 2, 3, 2)},
+}
+"""Of FusionNet: the large one takes as many seconds as a solve, twice those of the compact one."""
+
+
 class FusionNet(nn.Module):
     """Gates for the bands of two first layers, and what no gate can give, from an hourglass that sees everything.
 
@@ -154,6 +163,10 @@ class FusionNet(nn.Module):
         self._first = ClosedForm(n_views) if architecture.form == "conditioned" else Unmixed(n_views)
         # Local contrast in four phases, values, PolarNet's pairs, what happens where, what is trusted.
         n_planes = COLORS * (4 * N_IMAGES + N_IMAGES + 2 * n_views + (N_BANDS - 2) * N_SOURCES) + 1
+        self._knows_layers = architecture.form == "conditioned"
+        if self._knows_layers:
+            # What is unexplained of both layers and what pixels tell of them, in four phases.
+            n_planes += COLORS * 2 * 2 * 4
         self._n_gates = n_gates(N_SOURCES)
         levels = list(zip(architecture.fusion_widths, architecture.fusion_blocks, strict=True))
         self._hourglass = Hourglass(n_planes, self._n_gates + 8 * COLORS, levels, self._first.n_numbers)
@@ -172,13 +185,23 @@ class FusionNet(nn.Module):
                 padded(images.flatten(1, -3), self._multiple) for images in (opponent(parts.float()), seen.trusted)
             ]
             halves = [avg_pool2d(planes, 2) for planes in (known, *others)]
-            contrast = pixel_unshuffle(detail(known, first.errors), 2)
-        x = self._hourglass(torch.cat([contrast, events, *halves], 1), first.numbers)
+            phases = [detail(known, first.errors)]
+            if self._knows_layers:
+                phases += [padded(images.flatten(1, 2), self._multiple) for images in _of_pixels(seen)]
+            contrast = [pixel_unshuffle(planes, 2) for planes in phases]
+        x = self._hourglass(torch.cat([*contrast, events, *halves], 1), first.numbers)
         with torch.autocast(seen.views.device.type, enabled=False):
             gates, free = x.float().split([self._n_gates, 8 * COLORS], dim=1)
             change = gated(pyramid, gates, _factors(seen, pyramid))
             change = change + torch.unflatten(pixel_shuffle(free, 2), 1, (2, COLORS)) * _scale(seen)
             return first.images[:, :2] + from_opponent(change[..., :height, :width])
+
+
+def _of_pixels(seen: Observation) -> tuple[Tensor, Tensor]:
+    """What is unexplained of both layers, compressed, and what pixels tell of them, (batch, 2, 3, h, w) each."""
+    if seen.unexplained is None or seen.told is None:
+        raise ValueError("the conditioned form needs an observation with what is unexplained of the layers")
+    return seen.unexplained / (1 + seen.unexplained.abs() / LARGE), seen.told.sqrt() - 1
 
 
 def _factors(seen: Observation, pyramid: list[Tensor]) -> Tensor:

@@ -20,7 +20,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from priors.networks.checkpoint import write_whole
 from priors.networks.critics import Discriminator
 from priors.networks.fusionnet import SeparationNetwork
-from priors.observation import Observation, collated, placed
+from priors.observation import Observation, collated, placed, turned_observation
 from priors.training.losses import BORDER_PX, Critics, Engine, LossWeights, discriminator_loss, loss_terms
 
 # Steps in which the learning rate rises, and its last value in parts of the largest: set by hand.
@@ -64,7 +64,9 @@ class TrainingOptions:
 
     Parameters
     ----------
-    steps, batch_size : int
+    steps : int
+        The most there are.
+    batch_size : int
     learning_rate : float
         Adam's, falling to a fiftieth along a cosine.
     weights : LossWeights
@@ -81,6 +83,8 @@ class TrainingOptions:
         As torch names it.
     half_precision : bool, optional
         Products in half precision. Default: on a GPU.
+    seconds : float, optional
+        Time in which the training ends, however few steps it takes: the learning rate falls with it.
     """
 
     steps: int = 4000
@@ -95,6 +99,7 @@ class TrainingOptions:
     seed: int = 0
     device: str = "cpu"
     half_precision: bool | None = None
+    seconds: float | None = None
 
     @property
     def mixed(self) -> bool:
@@ -105,9 +110,13 @@ class TrainingOptions:
         """How many samples have been made when a step begins."""
         return self.batch_size + int(step * self.fresh)
 
-    def rate(self, step: int) -> float:
-        """Learning rate of a step."""
-        fallen = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * min(1.0, step / self.steps)))
+    def done(self, step: int, seconds: float) -> float:
+        """Share of the training that is done before a step, so many seconds after it began: 0 to 1."""
+        return min(1.0, max(step / self.steps, 0.0 if self.seconds is None else seconds / self.seconds))
+
+    def rate(self, step: int, done: float) -> float:
+        """Learning rate of a step before which a share of the training is done."""
+        fallen = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * done))
         return self.learning_rate * min(1.0, (step + 1) / _WARM_UP) * fallen
 
 
@@ -146,7 +155,11 @@ class Training:
         options: TrainingOptions,
         features: Callable[[Tensor], Sequence[Tensor]] | None = None,
     ) -> None:
-        self.network, self.options, self.step = network.to(options.device), options, 0
+        network = network.to(options.device)
+        if options.device.startswith("cuda"):
+            # As the GPU's convolutions in half precision want them.
+            network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.network, self.options, self.step = network, options, 0
         self._source = source
         average: Any = get_ema_multi_avg_fn(options.averaging)  # type: ignore[no-untyped-call]
         self._averaged = AveragedModel(self.network, multi_avg_fn=average)
@@ -183,31 +196,34 @@ class Training:
         began, log = time.perf_counter(), _read_log(folder / LOG, self.step)
         before = log[-1]["seconds"] if log else 0.0
         sums: dict[str, Tensor] = {}
-        while self.step < self.options.steps:
-            for name, value in self._train_step().items():
+        done = self.options.done(self.step, before)
+        while done < 1:
+            rate = self.options.rate(self.step, done)
+            for name, value in self._train_step(rate).items():
                 sums[name] = sums[name] + value if name in sums else value
             self.step += 1
-            logs = self.step % self.options.test_every == 0 or self.step == self.options.steps
+            seconds = before + time.perf_counter() - began
+            done = self.options.done(self.step, seconds)
+            logs = self.step % self.options.test_every == 0 or done == 1
             # A look at every step would have a GPU wait for it.
             if (logs or self.step % _LOOK_EVERY == 0) and not bool(torch.isfinite(sums["loss"])):
                 raise NotFinite(f"the loss became infinite or NaN before step {self.step}; lower the learning rate")
             if logs:
                 taken = self.step - (int(log[-1]["step"]) if log else 0)
-                seconds = before + time.perf_counter() - began
-                row = {"step": float(self.step), "seconds": seconds, "rate": self.options.rate(self.step)}
+                row = {"step": float(self.step), "seconds": seconds, "rate": rate}
                 log.append({**row, **{name: float(total) / taken for name, total in sums.items()}, **self.tested()})
                 sums = {}
                 # The log first: of its rows those beyond the state are left out where a training goes on.
                 _write_log(folder / LOG, log)
                 self.save(folder / STATE)
             if progress is not None:
-                progress(f"Training, step {self.step} of {self.options.steps}", self.step / self.options.steps)
+                progress(f"Training, step {self.step} of {self.options.steps}", done)
         return log
 
-    def _train_step(self) -> dict[str, Tensor]:
+    def _train_step(self, rate: float) -> dict[str, Tensor]:
         batch = self.batch(self.step)
         for group in self._optimizer.param_groups:
-            group["lr"] = self.options.rate(self.step)
+            group["lr"] = rate
         kind = self.options.device.partition(":")[0]
         with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.options.mixed):
             found = self.network(batch.observation)
@@ -243,8 +259,10 @@ class Training:
             number, sample = next(self._coming)
             self._kept[number] = _placed(sample, options.device)
             self._kept.pop(number - options.window, None)
-        drawn = np.random.default_rng([options.seed, 7, step]).integers(first, newest, size=options.batch_size)
-        return _batch([self._kept[int(number)] for number in drawn])
+        random = np.random.default_rng([options.seed, 7, step])
+        drawn = random.integers(first, newest, size=options.batch_size)
+        batch = _batch([self._kept[int(number)] for number in drawn])
+        return turned(batch, Turn(*(bool(random.integers(2)) for _ in range(3))))
 
     @torch.no_grad()
     def tested(self) -> dict[str, float]:
@@ -324,6 +342,61 @@ def _is_state(state: Any) -> bool:
     network, critics = state["network"], state["critics"]
     tensors = isinstance(network, dict) and all(isinstance(weights, Tensor) for weights in network.values())
     return tensors and isinstance(critics, list)
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One of the eight ways to lay a square frame on itself: transposed, then mirrored."""
+
+    transposes: bool = False
+    left_right: bool = False
+    up_down: bool = False
+
+    @property
+    def _mirrored(self) -> list[int]:
+        return [axis for axis, is_mirrored in ((-1, self.left_right), (-2, self.up_down)) if is_mirrored]
+
+    def images(self, images: Tensor) -> Tensor:
+        """Images (..., h, w)."""
+        return (images.mT if self.transposes else images).flip(self._mirrored)
+
+    def images_back(self, images: Tensor) -> Tensor:
+        """Inverse of `images`."""
+        there = images.flip(self._mirrored)
+        return there.mT if self.transposes else there
+
+    def vectors(self, vectors: Tensor) -> Tensor:
+        """Vectors (..., 2) to the right and down."""
+        signs = vectors.new_tensor([-1.0 if self.left_right else 1.0, -1.0 if self.up_down else 1.0])
+        return (vectors.flip(-1) if self.transposes else vectors) * signs
+
+
+@dataclass(frozen=True)
+class TurnedEngine:
+    """The engine of a scene that was turned."""
+
+    engine: Engine
+    turn: Turn
+
+    def __call__(self, layers: Tensor) -> Tensor:
+        """Views of layers (2, 3, h, w)."""
+        return self.turn.images(self.engine(self.turn.images_back(layers)))
+
+
+def turned(batch: Batch, turn: Turn) -> Batch:
+    """A batch of square frames as another camera would have held them.
+
+    Views along and across a plane of incidence turn with it; those at fixed angles would not, and stay.
+    """
+    seen = batch.observation
+    if seen.step is None:
+        return batch
+    return Batch(
+        turned_observation(seen, turn.images, turn.vectors),
+        turn.images(batch.layers),
+        turn.images(batch.parts),
+        tuple(TurnedEngine(engine, turn) for engine in batch.engines),
+    )
 
 
 def psnr(found: Tensor, truth: Tensor) -> tuple[float, float]:

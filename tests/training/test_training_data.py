@@ -19,7 +19,7 @@ from polaropt.training.samples import TrainingData, Variety
 from priors.networks.fusionnet import Form
 
 FORMS: tuple[Form, ...] = get_args(Form)
-PLAIN = Variety(overexposed=0, grey=0, other_angles=0, mosaics=0, two_panes=0)
+PLAIN = Variety(overexposed=0, grey=0, other_angles=0, mosaics=0, several_panes=0)
 MOSAICS = replace(PLAIN, mosaics=1)
 
 
@@ -90,7 +90,7 @@ def test_grey_captures_are_shown_as_three_equal_channels(pictures: Pictures) -> 
     assert not sample.observation.errors[..., 1:].any()
 
 
-@pytest.mark.parametrize("variety", [PLAIN, MOSAICS, replace(PLAIN, two_panes=1)], ids=["four", "mosaic", "panes"])
+@pytest.mark.parametrize("variety", [PLAIN, MOSAICS, replace(PLAIN, several_panes=1)], ids=["four", "mosaic", "panes"])
 def test_a_transmission_is_as_far_from_the_truth_as_it_tells(pictures: Pictures, variety: Variety) -> None:
     data_set = source(pictures, "conditioned", replace(variety, incidences_deg=(45.0, 70.0)), 64)
     for sample in map(data_set.sample, range(2)):
