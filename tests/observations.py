@@ -30,8 +30,9 @@ def observation(form: Form = "conditioned", size: tuple[int, int] = (24, 24), se
     if form == "paper":
         return replace(seen, shares=torch.rand(1, N_CANDIDATES, 2, generator=random))
     errors, mixing = torch.full((1, 2, 3), 0.05), torch.tensor([[[0.45, 0.05], [0.3, 0.2]]])
+    step = torch.tensor([[3.0, -1.0]])
     return Observation(
-        seen.views, seen.view_errors, seen.trusted, image(2), errors, mixing, torch.tensor([[3.0, -1.0]])
+        seen.views, seen.view_errors, seen.trusted, image(2), errors, mixing, step, image(2), torch.ones(1, 2, 3, *size)
     )
 
 
@@ -56,6 +57,8 @@ class Mixtures:
             torch.full((1, 2, 3), 0.05),
             self.mixing[None],
             torch.zeros(1, 2),
+            torch.zeros_like(noisy)[None],
+            torch.ones_like(noisy)[None],
         )
         parts = torch.einsum("vl,lchw->vlchw", self.mixing, layers)
         return Sample(seen, layers[None], parts[None], lambda both: torch.einsum("vl,lchw->vchw", self.mixing, both))

@@ -66,7 +66,7 @@ class NetworkOptions:
         FusionKind | None,
         typer.Option(
             metavar="SIZE",
-            help="FusionNet's size: large, or compact. Default: large for the conditioned form, compact for the paper's.",
+            help="FusionNet's size, large or compact. Default: large for the conditioned form, else compact.",
             rich_help_panel=_NETWORK,
         ),
     ] = None
@@ -106,7 +106,10 @@ class RunOptions:
     seconds: Annotated[
         float | None,
         typer.Option(
-            metavar="S", help="End in this time, however few batches it takes.", rich_help_panel=_TRAINING, show_default=False
+            metavar="S",
+            help="End in this time, however few batches it takes.",
+            rich_help_panel=_TRAINING,
+            show_default=False,
         ),
     ] = None
     batch: Annotated[int, typer.Option(metavar="N", help="Samples per batch.", rich_help_panel=_TRAINING)] = 4

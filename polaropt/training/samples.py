@@ -340,7 +340,7 @@ class PlateEngine:
 
         if isinstance(self.pse, PSE):
             return self.pse.entries(both)[:2]
-        total, s1, s2 = change_basis(np.linalg.pinv(self.pse.analyzer), self.pse.forward(both))
+        total, s1, s2 = change_basis(np.asarray(np.linalg.pinv(self.pse.analyzer), np.float64), self.pse.forward(both))
         cos, sin = (both.new_tensor(part) for part in polarizing_directions(self.pse, *both.shape[-2:]))
         along = cos * s1 + sin * s2
         return torch.stack([total + along, total - along]) / 2

@@ -89,7 +89,8 @@ def test_the_plain_network_of_the_ablation_has_neither_encoder_nor_levels() -> N
 
 
 def test_weights_come_back_from_their_file(tmp_path: Path) -> None:
-    network = trained_a_little(small_network())
+    """To the half precision that they are kept in."""
+    network = trained_a_little(small_network()).half().float()
     digest = save_network(tmp_path / "net.safetensors", network)
     again = load_network(tmp_path / "net.safetensors", digest)
     seen = observation()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import pytest
 import torch
 
 from priors.training.losses import DECIBEL, LossWeights
-from priors.training.trainer import LOG, STATE, NotFinite, Training, TrainingOptions, WrongState
+from priors.training.trainer import LOG, STATE, NotFinite, Training, TrainingOptions, Turn, TurnedEngine, WrongState
 from tests.observations import Mixtures, small_network
 
 OPTIONS = TrainingOptions(
@@ -45,7 +47,7 @@ def test_a_resumed_training_comes_to_the_same_weights(tmp_path: Path) -> None:
     torch.manual_seed(0)
     first = Training(small_network(), Mixtures(), options)
     while first.step < 8:
-        first._train_step()
+        first._train_step(options.rate(first.step, options.done(first.step, 0.0)))
         first.step += 1
     first.save(tmp_path / "halves" / STATE)
     second = Training(small_network(seed=5), Mixtures(), options)
@@ -98,9 +100,38 @@ def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
 
 def test_the_rate_rises_and_falls() -> None:
     options = TrainingOptions(steps=1000, learning_rate=1e-4)
-    assert options.rate(0) < options.rate(49)
-    assert options.rate(100) > options.rate(500) > options.rate(999) > 0
-    assert max(options.rate(step) for step in range(1000)) <= 1e-4
+    rates = [options.rate(step, options.done(step, 0.0)) for step in range(1000)]
+    assert rates[0] < rates[49]
+    assert rates[100] > rates[500] > rates[999] > 0
+    assert max(rates) <= 1e-4
+
+
+def test_a_training_ends_in_its_time(tmp_path: Path) -> None:
+    """However few steps that takes, and at the rate of the last one."""
+    options = replace(OPTIONS, steps=10**6, seconds=0.5)
+    training = Training(small_network(), Mixtures(), options)
+    log = training.run(tmp_path)
+    assert 0 < training.step < 10**4
+    assert log[-1]["step"] == training.step
+    assert log[-1]["seconds"] == pytest.approx(0.5, abs=0.4)
+    assert options.done(training.step, log[-1]["seconds"]) == 1
+
+
+@pytest.mark.parametrize("ways", list(itertools.product([False, True], repeat=3)))
+def test_a_batch_that_is_turned_is_that_of_a_turned_camera(ways: tuple[bool, bool, bool]) -> None:
+    """An engine with a ghost: its views of turned layers are the turned views, the ghost lies along the turned step."""
+    turn = Turn(*ways)
+    down, right = 2, 3
+
+    def engine_of(step: tuple[int, int]) -> Callable[[torch.Tensor], torch.Tensor]:
+        return lambda layers: layers + 0.3 * layers.roll(step, dims=(-2, -1))
+
+    layers = torch.rand(2, 3, 16, 16, generator=torch.Generator().manual_seed(0))
+    vector = turn.vectors(torch.tensor([[float(right), float(down)]]))[0]
+    turned_step = (int(vector[1]), int(vector[0]))
+    wanted = engine_of(turned_step)(turn.images(layers))
+    torch.testing.assert_close(TurnedEngine(engine_of((down, right)), turn)(turn.images(layers)), wanted)
+    torch.testing.assert_close(turn.images_back(turn.images(layers)), layers)
 
 
 class Harm:

@@ -125,7 +125,10 @@ def frames(*shifts):
 
 @pytest.mark.parametrize("shift", [0, 8])
 def test_a_frame_after_another_needs_one_turn(monkeypatch, shift):
-    """With the spectra of the frame before, where it shows the same; either way it is as good as by itself."""
+    """With the spectra of the frame before, where it shows the same, it is better than by itself; else as good.
+
+    Where all has moved the reflection is 0.3 dB worse at most.
+    """
     (first, second), scene = frames(0, shift)
     capture, truth = second
     alone = Problem(capture, scene, 0.005, Weights())
@@ -138,10 +141,10 @@ def test_a_frame_after_another_needs_one_turn(monkeypatch, shift):
     errors = [
         error(problem.canvas.crop(problem.expected.in_colors(problem.known.basis)), truth) for problem in (after, alone)
     ]
-    assert len(counted) == 1 + 2
+    assert len(counted) == 1 + 3
     assert alone.memory is None
-    assert errors[0][0] < 1.03 * errors[1][0]
-    assert errors[0][1] < 1.03 * errors[1][1]
+    worst = np.array([1.0, 1.0] if shift == 0 else [1.03, 10**0.03])
+    assert (np.array(errors[0]) < worst * errors[1]).all()
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.03])
