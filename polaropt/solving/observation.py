@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from array_api_compat import array_namespace, device
 from numpy.typing import NDArray
 
 from polaropt.capture import ANGLES_DEG, Capture, least_squares_entries
-from polaropt.optics import PSE, SceneParameters, VaryingPSE, analyzer_matrix, frame_matrix, in_place_weights
+from polaropt.optics import (
+    PSE,
+    SceneParameters,
+    VaryingPSE,
+    analyzer_matrix,
+    change_basis,
+    frame_matrix,
+    in_place_weights,
+)
 from polaropt.solving.problem import Problem
 
 if TYPE_CHECKING:
@@ -92,14 +101,14 @@ def conditioned_observation(problem: Problem) -> Observation:
     )
 
 
-def plate_views(stokes: Images, pse: PSE | VaryingPSE) -> Images:
+def plate_views(stokes: Any, pse: PSE | VaryingPSE) -> Any:
     """Stokes images (3, channel, h, w) as seen along and across the plane of incidence, (2, channel, h, w)."""
+    xp = array_namespace(stokes)
     if isinstance(pse, PSE):
-        rotation = frame_matrix(pse.scene.values()[1])[:2]
-        return np.asarray(np.tensordot(rotation.astype(np.float32), stokes, axes=1), dtype=np.float32)
-    cos, sin = polarizing_directions(pse, *stokes.shape[-2:])
-    along = cos * stokes[1] + sin * stokes[2]
-    return np.asarray(np.stack([stokes[0] + along, stokes[0] - along]) / 2, dtype=np.float32)
+        return change_basis(frame_matrix(pse.scene.values()[1])[:2], stokes)
+    cos, sin = (xp.asarray(part, device=device(stokes)) for part in _directions(pse, *stokes.shape[-2:]))
+    along = cos * stokes[1, ...] + sin * stokes[2, ...]
+    return xp.stack([stokes[0, ...] + along, stokes[0, ...] - along]) / 2
 
 
 def told_in_place(observed: Capture, pse: PSE | VaryingPSE) -> Images:
@@ -119,7 +128,7 @@ def mixing_in_place(pse: PSE | VaryingPSE, height: int, width: int) -> Matrix:
         return np.ascontiguousarray(pse.taps.sum(axis=1).T[:2])
     row, column = height // 2, width // 2
     mixture = pse.mixtures(height, width)[:, :, row, column]
-    cos, sin = (float(direction[row, column]) for direction in polarizing_directions(pse, height, width))
+    cos, sin = (float(direction[row, column]) for direction in _directions(pse, height, width))
     along = cos * mixture[1] + sin * mixture[2]
     return np.stack([mixture[0] + along, mixture[0] - along]).astype(np.float64) / 2
 
@@ -132,7 +141,7 @@ def _shares(pse: PSE | VaryingPSE, height: int, width: int) -> Matrix:
     return np.asarray(pse.analyzer @ pse.mixtures(height, width)[:, :, height // 2, width // 2])
 
 
-def polarizing_directions(pse: VaryingPSE, height: int, width: int) -> tuple[Images, Images]:
+def _directions(pse: VaryingPSE, height: int, width: int) -> tuple[Images, Images]:
     """Cosine and sine of twice the azimuth at each pixel: the direction in which a pane polarizes what it transmits."""
     scene: SceneParameters = pse.scene.replace(transmission_polarization=(0.0, 0.0))
     plain = VaryingPSE(scene, pse.angles_deg, pse.center(height, width))

@@ -25,7 +25,6 @@ from polaropt.optics import (
 )
 from polaropt.simulation import digitized
 from polaropt.solving import Problem, Weights, conditioned_observation, plain_observation, plate_views
-from polaropt.solving.observation import polarizing_directions
 from polaropt.training.pictures import Pictures
 
 if TYPE_CHECKING:
@@ -336,14 +335,10 @@ class PlateEngine:
 
     def __call__(self, both: Any) -> Any:
         """Views (2, 3, h, w) of layers (2, 3, h, w)."""
-        import torch
-
         if isinstance(self.pse, PSE):
             return self.pse.entries(both)[:2]
-        total, s1, s2 = change_basis(np.asarray(np.linalg.pinv(self.pse.analyzer), np.float64), self.pse.forward(both))
-        cos, sin = (both.new_tensor(part) for part in polarizing_directions(self.pse, *both.shape[-2:]))
-        along = cos * s1 + sin * s2
-        return torch.stack([total + along, total - along]) / 2
+        to_stokes = np.asarray(np.linalg.pinv(self.pse.analyzer), dtype=np.float64)
+        return plate_views(change_basis(to_stokes, self.pse.forward(both)), self.pse)
 
 
 def _exact(scene: SceneParameters, angles_deg: tuple[float, ...]) -> PSE | VaryingPSE:

@@ -7,6 +7,7 @@ import json
 import signal
 from contextlib import nullcontext
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
 from priors.learned import WEIGHTS
 from priors.networks.checkpoint import load_network
+from priors.networks.fusionnet import FUSION_SIZES, FusionSize
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +73,15 @@ def test_it_writes_weights_log_state_and_record_and_goes_on_where_it_stopped(
     assert steps_logged(tmp_path) == [2, 3]
 
 
+@pytest.mark.parametrize("size", get_args(FusionSize))
+def test_the_networks_size_and_time_can_be_chosen(photographs: Path, tmp_path: Path, size: FusionSize) -> None:
+    command = tiny(photographs, tmp_path, "--fusionnet", size, "--seconds", "1e-3")
+    assert main(command) == 0
+    record = json.loads((tmp_path / "record.json").read_text())
+    assert tuple(record["architecture"]["fusion_widths"]) == FUSION_SIZES[size]["fusion_widths"]
+    assert record["steps"] == 1
+
+
 def test_weights_are_trained_further(photographs: Path, tmp_path: Path) -> None:
     first, second, third = (tmp_path / name for name in ("first", "second", "third"))
     hardly = ("--rate", "1e-9", "--without", "perceptual", "--form", "paper")
@@ -113,6 +124,8 @@ def test_the_perceptual_loss_compares_features_of_the_shipped_encoder(photograph
         (("--device", "nonsense"), "cannot be used"),
         (("--batch", "0"), "give 1 or more"),
         (("--rate", "2"), "between 0 and 1"),
+        (("--seconds", "0"), "give more than 0"),
+        (("--fusionnet", "compact", "--begin-with", str(WEIGHTS / "conditioned.safetensors")), "--fusionnet"),
         (("--without", "pixelwise", "--without", "decibel"), "leaves no term"),
     ],
 )

@@ -13,6 +13,7 @@ from skimage import data
 
 from polaropt.capture.files.write import write_png
 from polaropt.errors import InputError
+from polaropt.optics import VaryingPSE
 from polaropt.simulation.leaves import dead_leaves
 from polaropt.training.pictures import Pictures
 from polaropt.training.samples import TrainingData, Variety
@@ -79,6 +80,48 @@ def test_gradients_come_through_the_engine(pictures: Pictures) -> None:
     sample.engine(layers).square().mean().backward()
     assert layers.grad is not None
     assert float(layers.grad.abs().sum()) > 0
+
+
+@pytest.mark.parametrize("kind", ["polarized", "wide"])
+def test_in_other_light_and_through_wide_lenses_the_engine_makes_the_views_too(pictures: Pictures, kind: str) -> None:
+    """To the noise, and to what the pane's estimated azimuth is off; and it passes gradients on."""
+    variety = replace(PLAIN, incidences_deg=(40.0, 60.0), **{kind: 1.0})
+    samples = [source(pictures, "conditioned", variety).sample(number) for number in range(8)]
+    for sample in samples:
+        layers = sample.layers[0].clone().requires_grad_()
+        made = sample.engine(layers)
+        off = (made.detach() - sample.observation.views[0])[..., 12:-12, 12:-12]
+        assert float(off.std()) < 2 * float(sample.observation.view_errors.mean()) + 0.02
+        made.square().mean().backward()
+        assert layers.grad is not None
+        assert float(layers.grad.abs().sum()) > 0
+    if kind == "wide":
+        assert any(isinstance(sample.engine.pse, VaryingPSE) for sample in samples)
+
+
+def test_what_noise_leaves_unexplained_is_as_large_as_noise(pictures: Pictures) -> None:
+    """At the truth it would be 1 in units of itself; the closed form explains a part of the noise."""
+    for variety in (PLAIN, MOSAICS):
+        for number in range(4):
+            seen = source(pictures, "conditioned", variety, 64).sample(number).observation
+            assert seen.unexplained is not None
+            assert 0.1 < float(seen.unexplained.std()) < 1.5
+
+
+def test_a_pixel_of_a_mosaic_tells_of_its_own_colour_and_by_its_own_polarizer(pictures: Pictures) -> None:
+    """Photographs tell of both layers the same everywhere; a pixel of a colour sensor's pattern of one colour."""
+    full = source(pictures, "conditioned").sample(0).observation.told
+    assert full is not None
+    assert torch.allclose(full, torch.ones_like(full))
+    colors = replace(MOSAICS, grey=0)
+    for number in range(8):
+        told = source(pictures, "conditioned", colors, 64).sample(number).observation.told
+        assert told is not None
+        assert torch.allclose(told.mean(dim=(2, 3, 4)), torch.ones(1, 2), atol=1e-4)
+        assert torch.allclose(told[..., 4:, 4:], told[..., :-4, :-4])
+        brightest = told[0, 0].max(dim=0).values
+        if not torch.equal(told[0, 0, 0], told[0, 0, 2]):
+            assert float((told[0, 0].sum(0) / brightest).max()) < 1.1
 
 
 def test_grey_captures_are_shown_as_three_equal_channels(pictures: Pictures) -> None:
