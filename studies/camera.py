@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import ANGLES_DEG, Capture
+from polaropt.capture import ANGLES_DEG, SONY_CELL, Capture, mosaic_capture, sampling_of
 from polaropt.optics import SceneParameters, in_place_reflectance, plane_normal
 from polaropt.simulation import digitized, exact_photographs, stack_layers
 from studies.photographs import SIZE_PX, Pair, pairs_of
@@ -149,7 +149,7 @@ def photograph(
     """
     random = np.random.default_rng(pair.number) if random is None else random
     noise = np.random.default_rng(pair.number) if noise is None else noise
-    layers = _lit(pair, taking, random)
+    layers = _imaged(_lit(pair, taking, random), taking)
     photographs = _through(layers, scene, taking)
     exposure = _exposure(photographs, layers[0], pair, taking)
     crossed = np.zeros(photographs.shape[-2:], bool)
@@ -164,6 +164,10 @@ def photograph(
     if taking.gamma != 1:
         light = np.sign(light) * np.abs(light) ** (1 / taking.gamma)
         layers = 2 * (layers / 2) ** np.float32(1 / taking.gamma)
+    if taking.sensor:
+        capture = _mosaic(light, taking)
+        valid = capture.valid.reshape(-1, *capture.shape[-2:]).all(axis=0)
+        return Sample(capture, layers, scene, hint, valid & ~pair.cropped(crossed))
     seen = digitized(light, taking.bits)
     capture = Capture.of_planes(seen, ANGLES_DEG)
     unclipped = np.asarray(capture.valid.all(axis=(0, 1))) & ~pair.cropped(crossed)
@@ -180,6 +184,24 @@ def _lit(pair: Pair, taking: Taking, random: np.random.Generator) -> Images:
     if taking.light in ("highlight", "dark hdr"):
         layers[1] += np.float32(HIGHLIGHT) * _spots(layers.shape[-2:], random)
     return np.asarray(layers, dtype=np.float32)
+
+
+def _imaged(layers: Images, taking: Taking) -> Images:
+    """Layers as the lens images them for the sensor: blurred, and grey where it has no colours."""
+    from scipy.ndimage import gaussian_filter
+
+    if taking.lens_blur_px:
+        layers = gaussian_filter(layers, taking.lens_blur_px, axes=(-2, -1))
+    return layers.mean(axis=1, keepdims=True) if taking.sensor == "mono" else layers
+
+
+def _mosaic(light: Images, taking: Taking) -> Capture:
+    """The raw mosaic of photographs (4, channel, h, w) with their noise, as its file is read."""
+    sampling, _ = sampling_of(taking.sensor == "color")
+    raw = digitized(sampling.sample(light), taking.bits).astype(np.float32)
+    return mosaic_capture(
+        raw, sensor=taking.sensor, cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0
+    )  # fmt: skip
 
 
 def _toned(layer: Images, light: Light, stops: float) -> Images:

@@ -23,6 +23,7 @@ from polaropt.optics import SceneParameters, ghost_step
 Formula = Literal["paper", "plate"]
 Light = Literal["photograph", "hdr", "highlight", "dark hdr"]
 Draw = Literal["protocol", "stability"]
+Sensor = Literal["", "mono", "color"]
 
 BLIND = SceneParameters(None, None, None)
 """What is given of a pane by default: nothing."""
@@ -119,6 +120,10 @@ class Taking:
     moving_side, moving_step : float
         Side of a square thing behind the pane, and how far it goes from photograph to photograph, in sides of the
         frame; 0: nothing moves.
+    sensor : {"", "mono", "color"}
+        Of a polarization camera, which takes one raw mosaic; "" takes four full photographs.
+    lens_blur_px : float
+        Standard deviation of what the camera's lens makes of a point; the true layers are as it images them.
     """
 
     noise: float = NOISE
@@ -137,6 +142,8 @@ class Taking:
     gains: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
     moving_side: float = 0.0
     moving_step: float = 0.0
+    sensor: Sensor = ""
+    lens_blur_px: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ def detail_correlation(layer: Images, truth: Images, mask: Mask) -> float:
     """Correlation of what is finer than a few pixels; 0 where there is none."""
     from scipy.ndimage import gaussian_filter
 
-    fine = [part - gaussian_filter(part, (0, DETAIL_PX, DETAIL_PX)) for part in (layer, truth)]
+    fine = [part - gaussian_filter(part, DETAIL_PX, axes=(-2, -1)) for part in (layer, truth)]
     first, second = (part[_INNER][..., mask[_INNER]].ravel().astype(np.float64) for part in fine)
     energy = float(np.sqrt((first @ first) * (second @ second)))
     return float(first @ second) / energy if energy > _LEAST else 0.0

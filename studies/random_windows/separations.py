@@ -14,6 +14,7 @@ from polaropt.separation import Separation
 from studies.camera import Sample
 from studies.parameter_errors import compared
 from studies.random_windows.windows import Window, window_of
+from studies.scenes import Sensor
 from studies.scores import BORDER_PX, both_psnr, detail_correlation, psnr
 from studies.ways import DEFAULT, WITH_SCENE, minimum_over_angles, plain_intensity
 
@@ -35,16 +36,19 @@ class Job:
         Folder of photographs; None: those inside scikit-image.
     size : int
         Side of the frame in pixels.
+    sensor : {"", "mono", "color"}
+        Of a polarization camera; "": four full photographs.
     """
 
     number: int
     photos: str | None
     size: int
+    sensor: Sensor = ""
 
     @property
     def window(self) -> Window:
         """The scene."""
-        return window_of(self.number, self.size)
+        return window_of(self.number, self.size, self.sensor)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 Run ``polaropt study random_windows -o OUT`` for the scenes that are there to fit on, with ``--seeds judge`` for those
 that are looked at once, at the end. ``--from N`` takes scenes from that number on, which nothing was fitted on either,
 ``--against FOLDER`` tells what changed since an earlier run. ``--only N`` prints all about scene N and writes pictures
-of its layers.
+of its layers. ``--sensor mono`` (or ``color``) takes raw mosaics of a polarization camera, in frames of 384 px.
 
 A scene is drawn by its number: incidence, refractive index, noise, double images, and what is special about its
 family. Doing nothing is the better of the plain intensity and of s0 - sqrt(s1^2 + s2^2), twice the fitted minimum over
@@ -19,7 +19,7 @@ import argparse
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from polaropt.capture import planes_last
 from polaropt.separation import Separation
@@ -33,11 +33,13 @@ from studies.random_windows.judging import judged
 from studies.random_windows.results import figures, tables, what_is_wrong
 from studies.random_windows.separations import Job, Row, row_of, run, stated_errors
 from studies.random_windows.windows import FAMILIES, FIT, HALVES, Window, numbers_of, window_of
+from studies.scenes import Sensor
 from studies.ways import DEFAULT, WITH_SCENE
 
 NAME = "random_windows"
+SENSORS = tuple(sensor for sensor in get_args(Sensor) if sensor)
 PER_FAMILY = {"quick": 1, "default": 10, "full": 25}
-QUICK_SIZE, SIZE = 96, 192
+QUICK_SIZE, SIZE, MOSAIC_SIZE = 96, 192, 384
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -49,17 +51,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--from", dest="first", type=int, default=0, metavar="N", help="Scenes from this number on.")
     parser.add_argument("--against", type=Path, metavar="FOLDER", help="Earlier results: tell what changed.")
     parser.add_argument("--only", type=int, metavar="N", help="All about the scene with this number.")
+    parser.add_argument("--sensor", choices=SENSORS, default="", help="Raw mosaics of such a polarization camera.")
     options = parser.parse_args(arguments)
-    size = QUICK_SIZE if options.quick else SIZE
+    size = (MOSAIC_SIZE if options.sensor else SIZE) // (SIZE // QUICK_SIZE if options.quick else 1)
     if options.only is not None:
         look_at(options, size)
         return
     names = [name for name in FAMILIES if any(word in name for word in options.families.split(","))]
     per_family = options.per_family or PER_FAMILY[effort_of(options)]
     jobs = [
-        Job(number, options.photos, size)
+        Job(number, options.photos, size, options.sensor)
         for number in numbers_of(options.seeds, per_family, options.first)
-        if window_of(number, size).family in names
+        if window_of(number, size, options.sensor).family in names
     ]
     try:
         # Read first: it may be the folder that is written to.
@@ -78,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def look_at(options: argparse.Namespace, size: int) -> None:
     """Print and write all about one scene, and pictures of its layers."""
-    window = window_of(options.only, size)
+    window = window_of(options.only, size, options.sensor)
     sample = window.sample(options.photos, size)
     blind, known = DEFAULT.separation(sample), WITH_SCENE.separation(sample)
     row = row_of(window, size, sample, blind, known)

@@ -15,7 +15,7 @@ import numpy as np
 from polaropt.optics import SceneParameters
 from studies.camera import Sample, photograph
 from studies.photographs import Pair, pairs_of
-from studies.scenes import REFRACTIVE_INDEX, Taking, focal_px, random_bend
+from studies.scenes import REFRACTIVE_INDEX, Sensor, Taking, focal_px, random_bend
 
 SEED = 2026
 """Of all scenes together."""
@@ -45,9 +45,13 @@ REFLECTION_GAINS, ALL_REFLECTION_GAINS = (0.3, 3.0), (0.1, 10.0)
 MOST_GAIN_ERROR, MOST_ANGLE_ERROR_DEG = 0.02, 2.0
 MOVING_SIDES, MOVING_STEPS = (0.1, 0.35), (0.02, 0.1)
 """In sides of the frame, see `Taking`."""
+LENS_BLURS_PX, MOSAIC_MARGIN_PX = (0.3, 1.0), 40
+"""Of a polarization camera's lens, and what is kept beyond its frame for ghosts to come from."""
 MIXED_CHANCE = 0.3
 """With which each special thing is in a mixed scene."""
 _QUARTERS = 4
+# Added to a scene's number for a generator of its own, so that no other number changes.
+_OF_LENSES = 10**9
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,7 @@ class Window:
 
     def photographs(self, folder: str | None, size: int) -> Pair:
         """Its layers, in a frame with a side of `size` pixels."""
-        pairs = pairs_of(folder, size, size // 2)
+        pairs = pairs_of(folder, size, MOSAIC_MARGIN_PX if self.taking.sensor else size // 2)
         pair = pairs[self.pair % len(pairs)]
         turned = (
             np.ascontiguousarray(np.rot90(image, turns))
@@ -145,8 +149,11 @@ class _Draft:
 Special = Callable[[_Draft, Dice, int], _Draft]
 
 
-def window_of(number: int, size: int) -> Window:
-    """The random scene with this number, for frames with a side of `size` pixels."""
+def window_of(number: int, size: int, sensor: Sensor = "") -> Window:
+    """The random scene with this number, for frames with a side of `size` pixels.
+
+    A polarization camera takes all angles at once: nothing moves before it.
+    """
     dice = Dice(number)
     family = tuple(FAMILIES)[number // 2 % len(FAMILIES)]
     shift = dice.signed((LEAST_SHIFT_PX, MOST_SHIFT_PX)) if dice.random.random() < 1 / 2 else 0.0
@@ -161,6 +168,9 @@ def window_of(number: int, size: int) -> Window:
     )
     pair, *quarters = (int(drawn) for drawn in dice.random.integers(0, 1000 * _QUARTERS, 3))
     draft = FAMILIES[family](_Draft(scene, taking), dice, size)
+    if sensor:
+        blur = Dice(number + _OF_LENSES).within(LENS_BLURS_PX)
+        draft = _photographed(draft, sensor=sensor, lens_blur_px=blur, moving_side=0.0, moving_step=0.0)
     told = draft.scene.refractive_index if draft.index_told is None else draft.index_told
     turns = quarters[0] % _QUARTERS, quarters[1] % _QUARTERS
     return Window(number, family, draft.scene, told, draft.taking, pair, turns)

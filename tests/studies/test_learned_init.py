@@ -35,7 +35,8 @@ def test_every_start_runs_on_the_same_scene(rows: list[Row]) -> None:
 def test_the_plain_intensity_has_the_longest_way(rows: list[Row]) -> None:
     (cold,) = [row for row in rows if row.start == COLD]
     assert all(cold.transmission_start <= row.transmission_start for row in rows)
-    assert all(not cold.evaluations_gap < row.evaluations_gap for row in rows)
+    # A learned start leads to an objective of its own, whose minimum may lie elsewhere.
+    assert all(not cold.evaluations_gap < row.evaluations_gap for row in rows if row.start != LEARNED)
 
 
 def test_regimes_divide_the_map_and_name_the_special_cases() -> None:

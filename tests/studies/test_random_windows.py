@@ -9,6 +9,7 @@ import pytest
 from pandas import concat
 
 from polaropt.optics import SceneParameters
+from polaropt.separation import separate
 from studies.camera import photograph
 from studies.kit.frames import frame_of
 from studies.photographs import shipped_pairs
@@ -19,6 +20,7 @@ from studies.random_windows.results import figures, tables
 from studies.random_windows.separations import Job, Row, run
 from studies.random_windows.windows import FAMILIES, FIT, JUDGE, numbers_of, window_of
 from studies.scenes import Taking
+from studies.scores import psnr
 
 SIZE = 96
 MANY = [window_of(number, SIZE) for number in (*numbers_of(FIT, 10), *numbers_of(JUDGE, 10))]
@@ -77,6 +79,29 @@ def test_what_something_crosses_is_not_judged_and_the_rest_is_as_it_was():
     away = np.abs(crossed.capture.intensities - still.capture.intensities).max(axis=(0, 1))
     assert away[crossed.unclipped].max() < 2e-3 < 0.05 < away.max()
     np.testing.assert_array_equal(crossed.layers, still.layers)
+
+
+@pytest.mark.parametrize("sensor", ["mono", "color"])
+def test_a_polarization_camera_sees_the_same_scene_at_once(sensor):
+    """In one mosaic, of layers as its lens images them; nothing moves, and no other number of the scene changes."""
+    number = next(number for number in range(0, 64, 2) if window_of(number, 384).family == "moving")
+    still, seen = window_of(number, 384), window_of(number, 384, sensor)
+    assert seen.scene == still.scene
+    assert seen.taking.moving_side == 0
+    assert dataclasses.replace(
+        seen.taking, sensor="", lens_blur_px=0.0, moving_side=still.taking.moving_side,
+        moving_step=still.taking.moving_step,
+    ) == still.taking  # fmt: skip
+    pair = shipped_pairs(64, 40)[0]
+    taking = Taking(noise=0.0, bits=16, sensor=sensor, lens_blur_px=0.7)
+    sample = photograph(pair, SceneParameters(60.0, 30.0, 4.0), taking)
+    assert sample.capture.samples is not None
+    assert sample.capture.color == (sensor == "color")
+    layers = separate(sample.capture, sample.scene).layers.reshape(sample.layers.shape)
+    assert psnr(layers[0], sample.layers[0]) > 25
+    # Sharper layers than the lens images are not what is seen.
+    sharp = photograph(pair, sample.scene, dataclasses.replace(taking, lens_blur_px=0.0)).layers
+    assert psnr(layers[0], sharp[0]) < psnr(layers[0], sample.layers[0])
 
 
 def test_gains_are_of_photographs_and_the_true_transmission_is_seen_through_the_tint():
