@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import ANGLES_DEG, SONY_CELL, Capture, mosaic_capture, sampling_of
+from polaropt.capture import ANGLES_DEG, Capture, sampling_of
 from polaropt.optics import SceneParameters, in_place_reflectance, plane_normal
-from polaropt.simulation import digitized, exact_photographs, stack_layers
+from polaropt.simulation import digitized, exact_photographs, simulated_mosaic, stack_layers
 from studies.photographs import SIZE_PX, Pair, pairs_of
 from studies.scenes import BLIND, Light, Scene, Taking, focal_px, random_bend
 
@@ -197,11 +197,9 @@ def _imaged(layers: Images, taking: Taking) -> Images:
 
 def _mosaic(light: Images, taking: Taking) -> Capture:
     """The raw mosaic of photographs (4, channel, h, w) with their noise, as its file is read."""
-    sampling, _ = sampling_of(taking.sensor == "color")
-    raw = digitized(sampling.sample(light), taking.bits).astype(np.float32)
-    return mosaic_capture(
-        raw, sensor=taking.sensor, cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0
-    )  # fmt: skip
+    color = taking.sensor == "color"
+    raw = sampling_of(color)[0].sample(light)
+    return simulated_mosaic(digitized(raw, taking.bits).astype(np.float32), color)
 
 
 def _toned(layer: Images, light: Light, stops: float) -> Images:

@@ -7,6 +7,7 @@ __all__ = [
     "cut",
     "dead_leaves",
     "digitized",
+    "exact_engine",
     "exact_photographs",
     "photograph_mosaic",
     "photograph_pair",
@@ -17,6 +18,7 @@ __all__ = [
     "shipped_photograph",
     "similarity_map",
     "simulate",
+    "simulated_mosaic",
     "stack_layers",
     "whole_patterns",
     "without_margin",
@@ -37,11 +39,13 @@ from .pictures import shipped_photograph as shipped_photograph
 from .simulator import MARGIN as MARGIN
 from .simulator import Camera as Camera
 from .simulator import digitized as digitized
+from .simulator import exact_engine as exact_engine
 from .simulator import exact_photographs as exact_photographs
 from .simulator import photograph_mosaic as photograph_mosaic
 from .simulator import photograph_pair as photograph_pair
 from .simulator import sensor_image as sensor_image
 from .simulator import simulate as simulate
+from .simulator import simulated_mosaic as simulated_mosaic
 from .simulator import stack_layers as stack_layers
 from .simulator import whole_patterns as whole_patterns
 from .simulator import without_margin as without_margin

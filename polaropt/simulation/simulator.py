@@ -18,6 +18,7 @@ from polaropt.capture import (
     FloatImages,
     angles_of,
     check_angles,
+    mosaic_capture,
     planes_first,
     sampling_of,
 )
@@ -99,9 +100,14 @@ def simulate(
     return Capture.of_planes(photographs, angles_deg)
 
 
+def exact_engine(scene: SceneParameters, angles_deg: Sequence[float]) -> PSE | VaryingPSE:
+    """The engine that photographs are simulated with: no ghost is left out, however faint."""
+    return VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
+
+
 def exact_photographs(layers: FloatImages, scene: SceneParameters, angles_deg: Sequence[float]) -> FloatImages:
     """Photographs (k, [channel,] h, w) of layers (2, [channel,] h, w) before any noise, clipping and rounding."""
-    engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
+    engine = exact_engine(scene, angles_deg)
     return np.asarray(engine.forward(_through_tint(layers, scene)), dtype=np.float32)
 
 
@@ -115,7 +121,7 @@ def _exact_in_strips(
 ) -> FloatImages:
     """The same of images (h, w[, channel]), some rows at a time with those around that ghosts bring in."""
     height, width, *channels = both[0].shape
-    engine = VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
+    engine = exact_engine(scene, angles_deg)
     reach = vertical_reach(engine, height, width)
     photographs = np.empty((len(angles_deg), *channels, height, width), dtype=np.float32)
     for rows in strips(height, len(angles_deg) * math.prod(channels) * width, multiple=min(reach, height)):
@@ -242,6 +248,12 @@ def photograph_mosaic(
     raw = sampling.sample(photographs.reshape(len(angles), sampling.n_channels, *photographs.shape[-2:]))
     noise = camera.noise * np.random.default_rng(camera.seed).standard_normal(raw.shape)
     return digitized(raw + noise, camera.bits).astype(np.float32)
+
+
+def simulated_mosaic(raw: Image, color: bool) -> Capture:
+    """The capture of a raw mosaic (h, w) that was simulated with Sony's cells: linear, white = 1, without gains."""
+    sensor = "color" if color else "mono"
+    return mosaic_capture(raw, sensor=sensor, cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0)
 
 
 def sensor_image(image: Image, color: bool) -> Image:

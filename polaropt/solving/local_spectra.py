@@ -7,10 +7,9 @@ photographs leave open of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -173,37 +172,36 @@ def expected_layers(
     remember : bool
         Whether the result tells what the next frame may begin with.
     """
-    turns = list(_turns(known, canvas, layers is None)) if before is None else [before.windows]
     light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
-    changed = None if before is None else before.changed(light, known.variance[:, 0], turns[0].means(precision))
+    if before is None:
+        last, changed = Windows(known, canvas, FINE), None
+        turns = [(Windows(known, canvas, COARSE), _TURNS), (last, 1)] if layers is None else [(last, 1)]
+    else:
+        last = before.windows
+        turns, changed = [(last, 1)], before.changed(light, known.variance[:, 0], last.means(precision))
     layers = known.layers if layers is None else layers
-    for number, windows in enumerate(turns):
-        step = windows.step(
-            layers,
-            misfit_gradient(layers),
-            windows.sure_precision(precision),
-            None if before is None else before.power,
-            changed,
-            remember=remember and number == len(turns) - 1,
-        )
-        layers = layers.copy()
-        canvas.crop(layers)[...] += in_basis(known.basis.T.astype(np.float32), step.change, np)
+    for windows, times in turns:
+        of_windows = windows.sure_precision(precision)
+        for _ in range(times):
+            step = windows.step(
+                layers,
+                misfit_gradient(layers),
+                of_windows,
+                None if before is None else before.power,
+                changed,
+                remember=remember and windows is last,
+            )
+            layers = layers.copy()
+            canvas.crop(layers)[...] += in_basis(known.basis.T.astype(np.float32), step.change, np)
     own = in_basis(known.basis.astype(np.float32), layers, np)
     # At the canvas's own frequencies, as ghosts farther apart than a window leave some of them open.
     if before is None:
         left = np.stack(_inverse(known.told[:, None], known.cross, _inverse_of(known.prior))[:2])
     else:
         left = before.left
-    seen = SeenSpectra(windows, step.power, light, left) if remember else None
+    seen = SeenSpectra(last, step.power, light, left) if remember else None
     still = changed is not None and bool(changed.mean() < _FEW)
-    return Expectation(np.asarray(own, dtype=np.float32), left * windows.on_canvas(step.share), seen, still)
-
-
-def _turns(known: ClosedForm, canvas: Canvas, from_closed_form: bool) -> Iterator[Windows]:
-    """Windows of each turn."""
-    if from_closed_form:
-        yield from repeat(Windows(known, canvas, COARSE), _TURNS)
-    yield Windows(known, canvas, FINE)
+    return Expectation(np.asarray(own, dtype=np.float32), left * last.on_canvas(step.share), seen, still)
 
 
 @dataclass(frozen=True)

@@ -82,9 +82,10 @@ def conditioned_observation(problem: Problem) -> Observation:
     from priors.observation import of_arrays
 
     capture, pse, layers = problem.capture, problem.pse, problem.best_known()
-    told = told_in_place(capture.observed, pse)
+    told = told_in_place(problem.observed, pse)
+    average = told.mean(axis=(1, 2, 3), keepdims=True)
     # What noise does to the slope of the misfit, where as much is told as on average.
-    usual = np.sqrt(told.mean(axis=(1, 2, 3), keepdims=True)) / np.float32(problem.noise)
+    usual = np.sqrt(average) / np.float32(problem.noise)
     stokes = least_squares_entries(capture, analyzer_matrix(capture.angles_deg))
     _, azimuth_deg, shift = problem.scene.values()
     azimuth = math.radians(azimuth_deg)
@@ -97,7 +98,7 @@ def conditioned_observation(problem: Problem) -> Observation:
         mixing=mixing_in_place(pse, *capture.shape[-2:]),
         step=np.array([shift * math.cos(azimuth), -shift * math.sin(azimuth)]),
         unexplained=-problem.canvas.crop(problem.slope_of_misfit(layers)) / usual,
-        told=told / told.mean(axis=(1, 2, 3), keepdims=True),
+        told=told / average,
     )
 
 

@@ -176,7 +176,7 @@ class Problem:
         self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
         self.capture, self.scene = capture, scene
         # What is compared with the layers: of a mosaic the samples alone.
-        self._observed = capture.observed
+        self.observed = capture.observed
         self._weights, self._robust = weights, robust
         self.pse = engine or engine_for(scene, capture.angles_deg, self.noise, capture.shape[-2:], center)
         period = 1 if capture.samples is None else capture.samples.sampling.period
@@ -286,7 +286,7 @@ class Problem:
 
     def _relative_precision(self) -> Images:
         """What a pixel's photographs tell beside what the closed form takes for it, mean of all, (h, w)."""
-        valid = self._observed.valid
+        valid = self.observed.valid
         weight = valid.reshape(len(valid), -1, *valid.shape[-2:]).astype(np.float32)
         if isinstance(self._pixel_noise, NoiseClasses):
             weight *= np.square(np.float32(self.noise) / self._pixel_noise.images())
@@ -326,13 +326,11 @@ class Problem:
         from polaropt.solving.compiled import FusedGhostMisfit, FusedMisfit, FusedVaryingMisfit, ReadableMisfit
 
         if self._robust:
-            return ReadableMisfit(
-                Misfit(self._observed, self._on_canvas(), self.canvas, self._pixel_noise, robust=True)
-            )
+            return ReadableMisfit(Misfit(self.observed, self._on_canvas(), self.canvas, self._pixel_noise, robust=True))
         if isinstance(self.pse, PSE):
-            return FusedMisfit(self._observed, self.pse, self.canvas, self._pixel_noise)
+            return FusedMisfit(self.observed, self.pse, self.canvas, self._pixel_noise)
         varying = FusedGhostMisfit if self.scene.has_ghosts else FusedVaryingMisfit
-        return varying(self._observed, self.pse, self.canvas, self._pixel_noise)
+        return varying(self.observed, self.pse, self.canvas, self._pixel_noise)
 
     def _on_canvas(self) -> PSE | VaryingPSE:
         """The engine for images of the canvas's size."""
@@ -346,7 +344,7 @@ class Problem:
         from polaropt.solving.compiled import FusedPenalties, assumed_hessian
 
         place = np.asarray if device is None else on_device(device)
-        misfit = Misfit(self._observed, self._on_canvas(), self.canvas, self._pixel_noise, self._robust, place)
+        misfit = Misfit(self.observed, self._on_canvas(), self.canvas, self._pixel_noise, self._robust, place)
         objective = build_objective(misfit, self.penalties.placed(place), self.canvas, self._weights)
         known, natural = self.known, self.penalties.natural_image
         local = FusedPenalties(self.penalties, self.canvas, start.shape[1])
@@ -373,11 +371,11 @@ class Problem:
     @property
     def misfit_of_noise(self) -> float:
         """Misfit that the true layers have: half of one per trusted value."""
-        return 0.5 * float(np.count_nonzero(self._observed.valid))
+        return 0.5 * float(np.count_nonzero(self.observed.valid))
 
     def misfit_ratio(self, misfit: float) -> float:
         """Mean squared residual in units of the noise, less what the unknowns take up."""
-        k, n = len(self.capture.angles_deg), np.count_nonzero(self._observed.valid)
+        k, n = len(self.capture.angles_deg), np.count_nonzero(self.observed.valid)
         if self.capture.samples is None:
             return 2 * misfit / max(1.0, n * (k - 2) / k)
         # Two layers have more values than a mosaic has samples: what counts is what these tell of them.

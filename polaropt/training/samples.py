@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from polaropt.capture import ANGLES_DEG, SMALLEST_SIDE, SONY_CELL, Capture, mosaic_capture, sampling_of
+from polaropt.capture import ANGLES_DEG, SMALLEST_SIDE, Capture, sampling_of
 from polaropt.errors import InputError
 from polaropt.optics import (
     PSE,
@@ -23,7 +23,7 @@ from polaropt.optics import (
     ghost_step,
     ghosts_that_matter,
 )
-from polaropt.simulation import digitized
+from polaropt.simulation import digitized, exact_engine, simulated_mosaic
 from polaropt.solving import Problem, Weights, conditioned_observation, plain_observation, plate_views
 from polaropt.training.pictures import Pictures
 
@@ -203,7 +203,7 @@ class TrainingData:
         scene = self._scene(random)
         angles_deg = ANGLES_DEG if mosaic else self._angles(random)
         noise = float(np.exp(random.uniform(*np.log(self._variety.noise))))
-        components = _exact(scene, angles_deg).components(layers)
+        components = exact_engine(scene, angles_deg).components(layers)
         light = components[0] + components[1]
         if random.random() < self._variety.overexposed:
             gain = np.float32(1 / np.quantile(light, random.uniform(0.95, 0.995)))
@@ -286,9 +286,7 @@ def _mosaic_of(light: Images, noise: float, random: np.random.Generator) -> Capt
     sampling, _ = sampling_of(color)
     raw = sampling.sample(light)
     raw = digitized(raw + noise * random.standard_normal(raw.shape), _BITS).astype(np.float32)
-    return mosaic_capture(
-        raw, sensor="color" if color else "mono", cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0
-    )
+    return simulated_mosaic(raw, color)
 
 
 def blind_scene(scene: SceneParameters, noise: float, random: np.random.Generator) -> SceneParameters:
@@ -341,15 +339,10 @@ class PlateEngine:
         return plate_views(change_basis(to_stokes, self.pse.forward(both)), self.pse)
 
 
-def _exact(scene: SceneParameters, angles_deg: tuple[float, ...]) -> PSE | VaryingPSE:
-    """The engine that photographs are taken with."""
-    return VaryingPSE(scene, angles_deg) if scene.varies else PSE(scene, angles_deg)
-
-
 def _engine(scene: SceneParameters, angles_deg: tuple[float, ...]) -> PSE | VaryingPSE:
     """The engine for a loss: what the faintest ghosts carry is added to the last one kept."""
     if scene.varies:
-        return VaryingPSE(scene, angles_deg)
+        return exact_engine(scene, angles_deg)
     return PSE(scene, angles_deg, n_ghosts=ghosts_that_matter(scene, _FAINT_GHOST))
 
 
