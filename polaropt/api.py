@@ -171,7 +171,9 @@ def separate(
     robust : bool
         Residuals of the photographs beyond three sigma count linearly.
     device : str, optional
-        Where the torch solver works, as torch names it: "cpu" or "cuda".
+        Where torch works out closed form, objective and solve, as it names it: "cuda", or "cpu"; for the solvers
+        "lbfgs" and "torch". Default: compiled passes on the processor. The scene is estimated on the processor all the
+        same, and so is the closed form of a mosaic's samples, and behind a pane that varies over the frame.
     scene_errors : SceneErrors, optional
         Standard errors of a scene that is given complete and was estimated elsewhere: reported, and part of the
         layers' own.
@@ -260,13 +262,14 @@ def separate_many(
     angles_deg : sequence of float
         Polarizer angles of an array.
     **options
-        As of `separate`.
+        As of `separate`. With a device, captures of one shape that follow each other are solved together there, as many
+        as make 2**23 values of layers, 32 at most.
 
     Returns
     -------
     iterator of Separation, or dask.array.Array
-        In the order of the captures, made one by one as they are asked for. Of an array: both layers along time,
-        (time, 2, height, width[, 3]) in its chunks of time, [:, 0] the transmission.
+        In the order of the captures, made one by one as they are asked for, or some at a time on a device. Of an array:
+        both layers along time, (time, 2, height, width[, 3]) in its chunks of time, [:, 0] the transmission.
 
     Raises
     ------

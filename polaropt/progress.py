@@ -74,6 +74,12 @@ class Stages:
             for stage, value in parts.items():
                 total[stage] = total.get(stage, 0.0) + value
 
+    def share(self, others: Stages, n: int) -> None:
+        """Take over one of n equal parts of other stages' times: of what was done for n at once."""
+        for total, parts in ((self.seconds, others.seconds), (self.cpu_seconds, others.cpu_seconds)):
+            for stage, value in parts.items():
+                total[stage] = total.get(stage, 0.0) + value / n
+
     def compiling(self, kernel: str) -> None:
         """Tell that a kernel is being compiled, which happens once on a computer."""
         if self._progress is not None:

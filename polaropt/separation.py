@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any, Literal
 
@@ -53,15 +53,19 @@ from polaropt.progress import COMPILING, Progress, Stages
 from polaropt.solving import (
     ComponentStrip,
     Memory,
+    Problem,
     Settings,
     Solution,
     Term,
     Weights,
+    check_device,
     check_start,
     component_strips,
     edges_of_layers,
     inpainted,
     solve,
+    solve_at_once,
+    whole,
 )
 from solvers.ahead import compile_ahead
 from solvers.base import SolverResult, Status, StoppingRule
@@ -236,6 +240,56 @@ def separate(
     )
 
 
+def separate_at_once(captures: Sequence[Capture], device: str, **options: Any) -> list[Separation]:
+    """Several captures, each as `separate` does it; those of one size are solved together on the device.
+
+    Parameters
+    ----------
+    captures : sequence of Capture
+    device : str
+    **options
+        As of `separate`, without a start of its own.
+    """
+    chosen = {of.name: options.pop(of.name) for of in fields(Settings) if of.name in options}
+    settings = Settings(device=device, **chosen)
+    _check(settings)
+    asked = options.pop("scene", None) or _blind(
+        options.pop("refractive_index", GLASS_INDEX), options.pop("single_surface", False)
+    )
+    errors, index_known = options.pop("scene_errors", None), options.pop("index_known", False)
+    if options:
+        raise TypeError(f"separate has no option {', '.join(options)}")
+    assumed = _index_assumed(asked, index_known)
+    of_each = [Stages() for _ in captures]
+    cases, together = [], Stages()
+    with _one_thread(together):
+        for capture, stages in zip(captures, of_each, strict=True):
+            cases.append(_case_with_errors(capture, asked, settings, stages, errors, index_assumed=assumed))
+            stages.end()
+        polarized = [i for i, case in enumerate(cases) if not _is_unpolarized(case)]
+        problems = [_problem(cases[i]) for i in polarized]
+        solutions = solve_at_once(problems, settings, together, [whole(problem.capture) for problem in problems])
+        together.end()
+        found = dict(zip(polarized, solutions, strict=True))
+        results = []
+        for i, (case, stages) in enumerate(zip(cases, of_each, strict=True)):
+            stages.begin("Taking stock", 0.97)
+            if i in found:
+                stages.share(together, len(found))
+                results.append(_separated(case, found[i], stages, None))
+            else:
+                assert case.found.estimate is not None
+                results.append(_unseparated(case, case.found.estimate, stages))
+    return results
+
+
+def _problem(case: Case) -> Problem:
+    """A capture whose scene is known, to be solved in one piece."""
+    still, scene, settings = case.still, case.found.scene, case.settings
+    solved = case.capture if still.moving is None else inpainted(case.capture, still.moving, scene, still.noise)
+    return Problem(solved, scene, still.noise, settings.weights, settings.robust, growth=still.growth)
+
+
 def estimate(capture: Capture, scene: SceneParameters | None = None, **options: Any) -> LadderResult:
     """Find the scene of a capture as `separate` does, and nothing else; parameters are those of `scene_case`.
 
@@ -309,8 +363,8 @@ def _check(settings: Settings) -> None:
         raise InputError(f"keep_start is {settings.keep_start:g}; give a share of 0 (the solve's end) to 1 (its start)")
     if settings.model not in model_names():
         raise InputError(f"unknown model {settings.model!r}; there are: {', '.join(model_names())}")
-    if settings.device is not None and settings.solver != "torch":
-        raise InputError(f"device {settings.device!r} is for the solver torch, not {settings.solver}")
+    if settings.device is not None:
+        check_device(settings.device, settings.solver)
 
 
 @dataclass(frozen=True)
@@ -407,12 +461,29 @@ def _separate(
     index_assumed: bool,
 ) -> Separation:
     with _one_thread(stages), arrays_apart(2 * capture.intensities[0].size > MUCH_VALUES):
-        case = _case_of(capture, asked, settings, stages, index_assumed=index_assumed)
-        if case.found.estimate is not None and not case.found.scene.signal:
+        case = _case_with_errors(capture, asked, settings, stages, scene_errors, index_assumed=index_assumed)
+        if case.found.estimate is not None and _is_unpolarized(case):
             return _unseparated(case, case.found.estimate, stages)
-        if case.found.estimate is None and scene_errors is not None:
-            case = replace(case, given_errors=scene_errors)
         return _solved(case, start, stages)[0]
+
+
+def _case_with_errors(
+    capture: Capture,
+    asked: SceneParameters,
+    settings: Settings,
+    stages: Stages,
+    scene_errors: SceneErrors | None,
+    *,
+    index_assumed: bool,
+) -> Case:
+    """A capture with all that is known of it; errors that are given are those of a scene that is."""
+    case = _case_of(capture, asked, settings, stages, index_assumed=index_assumed)
+    return case if case.found.estimate is not None else replace(case, given_errors=scene_errors)
+
+
+def _is_unpolarized(case: Case) -> bool:
+    """Whether a scene was looked for and nothing is polarized."""
+    return case.found.estimate is not None and not case.found.scene.signal
 
 
 @contextmanager

@@ -217,22 +217,38 @@ class Traced:
 
     def __call__(self, x: Vector) -> tuple[float, Vector]:
         """Value and gradient at `x`; raises `StopSolving` where the rule or a non-finite value says so."""
-        self._check_limits()
+        self.check_limits()
         # An objective that ends the solve by itself is not counted.
         value, gradient = self._objective(x)
-        self.n_evaluations += 1
         if gradient.shape != x.shape:
             raise ValueError(f"the objective gave a gradient of shape {gradient.shape} at a point of shape {x.shape}")
-        value, norm = float(value), self._norms.euclidean(gradient)
+        self.note(x, float(value), self._norms.euclidean(gradient), lambda: self._norms.largest(gradient))
+        return value, gradient
+
+    def note(self, x: Any, value: float, norm: float, largest: Callable[[], float]) -> None:
+        """Take in an evaluation; raises `StopSolving` where its gradient is small or anything is not finite.
+
+        Parameters
+        ----------
+        x : array
+            Not copied.
+        value : float
+        norm : float
+            Of the gradient.
+        largest : callable
+            Gives the gradient's largest absolute entry.
+        """
+        self.n_evaluations += 1
         if not (math.isfinite(value) and math.isfinite(norm)):
             raise NotFinite
         cpu_seconds = time.process_time() - self._cpu_started
         self.trace.append(TracePoint(self.n_evaluations, self._seconds(), value, norm, cpu_seconds))
         if value < self.best_value:
             self.best_value, self.best = value, x
-        if self._is_small(gradient, norm):
+        limit = self._stopping.gradient_norm
+        # The norm alone nearly always tells.
+        if norm == 0 or (norm <= limit * math.sqrt(x.shape[0]) and largest() <= limit):
             raise StopSolving(Status.SMALL_GRADIENT)
-        return value, gradient
 
     def result(
         self,
@@ -256,15 +272,11 @@ class Traced:
             restarts=restarts,
         )
 
-    def _is_small(self, gradient: Vector, norm: float) -> bool:
-        """Whether no entry is larger than the rule's; the norm alone nearly always tells."""
-        limit = self._stopping.gradient_norm
-        return norm == 0 or (norm <= limit * math.sqrt(gradient.shape[0]) and self._norms.largest(gradient) <= limit)
-
     def _seconds(self) -> float:
         return time.perf_counter() - self._started
 
-    def _check_limits(self) -> None:
+    def check_limits(self) -> None:
+        """Raises `StopSolving` where the rule allows no more evaluation."""
         if self.n_evaluations >= self._stopping.max_evaluations:
             raise StopSolving(Status.EVALUATION_LIMIT)
         seconds = self._stopping.seconds

@@ -140,16 +140,16 @@ def _solve_upper(upper: Matrix, right: Matrix) -> Matrix:
 
 
 # Share of the decrease that the slope promises: Nocedal and Wright, Numerical Optimization, 2006, sect. 3.1.
-_SUFFICIENT = 1e-4
+SUFFICIENT = 1e-4
 # Parts of the step between which its successor lies: Dennis and Schnabel, Numerical Methods, 1983, sect. 6.3.2.
-_SHORTEST, _LONGEST = 0.1, 0.5
+SHORTEST, LONGEST = 0.1, 0.5
 # Shorter steps are rounding: a half is the longest, so 20 are a millionth.
-_MOST_HALVINGS = 20
+MOST_HALVINGS = 20
 # The value of a sum over a million float32 residuals is known to about this share of it.
-_VALUE_NOISE = 1e-7
+VALUE_NOISE = 1e-7
 # Restarts before it gives up, and the part of the step that failed: set by hand.
-_MOST_RESTARTS = 3
-_SHORTER = 0.1
+MOST_RESTARTS = 3
+SHORTER = 0.1
 # The gradient is kept in units of its first norm; float32 holds no larger ones.
 _LARGEST_UNIT = 1e30
 
@@ -192,7 +192,7 @@ class LBFGS:
                     descent.iterate()
                     progress.iteration()
                 except NotFinite:
-                    if restarts == _MOST_RESTARTS:
+                    if restarts == MOST_RESTARTS:
                         raise
                     restarts, broken = restarts + 1, True
         except StopSolving as stop:
@@ -230,7 +230,7 @@ class _Descent:
 
     def restart(self) -> None:
         """Go back to the best point without pairs, and tread more carefully: a tenth of the step that failed."""
-        self._reach = _SHORTER * distance(self._trial, self._x)
+        self._reach = SHORTER * distance(self._trial, self._x)
         assert self._last is None  # it was taken in before the step that failed
         if self._x is self._traced.best:
             self._gram.clear()
@@ -250,30 +250,26 @@ class _Descent:
         if not slope < 0:
             return False
         step = self._first_step(direction)
-        for _ in range(_MOST_HALVINGS):
+        for _ in range(MOST_HALVINGS):
             trial = self._propose(direction, step)
             value, gradient = self._traced(trial)
-            if value <= self._value + _SUFFICIENT * step * slope + _VALUE_NOISE * abs(self._value):
+            if value <= self._value + SUFFICIENT * step * slope + VALUE_NOISE * abs(self._value):
                 self._accept(trial, value, _flat(gradient))
                 return True
             del gradient
-            vertex = -slope * step**2 / (2 * (value - self._value - slope * step))
-            step = min(max(vertex, _SHORTEST * step), _LONGEST * step)
+            step = shorter_step(step, slope, value - self._value)
         return False
 
     def _first_step(self, direction: Direction) -> float:
         """1 where the direction knows its length; else as far as the last step, or as a restart allows.
 
-        The very first step is the gradient itself, right where the Hessian is near the identity, as in whitened
-        coordinates; no longer than if each unknown moved by 1, and 1 where that promises less than rounding.
+        The very first step is `first_reach`.
         """
         if not self._gram.empty:
             return 1.0
         length = max(math.sqrt(-direction.slope), 1e-30)
         if self._reach is None:
-            gradient = length / self._unit
-            promising = gradient**2 > _VALUE_NOISE * abs(self._value)
-            self._reach = min(gradient, math.sqrt(self._x.size)) if promising else 1.0
+            self._reach = first_reach(length / self._unit, self._value, self._x.size)
         return self._reach / length
 
     def _propose(self, direction: Direction, step: float) -> Vector:
@@ -298,6 +294,19 @@ class _Descent:
         sums = self._pairs.absorb((before, self._x), gradient, slot)
         self._gram.remember(slot[0], sums)
         self._reach = math.sqrt(sums[-1])
+
+
+def first_reach(gradient: float, value: float, n_unknowns: int) -> float:
+    """Length of the very first step: the gradient itself, right where the Hessian is near the identity, as in whitened
+    coordinates; no longer than if each unknown moved by 1, and 1 where that promises less than rounding."""
+    promising = gradient**2 > VALUE_NOISE * abs(value)
+    return min(gradient, math.sqrt(n_unknowns)) if promising else 1.0
+
+
+def shorter_step(step: float, slope: float, rise: float) -> float:
+    """The step to try after one along which the objective rose by `rise`, or fell too little, by a parabola."""
+    vertex = -slope * step**2 / (2 * (rise - slope * step))
+    return min(max(vertex, SHORTEST * step), LONGEST * step)
 
 
 def _flat(gradient: Vector) -> Vector:

@@ -14,7 +14,8 @@ from polaropt.batch.shared_scene import Estimate, SharedScene, combine_scenes
 from polaropt.capture import ANGLES_DEG, Capture
 from polaropt.errors import InputError
 from polaropt.optics import SceneParameters
-from polaropt.separation import Separation, estimate, scene_options, separate
+from polaropt.separation import Separation, estimate, scene_options, separate, separate_at_once
+from polaropt.solving import n_at_once, n_values
 
 SHARED = "shared"
 _AHEAD = 2
@@ -45,7 +46,31 @@ def _of_captures(
         chosen = {**options, **_known(shared_scene_of(captures, client=client, **options))}
     else:
         chosen = {**options, "scene": scene}
-    yield from _each(partial(separate, **chosen), captures, client)
+    device = chosen.pop("device", None)
+    if device is None or client is not None:
+        yield from _each(partial(separate, **chosen, device=device), captures, client)
+    else:
+        yield from _on_device(captures, device, chosen)
+
+
+def _on_device(captures: Iterable[Capture], device: str, chosen: dict[str, Any]) -> Iterator[Separation]:
+    """As many captures of one shape at a time as the device solves together."""
+    some: list[Capture] = []
+    for capture in captures:
+        if some and (capture.shape != some[0].shape or len(some) >= n_at_once(n_values(capture))):
+            yield from _some_at_once(some, device, chosen)
+            some = []
+        some.append(capture)
+    if some:
+        yield from _some_at_once(some, device, chosen)
+
+
+def _some_at_once(some: list[Capture], device: str, chosen: dict[str, Any]) -> Iterator[Separation]:
+    # A large one may be solved in tiles.
+    if len(some) == 1:
+        yield separate(some[0], device=device, **chosen)
+    else:
+        yield from separate_at_once(some, device, **chosen)
 
 
 def shared_scene_of(captures: Iterable[Capture], *, client: Any = None, **options: Any) -> SharedScene:

@@ -36,7 +36,11 @@ class SolveOptions:
     ] = "lbfgs"
     device: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Where the optimizer torch works: cpu or cuda.", rich_help_panel=_SOLVING),
+        typer.Option(
+            metavar="NAME",
+            help="Where torch works the layers out, of lbfgs or torch: cuda, or cpu. Default: compiled passes.",
+            rich_help_panel=_SOLVING,
+        ),
     ] = None
     init: Annotated[
         str,
@@ -104,7 +108,7 @@ class SolveOptions:
 
     def check_names(self) -> None:
         """InputError that lists the solvers or starts, where one does not exist."""
-        from polaropt.solving import check_start, start_names
+        from polaropt.solving import check_device, check_start, start_names
         from solvers.base import MissingPackage
         from solvers.registry import get_solver, solver_names
 
@@ -117,18 +121,10 @@ class SolveOptions:
         except MissingPackage as error:
             raise InputError(f"--solver: {error}") from None
         if self.device is not None:
-            self._check_device()
-
-    def _check_device(self) -> None:
-        if self.solver != "torch":
-            raise InputError(f"--device {self.device!r} is for --solver torch, not {self.solver}")
-        import torch
-
-        try:
-            torch.empty(1, device=self.device)
-        except (RuntimeError, AssertionError) as error:
-            reason = str(error).splitlines()[0]
-            raise InputError(f"--device {self.device!r} cannot be used: {reason}") from None
+            try:
+                check_device(self.device, self.solver)
+            except InputError as error:
+                raise InputError(f"--{error}") from None
 
 
 @dataclass(frozen=True, kw_only=True)

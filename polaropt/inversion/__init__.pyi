@@ -1,19 +1,34 @@
 __all__ = [
+    "BAND_INERTIA",
+    "DETAIL_CUT",
+    "DETAIL_PX",
     "RESOLUTION",
     "SCALES",
+    "TURNS_BANDS",
+    "TURNS_POWER_LAW",
     "AssumedHessian",
     "Canvas",
     "ClosedForm",
     "FourierPreconditioner",
+    "FrequencyBands",
     "FusedPreconditioner",
     "Knowledge",
+    "applied",
+    "at_least_a_trifle",
     "canvas_for",
+    "detail_power",
+    "flat_means",
     "ghost_layers",
     "ghost_transfer_at",
     "mosaic_layers",
     "natural_image_layers",
+    "open_part",
     "per_pixel_layers",
+    "plate_entries",
+    "roots_of",
+    "separable",
     "thinned",
+    "two_layers",
     "unknown_share",
     "variance_table",
     "varying_layers",
@@ -23,14 +38,27 @@ __all__ = [
 from .canvas import Canvas as Canvas
 from .canvas import canvas_for as canvas_for
 from .closed_form import ClosedForm as ClosedForm
+from .closed_form import at_least_a_trifle as at_least_a_trifle
+from .closed_form import flat_means as flat_means
 from .closed_form import natural_image_layers as natural_image_layers
 from .closed_form import per_pixel_layers as per_pixel_layers
+from .closed_form import plate_entries as plate_entries
 from .compiled_whitening import FusedPreconditioner as FusedPreconditioner
 from .mosaic_closed_form import mosaic_layers as mosaic_layers
+from .spectra import BAND_INERTIA as BAND_INERTIA
 from .spectra import RESOLUTION as RESOLUTION
+from .spectra import TURNS_BANDS as TURNS_BANDS
+from .spectra import TURNS_POWER_LAW as TURNS_POWER_LAW
+from .spectra import FrequencyBands as FrequencyBands
+from .spectra import two_layers as two_layers
 from .transfer import ghost_transfer_at as ghost_transfer_at
+from .transfer import separable as separable
+from .variance import DETAIL_CUT as DETAIL_CUT
+from .variance import DETAIL_PX as DETAIL_PX
 from .variance import SCALES as SCALES
 from .variance import Knowledge as Knowledge
+from .variance import detail_power as detail_power
+from .variance import open_part as open_part
 from .variance import thinned as thinned
 from .variance import unknown_share as unknown_share
 from .variance import variance_table as variance_table
@@ -39,3 +67,5 @@ from .varying_closed_form import varying_layers as varying_layers
 from .varying_closed_form import varying_pixel_layers as varying_pixel_layers
 from .whitening import AssumedHessian as AssumedHessian
 from .whitening import FourierPreconditioner as FourierPreconditioner
+from .whitening import applied as applied
+from .whitening import roots_of as roots_of

@@ -253,7 +253,11 @@ def wiener_layers(equations: NormalEquations, prior: Power, mean: Images, basis:
 def initial_power(total: Images) -> NDArray[np.float64]:
     """Gradient power of the total intensity per colour, at least a trifle: where the fit starts, (channel,)."""
     across, down = (np.square(np.diff(total, axis=axis)).mean(axis=(-1, -2), dtype=np.float64) for axis in (-1, -2))
-    power = across + down
+    return at_least_a_trifle(across + down)
+
+
+def at_least_a_trifle(power: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Gradient power per colour from which a fit can start: none so weak that it has nothing to start from."""
     return np.asarray(np.maximum(power, _LEAST_SHARE * float(power.max()) + _LEAST_POWER))
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from array_api_compat import array_namespace
 from numpy.typing import NDArray
 
 from polaropt.numerics import NATURAL_POWER_LAW, column_multiplicity, natural_frequencies
@@ -15,17 +16,17 @@ from polaropt.numerics import NATURAL_POWER_LAW, column_multiplicity, natural_fr
 Spectrum = NDArray[np.complex64]
 Power = NDArray[np.float32]
 
-_N_BANDS = 8
+N_BANDS = 8
 # Turns of expectation maximization: first the power law's level alone, then every band. By trial; `variance` knows how
 # far they lead.
-_TURNS_POWER_LAW = 3
-_TURNS_BANDS = 9
-TURNS = _TURNS_POWER_LAW + _TURNS_BANDS
+TURNS_POWER_LAW = 3
+TURNS_BANDS = 9
+TURNS = TURNS_POWER_LAW + TURNS_BANDS
 RESOLUTION = np.float32(2.0**-22)
 """Share of a product that single precision tells from 0 in the difference of it and another: two roundings of 2^-23. A
 pane that shows both layers alike leaves a determinant below, which is then rounding, and may be negative."""
 # Share of all frequencies that a band must hold before it moves freely. Set by hand.
-_BAND_INERTIA = 2e-4
+BAND_INERTIA = 2e-4
 # Entries of a table over the logarithm of frequency: a step is less than 0.3 %.
 _TABLE = 4096
 # Frequencies that the fit looks at: all the low ones, of which there are few, and a sample of the others. No figure of
@@ -58,13 +59,13 @@ class FrequencyBands:
         self.squared_frequency: Power = self._squared.ravel()[self.sample]
         self._span = np.log([float(self._squared.min()), float(self._squared.max())])
         position = self._position(self.squared_frequency)
-        self._lower = np.minimum(position.astype(np.intp), _N_BANDS - 2)
+        self._lower = np.minimum(position.astype(np.intp), N_BANDS - 2)
         self._fraction = (position - self._lower).astype(np.float32)
         self._size = self._sums(self.share)
 
     def smoothed_logarithm(self, ratio: Power) -> NDArray[np.float64]:
         """Logarithm of each band's mean of a ratio near 1 over the sample, (bands,)."""
-        means = (self._sums(ratio * self.share) + _BAND_INERTIA) / (self._size + _BAND_INERTIA)
+        means = (self._sums(ratio * self.share) + BAND_INERTIA) / (self._size + BAND_INERTIA)
         return np.asarray(np.log(means))
 
     def at_sample(self, logarithms: NDArray[np.float64]) -> Power:
@@ -75,13 +76,24 @@ class FrequencyBands:
 
     def power_law(self, power: float, logarithms: NDArray[np.float64]) -> Power:
         """Power of every frequency, (height, width // 2 + 1): a power law times the bands' correction of it."""
+        return np.asarray(self.table(power, logarithms)[self.entry])
+
+    def table(self, power: float, logarithms: NDArray[np.float64]) -> Power:
+        """What `power_law` takes by `entry`."""
         logs = np.linspace(float(self._span[0]), float(self._span[1]), _TABLE)
-        correction = np.interp(np.linspace(0, _N_BANDS - 1, _TABLE), np.arange(_N_BANDS), logarithms)
-        table: Power = np.exp(correction + np.log(power) - NATURAL_POWER_LAW / 2 * logs).astype(np.float32)
-        return np.asarray(table[self._entry])
+        correction = np.interp(np.linspace(0, N_BANDS - 1, _TABLE), np.arange(N_BANDS), logarithms)
+        return np.asarray(np.exp(correction + np.log(power) - NATURAL_POWER_LAW / 2 * logs), dtype=np.float32)
 
     @cached_property
-    def _entry(self) -> NDArray[np.int16]:
+    def weights(self) -> Power:
+        """Of each sampled frequency in each band, (bands, n): those of `at_sample` and `smoothed_logarithm`."""
+        weights = np.zeros((N_BANDS, self._lower.size), dtype=np.float32)
+        places = np.arange(self._lower.size)
+        weights[self._lower, places], weights[self._lower + 1, places] = 1 - self._fraction, self._fraction
+        return weights
+
+    @cached_property
+    def entry(self) -> NDArray[np.int16]:
         """Where in a table over the logarithm of frequency each frequency is."""
         logs = np.log(self._squared)
         logs -= np.float32(self._span[0])
@@ -90,11 +102,11 @@ class FrequencyBands:
 
     def _position(self, squared: Power) -> NDArray[np.float64]:
         position = (np.log(squared.astype(np.float64)) - self._span[0]) / np.ptp(self._span)
-        return np.asarray(np.clip(position, 0, 1) * (_N_BANDS - 1))
+        return np.asarray(np.clip(position, 0, 1) * (N_BANDS - 1))
 
     def _sums(self, values: Power) -> NDArray[np.float64]:
-        lower = np.bincount(self._lower, values * (1 - self._fraction), _N_BANDS)
-        upper = np.bincount(self._lower + 1, values * self._fraction, _N_BANDS)
+        lower = np.bincount(self._lower, values * (1 - self._fraction), N_BANDS)
+        upper = np.bincount(self._lower + 1, values * self._fraction, N_BANDS)
         return np.asarray(lower + upper, dtype=np.float64)
 
 
@@ -136,15 +148,19 @@ def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spe
     uncertainty : ndarray, same shape
         Variance that remains.
     """
-    h_t = information[0, 0].real + 1 / prior[0]
-    h_r = information[1, 1].real + 1 / prior[1]
-    cross, product = information[0, 1], h_t * h_r
-    determinant = np.maximum(product - np.abs(cross) ** 2, RESOLUTION * product)
-    uncertainty = np.stack([h_r, h_t]) / determinant
-    coefficients = np.empty_like(right)
-    coefficients[0] = uncertainty[0] * right[0] - cross / determinant * right[1]
-    coefficients[1] = uncertainty[1] * right[1] - cross.conj() / determinant * right[0]
-    return coefficients, uncertainty
+    return two_layers((information[0, 0].real, information[1, 1].real), information[0, 1], right, prior)
+
+
+def two_layers(of_each: Any, cross: Any, right: Any, prior: Any) -> tuple[Any, Any]:
+    """`posterior` of arrays or tensors, from the diagonal of the information (2, ...) and its upper entry."""
+    xp = array_namespace(prior)
+    h_t, h_r = (of_each[i] + 1 / prior[i] for i in (0, 1))
+    product = h_t * h_r
+    determinant = xp.maximum(product - xp.abs(cross) ** 2, float(RESOLUTION) * product)
+    uncertainty = xp.stack([h_r / determinant, h_t / determinant])
+    off = cross / determinant
+    t, r = right[0], right[1]
+    return xp.stack([uncertainty[0, ...] * t - off * r, uncertainty[1, ...] * r - xp.conj(off) * t]), uncertainty
 
 
 class Bands(Protocol):
@@ -205,12 +221,12 @@ def fit_spectra(moments: Moments, bands: FrequencyBands, gradient_power: NDArray
     """
     law = bands.squared_frequency ** (NATURAL_POWER_LAW / 2)
     power = np.stack([gradient_power, gradient_power])
-    logarithms = np.zeros((*power.shape, _N_BANDS))
+    logarithms = np.zeros((*power.shape, N_BANDS))
     prior: Power = (power[..., None] / law).astype(np.float32)
-    for _ in range(_TURNS_POWER_LAW):
+    for _ in range(TURNS_POWER_LAW):
         power = (moments(prior)[0] * (law * bands.share)).sum(axis=-1, dtype=np.float64)
         prior = (power[..., None] / law).astype(np.float32)
-    for _ in range(_TURNS_BANDS):
+    for _ in range(TURNS_BANDS):
         ratio = moments(prior)[0] / prior
         for where in np.ndindex(power.shape):
             step = bands.smoothed_logarithm(ratio[where])

@@ -43,7 +43,7 @@ def plate_transfer(pse: PSE, height: int, width: int) -> Spectrum:
 
 def ghost_transfer(taps: NDArray[np.float64], displacements: Displacements, height: int, width: int) -> Spectrum:
     """The same of images with weights (2, ghost, entries) at these places."""
-    weights, down, across = _separable(taps, displacements, height, width)
+    weights, down, across = separable(taps, displacements, height, width)
     transfer: Spectrum = (weights[:, :, None, :] * down).astype(np.complex64) @ across
     return transfer
 
@@ -52,16 +52,19 @@ def ghost_transfer_at(
     taps: NDArray[np.float64], displacements: Displacements, shape: tuple[int, int], sample: NDArray[np.intp]
 ) -> Spectrum:
     """The same at a sample of the frequencies, flat indices of (height, width // 2 + 1): (entries, 2, n)."""
-    weights, down, across = _separable(taps, displacements, *shape)
+    weights, down, across = separable(taps, displacements, *shape)
     rows, columns = np.divmod(sample, across.shape[1])
     transfer: Spectrum = (weights @ (down[rows].T * across[:, columns])).astype(np.complex64)
     return transfer
 
 
-def _separable(
+def separable(
     taps: NDArray[np.float64], displacements: Displacements, height: int, width: int
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128], Spectrum]:
-    """Weights (entries, 2, ghost), and what each shift does to rows' (height, ghost) and columns' frequencies."""
+    """Weights (entries, 2, ghost), and what each shift does to rows' (height, ghost) and columns' frequencies.
+
+    The transfer is the product of the three, summed over ghosts.
+    """
     rows, columns = frequencies(height, width)
     # Ghosts that float32 cannot tell from nothing cost as much as the others.
     kept = np.flatnonzero(np.abs(taps).max(axis=(0, 2)) > _NEGLIGIBLE)

@@ -23,8 +23,10 @@ SCALES = np.geomspace(0.01, 30.0, 9)
 """Scales of the spectra, in units of the fitted one, that a table holds; between them it is interpolated. By hand."""
 # Nine of ten photographs have less than so many times the power of another (measured on luminance, in any octave).
 _SPREAD_OF_POWER = 4.0
-# Detail is what a Gaussian of this width takes out of a layer: what is finer than about 5 px.
-_DETAIL_PX = 2.0
+DETAIL_PX = 2.0
+"""Of the Gaussian whose rest of a layer is its detail: what is finer than about 5 px."""
+DETAIL_CUT = 3
+"""Widths of it beyond which it is nothing."""
 # Power of detail that a black layer is divided by.
 _LEAST_DETAIL = 1e-20
 
@@ -119,16 +121,26 @@ def unknown_share(left: Power, squared_frequency: Power, share: Power, reflectio
     reflection : ndarray of float32, shape (channel, h, w)
         What was found.
     """
-    finer = 1 - np.exp(-squared_frequency * np.float32(_DETAIL_PX**2 / 2))
-    open_power = float((left * (share * finer**2)).sum(dtype=np.float64))
-    return open_power / max(open_power + _detail(reflection), _LEAST_DETAIL)
+    open_power = float((left * (share * detail_power(squared_frequency))).sum(dtype=np.float64))
+    return open_part(open_power, _detail(reflection))
+
+
+def detail_power(squared_frequency: Power) -> Power:
+    """Share of a frequency's power that is detail."""
+    finer = 1 - np.exp(-squared_frequency * np.float32(DETAIL_PX**2 / 2))
+    return np.asarray(finer**2, dtype=np.float32)
+
+
+def open_part(left: float, found: float) -> float:
+    """Share of a layer's detail that remains open, from the power that is left open and that was found."""
+    return left / max(left + found, _LEAST_DETAIL)
 
 
 def _detail(layer: Images) -> float:
     """Mean square of the detail of a layer (channel, h, w), summed over colours."""
     from scipy.ndimage import gaussian_filter
 
-    fine = layer - gaussian_filter(layer, (0, _DETAIL_PX, _DETAIL_PX), truncate=3)
+    fine = layer - gaussian_filter(layer, (0, DETAIL_PX, DETAIL_PX), truncate=DETAIL_CUT)
     return float(np.square(fine, out=fine).mean(axis=(-1, -2), dtype=np.float64).sum())
 
 

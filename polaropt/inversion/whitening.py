@@ -91,19 +91,19 @@ class FourierPreconditioner:
     def layers(self, z: Any) -> Any:
         """Layers (2, channel, H, W) at coordinates z, a flat float32 vector."""
         xp = array_namespace(z)
-        coefficients = _applied(self._roots[0], self._spectrum(z, xp), xp) / self._length
+        coefficients = applied(self._roots[0], self._spectrum(z, xp), xp) / self._length
         own = xp.fft.irfftn(coefficients, s=self._frame, axes=(-2, -1), norm="ortho") + self._mean
         return in_basis(self._basis.T, own, xp)
 
     def coordinates(self, layers: Any) -> Any:
         """Coordinates of layers: the inverse of `layers`."""
         xp = array_namespace(layers)
-        return _flat(_applied(self._roots[1], self._transformed(layers, self._mean, xp), xp), xp)
+        return _flat(applied(self._roots[1], self._transformed(layers, self._mean, xp), xp), xp)
 
     def gradient(self, gradient: Any) -> Any:
         """Gradient by z of a function with this gradient by the layers."""
         xp = array_namespace(gradient)
-        return _flat(_applied(self._roots[0], self._transformed(gradient, 0.0, xp), xp), xp)
+        return _flat(applied(self._roots[0], self._transformed(gradient, 0.0, xp), xp), xp)
 
     def _transformed(self, images: Any, mean: Any, xp: Any) -> Any:
         own = in_basis(self._basis, images, xp) - mean
@@ -123,7 +123,7 @@ def _flat(spectrum: Any, xp: Any) -> Any:
     return np.ascontiguousarray(spectrum, dtype=np.complex64).view(np.float32).ravel()
 
 
-def _applied(root: tuple[Any, Any], pair: Any, xp: Any) -> Any:
+def applied(root: tuple[Any, Any], pair: Any, xp: Any) -> Any:
     """A Hermitian 2x2 matrix per frequency, as its diagonal and upper entry, times a pair of layers."""
     own, cross = root
     t, r = pair[0, ...], pair[1, ...]
@@ -132,9 +132,16 @@ def _applied(root: tuple[Any, Any], pair: Any, xp: Any) -> Any:
 
 def _roots(hessian: AssumedHessian, width: int) -> list[tuple[NDArray[Any], NDArray[Any]]]:
     """Diagonal (2, channel, ...) and upper entry (channel, ...) of H^(-1/2) and of H^(1/2)."""
-    t, r = hessian.diagonal(width)
+    return roots_of(hessian.diagonal(width), hessian.cross)
+
+
+def roots_of(diagonal: Any, cross: Any) -> list[tuple[Any, Any]]:
+    """Diagonal (2, ...) and upper entry (...) of H^(-1/2) and of H^(1/2), of a matrix H given likewise."""
+    xp = array_namespace(diagonal)
+    t, r = diagonal[0, ...], diagonal[1, ...]
+    product = t * r
     # Square root of a 2x2 matrix B: (B + sqrt(det B)) / sqrt(tr B + 2 sqrt(det B)).
-    root = np.sqrt(np.maximum(t * r - np.abs(hessian.cross) ** 2, RESOLUTION * t * r))
-    scale = 1 / np.sqrt(t + r + 2 * root)
-    inverse = (np.stack([r + root, t + root]) * scale / root, -hessian.cross * scale / root)
-    return [inverse, (np.stack([t + root, r + root]) * scale, hessian.cross * scale)]
+    root = xp.sqrt(xp.maximum(product - xp.abs(cross) ** 2, float(RESOLUTION) * product))
+    scale = 1 / xp.sqrt(t + r + 2 * root)
+    inverse = (xp.stack([(r + root) * scale / root, (t + root) * scale / root]), -cross * scale / root)
+    return [inverse, (xp.stack([(t + root) * scale, (r + root) * scale]), cross * scale)]

@@ -16,6 +16,7 @@ __all__ = [
     "Tile",
     "Weights",
     "build_objective",
+    "check_device",
     "check_start",
     "component_strips",
     "conditioned_observation",
@@ -25,12 +26,16 @@ __all__ = [
     "initializers",
     "inpainted",
     "kinds_of_pixels",
+    "n_at_once",
+    "n_values",
     "plain_observation",
     "plate_views",
     "solve",
+    "solve_at_once",
     "start_names",
     "take_start",
     "term_names",
+    "whole",
     "worth_filling",
 ]
 
@@ -61,7 +66,12 @@ from .solution import Settings as Settings
 from .solution import Solution as Solution
 from .solution import StoppingRule as StoppingRule
 from .solution import Tile as Tile
+from .solution import check_device as check_device
+from .solution import n_at_once as n_at_once
+from .solution import n_values as n_values
 from .solution import solve as solve
+from .solution import solve_at_once as solve_at_once
+from .solution import whole as whole
 from .starts import Initializer as Initializer
 from .starts import check_start as check_start
 from .starts import initializers as initializers

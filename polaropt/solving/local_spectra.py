@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ Spectrum = NDArray[np.complex64]
 
 REACH_PX = 16.0
 """Shift of ghosts up to which windows tell them: of 12 px both layers gain, of 30 px the reflection loses 2 dB."""
-_TURNS = 2
+TURNS = 2
 """Times that coarse windows take their spectra from the layers at hand."""
 
 
@@ -53,6 +53,46 @@ class WindowSize:
         """From a window to the next."""
         return self.side_px // 2
 
+    @property
+    def profile(self) -> Images:
+        """Of a window along a side, (side,).
+
+        The squares of all windows that a pixel lies in add up to one; within a window their mean is a quarter.
+        """
+        return np.asarray(np.sin(np.pi * (np.arange(self.side_px) + 0.5) / self.side_px), dtype=np.float32)
+
+    @property
+    def fast(self) -> Images:
+        """1 at the frequencies (side, side // 2 + 1) whose changes a window tells, 0 elsewhere."""
+        rows, columns = np.fft.fftfreq(self.side_px), np.fft.rfftfreq(self.side_px)
+        return np.asarray(np.hypot(rows[:, None], columns) * self.side_px > self.slowest, dtype=np.float32)
+
+    def nearest(self, height: int, width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Rows (side,) and columns (side // 2 + 1,) of a half spectrum (height, width) that are a window's own."""
+        rows = np.round(np.fft.fftfreq(self.side_px) * height).astype(int) % height
+        return rows, np.minimum(np.round(np.fft.rfftfreq(self.side_px) * width).astype(int), width // 2)
+
+    def kernel_within(self, height: int, width: int) -> KernelWithin:
+        """What windows see of kernels (height, width)."""
+        # How much of a window lies in itself, moved; what lies farther apart than its side nothing does.
+        profile = np.sin(np.pi * (np.arange(self.side_px) + 0.5) / self.side_px)
+        overlap = np.correlate(profile, profile, "full") * (2 / self.side_px)
+        apart = np.arange(1 - self.side_px, self.side_px)
+        down, across = (overlap * (2 * np.abs(apart) < side) for side in (height, width))
+        return KernelWithin(
+            (apart % height)[:, None], apart % width, np.outer(down, across).astype(np.float32), apart % self.side_px
+        )
+
+
+class KernelWithin(NamedTuple):
+    """What a window sees of a kernel: the values at `rows` and `columns` times `weights`, which lie at `places` of it,
+    down and across."""
+
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    weights: Images
+    places: NDArray[np.intp]
+
 
 # By trial on four pairs of photographs behind panes at 10 to 75 degrees (24, 32, 64 px).
 COARSE = WindowSize(32, 1.5)
@@ -63,17 +103,17 @@ COARSE = WindowSize(32, 1.5)
 FINE = WindowSize(16, 1.5)
 # What is open of a frequency counts so much, where the photographs tell it well, and all of it where they do not tell
 # it: there the layers at hand are smoother than the scene.
-_OPEN = 0.25
+OPEN = 0.25
 # Power mean of the precision in a window. With shot noise of 2e-3 behind a pane at 60 degrees two coarse turns and a
 # fine one end at 35.0, 36.3, 36.5 and 36.4 dB with powers of 1, 2, 4 and 10 (two turns of the first at 35.8).
-_TOWARDS_LARGEST = 4
+TOWARDS_LARGEST = 4
 # Mean square by which a window differs from that of the frame before, in units of what noise may do, from which on it
 # shows something else, and the share of such windows up to which a frame is the same: set by hand.
 _CHANGED, _FEW = np.float32(3.0), 0.1
 # Root of two: the power of pixels seen through a window, whose mean square is a quarter, is that of the pixels.
 _SQUARED = np.float32(np.sqrt(2))
 # Power of a window's frequency that is divided by.
-_LEAST_POWER = 1e-12
+LEAST_POWER = 1e-12
 
 
 @dataclass(frozen=True)
@@ -175,7 +215,7 @@ def expected_layers(
     light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
     if before is None:
         last, changed = Windows(known, canvas, FINE), None
-        turns = [(Windows(known, canvas, COARSE), _TURNS), (last, 1)] if layers is None else [(last, 1)]
+        turns = [(Windows(known, canvas, COARSE), TURNS), (last, 1)] if layers is None else [(last, 1)]
     else:
         last = before.windows
         turns, changed = [(last, 1)], before.changed(light, known.variance[:, 0], last.means(precision))
@@ -236,18 +276,16 @@ class Windows:
     def __init__(self, known: ClosedForm, canvas: Canvas, size: WindowSize = COARSE) -> None:
         self._side_px, self._step_px = size.side_px, size.step_px
         self._canvas, self._basis, self._mean = canvas, known.basis.astype(np.float32), known.mean
-        # The squares of all windows that a pixel lies in add up to one; within a window their mean is a quarter.
-        self._side = np.sin(np.pi * (np.arange(self._side_px) + 0.5) / self._side_px).astype(np.float32)
+        self._size, self._side = size, size.profile
         self._window = np.outer(self._side, self._side)
-        rows, columns = np.fft.fftfreq(self._side_px), np.fft.rfftfreq(self._side_px)
-        self._fast = (np.hypot(rows[:, None], columns) * self._side_px > size.slowest).astype(np.float32)
+        self._fast = size.fast
         # One axis more, for the windows of a row.
         self._told = self._through_window(known.told).real[:, None, None]
         self._cross = self._through_window(known.cross)
         prior: Power = self._at_windows(known.prior)[:, :, None]
         self._open = np.stack(_inverse(self._told, self._cross, _inverse_of(prior))[:2])
         untold = np.minimum(self._open / prior, 1)
-        self._counted = (_OPEN + (1 - _OPEN) * untold) * self._open
+        self._counted = (OPEN + (1 - OPEN) * untold) * self._open
 
     def means(self, image: Images) -> Images:
         """Mean of an image (h, w) in each window, (windows down, windows across, 1, 1)."""
@@ -264,7 +302,7 @@ class Windows:
         A step with the mean overshoots where it is light and dark in one window, the more the more turns there are, one
         with the largest falls short: in between.
         """
-        lengthened = self.means(precision**_TOWARDS_LARGEST) ** np.float32(1 / _TOWARDS_LARGEST)
+        lengthened = self.means(precision**TOWARDS_LARGEST) ** np.float32(1 / TOWARDS_LARGEST)
         return np.asarray(lengthened, dtype=np.float32)
 
     def _through_window(self, spectrum: NDArray[Any]) -> Spectrum:
@@ -272,23 +310,16 @@ class Windows:
         from scipy.fft import irfft2, rfft2
 
         height, width = self._canvas.shape
-        kernel = irfft2(spectrum, s=(height, width))
-        # How much of a window lies in itself, moved; what lies farther apart than its side nothing does.
-        profile = np.sin(np.pi * (np.arange(self._side_px) + 0.5) / self._side_px)
-        overlap = np.correlate(profile, profile, "full") * (2 / self._side_px)
-        apart = np.arange(1 - self._side_px, self._side_px)
+        kernel, part = irfft2(spectrum, s=(height, width)), self._size.kernel_within(height, width)
         within = np.zeros((*spectrum.shape[:-2], self._side_px, self._side_px), dtype=np.float32)
-        down, across = (overlap * (2 * np.abs(apart) < side) for side in (height, width))
-        part = kernel[..., (apart % height)[:, None], apart % width] * np.outer(down, across).astype(np.float32)
-        for y, x in np.ndindex(part.shape[-2:]):
-            within[..., apart[y] % self._side_px, apart[x] % self._side_px] += part[..., y, x]
+        values = kernel[..., part.rows, part.columns] * part.weights
+        for y, x in np.ndindex(values.shape[-2:]):
+            within[..., part.places[y], part.places[x]] += values[..., y, x]
         return np.asarray(rfft2(within), dtype=np.complex64)
 
     def _at_windows(self, spectrum: NDArray[Any]) -> NDArray[Any]:
         """A spectrum of the canvas (..., H, W // 2 + 1) at the frequencies of a window."""
-        height, width = self._canvas.shape
-        rows = np.round(np.fft.fftfreq(self._side_px) * height).astype(int) % height
-        columns = np.minimum(np.round(np.fft.rfftfreq(self._side_px) * width).astype(int), width // 2)
+        rows, columns = self._size.nearest(*self._canvas.shape)
         return np.ascontiguousarray(spectrum[..., rows, :][..., columns])
 
     def step(
@@ -368,7 +399,7 @@ class Windows:
             _parts(self._cross),
             _flat(np.asarray(self._counted, dtype=np.float32))[:, :, 0],
             fast,
-            np.float32(_LEAST_POWER),
+            np.float32(LEAST_POWER),
             np.float32(RESOLUTION),
         )
 
@@ -426,7 +457,7 @@ def _parts(spectra: Spectrum) -> Images:
 
 
 def _inverse_of(power: NDArray[Any]) -> Power:
-    return np.asarray(np.float32(1) / np.maximum(power, np.float32(_LEAST_POWER)), dtype=np.float32)
+    return np.asarray(np.float32(1) / np.maximum(power, np.float32(LEAST_POWER)), dtype=np.float32)
 
 
 def _between(values: Power, places: NDArray[Any], axis: int) -> Power:

@@ -64,7 +64,7 @@ _OF_COLOR_SAMPLES = ((4.2, 2.1), 0.35)
 # Strength of the edges' independence.
 _INDEPENDENCE = 0.1
 # Residual in standard deviations of the noise, beyond which a robust solve counts it linearly: set by hand.
-_ROBUST_SIGMAS = 3.0
+ROBUST_SIGMAS = 3.0
 MOST_WEIGHT = 1e6
 """Factor on a term's weight beyond which no other term counts, in single precision. Set by hand."""
 
@@ -214,8 +214,8 @@ def _half_square(residual: Any) -> tuple[float, Any]:
 
 def _pseudo_huber(residual: Any) -> tuple[float, Any]:
     xp = array_namespace(residual)
-    root = xp.sqrt(1 + (residual / _ROBUST_SIGMAS) ** 2)
-    return _ROBUST_SIGMAS**2 * float(xp.sum(root - 1, dtype=xp.float64)), residual / root
+    root = xp.sqrt(1 + (residual / ROBUST_SIGMAS) ** 2)
+    return ROBUST_SIGMAS**2 * float(xp.sum(root - 1, dtype=xp.float64)), residual / root
 
 
 class WithinFrame:
@@ -288,6 +288,76 @@ class Penalties:
         return replace(self, natural_image=NaturalImage(*parts))
 
 
+@dataclass(frozen=True)
+class LayerPenalties:
+    """The priors that judge the layers within the frame, and how much the spectral one counts beside them.
+
+    Attributes
+    ----------
+    edge_independence : EdgeIndependence
+    gradient_sparsity : GradientSparsity
+    nonnegativity : Nonnegativity
+    spectral : ndarray of float32, shape (2,)
+        Weight of the spectral prior of each layer, where nothing is expected of the layers in each place.
+    confidence : float
+        Weight of the prior around what is expected in each place.
+    """
+
+    edge_independence: EdgeIndependence
+    gradient_sparsity: GradientSparsity
+    nonnegativity: Nonnegativity
+    spectral: NDArray[np.float32]
+    confidence: float
+
+
+def layer_penalties(known: ClosedForm, noise: float, *, mosaic: bool, expects: bool) -> LayerPenalties:
+    """The priors within the frame that the fitted spectra imply.
+
+    Where the photographs hardly tell a layer's gradients, the sparse prior gives way to the Gaussian one: the most
+    probable point of a sparse prior is no good estimate there.
+
+    Parameters
+    ----------
+    known : ClosedForm
+        Of it the energies of edges, the variance and the basis.
+    noise : float
+    mosaic : bool
+        Whether the layers are solved for from samples of a mosaic.
+    expects : bool
+        Whether layers are expected in each place.
+    """
+    scale, unknown = _gradient_energy(known.edges), _gradient_energy(known.unknown_edges)
+    open_share = unknown_shares(known)
+    known_enough = min(1.0, float(1 - open_share[1]) / _KNOWN_ENOUGH) ** 2
+    # The transmission's edges are told even where the reflection's detail is open.
+    of_each = np.array([1.0, known_enough]) * (1 - open_share)
+    confidence, uncertain = 1.0, _UNCERTAIN
+    if mosaic:
+        around, confidence = _OF_MONO_SAMPLES if len(known.basis) == 1 else _OF_COLOR_SAMPLES
+        strength = (np.array(around) if expects else _SPARSITY_OF_MOSAIC) * of_each
+        spectral = np.full(2, _SPECTRAL_OF_MOSAIC, np.float32)
+    else:
+        if expects:
+            strength, uncertain = np.array(_SPARSITY_OF_EXPECTED) * of_each, _UNCERTAIN_OF_EXPECTED
+        else:
+            strength = _SPARSITY * known_enough * (1 - open_share)
+        spectral = np.maximum(open_share, 1 - known_enough * (1 - _LEAST_SPECTRAL)).astype(np.float32)
+    floor = _INDISTINCT * scale + uncertain * unknown
+    layers = [
+        LayerSparsity(float(own), float(size), float(least))
+        for own, size, least in zip(strength, scale, floor, strict=True)
+    ]
+    typical = scale + unknown
+    variance = noise**2 + known.variance.mean(axis=1)
+    return LayerPenalties(
+        edge_independence=EdgeIndependence(_INDEPENDENCE * known_enough, (float(typical[0]), float(typical[1]))),
+        gradient_sparsity=GradientSparsity((layers[0], layers[1])),
+        nonnegativity=Nonnegativity((known_enough / float(variance[0]), known_enough / float(variance[1]))),
+        spectral=spectral,
+        confidence=confidence,
+    )
+
+
 def default_penalties(
     known: ClosedForm,
     noise: float,
@@ -295,10 +365,7 @@ def default_penalties(
     expected: Expectation | None = None,
     slope: Images | None = None,
 ) -> Penalties:
-    """The priors that the fitted spectra imply.
-
-    Where the photographs hardly tell a layer's gradients, the sparse prior gives way to the Gaussian one: the most
-    probable point of a sparse prior is no good estimate there.
+    """The priors that the fitted spectra imply; those within the frame are of `layer_penalties`.
 
     Parameters
     ----------
@@ -312,45 +379,25 @@ def default_penalties(
         Gradient of the photographs' misfit at these layers. With it the misfit and the prior around them are least at
         these layers themselves, and the photographs, of which they know already, do not count twice. Default: they do.
     """
-    scale, unknown = _gradient_energy(known.edges), _gradient_energy(known.unknown_edges)
-    open_share = unknown_shares(known)
-    known_enough = min(1.0, float(1 - open_share[1]) / _KNOWN_ENOUGH) ** 2
-    # The transmission's edges are told even where the reflection's detail is open.
-    of_each = np.array([1.0, known_enough]) * (1 - open_share)
-    if mosaic:
-        around, confidence = _OF_MONO_SAMPLES if len(known.basis) == 1 else _OF_COLOR_SAMPLES
-        sparse = _SPARSITY_OF_MOSAIC if expected is None else np.array(around)
-        strength, uncertain = sparse * of_each, _UNCERTAIN
-        spectral = np.full(2, _SPECTRAL_OF_MOSAIC, np.float32)
-    else:
-        confidence = 1.0
-        if expected is None:
-            strength, uncertain = _SPARSITY * known_enough * (1 - open_share), _UNCERTAIN
-        else:
-            strength, uncertain = np.array(_SPARSITY_OF_EXPECTED) * of_each, _UNCERTAIN_OF_EXPECTED
-        spectral = np.maximum(open_share, 1 - known_enough * (1 - _LEAST_SPECTRAL)).astype(np.float32)
-    floor = _INDISTINCT * scale + uncertain * unknown
-    layers = [
-        LayerSparsity(float(own), float(size), float(least))
-        for own, size, least in zip(strength, scale, floor, strict=True)
-    ]
+    within = layer_penalties(known, noise, mosaic=mosaic, expects=expected is not None)
     if expected is None:
-        natural = NaturalImage(spectral[:, None, None, None] / known.prior, known.mean, known.basis)
+        natural = NaturalImage(within.spectral[:, None, None, None] / known.prior, known.mean, known.basis)
     else:
-        stiffness = np.float32(confidence) / expected.variance
+        stiffness = np.float32(within.confidence) / expected.variance
         mean = expected.layers if slope is None else _least_at(expected.layers, stiffness, slope, known.basis)
         natural = NaturalImage(stiffness, mean, known.basis)
-    typical = scale + unknown
-    variance = noise**2 + known.variance.mean(axis=1)
     return Penalties(
-        edge_independence=EdgeIndependence(_INDEPENDENCE * known_enough, (float(typical[0]), float(typical[1]))),
-        gradient_sparsity=GradientSparsity((layers[0], layers[1])),
-        nonnegativity=Nonnegativity((known_enough / float(variance[0]), known_enough / float(variance[1]))),
+        edge_independence=within.edge_independence,
+        gradient_sparsity=within.gradient_sparsity,
+        nonnegativity=within.nonnegativity,
         natural_image=natural,
-        others={
-            term.name: term.metadata[_PENALTY](known, noise) for term in fields(Weights) if _PENALTY in term.metadata
-        },
+        others=own_penalties(known, noise),
     )
+
+
+def own_penalties(known: ClosedForm, noise: float) -> dict[str, Regularizer]:
+    """Penalties of this package that have no compiled pass, by name."""
+    return {term.name: term.metadata[_PENALTY](known, noise) for term in fields(Weights) if _PENALTY in term.metadata}
 
 
 def _least_at(layers: Images, stiffness: Power, slope: Images, basis: Basis) -> Images:

@@ -46,7 +46,9 @@ _MUCH = 2e-3
 
 def worth_filling(capture: Capture) -> bool:
     """Whether so much is missing that a closed form, which cannot leave pixels out, suffers from it."""
-    valid = capture.valid if capture.samples is None else capture.samples.valid
+    if capture.samples is None:
+        return capture.n_valid < (1 - _MUCH) * capture.mask.size
+    valid = capture.samples.valid
     return bool(np.count_nonzero(valid) < (1 - _MUCH) * valid.size)
 
 
@@ -172,21 +174,25 @@ class Problem:
             # What was fitted is of its noise, and the typical one of a film hardly changes.
             self.noise, engine = memory.noise, memory.pse
         self._memory = memory
-        self._mean_noise = noise
-        self._pixel_noise: float | NoiseClasses = noise if classes is None else classes
+        self.mean_noise = noise
+        self.pixel_noise: float | NoiseClasses = noise if classes is None else classes
         self.capture, self.scene = capture, scene
         # What is compared with the layers: of a mosaic the samples alone.
         self.observed = capture.observed
-        self._weights, self._robust = weights, robust
+        self.weights, self.robust = weights, robust
         self.pse = engine or engine_for(scene, capture.angles_deg, self.noise, capture.shape[-2:], center)
         period = 1 if capture.samples is None else capture.samples.sampling.period
         self.canvas: Canvas = canvas_for(self.pse, capture.shape[-2], capture.shape[-1], period)
-        self.known: ClosedForm = self._closed_form()
+
+    @cached_property
+    def known(self) -> ClosedForm:
+        """The closed form, when first asked for."""
+        return self._closed_form()
 
     @cached_property
     def expected(self) -> Expectation | None:
         """What the layers are expected to be in each place; None where windows cannot tell. From the closed form."""
-        return self._expected_layers() if self._fits_windows() else None
+        return self._expected_layers() if self.fits_windows else None
 
     def best_known(self) -> Images:
         """Layers on the canvas (2, channel, H, W): what is expected of windows where these tell, else closed form."""
@@ -220,8 +226,8 @@ class Problem:
         mosaic = self.capture.samples is not None
         # Windows of a mosaic's samples are too sure of what they expect to be left where they are.
         slope = None if mosaic or self.expected is None else self.slope_of_misfit(self.best_known())
-        penalties = default_penalties(self.known, self._mean_noise, mosaic, self.expected, slope)
-        others = {**penalties.others, **plugged_penalties(self._weights, self.known, self._mean_noise)}
+        penalties = default_penalties(self.known, self.mean_noise, mosaic, self.expected, slope)
+        others = {**penalties.others, **plugged_penalties(self.weights, self.known, self.mean_noise)}
         return replace(penalties, others=others)
 
     @property
@@ -262,7 +268,8 @@ class Problem:
             known = self._closed_form_of(filled(self.capture, self._photographed(known.layers)))
         return known
 
-    def _fits_windows(self) -> bool:
+    @property
+    def fits_windows(self) -> bool:
         """Whether layers can be expected of windows, and of photographs at all.
 
         A pane that varies tells another thing in each window; ghosts that lie farther apart than windows overlap look
@@ -271,25 +278,25 @@ class Problem:
         plain = isinstance(self.pse, PSE)
         shifts = (self.scene.ghost_shift, self.scene.transmission_ghost_shift, self.scene.gap_shift)
         near = all(abs(shift or 0.0) <= REACH_PX for shift in shifts)
-        return plain and near and self._weights.factor("misfit") > 0
+        return plain and near and self.weights.factor("misfit") > 0
 
     def _expected_layers(self, layers: Images | None = None) -> Expectation:
         return expected_layers(
             self.known,
             self.canvas,
             self.slope_of_misfit,
-            self._relative_precision(),
+            self.relative_precision(),
             layers,
             before=None if self._memory is None or layers is not None else self._memory.seen,
             remember=self.remember,
         )
 
-    def _relative_precision(self) -> Images:
+    def relative_precision(self) -> Images:
         """What a pixel's photographs tell beside what the closed form takes for it, mean of all, (h, w)."""
         valid = self.observed.valid
         weight = valid.reshape(len(valid), -1, *valid.shape[-2:]).astype(np.float32)
-        if isinstance(self._pixel_noise, NoiseClasses):
-            weight *= np.square(np.float32(self.noise) / self._pixel_noise.images())
+        if isinstance(self.pixel_noise, NoiseClasses):
+            weight *= np.square(np.float32(self.noise) / self.pixel_noise.images())
         samples = self.capture.samples
         # Of a mosaic each pixel has one of all values, which the closed form knows.
         share = 1.0 if samples is None else 1 / (len(self.capture.angles_deg) * samples.sampling.n_channels)
@@ -318,19 +325,19 @@ class Problem:
         """The objective in compiled passes, in coordinates made for `start` (2, channel, H, W)."""
         from polaropt.solving.compiled import FusedObjective
 
-        return FusedObjective(self._misfit, self.penalties, self._weights, self.known, self.canvas, start)
+        return FusedObjective(self._misfit, self.penalties, self.weights, self.known, self.canvas, start)
 
     @cached_property
     def _misfit(self) -> MisfitInPlace:
         """The misfit in compiled passes."""
         from polaropt.solving.compiled import FusedGhostMisfit, FusedMisfit, FusedVaryingMisfit, ReadableMisfit
 
-        if self._robust:
-            return ReadableMisfit(Misfit(self.observed, self._on_canvas(), self.canvas, self._pixel_noise, robust=True))
+        if self.robust:
+            return ReadableMisfit(Misfit(self.observed, self._on_canvas(), self.canvas, self.pixel_noise, robust=True))
         if isinstance(self.pse, PSE):
-            return FusedMisfit(self.observed, self.pse, self.canvas, self._pixel_noise)
+            return FusedMisfit(self.observed, self.pse, self.canvas, self.pixel_noise)
         varying = FusedGhostMisfit if self.scene.has_ghosts else FusedVaryingMisfit
-        return varying(self.observed, self.pse, self.canvas, self._pixel_noise)
+        return varying(self.observed, self.pse, self.canvas, self.pixel_noise)
 
     def _on_canvas(self) -> PSE | VaryingPSE:
         """The engine for images of the canvas's size."""
@@ -344,11 +351,11 @@ class Problem:
         from polaropt.solving.compiled import FusedPenalties, assumed_hessian
 
         place = np.asarray if device is None else on_device(device)
-        misfit = Misfit(self.observed, self._on_canvas(), self.canvas, self._pixel_noise, self._robust, place)
-        objective = build_objective(misfit, self.penalties.placed(place), self.canvas, self._weights)
+        misfit = Misfit(self.observed, self._on_canvas(), self.canvas, self.pixel_noise, self.robust, place)
+        objective = build_objective(misfit, self.penalties.placed(place), self.canvas, self.weights)
         known, natural = self.known, self.penalties.natural_image
         local = FusedPenalties(self.penalties, self.canvas, start.shape[1])
-        hessian = assumed_hessian(local, natural, self._weights, known, start)
+        hessian = assumed_hessian(local, natural, self.weights, known, start)
         whitened = FourierPreconditioner(hessian, natural.mean, known.basis, self.canvas.shape[1], place)
         return WhitenedObjective(objective, whitened, place)
 

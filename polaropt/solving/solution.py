@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from itertools import count, zip_longest
@@ -21,7 +21,7 @@ from polaropt.progress import Stages
 from polaropt.solving.objective import Term, Weights
 from polaropt.solving.problem import Coordinates, Memory, Problem
 from polaropt.solving.starts import pulled_to_start, take_start
-from solvers.base import SolverResult, Status, TooLarge, TracePoint
+from solvers.base import Solver, SolverResult, Status, TooLarge, TracePoint
 from solvers.base import StoppingRule as StoppingRule  # part of this wing's face
 from solvers.registry import get_solver
 
@@ -118,6 +118,11 @@ _CLOSED_FORM, _SOLVING, _TAKING_STOCK = 0.3, 0.4, 0.97
 _REACH = _TAKING_STOCK - _CLOSED_FORM
 # Evaluations that most solves end within, for the same.
 _USUAL_EVALUATIONS = 7
+# Names of the minimizers of tensors: the own one solves several captures at once.
+_OWN, _OF_TORCH = "lbfgs", "torch"
+# Values of layers that a device works on at once, of which it holds about a hundred times as many, and the most
+# captures: set by hand.
+_VALUES_AT_ONCE, _MOST_AT_ONCE = 2**23, 32
 # What is known of a tile's layers that no photograph changes.
 _OF_PANE = ("told", "cross", "share", "squared_frequency")
 # Of tiles that ended differently the whole has the status that stands first.
@@ -142,7 +147,7 @@ class Settings:
     solver : str
         Name of a minimizer.
     device : str or None
-        Where the solver torch works; None for the CPU.
+        Where closed form, objective and solver work, as torch names it; None for compiled passes on the processor.
     init : str
         Name of the start.
     keep_start : float
@@ -169,7 +174,21 @@ class Settings:
     @property
     def device_of_tensors(self) -> str | None:
         """Where the readable objective runs on tensors; None for the compiled one."""
-        return (self.device or "cpu") if self.solver == "torch" else None
+        return (self.device or "cpu") if self.solver == _OF_TORCH else self.device
+
+
+def check_device(device: str, solver: str = _OWN) -> None:
+    """InputError where torch or a device of this name is not there, or where the solver cannot work on it."""
+    if solver not in (_OWN, _OF_TORCH):
+        raise InputError(f"device {device!r} is for the solver {_OWN} or {_OF_TORCH}, not {solver}")
+    try:
+        import torch
+    except ImportError:
+        raise InputError(f"device {device!r} needs torch: pip install 'polaropt[torch]'") from None
+    try:
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"device {device!r} cannot be used: {str(error).splitlines()[0]}") from None
 
 
 @dataclass(frozen=True)
@@ -270,14 +289,14 @@ def solve(
     """
     height, width = capture.shape[-2:]
     colors = capture.shape[0] if capture.color else 1
-    much = 2 * colors * height * width > _MUCH
+    much = n_values(capture) > _MUCH
     parts = tiles(height, width, _TILE_BESIDE_MUCH) if much else tiles(height, width)
     middle = ((width - 1) / 2, (height - 1) / 2)
 
-    def solved(part: Capture, place: Part) -> Solution:
+    def problem_of(place: Part) -> Problem:
         stages.begin("Closed form", place.reached)
-        problem = Problem(
-            part,
+        return Problem(
+            capture if len(parts) == 1 else capture.part(*place.tile.where),
             scene,
             noise,
             settings.weights,
@@ -287,29 +306,42 @@ def solve(
             memory=before[place.number] if before else None,
             remember=remember,
         )
-        begin = None if start is None else start[:, :, place.tile.rows, place.tile.columns]
-        return _solve_tile(problem, settings, stages, place, begin)
+
+    def begin_of(place: Part) -> Images | None:
+        return None if start is None else _within(start, place)
 
     if len(parts) == 1:
-        return solved(capture, Part(parts[0], 0, 1, middle))
+        only = Part(parts[0], 0, 1, middle)
+        return _solve_tile(problem_of(only), settings, stages, only, begin_of(only))
     # Of what photographs left that were read and looked at, too: layers are as much as half of them.
     give_back_freed()
     layers = np.zeros((2, colors, height, width), dtype=np.float32)
     solutions: list[Solution] = []
     shared: dict[Any, NDArray[Any]] = {}
-    for i, tile in enumerate(parts):
-        place = Part(tile, i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
-        solution = solved(capture.part(*tile.where), place)
-        layers[:, :, tile.rows, tile.columns] += tile.weights * solution.layers
-        nothing = np.empty(0, dtype=np.float32)
-        # The spectra of all tiles wait for the error maps' tables, which need no more.
-        told = [thinned(piece.known) if much else piece.known for piece in solution.pieces]
-        pieces = tuple(
-            replace(piece, known=_sharing(known, shared)) for piece, known in zip(solution.pieces, told, strict=True)
-        )
-        solutions.append(replace(solution, layers=nothing, canvas_layers=nothing, pieces=pieces))
+    places = [
+        Part(tile, i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
+        for i, tile in enumerate(parts)
+    ]
+    at_once = 1 if settings.device is None else n_at_once(2 * colors * places[0].tile.weights.size)
+    for first in range(0, len(places), at_once):
+        some = places[first : first + at_once]
+        if len(some) == 1:
+            solved = [_solve_tile(problem_of(some[0]), settings, stages, some[0], begin_of(some[0]))]
+        else:
+            solved = solve_at_once([problem_of(place) for place in some], settings, stages, some, start)
+        for place, solution in zip(some, solved, strict=True):
+            tile = place.tile
+            layers[:, :, tile.rows, tile.columns] += tile.weights * solution.layers
+            nothing = np.empty(0, dtype=np.float32)
+            # The spectra of all tiles wait for the error maps' tables, which need no more.
+            told = [thinned(piece.known) if much else piece.known for piece in solution.pieces]
+            pieces = tuple(
+                replace(piece, known=_sharing(known, shared))
+                for piece, known in zip(solution.pieces, told, strict=True)
+            )
+            solutions.append(replace(solution, layers=nothing, canvas_layers=nothing, pieces=pieces))
         # The next tile needs the memory of this one's layers, and in one piece.
-        del solution
+        del solved, solution
         give_back_freed()
     pse = engine_for(scene, capture.angles_deg, noise, capture.shape[-2:])
     return _merge(solutions, parts, layers, Canvas(height, width, 0, 0, 0, 0), pse)
@@ -323,10 +355,16 @@ def _sharing(known: Knowledge, shared: dict[Any, NDArray[Any]]) -> Knowledge:
     return replace(known, **one_of_each)
 
 
+def _within(images: Images, place: Part) -> Images:
+    return images[:, :, place.tile.rows, place.tile.columns]
+
+
 def _solve_tile(
     problem: Problem, settings: Settings, stages: Stages, place: Part, begin: Images | None = None
 ) -> Solution:
     """One tile, in the time that is its own."""
+    if settings.device is not None and isinstance(problem.pse, PSE):
+        return _solved_there([problem], settings, stages, [place], begin)[0]
     share, stopping = 1 / place.of, settings.stopping
     unknown = problem.unknown_detail()
     memory = problem.memory
@@ -348,19 +386,26 @@ def _solve_tile(
     del start
     if memory is None:
         del expected
-    stages.begin("Solving", place.reached + _REACH * (_SOLVING - _CLOSED_FORM) * share)
-
-    def advance(evaluations: int) -> None:
-        # How many it takes is not known: each half of what is left takes as many as most do altogether.
-        stages.advance((_TAKING_STOCK - _SOLVING) * share * (1 - 0.5 ** (evaluations / _USUAL_EVALUATIONS)))
-
-    minimizer = get_solver(settings.solver)
+    advance = _solving(stages, place, place.of)
+    minimizer: Solver = get_solver(settings.solver)
+    if settings.device is not None and settings.solver == _OWN:
+        minimizer = _batch_of_one()
     try:
         result = minimizer.minimize(_with_progress(objective, advance), z, _stopping_of_tile(stopping, share))
     except TooLarge as error:
         raise InputError(str(error)) from None
     stages.begin("Taking stock", place.reached + _REACH * share)
     layers, terms, result = _end_of(objective, result, kept, settings.keep_start)
+    solution = _solution_of(problem, place, layers, terms, result, unknown)
+    if not problem.remember:
+        return solution
+    return replace(solution, memories=(None if memory is None else replace(memory, found=layers - expected),))
+
+
+def _solution_of(
+    problem: Problem, place: Part, layers: Images, terms: dict[str, Term], result: SolverResult, unknown: float
+) -> Solution:
+    """A tile's solution, from its canvas layers (2, channel, H, W) and the share of detail that remains unknown."""
     return Solution(
         layers=np.ascontiguousarray(problem.canvas.crop(layers)),
         terms=terms,
@@ -373,13 +418,114 @@ def _solve_tile(
         canvas_layers=layers,
         pieces=(Piece(place.tile, problem.known.sampled, problem.pse, _is_local(problem)),),
         n_bounces=problem.n_bounces,
-        memories=(None if memory is None else replace(memory, found=layers - expected),) if problem.remember else (),
     )
+
+
+def n_values(capture: Capture) -> int:
+    """Values of its layers."""
+    return 2 * int(np.prod(capture.shape))
+
+
+def n_at_once(n_values: int) -> int:
+    """How many captures, or tiles, with layers of so many values are solved together on a device."""
+    return max(1, min(_MOST_AT_ONCE, _VALUES_AT_ONCE // n_values))
+
+
+def whole(capture: Capture) -> Part:
+    """A frame that is a tile of its own."""
+    height, width = capture.shape[-2:]
+    ones = (np.ones(side, dtype=np.float32) for side in (height, width))
+    return Part(Tile(slice(0, height), slice(0, width), *ones), 0, 1, ((width - 1) / 2, (height - 1) / 2))
+
+
+def solve_at_once(
+    problems: Sequence[Problem],
+    settings: Settings,
+    stages: Stages,
+    places: Sequence[Part],
+    start: Images | None = None,
+) -> list[Solution]:
+    """Solve problems on the device of the settings: those that are alike together.
+
+    Parameters
+    ----------
+    problems : sequence of Problem
+    settings : Settings
+        With a device.
+    stages : Stages
+    places : sequence of Part
+        Of each problem: tiles of a frame, or frames of their own.
+    start : ndarray, shape (2, channel, h, w), optional
+        Of the frame whose tiles they are: layers to start from.
+    """
+    from polaropt.solving.tensors import alike
+
+    solutions: dict[int, Solution] = {}
+    groups: dict[Any, list[int]] = {}
+    for i, problem in enumerate(problems):
+        together = start is None and isinstance(problem.pse, PSE) and settings.solver == _OWN
+        groups.setdefault(alike(problem) if together else i, []).append(i)
+    for numbers in groups.values():
+        if len(numbers) == 1:
+            i = numbers[0]
+            begin = None if start is None else _within(start, places[i])
+            solutions[i] = _solve_tile(problems[i], settings, stages, places[i], begin)
+        else:
+            some, there = [problems[i] for i in numbers], [places[i] for i in numbers]
+            solutions.update(zip(numbers, _solved_there(some, settings, stages, there), strict=True))
+    return [solutions[i] for i in range(len(problems))]
+
+
+def _solved_there(
+    problems: Sequence[Problem],
+    settings: Settings,
+    stages: Stages,
+    places: Sequence[Part],
+    begin: Images | None = None,
+) -> list[Solution]:
+    """Problems that are alike, solved on a device from the closed form on."""
+    from polaropt.solving.tensors import minimized, solvable
+
+    device, place, of = str(settings.device), places[0], places[0].of / len(places)
+    there = solvable(problems, device, settings.init, begin)
+    advance = _solving(stages, place, of)
+    stopping = _stopping_of_tile(settings.stopping, 1 / of)
+    minimizer = None if settings.solver == _OWN else get_solver(settings.solver)
+    points, results = minimized(there, stopping, advance, minimizer)
+    stages.begin("Taking stock", place.reached + _REACH / of)
+    points = points + settings.keep_start * (there.start - points)
+    found = zip(problems, places, there.layers(points), there.objective.terms(points), results, strict=True)
+    solutions = []
+    for i, (problem, of_tile, layers, terms, result) in enumerate(found):
+        problem.known = there.forms[i]
+        if settings.keep_start > 0:
+            result = replace(result, value=sum(term.weight * term.value for term in terms.values()))
+        solution = _solution_of(problem, of_tile, layers, terms, result, there.unknown_detail[i])
+        solutions.append(replace(solution, memories=(None,)) if problem.remember else solution)
+    return solutions
+
+
+def _batch_of_one() -> Solver:
+    from solvers.batch_lbfgs import OneOfBatch
+
+    return OneOfBatch()
+
+
+def _solving(stages: Stages, place: Part, of: float) -> Callable[[int], None]:
+    """Begin the stage of the solver; what tells its evaluations, of a share of the whole that is 1 / `of`."""
+    share = 1 / of
+    stages.begin("Solving", place.reached + _REACH * (_SOLVING - _CLOSED_FORM) * share)
+
+    def advance(evaluations: int) -> None:
+        # How many it takes is not known: each half of what is left takes as many as most do altogether.
+        stages.advance((_TAKING_STOCK - _SOLVING) * share * (1 - 0.5 ** (evaluations / _USUAL_EVALUATIONS)))
+
+    return advance
 
 
 def _is_local(problem: Problem) -> bool:
     """Whether standard errors are narrower as layers were expected in each place; of mosaics they suit as they are."""
-    return problem.expected is not None and problem.capture.samples is None
+    return problem.fits_windows and problem.capture.samples is None
 
 
 def _with_progress(objective: Coordinates, advance: Callable[[int], None]) -> Callable[[Any], tuple[float, Any]]:

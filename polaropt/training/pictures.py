@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from polaropt.errors import InputError
 from polaropt.numerics import in_color
@@ -23,6 +24,12 @@ FROM_SKLEARN = ("china.jpg", "flower.jpg")
 # Generated images and their side in pixels; scales at which pictures are cut. Set by hand.
 N_LEAVES, _LEAVES_PX = 64, 448
 _SCALES = (0.45, 1.0)
+# Share of pictures with grain, its standard deviation (white = 1), equally likely in its logarithm, how far it reaches,
+# and how alike it is in all colours: what sensors and films leave in photographs that are seen as they were taken.
+_GRAINY = 0.5
+_GRAIN = (0.003, 0.03)
+_GRAIN_PX = (0.0, 0.8)
+_GRAIN_IN_COLOR = (0.2, 0.7)
 
 
 class Pictures:
@@ -63,13 +70,14 @@ class Pictures:
             self._drawn = dict(enumerate(pool.map(_leaves, range(self._leaves), chunksize=4)))
 
     def frame(self, size: int, random: np.random.Generator) -> Image:
-        """A square part (size, size, 3) of a picture, reduced, turned and mirrored at random."""
+        """A square part (size, size, 3) of a picture, reduced, turned, mirrored, and with grain at random."""
         picture = np.asarray(self._picture(*self._draw(random)), dtype=np.float32) / np.float32(255)
         scale = random.uniform(*_SCALES)
         wanted = min(int(np.ceil(size / scale)), *(2 * side for side in picture.shape[:2]))
         part = cut(picture, (wanted, wanted), (random.random(), random.random()))
         part = np.rot90(part, int(random.integers(4)))[..., random.permutation(3)]
-        return _resized(part[:, ::-1] if random.random() < 0.5 else part, size)
+        frame = _resized(part[:, ::-1] if random.random() < 0.5 else part, size)
+        return _with_grain(frame, random) if random.random() < _GRAINY else frame
 
     def _draw(self, random: np.random.Generator) -> tuple[bool, int]:
         leaves = bool(random.random() < self._leaves_share)
@@ -90,6 +98,15 @@ def _read(photograph: Callable[[], Image]) -> NDArray[np.uint8]:
 
 def _leaves(number: int) -> NDArray[np.uint8]:
     return _in_bytes(dead_leaves(_LEAVES_PX, number))
+
+
+def _with_grain(image: Image, random: np.random.Generator) -> Image:
+    """A picture with grain as fine as its pixels or a little coarser."""
+    in_color = random.uniform(*_GRAIN_IN_COLOR)
+    grey, color = random.standard_normal(image.shape[:2])[..., None], random.standard_normal(image.shape)
+    grain = gaussian_filter(np.sqrt(1 - in_color**2) * grey + in_color * color, random.uniform(*_GRAIN_PX), axes=(0, 1))
+    strength = np.exp(random.uniform(*np.log(_GRAIN))) / grain.std()
+    return np.asarray(np.clip(image + strength * grain, 0, 1), dtype=np.float32)
 
 
 def _in_bytes(image: Image) -> NDArray[np.uint8]:

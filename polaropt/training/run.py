@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import polaropt
 from polaropt.capture import result_folder
 from polaropt.errors import InputError
+from polaropt.solving import check_device
 from polaropt.training.pictures import Pictures
 from polaropt.training.samples import TrainingData
 
@@ -90,7 +91,10 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
     from priors.training.trainer import STATE, NotFinite, Training, WrongState
 
     options = job.options
-    _check_device(options.device)
+    try:
+        check_device(options.device)
+    except InputError as error:
+        raise InputError(f"--{error}") from None
     pictures = Pictures(job.data, job.leaves, job.leaves_share)
     if job.workers and job.leaves_share:
         pictures.draw(job.workers)
@@ -160,15 +164,6 @@ def _network(job: TrainingJob) -> SeparationNetwork:
 
 def _digest(path: Path | None) -> str | None:
     return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _check_device(device: str) -> None:
-    import torch
-
-    try:
-        torch.empty(1, device=device)
-    except (RuntimeError, AssertionError) as error:
-        raise InputError(f"--device {device!r} cannot be used: {str(error).splitlines()[0]}") from None
 
 
 def _features(job: TrainingJob) -> tuple[Any, str | None]:

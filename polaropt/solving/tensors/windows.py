@@ -1,0 +1,209 @@
+"""What layers are expected to be in each place (`polaropt.solving.local_spectra`), for a batch of captures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from polaropt.inversion import RESOLUTION, Canvas
+from polaropt.solving.local_spectra import (
+    COARSE,
+    FINE,
+    LEAST_POWER,
+    OPEN,
+    TOWARDS_LARGEST,
+    TURNS,
+    WindowSize,
+)
+from polaropt.solving.tensors.batch import Batch, mirrored, placed
+from polaropt.solving.tensors.closed_form import Known
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What is expected of the layers before the sparse penalties.
+
+    Attributes
+    ----------
+    layers : Tensor, shape (capture, 2, channel, H, W)
+        On the canvas, in the colour basis.
+    variance : Tensor, shape (capture, 2, channel, H, W // 2 + 1)
+        What is left open per frequency, mean over the frame.
+    """
+
+    layers: Tensor
+    variance: Tensor
+
+
+def expected_layers(
+    batch: Batch, known: Known, misfit_gradient: Callable[[Tensor], Tensor], precision: Tensor
+) -> Expected:
+    """Layers under spectra of their own in each window, from the closed form on.
+
+    Parameters
+    ----------
+    batch : Batch
+    known : Known
+    misfit_gradient : callable
+        Gradient of the photographs' misfit at canvas layers (capture, 2, channel, H, W) in the colour basis.
+    precision : Tensor, shape (capture, h or 1, w or 1)
+        What a pixel's photographs tell, beside what `known` takes for it.
+    """
+    layers, share, last = known.layers, None, None
+    for size, times in ((COARSE, TURNS), (FINE, 1)):
+        last = Windows(batch, known, size)
+        of_windows = last.sure_precision(precision)
+        for _ in range(times):
+            change, share = last.step(layers, misfit_gradient(layers), of_windows)
+            layers = layers.clone()
+            batch.canvas.crop(layers).add_(change)
+    assert last is not None
+    assert share is not None
+    open_t, open_r = _left(known.told[:, 0, None], known.told[:, 1, None], known.cross[:, None], known.prior)[:2]
+    return Expected(layers, torch.stack([open_t, open_r], dim=1) * last.on_canvas(share))
+
+
+class Windows:
+    """Overlapping windows of the frames, each with a spectrum of its own.
+
+    Parameters
+    ----------
+    batch : Batch
+    known : Known
+    size : WindowSize
+    """
+
+    def __init__(self, batch: Batch, known: Known, size: WindowSize) -> None:
+        self._canvas, self._size, self._mean = batch.canvas, size, known.mean
+        device = batch.device
+        profile = size.profile
+        self._window = placed(np.outer(profile, profile), device)
+        self._fast = placed(size.fast, device)
+        spectra = torch.cat([known.told.to(known.cross.dtype), known.cross[:, None]], dim=1)
+        through = _through_window(spectra, size, batch.canvas)
+        # Axes for the colours and for the windows down and across.
+        self._told_t, self._told_r = (through[:, i, None, None, None].real for i in (0, 1))
+        self._cross = through[:, 2, None, None, None]
+        rows, columns = (placed(places, device) for places in size.nearest(*batch.canvas.shape))
+        prior = known.prior[..., rows, :][..., columns]
+        open_t, open_r, _ = _left(self._told_t[:, :, 0, 0], self._told_r[:, :, 0, 0], self._cross[:, :, 0, 0], prior)
+        self._open = torch.stack([open_t, open_r], dim=1)
+        untold = (self._open / prior).clamp(max=1)
+        self._counted = ((OPEN + (1 - OPEN) * untold) * self._open)[:, :, :, None, None]
+
+    def sure_precision(self, precision: Tensor) -> Tensor:
+        """Precision of each window from that of the pixels, (capture, windows down or 1, across or 1)."""
+        if precision.shape[-2:] == (1, 1):
+            return precision
+        around = mirrored(precision**TOWARDS_LARGEST, *self._around(precision))
+        squares = self._window.square()
+        return ((self._pieces(around) * (squares / squares.sum())).sum(dim=(-1, -2))) ** (1 / TOWARDS_LARGEST)
+
+    def step(self, layers: Tensor, gradient: Tensor, precision: Tensor) -> tuple[Tensor, Tensor]:
+        """From the layers at hand to what is expected.
+
+        Parameters
+        ----------
+        layers : Tensor, shape (capture, 2, channel, H, W)
+            On the canvas, in the colour basis.
+        gradient : Tensor, same shape
+            Of the misfit there.
+        precision : Tensor
+            `sure_precision` of what a pixel's photographs tell.
+
+        Returns
+        -------
+        change : Tensor, shape (capture, 2, channel, h, w)
+        share : Tensor, shape (capture, 2, channel, side, side // 2 + 1)
+            How much less is then open than without windows, mean of all.
+        """
+        here, down = self._spectra(self._canvas.crop(layers) - self._mean), self._spectra(-self._canvas.crop(gradient))
+        power = here.real.square() + here.imag.square()
+        stiff_t, stiff_r = (1 / (power[:, i] + self._counted[:, i]).clamp(min=LEAST_POWER) for i in (0, 1))
+        slope_t, slope_r = down[:, 0] - stiff_t * here[:, 0], down[:, 1] - stiff_r * here[:, 1]
+        p = precision[:, None, :, :, None, None]
+        of_t, of_r, cross = p * self._told_t + stiff_t, p * self._told_r + stiff_r, p * self._cross
+        product = of_t * of_r
+        inverse = 1 / torch.maximum(product - cross.abs().square(), float(RESOLUTION) * product)
+        moved = inverse * self._fast
+        change = torch.stack(
+            [moved * (of_r * slope_t - cross * slope_r), moved * (of_t * slope_r - cross.conj() * slope_t)], dim=1
+        )
+        left = torch.stack([(of_r * inverse).mean(dim=(2, 3)), (of_t * inverse).mean(dim=(2, 3))], dim=1)
+        share = torch.where(self._fast > 0, left / self._open, torch.ones_like(left))
+        return self._put(change), share
+
+    def on_canvas(self, share: Tensor) -> Tensor:
+        """A share at the frequencies of a window (..., side, side // 2 + 1) at those of the canvas."""
+        height, width = self._canvas.shape
+        side = self._size.side_px
+        rows, columns = (np.fft.fftfreq(height) % 1) * side, np.fft.rfftfreq(width) * side
+        periodic = torch.cat([share, share[..., :1, :]], dim=-2)
+        return _between(_between(periodic, rows, -2), columns, -1)
+
+    def _around(self, images: Tensor) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Rows and columns around a frame that windows need, before and after it."""
+        step = self._size.step_px
+        height, width = images.shape[-2:]
+        return (step, step), (step + -height % step, step + -width % step)
+
+    def _pieces(self, images: Tensor) -> Tensor:
+        """Windows (..., down, across, side, side) of extended images (..., h, w)."""
+        side, step = self._size.side_px, self._size.step_px
+        return images.unfold(-2, side, step).unfold(-2, side, step)
+
+    def _spectra(self, frames: Tensor) -> Tensor:
+        """Half spectra of the windows of frames (..., h, w), as if these were of the windows' pixels alone."""
+        pieces = self._pieces(mirrored(frames, *self._around(frames))) * (2 * self._window)
+        spectra: Tensor = torch.fft.rfft2(pieces, norm="ortho")
+        return spectra
+
+    def _put(self, spectra: Tensor) -> Tensor:
+        """What windows of half spectra add up to on the frame."""
+        side, step = self._size.side_px, self._size.step_px
+        pieces = torch.fft.irfft2(spectra, s=(side, side), norm="ortho") * (self._window / 2)
+        down, across = pieces.shape[-4:-2]
+        total = pieces.new_zeros((*pieces.shape[:-4], (down + 1) * step, (across + 1) * step))
+        for y in (0, 1):
+            for x in (0, 1):
+                # A quarter of each window; those of all windows lie side by side.
+                part = pieces[..., y * step : (y + 1) * step, x * step : (x + 1) * step].transpose(-3, -2)
+                whole = part.reshape(*total.shape[:-2], down * step, across * step)
+                total[..., y * step : (down + y) * step, x * step : (across + x) * step] += whole
+        canvas = self._canvas
+        inside: Tensor = total[..., step : step + canvas.height, step : step + canvas.width]
+        return inside
+
+
+def _left(told_t: Tensor, told_r: Tensor, cross: Tensor, prior: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Diagonal, (capture, channel, ...), of what is left open under a prior (capture, 2, channel, ...)."""
+    stiffness = 1 / prior.clamp(min=LEAST_POWER)
+    of_t, of_r = told_t + stiffness[:, 0], told_r + stiffness[:, 1]
+    product = of_t * of_r
+    determinant = torch.maximum(product - cross.abs().square(), float(RESOLUTION) * product)
+    return of_r / determinant, of_t / determinant, determinant
+
+
+def _through_window(spectra: Tensor, size: WindowSize, canvas: Canvas) -> Tensor:
+    """Filters (..., H, W // 2 + 1) as windows see them: of their kernels what lies as far apart within one."""
+    part = size.kernel_within(*canvas.shape)
+    kernels = torch.fft.irfft2(spectra, s=canvas.shape)
+    rows, columns = (placed(places.ravel(), spectra.device) for places in (part.rows, part.columns))
+    values = kernels[..., rows, :][..., columns] * placed(part.weights, spectra.device)
+    places = placed(np.eye(size.side_px, dtype=np.float32)[part.places], spectra.device)
+    through: Tensor = torch.fft.rfft2(places.mT @ values @ places)
+    return through
+
+
+def _between(values: Tensor, places: NDArray[Any], axis: int) -> Tensor:
+    """Values at fractional places along an axis, linearly."""
+    first = np.minimum(places.astype(int), values.shape[axis] - 2)
+    weight = placed((places - first).astype(np.float32), values.device).reshape(-1, *[1] * (-1 - axis))
+    before, after = (values.index_select(axis, placed(first + i, values.device)) for i in (0, 1))
+    return torch.lerp(before, after, weight)
