@@ -152,7 +152,8 @@ def _network(job: TrainingJob) -> SeparationNetwork:
         held = begun.architecture
         raise InputError(
             f"{job.begin_with}: holds the {held.form} form with PolarNet {held.polarnet}, or other sizes; "
-            f"give --form {held.form} --polarnet {held.polarnet} and --fusionnet of that size, or other weights"
+            f"give --form {held.form} --polarnet {held.polarnet}"
+            f"{f' --head {held.head}' if held.form == 'paper' else ''} and --fusionnet of that size, or other weights"
         )
     network.load_state_dict(begun.state_dict())
     return network
