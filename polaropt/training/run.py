@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import polaropt
 from polaropt.capture import result_folder
 from polaropt.errors import InputError
+from polaropt.training.kept import KeptSamples
 from polaropt.training.pictures import Pictures
 from polaropt.training.samples import TrainingData
 
 if TYPE_CHECKING:
     from priors.networks.fusionnet import Architecture, SeparationNetwork
-    from priors.training.trainer import TrainingOptions
+    from priors.training.trainer import SampleSource, TrainingOptions
 
 
 Progress = Callable[[str, float], None]
@@ -53,6 +54,8 @@ class TrainingJob:
         What the perceptual loss compares.
     resume : bool
         Go on from the folder's last state.
+    kept : KeptSamples, optional
+        Train on these and make none; what is said of data, leaves and workers then says nothing.
     """
 
     folder: Path
@@ -67,6 +70,7 @@ class TrainingJob:
     begin_with: Path | None = None
     features: str = "auto"
     resume: bool = False
+    kept: KeptSamples | None = None
 
 
 def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
@@ -91,10 +95,7 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
 
     options = job.options
     _check_device(options.device)
-    pictures = Pictures(job.data, job.leaves, job.leaves_share)
-    if job.workers and job.leaves_share:
-        pictures.draw(job.workers)
-    source = TrainingData(pictures, job.architecture.form, job.side_px, options.seed, workers=job.workers)
+    source, data = _source(job)
     features, compared = _features(job)
     torch.manual_seed(options.seed)
     try:
@@ -118,7 +119,7 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
         "polaropt": polaropt.__version__,
         "architecture": asdict(training.network.architecture),
         "begun_with": _digest(job.begin_with),
-        "data": pictures.source,
+        "data": data,
         "size_px": job.side_px,
         "options": asdict(options),
         "perceptual_features": compared,
@@ -137,6 +138,17 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
                 f"{job.folder}: cannot be written ({reason}); make room and go on with --resume"
             ) from error
     return record
+
+
+def _source(job: TrainingJob) -> tuple[SampleSource, str]:
+    """Samples, and what they are made of."""
+    if job.kept is not None:
+        return job.kept.on(job.options.device), job.kept.data
+    pictures = Pictures(job.data, job.leaves, job.leaves_share)
+    if job.workers and job.leaves_share:
+        pictures.draw(job.workers)
+    source = TrainingData(pictures, job.architecture.form, job.side_px, job.options.seed, workers=job.workers)
+    return source, pictures.source
 
 
 def _network(job: TrainingJob) -> SeparationNetwork:
