@@ -1,13 +1,13 @@
 __all__ = [
-    "KeptSamples",
     "Pictures",
+    "SampleStore",
     "TrainingJob",
-    "keep_samples",
+    "store_samples",
     "train",
 ]
 
-from .kept import KeptSamples as KeptSamples
-from .kept import keep_samples as keep_samples
 from .pictures import Pictures as Pictures
 from .run import TrainingJob as TrainingJob
 from .run import train as train
+from .store import SampleStore as SampleStore
+from .store import store_samples as store_samples

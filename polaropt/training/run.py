@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import polaropt
 from polaropt.capture import result_folder
 from polaropt.errors import InputError
-from polaropt.training.kept import KeptSamples
 from polaropt.training.pictures import Pictures
 from polaropt.training.samples import TrainingData
+from polaropt.training.store import SampleStore
 
 if TYPE_CHECKING:
     from priors.networks.fusionnet import Architecture, SeparationNetwork
@@ -54,7 +54,7 @@ class TrainingJob:
         What the perceptual loss compares.
     resume : bool
         Go on from the folder's last state.
-    kept : KeptSamples, optional
+    store : SampleStore, optional
         Train on these and make none; what is said of data, leaves and workers then says nothing.
     """
 
@@ -70,7 +70,7 @@ class TrainingJob:
     begin_with: Path | None = None
     features: str = "auto"
     resume: bool = False
-    kept: KeptSamples | None = None
+    store: SampleStore | None = None
 
 
 def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
@@ -142,8 +142,8 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
 
 def _source(job: TrainingJob) -> tuple[SampleSource, str]:
     """Samples, and what they are made of."""
-    if job.kept is not None:
-        return job.kept.on(job.options.device), job.kept.data
+    if job.store is not None:
+        return job.store.on(job.options.device), job.store.data
     pictures = Pictures(job.data, job.leaves, job.leaves_share)
     if job.workers and job.leaves_share:
         pictures.draw(job.workers)

@@ -108,7 +108,7 @@ class Unmixed(nn.Module):
         return First(images, errors.repeat_interleave(COLORS, dim=1), numbers)
 
 
-class Parted(nn.Module):
+class PartSums(nn.Module):
     """PolarNet's parts of the photographs, and what differs between these: no pane is tried.
 
     Parameters
@@ -246,10 +246,10 @@ def _of_pixels(seen: Observation) -> tuple[Tensor, Tensor]:
     return seen.unexplained / (1 + seen.unexplained.abs() / LARGE), seen.told.sqrt() - 1
 
 
-def _first(architecture: Architecture) -> ClosedForm | Unmixed | Parted:
+def _first(architecture: Architecture) -> ClosedForm | Unmixed | PartSums:
     if architecture.form == "conditioned":
         return ClosedForm(architecture.n_views)
-    return Unmixed(architecture.n_views) if architecture.head == "panes" else Parted(architecture.n_views)
+    return Unmixed(architecture.n_views) if architecture.head == "panes" else PartSums(architecture.n_views)
 
 
 def _factors(seen: Observation, pyramid: list[Tensor], n_sources: int) -> Tensor:

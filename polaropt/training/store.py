@@ -1,4 +1,4 @@
-"""Samples that are made once and kept in a folder, for several trainings to share.
+"""A store of samples: a folder that several trainings share, whose samples are made once.
 
 A sample of the paper's form costs more than a GPU needs to train on it, and an ablation trains on the same many times.
 """
@@ -35,7 +35,7 @@ _PER_GHOST = ("places", "weights")
 _VARIETY = Variety(wide=0)
 
 
-def keep_samples(
+def store_samples(
     folder: Path,
     pictures: Pictures,
     size_px: int,
@@ -110,13 +110,13 @@ def _keep(source: TrainingData, path: Path, number: int) -> dict[str, NDArray[An
 
 
 @dataclass(frozen=True)
-class KeptSamples:
-    """The first samples of a folder.
+class SampleStore:
+    """The first samples of a folder that holds them.
 
     Attributes
     ----------
     folder : Path
-        See `keep_samples`.
+        See `store_samples`.
     count : int
         So many of them.
     """

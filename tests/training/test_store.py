@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from polaropt.errors import InputError
-from polaropt.training import KeptSamples, Pictures, TrainingJob, keep_samples, train
+from polaropt.training import Pictures, SampleStore, TrainingJob, store_samples, train
 from polaropt.training.samples import TrainingData, Variety
 from priors.networks.checkpoint import load_network
 from priors.networks.fusionnet import Architecture
@@ -29,13 +29,13 @@ def pictures() -> Pictures:
 @pytest.fixture(scope="module")
 def folder(pictures: Pictures, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("samples")
-    keep_samples(folder, pictures, SIZE_PX, SEED, COUNT)
+    store_samples(folder, pictures, SIZE_PX, SEED, COUNT)
     return folder
 
 
 def test_kept_samples_are_those_that_are_made(pictures: Pictures, folder: Path) -> None:
     made = TrainingData(pictures, "paper", SIZE_PX, SEED, variety=Variety(wide=0)).samples(range(COUNT))
-    kept = KeptSamples(folder, COUNT).on("cpu").samples(range(COUNT))
+    kept = SampleStore(folder, COUNT).on("cpu").samples(range(COUNT))
     for mine, theirs in zip(made, kept, strict=True):
         for name in ("views", "view_errors", "trusted", "shares"):
             one, other = (getattr(sample.observation, name) for sample in (mine, theirs))
@@ -46,33 +46,33 @@ def test_kept_samples_are_those_that_are_made(pictures: Pictures, folder: Path) 
 
 
 def test_after_the_last_comes_the_first(folder: Path) -> None:
-    first, again = KeptSamples(folder, 3).on("cpu").samples(range(0, 4, 3))
+    first, again = SampleStore(folder, 3).on("cpu").samples(range(0, 4, 3))
     assert torch.equal(first.layers, again.layers)
     assert torch.equal(first.engine(first.layers[0].float()), again.engine(first.layers[0].float()))
 
 
 def test_processes_keep_the_same(pictures: Pictures, folder: Path, tmp_path: Path) -> None:
     counts: list[int] = []
-    keep_samples(tmp_path, pictures, SIZE_PX, SEED, 2, workers=1, report=counts.append)
+    store_samples(tmp_path, pictures, SIZE_PX, SEED, 2, workers=1, report=counts.append)
     assert counts == [1, 2]
-    here, there = (KeptSamples(where, 2).on("cpu") for where in (folder, tmp_path))
+    here, there = (SampleStore(where, 2).on("cpu") for where in (folder, tmp_path))
     assert torch.equal(here.images, there.images)
 
 
 def test_what_is_there_is_not_made_again_and_what_is_other_is(pictures: Pictures, tmp_path: Path) -> None:
     def makes(count: int, seed: int = SEED) -> bool:
         counts: list[int] = []
-        keep_samples(tmp_path, pictures, SIZE_PX, seed, count, report=counts.append)
+        store_samples(tmp_path, pictures, SIZE_PX, seed, count, report=counts.append)
         return bool(counts)
 
     assert [makes(2), makes(1), makes(2), makes(3), makes(3, seed=4)] == [True, False, False, True, True]
     # As a run that was interrupted leaves it.
     (tmp_path / "samples.json").unlink()
     with pytest.raises(InputError, match="holds no samples"):
-        KeptSamples(tmp_path, 1).on("cpu")
+        SampleStore(tmp_path, 1).on("cpu")
     assert makes(3, seed=4)
     with pytest.raises(InputError, match="holds 3 samples, not 4"):
-        KeptSamples(tmp_path, 4).on("cpu")
+        SampleStore(tmp_path, 4).on("cpu")
 
 
 def test_a_training_on_kept_samples_is_always_the_same_and_its_record_tells(folder: Path, tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_a_training_on_kept_samples_is_always_the_same_and_its_record_tells(fold
         steps=2, batch_size=2, fresh=2, window=COUNT, test_samples=0, weights=LossWeights(perceptual=0)
     )
     job = TrainingJob(
-        tmp_path / "a", Architecture("paper", **SMALL), options, SIZE_PX, kept=KeptSamples(folder, COUNT)
+        tmp_path / "a", Architecture("paper", **SMALL), options, SIZE_PX, store=SampleStore(folder, COUNT)
     )
     train(job)
     train(replace(job, folder=tmp_path / "b"))
