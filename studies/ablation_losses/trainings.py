@@ -91,6 +91,8 @@ class Plan:
         More photographs to train on.
     leaves : int
         Generated images.
+    leaves_share : float
+        How often a generated image is taken, 0..1.
     jobs : int
         Trainings at the same time, a process of one thread each.
     workers : int
@@ -108,6 +110,7 @@ class Plan:
     rate: float = _RATE
     data: Path | None = None
     leaves: int = 64
+    leaves_share: float = 0.5
     jobs: int = 1
     workers: int = 0
     device: str = "cpu"
@@ -172,8 +175,8 @@ def train_all(plan: Plan, say: Callable[[str], None] = print) -> list[str]:
     if not left:
         return []
     began = time.perf_counter()
-    pictures = Pictures(plan.data, plan.leaves)
-    if plan.workers:
+    pictures = Pictures(plan.data, plan.leaves, plan.leaves_share)
+    if plan.workers and plan.leaves_share:
         pictures.draw(plan.workers)
     work = {job.folder: _work(job) for job in left}
     with ProcessPoolExecutor(plan.jobs, mp_context=get_context("spawn")) as pool:
@@ -287,6 +290,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--long-samples", type=int, default=6000, metavar="N", help="Their different samples.")
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="More photographs to train on.")
     parser.add_argument("--leaves", type=int, default=64, metavar="N", help="Generated images to train on.")
+    parser.add_argument(
+        "--leaves-share", type=float, default=0.5, metavar="SHARE", help="How often a generated image is taken."
+    )
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="Trainings at the same time.")
     parser.add_argument("--workers", type=int, default=0, metavar="N", help="Processes that make samples.")
     parser.add_argument("--device", default="cpu", metavar="NAME", help="cpu or cuda.")
@@ -303,6 +309,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given.rate,
         given.data,
         given.leaves,
+        given.leaves_share,
         given.jobs,
         given.workers,
         given.device,
