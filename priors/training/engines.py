@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
+from priors.networks.blocks import constant
+
 Engine = Callable[[Tensor], Tensor]
 """Views ([batch,] view, 3, h, w) of layers ([batch,] 2, 3, h, w), differentiable."""
 
@@ -60,9 +62,9 @@ def _summed(engines: Sequence[ShiftedSum], layers: Tensor) -> Tensor:
 
     n_samples, _, n_colors, height, width = layers.shape
     counts = [len(engine.places) for engine in engines]
-    of_sample = torch.from_numpy(np.repeat(np.arange(n_samples), counts)).to(layers.device)
-    places = torch.from_numpy(np.concatenate([engine.places for engine in engines])).to(layers)
-    weights = torch.from_numpy(np.concatenate([engine.weights for engine in engines])).to(layers)
+    of_sample = torch.from_numpy(np.repeat(np.arange(n_samples), counts)).to(layers.device, non_blocking=True)
+    places = constant(np.concatenate([engine.places for engine in engines]), layers)
+    weights = constant(np.concatenate([engine.weights for engine in engines]), layers)
     # From -1 at the first sample of an axis to 1 at its last, as grid_sample takes them.
     columns = 2 * (torch.arange(width, device=layers.device) - places[:, :1]) / (width - 1) - 1
     rows = 2 * (torch.arange(height, device=layers.device) - places[:, 1:]) / (height - 1) - 1

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from priors.networks.blocks import constant
 from priors.networks.checkpoint import write_whole
 from priors.networks.critics import Discriminator
 from priors.networks.fusionnet import SeparationNetwork
@@ -382,7 +383,7 @@ class Turn:
 
     def vectors(self, vectors: Tensor) -> Tensor:
         """Vectors (..., 2) to the right and down."""
-        signs = vectors.new_tensor([-1.0 if self.left_right else 1.0, -1.0 if self.up_down else 1.0])
+        signs = constant([-1.0 if self.left_right else 1.0, -1.0 if self.up_down else 1.0], vectors)
         return (vectors.flip(-1) if self.transposes else vectors) * signs
 
 
@@ -405,7 +406,12 @@ class TurnedEngine:
     def __call__(self, layers: Tensor) -> Tensor:
         """Views ([batch,] view, 3, h, w) of layers ([batch,] 2, 3, h, w)."""
         views = self.turn.images(self.engine(self.turn.images_back(layers)))
-        return views[..., self.turn.views, :, :, :] if self.fixed_angles else views
+        return _ordered(views, self.turn.views, -4) if self.fixed_angles else views
+
+
+def _ordered(tensor: Tensor, order: Sequence[int], axis: int) -> Tensor:
+    """With what lies along an axis in another order; a list as an index would have a GPU wait."""
+    return torch.stack([tensor.select(axis, i) for i in order], dim=axis)
 
 
 def turned(batch: Batch, turn: Turn) -> Batch:
@@ -418,9 +424,8 @@ def turned(batch: Batch, turn: Turn) -> Batch:
     seen, parts = turned_observation(batch.observation, turn.images, turn.vectors), turn.images(batch.parts)
     fixed_angles = seen.step is None
     if fixed_angles:
-        order = turn.views
-        seen = replace(seen, views=seen.views[:, order], view_errors=seen.view_errors[:, order])
-        parts = parts[:, order]
+        views, errors = (_ordered(x, turn.views, 1) for x in (seen.views, seen.view_errors))
+        seen, parts = replace(seen, views=views, view_errors=errors), _ordered(parts, turn.views, 1)
     return Batch(seen, turn.images(batch.layers), parts, TurnedEngine(batch.engine, turn, fixed_angles))
 
 
