@@ -106,7 +106,7 @@ def in_color(images: Tensor) -> Tensor:
 
 
 def collated(observations: Sequence[Observation]) -> Observation:
-    """One batch of several."""
+    """One batch of several, in single precision."""
     return Observation(**{name: _joined([getattr(one, name) for one in observations]) for name in _NAMES})
 
 
@@ -132,7 +132,7 @@ def _joined(tensors: list[Tensor | None]) -> Any:
     known = [tensor for tensor in tensors if tensor is not None]
     if known and len(known) != len(tensors):
         raise ValueError("some observations have layers and some have not; a batch is of one form")
-    return torch.cat(known) if known else None
+    return torch.cat(known).float() if known else None
 
 
 _IMAGES = ("views", "layers", "unexplained", "told")

@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import torch
 
-from priors.networks.fusionnet import Architecture, Form, SeparationNetwork
+from priors.networks.fusionnet import Architecture, Form, Head, SeparationNetwork
 from priors.observation import N_CANDIDATES, Observation
 from priors.training.trainer import Sample
 
 SMALL = {"polar_widths": (4, 6), "fusion_widths": (6, 8), "fusion_blocks": (1, 1)}
 
 
-def small_network(form: Form = "conditioned", seed: int = 0) -> SeparationNetwork:
+def small_network(form: Form = "conditioned", seed: int = 0, head: Head = "panes") -> SeparationNetwork:
     torch.manual_seed(seed)
-    return SeparationNetwork(Architecture(form, **SMALL))
+    return SeparationNetwork(Architecture(form, **SMALL, head=head))
 
 
 def observation(form: Form = "conditioned", size: tuple[int, int] = (24, 24), seed: int = 0) -> Observation:

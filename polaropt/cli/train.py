@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Form = Literal["conditioned", "paper"]
 PolarNetKind = Literal["compact", "vgg19", "plain"]
 FusionKind = Literal["compact", "large"]
+HeadKind = Literal["panes", "none"]
 # Steps and side in pixels of a trial of about a minute.
 _QUICK_STEPS, _QUICK_SIZE = 40, 64
 # Steps between tests at least, tests at most, and samples that are tested on. Set by hand.
@@ -70,6 +71,16 @@ class NetworkOptions:
             rich_help_panel=_NETWORK,
         ),
     ] = None
+    head: Annotated[
+        HeadKind | None,
+        typer.Option(
+            metavar="KIND",
+            help="Of the paper's form, where its first layers are from: panes, what candidate panes in closed form "
+            "would undo, or none, PolarNet alone. Default: panes.",
+            rich_help_panel=_NETWORK,
+            show_default=False,
+        ),
+    ] = None
     begin_with: Annotated[
         Path | None,
         typer.Option(
@@ -86,8 +97,10 @@ class NetworkOptions:
 
         if self.polarnet == "vgg19" and self.vgg19 is None:
             raise InputError("--polarnet vgg19 needs its weights: name torchvision's file with --vgg19")
+        if self.head is not None and self.form != "paper":
+            raise InputError(f"--head {self.head} is for the paper's form alone: give --form paper, or leave it out")
         size = self.fusionnet or ("large" if self.form == "conditioned" else "compact")
-        return Architecture(self.form, self.polarnet, **FUSION_SIZES[size])
+        return Architecture(self.form, self.polarnet, **FUSION_SIZES[size], head=self.head or "panes")
 
 
 @dataclass(frozen=True)

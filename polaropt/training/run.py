@@ -15,10 +15,11 @@ from polaropt.errors import InputError
 from polaropt.solving import check_device
 from polaropt.training.pictures import Pictures
 from polaropt.training.samples import TrainingData
+from polaropt.training.store import SampleStore
 
 if TYPE_CHECKING:
     from priors.networks.fusionnet import Architecture, SeparationNetwork
-    from priors.training.trainer import TrainingOptions
+    from priors.training.trainer import SampleSource, TrainingOptions
 
 
 Progress = Callable[[str, float], None]
@@ -54,6 +55,8 @@ class TrainingJob:
         What the perceptual loss compares.
     resume : bool
         Go on from the folder's last state.
+    store : SampleStore, optional
+        Train on these and make none; what is said of data, leaves and workers then says nothing.
     """
 
     folder: Path
@@ -68,6 +71,7 @@ class TrainingJob:
     begin_with: Path | None = None
     features: str = "auto"
     resume: bool = False
+    store: SampleStore | None = None
 
 
 def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
@@ -95,10 +99,7 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
         check_device(options.device)
     except InputError as error:
         raise InputError(f"--{error}") from None
-    pictures = Pictures(job.data, job.leaves, job.leaves_share)
-    if job.workers and job.leaves_share:
-        pictures.draw(job.workers)
-    source = TrainingData(pictures, job.architecture.form, job.side_px, options.seed, workers=job.workers)
+    source, data = _source(job)
     features, compared = _features(job)
     torch.manual_seed(options.seed)
     try:
@@ -122,7 +123,7 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
         "polaropt": polaropt.__version__,
         "architecture": asdict(training.network.architecture),
         "begun_with": _digest(job.begin_with),
-        "data": pictures.source,
+        "data": data,
         "size_px": job.side_px,
         "options": asdict(options),
         "perceptual_features": compared,
@@ -143,6 +144,17 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
     return record
 
 
+def _source(job: TrainingJob) -> tuple[SampleSource, str]:
+    """Samples, and what they are made of."""
+    if job.store is not None:
+        return job.store.on(job.options.device), job.store.data
+    pictures = Pictures(job.data, job.leaves, job.leaves_share)
+    if job.workers and job.leaves_share:
+        pictures.draw(job.workers)
+    source = TrainingData(pictures, job.architecture.form, job.side_px, job.options.seed, workers=job.workers)
+    return source, pictures.source
+
+
 def _network(job: TrainingJob) -> SeparationNetwork:
     """New networks, or those of a file to train further."""
     from priors.networks.checkpoint import load_network
@@ -156,7 +168,8 @@ def _network(job: TrainingJob) -> SeparationNetwork:
         held = begun.architecture
         raise InputError(
             f"{job.begin_with}: holds the {held.form} form with PolarNet {held.polarnet}, or other sizes; "
-            f"give --form {held.form} --polarnet {held.polarnet} and --fusionnet of that size, or other weights"
+            f"give --form {held.form} --polarnet {held.polarnet}"
+            f"{f' --head {held.head}' if held.form == 'paper' else ''} and --fusionnet of that size, or other weights"
         )
     network.load_state_dict(begun.state_dict())
     return network

@@ -29,6 +29,7 @@ from polaropt.training.pictures import Pictures
 
 if TYPE_CHECKING:
     from priors.networks.fusionnet import Form
+    from priors.training.engines import ShiftedSum
     from priors.training.trainer import Sample
 
 
@@ -346,6 +347,14 @@ def _engine(scene: SceneParameters, angles_deg: tuple[float, ...]) -> PSE | Vary
     return PSE(scene, angles_deg, n_ghosts=ghosts_that_matter(scene, _FAINT_GHOST))
 
 
+def shifted_sum(engine: PSE) -> ShiftedSum:
+    """An engine of one scene as the shifted layers that its photographs are sums of."""
+    from priors.training.engines import ShiftedSum
+
+    weights = np.einsum("ve,lge->gvl", engine.mixing[:, : engine.taps.shape[2]], engine.taps)
+    return ShiftedSum(np.array(engine.displacements, dtype=np.float32), weights.astype(np.float32))
+
+
 def _plain_sample(capture: Capture, noise: float, scene: SceneParameters, truth: Images, parts: Images) -> Sample:
     import torch
 
@@ -354,9 +363,10 @@ def _plain_sample(capture: Capture, noise: float, scene: SceneParameters, truth:
 
     to_views = analyzer_matrix(ANGLES_DEG) @ np.linalg.pinv(analyzer_matrix(capture.angles_deg))
     views = np.stack([change_basis(to_views, part) for part in parts], axis=1)
+    engine = _engine(scene, ANGLES_DEG)
     return Sample(
         plain_observation(capture, noise, scene.index),
         in_color(torch.from_numpy(truth))[None],
         in_color(torch.from_numpy(np.ascontiguousarray(views)))[None],
-        _engine(scene, ANGLES_DEG).forward,
+        shifted_sum(engine) if isinstance(engine, PSE) else engine.forward,
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -27,12 +28,17 @@ LARGE = 4.0
 
 def opponent(images: Tensor) -> Tensor:
     """Images (..., 3, h, w) in an orthonormal basis of luminance and two differences of the colours."""
-    return torch.einsum("ij,...jhw->...ihw", images.new_tensor(_OPPONENT), images)
+    return torch.einsum("ij,...jhw->...ihw", constant(_OPPONENT, images), images)
 
 
 def from_opponent(images: Tensor) -> Tensor:
     """Inverse of `opponent`."""
-    return torch.einsum("ij,...ihw->...jhw", images.new_tensor(_OPPONENT), images)
+    return torch.einsum("ij,...ihw->...jhw", constant(_OPPONENT, images), images)
+
+
+def constant(values: Any, like: Tensor) -> Tensor:
+    """Numbers in the dtype and on the device of a tensor; a GPU need not be done with what it does to take them."""
+    return torch.as_tensor(values, dtype=like.dtype).to(like.device, non_blocking=True)
 
 
 def detail(images: Tensor, errors: Tensor) -> Tensor:

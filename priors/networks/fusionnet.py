@@ -40,7 +40,7 @@ class First:
     Attributes
     ----------
     images : Tensor, shape (batch, 4, 3, h, w)
-        Both layers, the sum of the views, and a difference of views.
+        Both layers, and two images more: the sum and a difference of the views, or two differences.
     errors : Tensor, shape (batch, 12)
         Their standard errors in the opponent basis.
     numbers : Tensor, shape (batch, number)
@@ -60,12 +60,14 @@ class ClosedForm(nn.Module):
     n_views : int
     """
 
+    n_sources = 3
+
     def __init__(self, n_views: int) -> None:
         super().__init__()
         self.n_numbers = n_scene_numbers(n_views, conditioned=True)
 
-    def forward(self, seen: Observation) -> First:
-        """The layers in closed form, and sum and difference of the views along and across."""
+    def forward(self, seen: Observation, parts: Tensor) -> First:
+        """The layers in closed form, and sum and difference of the views along and across; no parts."""
         if seen.layers is None or seen.errors is None:
             raise ValueError("the conditioned form needs an observation with layers in closed form")
         total, contrast = seen.views.sum(1), seen.views[:, 0] - seen.views[:, 1]
@@ -75,12 +77,14 @@ class ClosedForm(nn.Module):
 
 
 class Unmixed(nn.Module):
-    """Layers unmixed along the photographs' main direction of polarization.
+    """Layers unmixed along the photographs' main direction of polarization, a closed form over candidate panes.
 
     Parameters
     ----------
     n_views : int
     """
+
+    n_sources = 3
 
     def __init__(self, n_views: int) -> None:
         super().__init__()
@@ -88,8 +92,8 @@ class Unmixed(nn.Module):
         self._unmixing = Unmixing(known, N_CANDIDATES)
         self.n_numbers = known + 4
 
-    def forward(self, seen: Observation) -> First:
-        """Both layers, the intensity, and what differs between the directions in between."""
+    def forward(self, seen: Observation, parts: Tensor) -> First:
+        """Both layers, the intensity, and what differs between the directions in between; no parts."""
         if seen.shares is None:
             raise ValueError("the paper's form needs an observation with candidate panes")
         shown = along_main_axis(seen.views, seen.view_errors)
@@ -104,9 +108,37 @@ class Unmixed(nn.Module):
         return First(images, errors.repeat_interleave(COLORS, dim=1), numbers)
 
 
+class PartSums(nn.Module):
+    """PolarNet's parts of the photographs, and what differs between these: no pane is tried.
+
+    Parameters
+    ----------
+    n_views : int
+    """
+
+    n_sources = 4
+
+    def __init__(self, n_views: int) -> None:
+        super().__init__()
+        self.n_numbers = n_scene_numbers(n_views, conditioned=False)
+
+    def forward(self, seen: Observation, parts: Tensor) -> First:
+        """Both layers, as if the pane let half of each through, and Stokes s1 and s2.
+
+        PolarNet begins with halves of the photographs, so that both layers begin as the intensity.
+        """
+        views, noise = seen.views, seen.view_errors.square()
+        differences = torch.stack([views[:, 0] - views[:, 2], views[:, 1] - views[:, 3]], dim=1)
+        images = torch.cat([parts.float().sum(1), differences], dim=1)
+        of_layers = noise.sum(1, keepdim=True).sqrt() / 2
+        of_differences = (noise[:, :2] + noise[:, 2:]).sqrt()
+        errors = torch.cat([of_layers, of_layers, of_differences], dim=1)
+        return First(images, errors.repeat_interleave(COLORS, dim=1), seen.scene)
+
+
 Form = Literal["paper", "conditioned"]
+Head = Literal["panes", "none"]
 PAPER_VIEWS, PLATE_VIEWS = 4, 2
-N_SOURCES = 3
 
 
 @dataclass(frozen=True)
@@ -124,6 +156,10 @@ class Architecture:
         Channels of the levels of the compact encoder, at 1/4, 1/8, ... of the photographs' size.
     fusion_widths, fusion_blocks : tuple of int
         Channels and residual blocks each way of FusionNet's levels, at 1/2, 1/4, ... of it.
+    head : {"panes", "none"}
+        Where the paper's form has its first layers from: what candidate panes in closed form would undo, which is not
+        the source paper's, or PolarNet alone. The conditioned form has those in closed form at its scene, and no
+        choice.
     """
 
     form: Form = "conditioned"
@@ -131,6 +167,11 @@ class Architecture:
     polar_widths: tuple[int, ...] = (16, 24, 32)
     fusion_widths: tuple[int, ...] = (32, 48, 64, 96)
     fusion_blocks: tuple[int, ...] = (1, 2, 2, 1)
+    head: Head = "panes"
+
+    def __post_init__(self) -> None:
+        if self.head == "none" and self.form != "paper":
+            raise ValueError("only the paper's form can do without its head")
 
     @property
     def n_views(self) -> int:
@@ -149,8 +190,8 @@ FUSION_SIZES: dict[FusionSize, dict[str, tuple[int, ...]]] = {
 class FusionNet(nn.Module):
     """Gates for the bands of two first layers, and what no gate can give, from an hourglass that sees everything.
 
-    The first layers are those in closed form, or what the photographs alone tell (see above); the third
-    source of the bands is the sum of the views.
+    The first layers are those in closed form, or what the photographs alone tell (see above). Bands are those of the
+    layers and of the sum of the views, or of the differences where the layers add up to that sum.
 
     Parameters
     ----------
@@ -160,14 +201,15 @@ class FusionNet(nn.Module):
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
         n_views = architecture.n_views
-        self._first = ClosedForm(n_views) if architecture.form == "conditioned" else Unmixed(n_views)
+        self._first = _first(architecture)
+        self._n_sources = self._first.n_sources
         # Local contrast in four phases, values, PolarNet's pairs, what happens where, what is trusted.
-        n_planes = COLORS * (4 * N_IMAGES + N_IMAGES + 2 * n_views + (N_BANDS - 2) * N_SOURCES) + 1
+        n_planes = COLORS * (4 * N_IMAGES + N_IMAGES + 2 * n_views + (N_BANDS - 2) * self._n_sources) + 1
         self._knows_layers = architecture.form == "conditioned"
         if self._knows_layers:
             # What is unexplained of both layers and what pixels tell of them, in four phases.
             n_planes += COLORS * 2 * 2 * 4
-        self._n_gates = n_gates(N_SOURCES)
+        self._n_gates = n_gates(self._n_sources)
         levels = list(zip(architecture.fusion_widths, architecture.fusion_blocks, strict=True))
         self._hourglass = Hourglass(n_planes, self._n_gates + 8 * COLORS, levels, self._first.n_numbers)
         self._multiple = max(2 * self._hourglass.multiple, 2 ** (N_BANDS - 1))
@@ -177,10 +219,10 @@ class FusionNet(nn.Module):
         height, width = seen.views.shape[-2:]
         # What is known to less than the noise must not be rounded to half precision.
         with torch.autocast(seen.views.device.type, enabled=False):
-            first: First = self._first(seen)
+            first: First = self._first(seen, parts)
             known = padded(opponent(first.images).flatten(1, 2), self._multiple)
-            pyramid = bands(known[:, : COLORS * N_SOURCES])
-            events = activity(pyramid, first.errors[:, : COLORS * N_SOURCES])
+            pyramid = bands(known[:, : COLORS * self._n_sources])
+            events = activity(pyramid, first.errors[:, : COLORS * self._n_sources])
             others = [
                 padded(images.flatten(1, -3), self._multiple) for images in (opponent(parts.float()), seen.trusted)
             ]
@@ -192,7 +234,7 @@ class FusionNet(nn.Module):
         x = self._hourglass(torch.cat([*contrast, events, *halves], 1), first.numbers)
         with torch.autocast(seen.views.device.type, enabled=False):
             gates, free = x.float().split([self._n_gates, 8 * COLORS], dim=1)
-            change = gated(pyramid, gates, _factors(seen, pyramid))
+            change = gated(pyramid, gates, _factors(seen, pyramid, self._n_sources))
             change = change + torch.unflatten(pixel_shuffle(free, 2), 1, (2, COLORS)) * _scale(seen)
             return first.images[:, :2] + from_opponent(change[..., :height, :width])
 
@@ -204,11 +246,17 @@ def _of_pixels(seen: Observation) -> tuple[Tensor, Tensor]:
     return seen.unexplained / (1 + seen.unexplained.abs() / LARGE), seen.told.sqrt() - 1
 
 
-def _factors(seen: Observation, pyramid: list[Tensor]) -> Tensor:
+def _first(architecture: Architecture) -> ClosedForm | Unmixed | PartSums:
+    if architecture.form == "conditioned":
+        return ClosedForm(architecture.n_views)
+    return Unmixed(architecture.n_views) if architecture.head == "panes" else PartSums(architecture.n_views)
+
+
+def _factors(seen: Observation, pyramid: list[Tensor], n_sources: int) -> Tensor:
     """Factors on the gates; without a closed form there is everything to change."""
     if seen.errors is None:
-        return seen.views.new_ones(1, N_BANDS, 2, GROUPS, N_SOURCES, 1, 1)
-    return strengths(pyramid, seen.errors, N_SOURCES)
+        return seen.views.new_ones(1, N_BANDS, 2, GROUPS, n_sources, 1, 1)
+    return strengths(pyramid, seen.errors, n_sources)
 
 
 def _scale(seen: Observation) -> Tensor:

@@ -15,6 +15,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, leaky_relu
 
+from priors.networks.blocks import constant
+
 _N_IMAGES = 3
 N_AXIS_NUMBERS = 2 * 6 + 3 + 2
 # Added to what is divided by: far below any image's variance (white = 1).
@@ -55,7 +57,7 @@ def along_main_axis(views: Tensor, view_errors: Tensor) -> AlongAxis:
     along, between = cos * s1 + sin * s2, cos * s2 - sin * s1
     images = torch.stack([(total + along) / 2, (total - along) / 2, between / 2], dim=1)
     noise = view_errors.mean(1, keepdim=True)
-    errors = noise * noise.new_tensor([[0.75**0.5, 0.75**0.5, 0.5**0.5]])
+    errors = noise * constant([[0.75**0.5, 0.75**0.5, 0.5**0.5]], noise)
     luminance = images.mean(2)
     finest = luminance - _smooth(luminance)
     means = luminance.mean(dim=(2, 3))

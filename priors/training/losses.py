@@ -12,9 +12,7 @@ from torch.nn.functional import avg_pool2d, softplus
 
 from priors.networks.blocks import padded
 from priors.networks.fusionnet import Separated
-
-Engine = Callable[[Tensor], Tensor]
-"""Views (view, 3, h, w) of layers (2, 3, h, w), differentiable."""
+from priors.training.engines import Engine
 
 # Scales of Eq. (11), each half the one before.
 _SCALES = 3
@@ -95,19 +93,18 @@ def raw_pixels(found: Tensor, truth: Tensor) -> Tensor:
     return rms(found - truth).sum(1).mean()
 
 
-def pse_loss(found: Tensor, views: Tensor, engines: Sequence[Engine]) -> Tensor:
+def pse_loss(found: Tensor, views: Tensor, engine: Engine) -> Tensor:
     """Eq. (10): mean absolute difference of the views and those that the engine makes of the layers.
 
     Parameters
     ----------
     found : Tensor, shape (batch, 2, 3, h, w)
     views : Tensor, shape (batch, view, 3, h, w)
-    engines : sequence of callables, one per sample
-        Each with the sample's own scene.
+    engine : callable
+        Of the whole batch, each sample with its own scene.
     """
     inside = (..., slice(BORDER_PX, -BORDER_PX), slice(BORDER_PX, -BORDER_PX))
-    made = torch.stack([engine(layers) for engine, layers in zip(engines, found, strict=True)])
-    return (made - views)[inside].abs().mean(dim=(2, 3, 4)).sum(1).mean()
+    return (engine(found) - views)[inside].abs().mean(dim=(2, 3, 4)).sum(1).mean()
 
 
 def edge_independence(found: Tensor, truth: Tensor) -> Tensor:
@@ -177,7 +174,7 @@ def loss_terms(found: Separated, batch: Any, weights: LossWeights, critics: Crit
             if critics.features is None
             else perceptual(layers, batch.layers, critics.features)
         ),
-        "pse": lambda: pse_loss(layers, views, batch.engines),
+        "pse": lambda: pse_loss(layers, views, batch.engine),
         "edge_independence": lambda: edge_independence(layers, batch.layers),
         "decibel": lambda: decibel(layers, batch.layers),
     }

@@ -7,8 +7,8 @@ import io
 import math
 import pickle
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,11 +17,13 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from priors.networks.blocks import constant
 from priors.networks.checkpoint import write_whole
 from priors.networks.critics import Discriminator
 from priors.networks.fusionnet import SeparationNetwork
 from priors.observation import Observation, collated, placed, turned_observation
-from priors.training.losses import BORDER_PX, Critics, Engine, LossWeights, discriminator_loss, loss_terms
+from priors.training.engines import BatchEngine, Engine
+from priors.training.losses import BORDER_PX, Critics, LossWeights, discriminator_loss, loss_terms
 
 # Steps in which the learning rate rises, and its last value in parts of the largest: set by hand.
 _WARM_UP = 50
@@ -33,7 +35,10 @@ _JUDGE_RATE = 1e-4
 
 @dataclass(frozen=True)
 class Sample:
-    """A batch of one capture: what is seen, both layers and both parts of every view, and the engine of its scene."""
+    """A batch of one capture: what is seen, both layers and both parts of every view, and the engine of its scene.
+
+    Images may be kept in half precision: a batch of them is not.
+    """
 
     observation: Observation
     layers: Tensor
@@ -43,12 +48,12 @@ class Sample:
 
 @dataclass(frozen=True)
 class Batch:
-    """Several samples; `layers` (batch, 2, 3, h, w), `parts` (batch, view, 2, 3, h, w)."""
+    """Several samples; `layers` (batch, 2, 3, h, w), `parts` (batch, view, 2, 3, h, w), the engine of all of them."""
 
     observation: Observation
     layers: Tensor
     parts: Tensor
-    engines: tuple[Engine, ...]
+    engine: Engine
 
 
 class SampleSource(Protocol):
@@ -164,10 +169,10 @@ class Training:
         average: Any = get_ema_multi_avg_fn(options.averaging)  # type: ignore[no-untyped-call]
         self._averaged = AveragedModel(self.network, multi_avg_fn=average)
         trained = [parameter for parameter in network.parameters() if parameter.requires_grad]
-        self._optimizer = torch.optim.Adam(trained, options.learning_rate)
+        self._optimizer = _adam(trained, options.learning_rate, options.device)
         judge = Discriminator().to(options.device) if options.weights.adversarial else None
         self._critics = Critics(features, judge)
-        self._judge_optimizer = None if judge is None else torch.optim.Adam(judge.parameters(), _JUDGE_RATE)
+        self._judge_optimizer = None if judge is None else _adam(judge.parameters(), _JUDGE_RATE, options.device)
         self._kept: dict[int, Sample] = {}
         self._coming: Iterator[tuple[int, Sample]] = iter(())
         self._tests: list[Sample] = []
@@ -332,6 +337,11 @@ class Training:
         ] == [critic is None for critic in state["critics"]]
 
 
+def _adam(parameters: Iterable[nn.Parameter], rate: float, device: str) -> torch.optim.Adam:
+    """Adam; on a GPU as one operation, where each would cost more to ask for than to do."""
+    return torch.optim.Adam(parameters, rate, fused=device.startswith("cuda") or None)
+
+
 def _is_state(state: Any) -> bool:
     """Whether what a file holds is what `Training.save` writes."""
     if (
@@ -365,38 +375,58 @@ class Turn:
         there = images.flip(self._mirrored)
         return there.mT if self.transposes else there
 
+    @property
+    def views(self) -> list[int]:
+        """Which of the views at 0, 45, 90 and 135 degrees is the first, second, ... of the camera that is turned so."""
+        first, third = (2, 0) if self.transposes else (0, 2)
+        return [first, 3, third, 1] if self.left_right != self.up_down else [first, 1, third, 3]
+
     def vectors(self, vectors: Tensor) -> Tensor:
         """Vectors (..., 2) to the right and down."""
-        signs = vectors.new_tensor([-1.0 if self.left_right else 1.0, -1.0 if self.up_down else 1.0])
+        signs = constant([-1.0 if self.left_right else 1.0, -1.0 if self.up_down else 1.0], vectors)
         return (vectors.flip(-1) if self.transposes else vectors) * signs
 
 
 @dataclass(frozen=True)
 class TurnedEngine:
-    """The engine of a scene that was turned."""
+    """The engine of scenes that were turned.
+
+    Attributes
+    ----------
+    engine : callable
+    turn : Turn
+    fixed_angles : bool
+        Whether the views are those at 0, 45, 90 and 135 degrees, of which each becomes another one.
+    """
 
     engine: Engine
     turn: Turn
+    fixed_angles: bool = False
 
     def __call__(self, layers: Tensor) -> Tensor:
-        """Views of layers (2, 3, h, w)."""
-        return self.turn.images(self.engine(self.turn.images_back(layers)))
+        """Views ([batch,] view, 3, h, w) of layers ([batch,] 2, 3, h, w)."""
+        views = self.turn.images(self.engine(self.turn.images_back(layers)))
+        return _ordered(views, self.turn.views, -4) if self.fixed_angles else views
+
+
+def _ordered(tensor: Tensor, order: Sequence[int], axis: int) -> Tensor:
+    """With what lies along an axis in another order; a list as an index would have a GPU wait."""
+    return torch.stack([tensor.select(axis, i) for i in order], dim=axis)
 
 
 def turned(batch: Batch, turn: Turn) -> Batch:
     """A batch of square frames as another camera would have held them.
 
-    Views along and across a plane of incidence turn with it; those at fixed angles would not, and stay.
+    Views along and across a plane of incidence turn with it; of those at fixed angles each becomes another one.
     """
-    seen = batch.observation
-    if seen.step is None:
+    if turn == Turn():
         return batch
-    return Batch(
-        turned_observation(seen, turn.images, turn.vectors),
-        turn.images(batch.layers),
-        turn.images(batch.parts),
-        tuple(TurnedEngine(engine, turn) for engine in batch.engines),
-    )
+    seen, parts = turned_observation(batch.observation, turn.images, turn.vectors), turn.images(batch.parts)
+    fixed_angles = seen.step is None
+    if fixed_angles:
+        views, errors = (_ordered(x, turn.views, 1) for x in (seen.views, seen.view_errors))
+        seen, parts = replace(seen, views=views, view_errors=errors), _ordered(parts, turn.views, 1)
+    return Batch(seen, turn.images(batch.layers), parts, TurnedEngine(batch.engine, turn, fixed_angles))
 
 
 def psnr(found: Tensor, truth: Tensor) -> tuple[float, float]:
@@ -415,9 +445,9 @@ def _placed(sample: Sample, device: str) -> Sample:
 def _batch(samples: Sequence[Sample]) -> Batch:
     return Batch(
         collated([sample.observation for sample in samples]),
-        torch.cat([sample.layers for sample in samples]),
-        torch.cat([sample.parts for sample in samples]),
-        tuple(sample.engine for sample in samples),
+        torch.cat([sample.layers for sample in samples]).float(),
+        torch.cat([sample.parts for sample in samples]).float(),
+        BatchEngine(tuple(sample.engine for sample in samples)),
     )
 
 

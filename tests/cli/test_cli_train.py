@@ -73,6 +73,14 @@ def test_it_writes_weights_log_state_and_record_and_goes_on_where_it_stopped(
     assert steps_logged(tmp_path) == [2, 3]
 
 
+def test_the_papers_form_is_trained_without_its_head(photographs: Path, tmp_path: Path) -> None:
+    assert main(tiny(photographs, tmp_path, "--form", "paper", "--head", "none", "--without", "perceptual")) == 0
+    record = json.loads((tmp_path / "record.json").read_text())
+    assert record["architecture"]["head"] == "none"
+    network = load_network(tmp_path / "weights.safetensors", record["sha256"])
+    assert network.architecture.head == "none"
+
+
 @pytest.mark.parametrize("size", get_args(FusionSize))
 def test_the_networks_size_and_time_can_be_chosen(photographs: Path, tmp_path: Path, size: FusionSize) -> None:
     command = tiny(photographs, tmp_path, "--fusionnet", size, "--seconds", "1e-3")
@@ -116,6 +124,7 @@ def test_the_perceptual_loss_compares_features_of_the_shipped_encoder(photograph
         (("--without", "nonsense"), "there is no such term"),
         (("--resume",), "no state to resume from"),
         (("--polarnet", "vgg19"), "--vgg19"),
+        (("--head", "none"), "--head none is for the paper's form alone"),
         (("--leaves-share", "2"), "from 0 to 1"),
         (("--begin-with", "nowhere.safetensors"), "no such file"),
         (("--form", "paper", "--begin-with", str(WEIGHTS / "conditioned.safetensors")), "holds the conditioned form"),

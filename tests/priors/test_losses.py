@@ -9,6 +9,7 @@ import torch
 
 from priors.networks.critics import Discriminator
 from priors.networks.fusionnet import Separated
+from priors.training.engines import BatchEngine
 from priors.training.losses import (
     BORDER_PX,
     Critics,
@@ -68,9 +69,9 @@ def test_perceptual_compares_features_and_raw_pixels_compare_values() -> None:
 def test_the_engine_gives_the_views_back_from_true_layers_alone() -> None:
     sample = Mixtures().sample(1)
     views = sample.observation.views
-    assert float(pse_loss(sample.layers, views, [sample.engine])) == pytest.approx(0, abs=1e-6)
+    assert float(pse_loss(sample.layers, views, BatchEngine((sample.engine,)))) == pytest.approx(0, abs=1e-6)
     off = sample.layers + torch.tensor([0.1, 0.0])[:, None, None, None]
-    assert float(pse_loss(off, views, [sample.engine])) == pytest.approx(0.1 * (0.45 + 0.3), rel=1e-4)
+    assert float(pse_loss(off, views, BatchEngine((sample.engine,)))) == pytest.approx(0.1 * (0.45 + 0.3), rel=1e-4)
 
 
 def test_what_may_come_from_beyond_the_frame_does_not_count() -> None:
@@ -79,9 +80,12 @@ def test_what_may_come_from_beyond_the_frame_does_not_count() -> None:
     off[..., :BORDER_PX, :] += 1
     views = torch.zeros(2, 2, 3, 64, 64, dtype=torch.float64)
     inside = (..., slice(BORDER_PX, -BORDER_PX), slice(BORDER_PX, -BORDER_PX))
-    engines = [lambda layers: layers, lambda layers: layers]
     assert torch.equal(off[inside], truth[inside])
-    assert float(pse_loss(off, views, engines)) == float(pse_loss(truth, views, engines))
+
+    def same(layers: torch.Tensor) -> torch.Tensor:
+        return layers
+
+    assert float(pse_loss(off, views, same)) == float(pse_loss(truth, views, same))
     assert float(decibel(off, truth)) == pytest.approx(math.log(1e-8))
 
 
@@ -90,7 +94,7 @@ def test_gradients_of_the_losses() -> None:
     views = random_layers(2, 26)
     for loss in (
         lambda x: decibel(x, truth),
-        lambda x: pse_loss(x, views, [lambda layers: 0.5 * layers] * 2),
+        lambda x: pse_loss(x, views, lambda layers: 0.5 * layers),
         lambda x: edge_independence(x, truth),
         lambda x: raw_pixels(x, truth),
     ):
@@ -115,7 +119,7 @@ def test_the_judge_learns_nothing_through_the_layers() -> None:
 
 def test_terms_that_are_off_are_not_computed() -> None:
     sample = Mixtures().sample(0)
-    batch = Batch(sample.observation, sample.layers, sample.parts, (sample.engine,))
+    batch = Batch(sample.observation, sample.layers, sample.parts, BatchEngine((sample.engine,)))
     found = Separated(sample.layers + 0.1, sample.parts)
     weights = LossWeights(perceptual=0, edge_independence=0, adversarial=0)
     terms = loss_terms(found, batch, weights, Critics(features=lambda _: pytest.fail("computed")))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -11,6 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from priors.learned import shipped_initializer
 from priors.networks.blocks import from_opponent, opponent, padded
 from priors.networks.checkpoint import load_network, save_network
 from priors.networks.critics import CompactEncoder, Vgg19Encoder, WrongWeights, vgg19_weights
@@ -21,6 +23,39 @@ from priors.observation import collated, in_color, of_arrays
 from tests.observations import SMALL, observation, small_network
 
 FORMS: tuple[Form, ...] = get_args(Form)
+
+
+def test_without_the_head_the_papers_form_tries_no_panes(tmp_path: Path) -> None:
+    network = trained_a_little(small_network("paper", head="none")).half().float()
+    seen = observation("paper", (19, 23))
+    found = network(seen)
+    assert found.layers.shape == (1, 2, 3, 19, 23)
+    assert found.parts.shape == (1, 4, 2, 3, 19, 23)
+    assert not any("unmixing" in name for name in network.state_dict())
+    assert torch.equal(found.layers, network(replace(seen, shares=None)).layers)
+    # Not so with it.
+    with pytest.raises(ValueError, match="candidate panes"):
+        small_network("paper")(replace(seen, shares=None))
+    digest = save_network(tmp_path / "net.safetensors", network)
+    again = load_network(tmp_path / "net.safetensors", digest)
+    assert again.architecture == network.architecture
+    assert again.architecture.head == "none"
+    assert torch.equal(again(seen).layers, found.layers)
+
+
+def test_before_any_training_the_layers_without_the_head_are_the_intensity() -> None:
+    seen = observation("paper")
+    layers = small_network("paper", head="none")(seen).layers
+    torch.testing.assert_close(layers, (seen.views.sum(1) / 2)[:, None].expand_as(layers))
+
+
+def test_only_the_papers_form_has_a_head_to_do_without() -> None:
+    with pytest.raises(ValueError, match="paper's form"):
+        Architecture("conditioned", head="none")
+
+
+def test_shipped_weights_are_of_the_form_with_the_head() -> None:
+    assert shipped_initializer("paper").network.architecture.head == "panes"
 
 
 @settings(max_examples=8, deadline=None)

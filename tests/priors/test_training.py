@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +11,23 @@ from pathlib import Path
 import pytest
 import torch
 
+from polaropt.capture import ANGLES_DEG
+from polaropt.optics import PSE, SceneParameters
+from priors.observation import Observation
+from priors.training.engines import BatchEngine
 from priors.training.losses import DECIBEL, LossWeights
-from priors.training.trainer import LOG, STATE, NotFinite, Training, TrainingOptions, Turn, TurnedEngine, WrongState
+from priors.training.trainer import (
+    LOG,
+    STATE,
+    Batch,
+    NotFinite,
+    Training,
+    TrainingOptions,
+    Turn,
+    TurnedEngine,
+    WrongState,
+    turned,
+)
 from tests.observations import Mixtures, small_network
 
 OPTIONS = TrainingOptions(
@@ -132,6 +148,27 @@ def test_a_batch_that_is_turned_is_that_of_a_turned_camera(ways: tuple[bool, boo
     wanted = engine_of(turned_step)(turn.images(layers))
     torch.testing.assert_close(TurnedEngine(engine_of((down, right)), turn)(turn.images(layers)), wanted)
     torch.testing.assert_close(turn.images_back(turn.images(layers)), layers)
+
+
+@pytest.mark.parametrize("ways", list(itertools.product([False, True], repeat=3)))
+def test_photographs_at_fixed_angles_are_turned_to_those_of_the_turned_pane(ways: tuple[bool, bool, bool]) -> None:
+    turn = Turn(*ways)
+    layers = torch.rand(1, 2, 3, 16, 16, generator=torch.Generator().manual_seed(0))
+    plane = (math.cos(math.radians(25)), math.sin(math.radians(25)))
+    vector = turn.vectors(torch.tensor([plane]))[0].tolist()
+
+    def engine_of(azimuth_deg: float) -> Callable[[torch.Tensor], torch.Tensor]:
+        return PSE(SceneParameters(60.0, azimuth_deg, 0.0), ANGLES_DEG).forward
+
+    views = engine_of(25.0)(layers[0])[None]
+    seen = Observation(views, torch.tensor([[1.0, 2.0, 3.0, 4.0]]), torch.ones(1, 1, 1, 16, 16))
+    batch = Batch(seen, layers, torch.stack([views, views], dim=2), BatchEngine((engine_of(25.0),)))
+    found = turned(batch, turn)
+    wanted = engine_of(math.degrees(math.atan2(vector[1], vector[0])))(found.layers[0])[None]
+    torch.testing.assert_close(found.observation.views, wanted)
+    torch.testing.assert_close(found.parts[:, :, 1], wanted)
+    torch.testing.assert_close(found.engine(found.layers), wanted)
+    assert found.observation.view_errors[0].tolist() == [1.0 + number for number in turn.views]
 
 
 class Harm:

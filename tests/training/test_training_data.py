@@ -11,13 +11,15 @@ import pytest
 import torch
 from skimage import data
 
+from polaropt.capture import ANGLES_DEG
 from polaropt.capture.files.write import write_png
 from polaropt.errors import InputError
-from polaropt.optics import VaryingPSE
+from polaropt.optics import PSE, SceneParameters, VaryingPSE
 from polaropt.simulation.leaves import dead_leaves
 from polaropt.training.pictures import Pictures
-from polaropt.training.samples import TrainingData, Variety
+from polaropt.training.samples import TrainingData, Variety, shifted_sum
 from priors.networks.fusionnet import Form
+from priors.training.engines import BatchEngine, ShiftedSum
 
 FORMS: tuple[Form, ...] = get_args(Form)
 PLAIN = Variety(overexposed=0, grey=0, other_angles=0, mosaics=0, several_panes=0, polarized=0, wide=0)
@@ -72,6 +74,35 @@ def test_processes_make_the_same_samples_in_the_same_order(pictures: Pictures) -
     for mine, theirs in zip(here, there, strict=True):
         assert torch.equal(mine.observation.views, theirs.observation.views)
         assert torch.equal(mine.engine(mine.layers[0]), theirs.engine(mine.layers[0]))
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        SceneParameters(60.0, 20.0, 4.3),
+        SceneParameters(72.0, 160.0, -3.0, 1.4, reflection_polarization=(0.4, 30.0)),
+        SceneParameters(50.0, 75.0, 2.0, n_panes=2, gap_shift=5.5),
+        SceneParameters(86.0, 45.0, 0.0),
+    ],
+    ids=["pane", "polarized", "panes", "in place"],
+)
+def test_shifted_layers_add_up_to_the_engines_photographs(scene: SceneParameters) -> None:
+    layers = torch.rand(2, 3, 24, 37, generator=torch.Generator().manual_seed(0))
+    engine = PSE(scene, ANGLES_DEG)
+    assert torch.allclose(shifted_sum(engine)(layers), engine.forward(layers), atol=1e-5)
+
+
+def test_a_batch_is_engineered_as_its_samples_are_alone(pictures: Pictures) -> None:
+    variety = replace(PLAIN, incidences_deg=(40.0, 60.0), wide=0.5)
+    samples = [source(pictures, "paper", variety).sample(number) for number in range(6)]
+    engines = tuple(sample.engine for sample in samples)
+    assert 0 < sum(isinstance(engine, ShiftedSum) for engine in engines) < 6
+    layers = torch.cat([sample.layers for sample in samples]).requires_grad_()
+    alone = torch.stack([engine(each) for engine, each in zip(engines, layers, strict=True)])
+    together = BatchEngine(engines)(layers)
+    assert torch.allclose(together, alone, atol=1e-6)
+    gradients = [torch.autograd.grad(views.square().sum(), layers)[0] for views in (together, alone)]
+    assert torch.allclose(*gradients, atol=1e-5)
 
 
 def test_gradients_come_through_the_engine(pictures: Pictures) -> None:
