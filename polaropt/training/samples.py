@@ -199,9 +199,9 @@ class TrainingData:
         random = np.random.default_rng([self._seed, number])
         mosaic = self._takes_mosaics and random.random() < self._variety.mosaics
         layers = self._layers(random, _MONO_MOSAICS if mosaic else self._variety.grey)
+        scene = self._scene(random)
         if mosaic:
             layers = gaussian_filter(layers, random.uniform(*self._variety.lens_blur_px), axes=(-2, -1))
-        scene = self._scene(random)
         angles_deg = ANGLES_DEG if mosaic else self._angles(random)
         noise = float(np.exp(random.uniform(*np.log(self._variety.noise))))
         components = exact_engine(scene, angles_deg).components(layers)
