@@ -422,7 +422,9 @@ def separate_frame(
         if scene_errors is not None:
             case = replace(case, given_errors=scene_errors)
         solved = () if before is None or not _as_noisy(case, before.case) else before.solved
-        case = replace(case, settings=_settings_of_frame(settings) if solved else settings)
+        # A device works each frame out anew.
+        sooner = bool(solved) and settings.device is None
+        case = replace(case, settings=_settings_of_frame(settings) if sooner else settings)
         judged = None if before is None else before.diagnostics
         result, memories = _solved(case, start, stages, before=solved, remember=True, judged=judged)
         return result, FrameMemory(case, memories, result.diagnostics)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from polaropt import InputError, SceneParameters, StoppingRule, Weights, separate, separate_many
+from polaropt import InputError, SceneParameters, StoppingRule, Weights, separate, separate_many, separate_sequence
 from polaropt.simulation import simulated_mosaic
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
@@ -143,6 +143,14 @@ def test_captures_solved_together_end_where_each_ends_alone():
         assert result.layers.shape == alone.layers.shape
         np.testing.assert_allclose(result.layers, alone.layers, atol=2e-3)
         assert result.seconds["Solving"] >= 0
+
+
+def test_frames_of_a_film_are_worked_out_on_a_device_as_each_alone():
+    frames = [blend(57, 80, ghost_shift=4.3, noise=noise).capture for noise in (0.005, 0.006, 0.007)]
+    pane = blend(57, 80, ghost_shift=4.3).scene
+    film = separate_sequence(frames, pane, device="cpu")
+    for frame, result in zip(frames, film, strict=True):
+        np.testing.assert_allclose(result.layers, separate(frame, pane).layers, atol=2e-3)
 
 
 def test_only_problems_of_one_canvas_are_alike():
