@@ -486,14 +486,14 @@ def _solved_there(
     begin: Images | None = None,
 ) -> list[Solution]:
     """Problems that are alike, solved on a device from the closed form on."""
-    from polaropt.solving.tensors import minimized, solvable
+    from polaropt.solving.tensors import batch_problem, minimize_batch
 
     device, place, of = str(settings.device), places[0], places[0].of / len(places)
-    there = solvable(problems, device, settings.init, begin)
+    there = batch_problem(problems, device, settings.init, begin)
     advance = _solving(stages, place, of)
     stopping = _stopping_of_tile(settings.stopping, 1 / of)
     minimizer = None if settings.solver == _OWN else get_solver(settings.solver)
-    points, results = minimized(there, stopping, advance, minimizer)
+    points, results = minimize_batch(there, stopping, advance, minimizer)
     stages.begin("Taking stock", place.reached + _REACH / of)
     points = points + settings.keep_start * (there.start - points)
     found = zip(problems, places, there.layers(points), there.objective.terms(points), results, strict=True)

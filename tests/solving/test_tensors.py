@@ -12,8 +12,8 @@ from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
 from polaropt.solving.tensors.batch import batch_of
 from polaropt.solving.tensors.closed_form import closed_form
-from polaropt.solving.tensors.objective import Misfit
-from polaropt.solving.tensors.solve import alike, solvable
+from polaropt.solving.tensors.objective import BatchMisfit
+from polaropt.solving.tensors.solve import alike, batch_problem
 from polaropt.solving.tensors.windows import expected_layers
 from solvers.base import Status
 from solvers.batch_lbfgs import minimize_all
@@ -53,7 +53,7 @@ def test_what_windows_expect_on_a_device_is_what_they_expect_on_the_processor():
     problem = problem_of()
     batch = batch_of([problem.capture], [problem.pse], [NOISE], problem.canvas, "cpu")
     known = closed_form(batch, [problem.capture], [problem.pse], [NOISE])
-    there = expected_layers(batch, known, Misfit(batch).gradient, torch.ones(1, 1, 1))
+    there = expected_layers(batch, known, BatchMisfit(batch).gradient, torch.ones(1, 1, 1))
     frame = problem.canvas.crop
     np.testing.assert_allclose(frame(numpy_of(there.layers)), frame(problem.expected.layers), atol=1e-4)
     np.testing.assert_allclose(numpy_of(there.variance), problem.expected.variance, rtol=1e-3)
@@ -63,7 +63,7 @@ def test_what_windows_expect_on_a_device_is_what_they_expect_on_the_processor():
 @pytest.mark.parametrize("robust", [False, True])
 def test_the_objective_of_a_device_is_that_of_compiled_passes(init, robust):
     """Value and terms, and the gradient's slope along a random direction."""
-    there = solvable([problem_of(robust=robust)], "cpu", init)
+    there = batch_problem([problem_of(robust=robust)], "cpu", init)
     problem = problem_of(robust=robust)
     start = take_start(problem, init)
     here = problem.compiled(start)

@@ -1,6 +1,6 @@
-__all__ = ["Solvable", "alike", "minimized", "solvable"]
+__all__ = ["BatchProblem", "alike", "batch_problem", "minimize_batch"]
 
-from .solve import Solvable as Solvable
+from .solve import BatchProblem as BatchProblem
 from .solve import alike as alike
-from .solve import minimized as minimized
-from .solve import solvable as solvable
+from .solve import batch_problem as batch_problem
+from .solve import minimize_batch as minimize_batch

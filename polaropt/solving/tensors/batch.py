@@ -25,7 +25,7 @@ Frame = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Batch:
+class CaptureBatch:
     """Captures with their panes.
 
     Attributes
@@ -99,7 +99,7 @@ def batch_of(
     canvas: Canvas,
     device: str,
     basis: Basis | None = None,
-) -> Batch:
+) -> CaptureBatch:
     """Captures of one shape and as many photographs, with the panes before them and the noise of their pixels.
 
     The colour basis is the opponent one, unless another is given.
@@ -125,7 +125,7 @@ def batch_of(
     weights = [_precision(capture, noise) for capture, noise in zip(captures, noises, strict=True)]
     same = weights[0].shape if len({weight.shape for weight in weights}) == 1 else shape[1:]
     precision = np.stack([np.broadcast_to(weight, same) for weight in weights])
-    return Batch(
+    return CaptureBatch(
         canvas,
         photographs,
         placed(precision, device),

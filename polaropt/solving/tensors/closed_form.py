@@ -28,11 +28,11 @@ from polaropt.inversion import (
 )
 from polaropt.numerics import NATURAL_POWER_LAW
 from polaropt.optics import PSE
-from polaropt.solving.tensors.batch import Batch, all_are_valid, mirrored, placed
+from polaropt.solving.tensors.batch import CaptureBatch, all_are_valid, mirrored, placed
 
 
 @dataclass(frozen=True)
-class Known:
+class BatchClosedForm:
     """What closed forms tell, as tensors; the numbers of each capture beside them.
 
     Attributes
@@ -56,12 +56,14 @@ class Known:
     each: tuple[ClosedForm, ...]
 
 
-def closed_form(batch: Batch, captures: Sequence[Capture], engines: Sequence[PSE], noises: Sequence[float]) -> Known:
+def closed_form(
+    batch: CaptureBatch, captures: Sequence[Capture], engines: Sequence[PSE], noises: Sequence[float]
+) -> BatchClosedForm:
     """Layers per frequency, with all ghosts.
 
     Parameters
     ----------
-    batch : Batch
+    batch : CaptureBatch
     captures, engines
         Those of the batch.
     noises : sequence of float
@@ -92,7 +94,7 @@ def closed_form(batch: Batch, captures: Sequence[Capture], engines: Sequence[PSE
     )
     layers = batch.images(found.transpose(0, 1)) + mean
     each = tuple(_known(fit, bands, i, basis, means[i]) for i in range(len(captures)))
-    return Known(told, cross, prior, mean, layers, each)
+    return BatchClosedForm(told, cross, prior, mean, layers, each)
 
 
 @lru_cache(maxsize=4)
@@ -107,7 +109,7 @@ def _gradient_power(total: Tensor) -> NDArray[np.float64]:
     return np.asarray(torch.as_tensor(power).cpu())
 
 
-def _entries(batch: Batch, captures: Sequence[Capture], engines: Sequence[PSE]) -> Tensor:
+def _entries(batch: CaptureBatch, captures: Sequence[Capture], engines: Sequence[PSE]) -> Tensor:
     """Least-squares entries (capture, entry, channel, h, w) in the photographs' colours."""
     if all(map(all_are_valid, captures)):
         inverse = torch.linalg.pinv(batch.mixing.double()).float()
@@ -170,7 +172,7 @@ def _fitted(told: Tensor, cross: Tensor, right: Tensor, bands: FrequencyBands, p
     return _Fit(level, logarithms, prior, moments(prior)[1], of_each[:, :, 0], off[:, 0].abs().square())
 
 
-def _everywhere(fit: _Fit, bands: FrequencyBands, batch: Batch) -> Tensor:
+def _everywhere(fit: _Fit, bands: FrequencyBands, batch: CaptureBatch) -> Tensor:
     """Power of every frequency before the photographs are seen, (capture, 2, channel, H, W // 2 + 1)."""
     power, logarithms = fit.power.cpu().numpy(), fit.logarithms.cpu().numpy()
     tables = np.stack([bands.table(float(power[where]), logarithms[where]) for where in np.ndindex(power.shape)])

@@ -18,9 +18,9 @@ from torch.nn.functional import avg_pool2d, pad
 from polaropt.inversion import applied, roots_of
 from polaropt.numerics import column_multiplicity, opponent_basis, squared_frequencies
 from polaropt.solving.objective import ROBUST_SIGMAS, LayerPenalties, Term, Weights
-from polaropt.solving.tensors.batch import Batch, placed
-from polaropt.solving.tensors.closed_form import Known
-from polaropt.solving.tensors.windows import Expected
+from polaropt.solving.tensors.batch import CaptureBatch, placed
+from polaropt.solving.tensors.closed_form import BatchClosedForm
+from polaropt.solving.tensors.windows import BatchExpectation
 from priors.base import CHROMA_WEIGHT, Regularizer
 from priors.edge_independence import EdgeIndependence
 from priors.gradient_sparsity import GradientSparsity
@@ -30,17 +30,17 @@ from priors.nonnegativity import Nonnegativity
 Values = dict[str, Tensor]
 
 
-class Misfit:
+class BatchMisfit:
     """Half the sum of squared residuals of the trusted photographs, in units of their noise.
 
     Parameters
     ----------
-    batch : Batch
+    batch : CaptureBatch
     robust : bool
         Pseudo-Huber instead of squares.
     """
 
-    def __init__(self, batch: Batch, robust: bool = False) -> None:
+    def __init__(self, batch: CaptureBatch, robust: bool = False) -> None:
         self._batch, self._robust = batch, robust
 
     def value_and_slope(self, spectra: Tensor) -> tuple[Tensor, Tensor]:
@@ -65,7 +65,7 @@ def _summed(images: Tensor) -> Tensor:
     return images.flatten(1).sum(dim=1, dtype=torch.float64)
 
 
-class WithinFrame(Protocol):
+class FramePriors(Protocol):
     """The priors of one capture that judge its layers within the frame."""
 
     @property
@@ -82,7 +82,7 @@ class WithinFrame(Protocol):
 
 
 @dataclass(frozen=True)
-class Penalties:
+class BatchPenalties:
     """The priors within the frame, as factors of each capture, (capture, 2, 1, 1)."""
 
     strength: Tensor
@@ -94,7 +94,7 @@ class Penalties:
     exponent: float
 
     @classmethod
-    def of(cls, each: Sequence[WithinFrame], device: torch.device) -> Penalties:
+    def of(cls, each: Sequence[FramePriors], device: torch.device) -> BatchPenalties:
         """Those of all captures."""
         exponent = each[0].gradient_sparsity.exponent
 
@@ -114,7 +114,7 @@ class Penalties:
 
 
 @dataclass(frozen=True)
-class Prior:
+class SpectralPrior:
     """The spectral prior: stiffness (capture, 2, channel, H, W // 2 + 1), and the canvas layers that it is around in
     the colour basis, (capture, 2, channel, H, W) or (capture, 2, channel, 1, 1)."""
 
@@ -123,39 +123,43 @@ class Prior:
 
 
 def spectral_prior(
-    batch: Batch, known: Known, expected: Expected | None, within: Sequence[LayerPenalties], slope: Tensor | None
-) -> Prior:
+    batch: CaptureBatch,
+    known: BatchClosedForm,
+    expected: BatchExpectation | None,
+    within: Sequence[LayerPenalties],
+    slope: Tensor | None,
+) -> SpectralPrior:
     """The prior of `default_penalties`.
 
     Parameters
     ----------
-    batch : Batch
-    known : Known
-    expected : Expected or None
+    batch : CaptureBatch
+    known : BatchClosedForm
+    expected : BatchExpectation or None
     within : sequence of LayerPenalties
     slope : Tensor or None
         Gradient of the misfit at the layers that are expected; of a mosaic's samples, None.
     """
     if expected is None:
         spectral = placed(np.stack([penalties.spectral for penalties in within]), batch.device)
-        return Prior(spectral[:, :, None, None, None] / known.prior, known.mean)
+        return SpectralPrior(spectral[:, :, None, None, None] / known.prior, known.mean)
     stiffness = within[0].confidence / expected.variance
     if slope is None:
-        return Prior(stiffness, expected.layers)
-    return Prior(stiffness, expected.layers + batch.images(batch.transformed(slope) / stiffness))
+        return SpectralPrior(stiffness, expected.layers)
+    return SpectralPrior(stiffness, expected.layers + batch.images(batch.transformed(slope) / stiffness))
 
 
-class Objective:
+class BatchObjective:
     """Value and gradient of all captures at whitened coordinates (capture, n).
 
     Parameters
     ----------
-    batch : Batch
-    misfit : Misfit
+    batch : CaptureBatch
+    misfit : BatchMisfit
     known : (Tensor, Tensor)
         What the photographs tell: (capture, 2, H, W // 2 + 1), and of both together, (capture, H, W // 2 + 1).
-    within : sequence of WithinFrame
-    prior : Prior
+    within : sequence of FramePriors
+    prior : SpectralPrior
     weights : Weights
     others : sequence of dict
         Penalties without a pass of their own, by name: those of each capture.
@@ -165,17 +169,17 @@ class Objective:
 
     def __init__(
         self,
-        batch: Batch,
-        misfit: Misfit,
+        batch: CaptureBatch,
+        misfit: BatchMisfit,
         known: tuple[Tensor, Tensor],
-        within: Sequence[WithinFrame],
-        prior: Prior,
+        within: Sequence[FramePriors],
+        prior: SpectralPrior,
         weights: Weights,
         others: Sequence[Mapping[str, Regularizer]],
         start: Tensor,
     ) -> None:
         self._batch, self._misfit, self._prior, self._weights, self._others = batch, misfit, prior, weights, others
-        self._penalties = Penalties.of(within, batch.device)
+        self._penalties = BatchPenalties.of(within, batch.device)
         width = batch.canvas.shape[1]
         colors = len(batch.basis)
         # Chroma counts more: the opponent basis with energies of their own. A mosaic's colours have another basis.

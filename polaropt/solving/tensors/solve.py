@@ -19,9 +19,9 @@ from polaropt.optics import PSE
 from polaropt.solving.objective import layer_penalties, own_penalties, plugged_penalties
 from polaropt.solving.problem import Problem, worth_filling
 from polaropt.solving.starts import take_start
-from polaropt.solving.tensors.batch import Batch, batch_of, mirrored, placed
+from polaropt.solving.tensors.batch import CaptureBatch, batch_of, mirrored, placed
 from polaropt.solving.tensors.closed_form import closed_form
-from polaropt.solving.tensors.objective import Misfit, Objective, Prior, spectral_prior
+from polaropt.solving.tensors.objective import BatchMisfit, BatchObjective, SpectralPrior, spectral_prior
 from polaropt.solving.tensors.windows import expected_layers
 from solvers.base import Solver, SolverResult, StoppingRule
 from solvers.batch_lbfgs import minimize_all
@@ -30,12 +30,12 @@ Images = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Solvable:
+class BatchProblem:
     """Captures on a device, ready to be solved.
 
     Attributes
     ----------
-    objective : Objective
+    objective : BatchObjective
     start : Tensor, shape (capture, n)
         In its coordinates.
     forms : tuple of ClosedForm
@@ -44,7 +44,7 @@ class Solvable:
         Share of each reflection's detail that remains open, 0..1.
     """
 
-    objective: Objective
+    objective: BatchObjective
     start: Tensor
     forms: tuple[ClosedForm, ...]
     unknown_detail: tuple[float, ...]
@@ -68,8 +68,8 @@ def alike(problem: Problem) -> tuple[Any, ...]:
     )
 
 
-def minimized(
-    there: Solvable,
+def minimize_batch(
+    there: BatchProblem,
     stopping: StoppingRule,
     advance: Callable[[int], None],
     minimizer: Solver | None = None,
@@ -78,7 +78,7 @@ def minimized(
 
     Parameters
     ----------
-    there : Solvable
+    there : BatchProblem
     stopping : StoppingRule
         Seconds are those of all together.
     advance : callable
@@ -111,7 +111,7 @@ def minimized(
     return placed(result.x, there.start.device)[None], [result]
 
 
-def solvable(problems: Sequence[Problem], device: str, init: str, start: Images | None = None) -> Solvable:
+def batch_problem(problems: Sequence[Problem], device: str, init: str, start: Images | None = None) -> BatchProblem:
     """Problems that are `alike`, on a device.
 
     Parameters
@@ -131,16 +131,18 @@ def solvable(problems: Sequence[Problem], device: str, init: str, start: Images 
     there = init == "closed-form" and start is None and first.samples is None and not worth_filling(first)
     basis = None if there else problems[0].known.basis
     batch = batch_of([problem.observed for problem in problems], engines, noises, problems[0].canvas, device, basis)
-    misfit = Misfit(batch, problems[0].robust)
+    misfit = BatchMisfit(batch, problems[0].robust)
     if there:
         return _found_there(problems, engines, batch, misfit)
     unknown = tuple(problem.unknown_detail() for problem in problems)
     starts = [take_start(problem, init, start) for problem in problems]
     objective, layers = _found_before(problems, starts, batch, misfit)
-    return Solvable(objective, objective.coordinates(layers), tuple(problem.known for problem in problems), unknown)
+    return BatchProblem(objective, objective.coordinates(layers), tuple(problem.known for problem in problems), unknown)
 
 
-def _found_there(problems: Sequence[Problem], engines: Sequence[PSE], batch: Batch, misfit: Misfit) -> Solvable:
+def _found_there(
+    problems: Sequence[Problem], engines: Sequence[PSE], batch: CaptureBatch, misfit: BatchMisfit
+) -> BatchProblem:
     """All of it worked out on the device."""
     known = closed_form(batch, [problem.capture for problem in problems], engines, [p.noise for p in problems])
     weights, expected, slope = problems[0].weights, None, None
@@ -166,28 +168,28 @@ def _found_there(problems: Sequence[Problem], engines: Sequence[PSE], batch: Bat
         layers = batch.opponent(layers)
     else:
         unknown = _unknown_detail(batch, expected.variance, layers)
-    objective = Objective(batch, misfit, (known.told, known.cross), within, prior, weights, others, layers)
-    return Solvable(objective, objective.coordinates(layers), known.each, tuple(unknown))
+    objective = BatchObjective(batch, misfit, (known.told, known.cross), within, prior, weights, others, layers)
+    return BatchProblem(objective, objective.coordinates(layers), known.each, tuple(unknown))
 
 
 def _found_before(
-    problems: Sequence[Problem], starts: Sequence[Images], batch: Batch, misfit: Misfit
-) -> tuple[Objective, Tensor]:
+    problems: Sequence[Problem], starts: Sequence[Images], batch: CaptureBatch, misfit: BatchMisfit
+) -> tuple[BatchObjective, Tensor]:
     """With what the processor has found: the objective, and the starts in the colour basis."""
     penalties = [problem.penalties for problem in problems]
     known = [problem.known for problem in problems]
     told, cross = (np.stack([getattr(form, name) for form in known]) for name in ("told", "cross"))
-    prior = Prior(
+    prior = SpectralPrior(
         placed(np.stack([each.natural_image.stiffness for each in penalties]), batch.device),
         placed(np.stack([each.natural_image.mean for each in penalties]), batch.device),
     )
     layers = batch.opponent(placed(np.stack(starts), batch.device))
     there = (placed(told, batch.device), placed(cross, batch.device))
     others = [each.others for each in penalties]
-    return Objective(batch, misfit, there, penalties, prior, problems[0].weights, others, layers), layers
+    return BatchObjective(batch, misfit, there, penalties, prior, problems[0].weights, others, layers), layers
 
 
-def _unknown_detail(batch: Batch, variance: Tensor, layers: Tensor) -> list[float]:
+def _unknown_detail(batch: CaptureBatch, variance: Tensor, layers: Tensor) -> list[float]:
     """`Expectation.unknown_detail` of each capture."""
     height, width = batch.canvas.shape
     rows, columns = squared_frequencies(height, width)

@@ -21,12 +21,12 @@ from polaropt.solving.local_spectra import (
     TURNS,
     WindowSize,
 )
-from polaropt.solving.tensors.batch import Batch, mirrored, placed
-from polaropt.solving.tensors.closed_form import Known
+from polaropt.solving.tensors.batch import CaptureBatch, mirrored, placed
+from polaropt.solving.tensors.closed_form import BatchClosedForm
 
 
 @dataclass(frozen=True)
-class Expected:
+class BatchExpectation:
     """What is expected of the layers before the sparse penalties.
 
     Attributes
@@ -42,14 +42,14 @@ class Expected:
 
 
 def expected_layers(
-    batch: Batch, known: Known, misfit_gradient: Callable[[Tensor], Tensor], precision: Tensor
-) -> Expected:
+    batch: CaptureBatch, known: BatchClosedForm, misfit_gradient: Callable[[Tensor], Tensor], precision: Tensor
+) -> BatchExpectation:
     """Layers under spectra of their own in each window, from the closed form on.
 
     Parameters
     ----------
-    batch : Batch
-    known : Known
+    batch : CaptureBatch
+    known : BatchClosedForm
     misfit_gradient : callable
         Gradient of the photographs' misfit at canvas layers (capture, 2, channel, H, W) in the colour basis.
     precision : Tensor, shape (capture, h or 1, w or 1)
@@ -57,7 +57,7 @@ def expected_layers(
     """
     layers, share, last = known.layers, None, None
     for size, times in ((COARSE, TURNS), (FINE, 1)):
-        last = Windows(batch, known, size)
+        last = BatchWindows(batch, known, size)
         of_windows = last.sure_precision(precision)
         for _ in range(times):
             change, share = last.step(layers, misfit_gradient(layers), of_windows)
@@ -66,20 +66,20 @@ def expected_layers(
     assert last is not None
     assert share is not None
     open_t, open_r = _left(known.told[:, 0, None], known.told[:, 1, None], known.cross[:, None], known.prior)[:2]
-    return Expected(layers, torch.stack([open_t, open_r], dim=1) * last.on_canvas(share))
+    return BatchExpectation(layers, torch.stack([open_t, open_r], dim=1) * last.on_canvas(share))
 
 
-class Windows:
+class BatchWindows:
     """Overlapping windows of the frames, each with a spectrum of its own.
 
     Parameters
     ----------
-    batch : Batch
-    known : Known
+    batch : CaptureBatch
+    known : BatchClosedForm
     size : WindowSize
     """
 
-    def __init__(self, batch: Batch, known: Known, size: WindowSize) -> None:
+    def __init__(self, batch: CaptureBatch, known: BatchClosedForm, size: WindowSize) -> None:
         self._canvas, self._size, self._mean = batch.canvas, size, known.mean
         device = batch.device
         profile = size.profile
@@ -154,7 +154,7 @@ class Windows:
         return (step, step), (step + -height % step, step + -width % step)
 
     def _pieces(self, images: Tensor) -> Tensor:
-        """Windows (..., down, across, side, side) of extended images (..., h, w)."""
+        """BatchWindows (..., down, across, side, side) of extended images (..., h, w)."""
         side, step = self._size.side_px, self._size.step_px
         return images.unfold(-2, side, step).unfold(-2, side, step)
 
