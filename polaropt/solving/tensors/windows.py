@@ -154,7 +154,7 @@ class BatchWindows:
         return (step, step), (step + -height % step, step + -width % step)
 
     def _pieces(self, images: Tensor) -> Tensor:
-        """BatchWindows (..., down, across, side, side) of extended images (..., h, w)."""
+        """Windows (..., down, across, side, side) of extended images (..., h, w)."""
         side, step = self._size.side_px, self._size.step_px
         return images.unfold(-2, side, step).unfold(-2, side, step)
 
