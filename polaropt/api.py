@@ -263,7 +263,7 @@ def separate_many(
         Polarizer angles of an array.
     **options
         As of `separate`. With a device, captures of one shape that follow each other are solved together there, as many
-        as make 2**23 values of layers, 32 at most.
+        as make 2**24 values of layers, 32 at most.
 
     Returns
     -------

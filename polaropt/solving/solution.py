@@ -120,9 +120,9 @@ _REACH = _TAKING_STOCK - _CLOSED_FORM
 _USUAL_EVALUATIONS = 7
 # Names of the minimizers of tensors: the own one solves several captures at once.
 _OWN, _OF_TORCH = "lbfgs", "torch"
-# Values of layers that a device works on at once, of which it holds about a hundred times as many, and the most
-# captures: set by hand.
-_VALUES_AT_ONCE, _MOST_AT_ONCE = 2**23, 32
+# Values of layers that a device works on at once, about 200 bytes each (`torch.cuda.max_memory_allocated`): all tiles of
+# 1224x1024 pixels in colour, in 3 GB. And the most captures. Set by hand.
+_VALUES_AT_ONCE, _MOST_AT_ONCE = 2**24, 32
 # What is known of a tile's layers that no photograph changes.
 _OF_PANE = ("told", "cross", "share", "squared_frequency")
 # Of tiles that ended differently the whole has the status that stands first.
