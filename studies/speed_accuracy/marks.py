@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pandas import DataFrame
 
 from studies.kit.frames import values_of
+from studies.scenes import Sensor
 from studies.scores import LAYERS
 from studies.ways import DEFAULT, FULL, KNOWN, Way
 
@@ -21,6 +22,14 @@ SAME_SHARE = 0.05
 SOLVED_DB = 0.25
 """A scene is solved where both layers are as near as this to the best that any way of the same profile reaches."""
 FACTORS = ("solver", "start", "rung", "tolerance", "method")
+ONE, CROSSED, ON_GPU = "one at a time", "crossed", "on a GPU"
+"""Parts of the study."""
+SUBJECTS: dict[Sensor, str] = {
+    "": "four full photographs",
+    "mono": "raw mosaic of a mono sensor",
+    "color": "raw mosaic of a colour sensor",
+}
+"""What a scene is seen as, by the sensor."""
 
 
 def with_ways(frame: DataFrame) -> DataFrame:
@@ -31,7 +40,8 @@ def with_ways(frame: DataFrame) -> DataFrame:
 def _way(row: Any) -> Way:
     if row.method != FULL:
         return Way(row.method)
-    return replace(DEFAULT, solver=row.solver, start=row.start, rung=row.rung, relative_change=row.relative_change)
+    settings = ("solver", "start", "rung", "relative_change", "resolution", "device")
+    return replace(DEFAULT, **{name: getattr(row, name) for name in settings})
 
 
 def scenes_of(frame: DataFrame) -> list[tuple[str, str, int]]:
@@ -122,8 +132,12 @@ def _beats(mark: Mark, default: Mark, layers: Sequence[str]) -> bool:
 
 
 def compared(frame: DataFrame, factor: str) -> list[Way]:
-    """The default first, then the ways that differ from it in one setting; none that is told the scene."""
-    others = [way for way in values_of(frame, "way") if way.factor == factor and way.rung != KNOWN]
+    """The default first, then the ways that differ from it in one setting; none that is told the scene.
+
+    Another resolution stands among the methods.
+    """
+    factors = (factor, "resolution") if factor == "method" else (factor,)
+    others = [way for way in values_of(frame, "way") if way.factor in factors and way.rung != KNOWN]
     return [DEFAULT, *others]
 
 
