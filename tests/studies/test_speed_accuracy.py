@@ -1,4 +1,4 @@
-"""Speed against accuracy: the front, what beats the defaults, profiles, agreement with `separate`, mosaics, GPU, page."""
+"""Speed against accuracy: the front, what beats the defaults, profiles, agreement with `separate`, mosaics, GPU."""
 
 from __future__ import annotations
 
