@@ -32,14 +32,15 @@ CAPTIONS = {
 """By the name of the figure's file."""
 # The first that suits counts.
 _BEGINNINGS = {
-    "speed_one_at_a_time_mono": "Seconds against accuracy on raw mosaics of a mono sensor, one setting changed at a time.",
+    "speed_one_at_a_time_mono": "Seconds against accuracy on raw mosaics of a mono sensor, one setting changed at a "
+    "time.",
     "speed_one_at_a_time_color": "Seconds against accuracy on raw mosaics of a colour sensor, one setting changed at a "
     "time.",
     "speed_one_at_a_time": "Seconds against accuracy with one setting changed at a time; above all is best.",
     "speed_crossed_color": "Seconds against accuracy on raw mosaics of a colour sensor, settings changed together.",
     "speed_memory": "Memory beyond the photographs, one setting changed at a time.",
-    "speed_profiles_mono": "Share of raw mosaics of a mono sensor that each setting solves within so many times the least "
-    "seconds.",
+    "speed_profiles_mono": "Share of raw mosaics of a mono sensor that each setting solves within so many times the "
+    "least seconds.",
     "speed_profiles_color": "Share of raw mosaics of a colour sensor that each setting solves within so many times the "
     "least seconds.",
     "speed_profiles": "Share of scenes that each setting solves within so many times the least seconds.",
