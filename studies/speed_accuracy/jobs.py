@@ -154,7 +154,7 @@ class Row:
 def run(job: Job) -> list[Row]:
     """Run one scene in every way."""
     sample, ways = job.sample(), job.ways()
-    # Networks of an interpolation would know the photographs that it is judged on.
+    # A trained interpolation would know the photographs that it is judged on.
     seen = TRAINED_ON_SHIPPED if job.photos is None else ()
     # Threads of torch that wait would count as work; by the clock all may work.
     with (Threads() if job.part == ON_GPU else Threads(torch=1, blas=1)).set():
