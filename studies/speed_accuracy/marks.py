@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -93,6 +93,28 @@ def _mark(way: Way, part: DataFrame) -> Mark:
     columns = [part.cpu.map(np.median), part.cpu.map(min), part.cpu.map(max), part.elapsed.map(np.median),
                part.transmission, part.reflection, part.evaluations]  # fmt: skip
     return Mark(way, *(float(np.mean(column.to_numpy())) for column in columns), float(part.peak_mb.max()))
+
+
+def paired(frame: DataFrame) -> list[Mark]:
+    """Every way against the default on the same scenes, of all sizes: seconds over its seconds, decibels above its own.
+
+    Seconds are geometric means, PSNR are means; of ways that ran wherever they were tried.
+    """
+    keys = ["size", "scene", "pair"]
+    columns = [*keys, *LAYERS, "cpu", "elapsed"]
+    default = frame.loc[frame.way == DEFAULT, columns]
+    tried = {way: part for way, part in frame.groupby("way", sort=False) if (part.not_run == "").all()}
+    return [_pair(way, part.merge(default, on=keys, suffixes=("", "_default"))) for way, part in tried.items()]
+
+
+def _pair(way: Way, both: DataFrame) -> Mark:
+    def ratio(name: str, of: Callable[..., Any]) -> float:
+        return float(np.exp(np.mean(np.log((both[name].map(of) / both[f"{name}_default"].map(np.median)).to_numpy()))))
+
+    seconds = [ratio("cpu", of) for of in (np.median, min, max)]
+    gains = [float((both[layer] - both[f"{layer}_default"]).mean()) for layer in LAYERS]
+    evaluations, peak = float(both.evaluations.mean()), float(both.peak_mb.max())
+    return Mark(way, *seconds, ratio("elapsed", np.median), *gains, evaluations, peak)
 
 
 def front(found: Sequence[Mark], layer: str) -> list[Mark]:

@@ -36,6 +36,7 @@ from studies.speed_accuracy.marks import (
     compared,
     front,
     marks,
+    paired,
     ratios,
     share_within,
     with_ways,
@@ -128,6 +129,18 @@ def test_means_are_of_ways_that_ran_on_all_scenes():
     rows = [row(way, scene, 1.0, 40.0) for way in (DEFAULT, SCIPY) for scene in ("a", "b")]
     rows[-1] = row(SCIPY, "b", math.nan, math.nan, not_run="too large")
     assert [one.way for one in marks(frame(rows))] == [DEFAULT]
+
+
+def test_pairs_compare_with_the_default_on_the_same_scenes():
+    rows = [row(DEFAULT, "a", 1.0, 40.0), row(SCIPY, "a", 2.0, 41.0), row(DEFAULT, "b", 10.0, 30.0)]
+    rows += [row(SCIPY, "b", 5.0, 30.5), row(GHOSTS, "b", 10.0, 33.0)]
+    found = {one.way: one for one in paired(frame(rows))}
+    assert (found[DEFAULT].seconds, found[DEFAULT].transmission) == (1, 0)
+    assert (found[SCIPY].seconds, found[SCIPY].transmission) == pytest.approx((1, 0.75))
+    # It was not tried on the other.
+    assert (found[GHOSTS].seconds, found[GHOSTS].transmission) == pytest.approx((1, 3))
+    failed = row(GHOSTS, "a", math.nan, math.nan, not_run="too large")
+    assert {one.way for one in paired(frame([*rows, failed]))} == {DEFAULT, SCIPY}
 
 
 def test_profiles_count_the_scenes_solved_within_a_factor_of_the_fastest():
@@ -256,6 +269,7 @@ def test_the_study_is_one_command(tmp_path, monkeypatch, capsys):
     assert "| **default** |" in said
     # One of full photographs and one of mosaics.
     assert said.count("the defaults are") == 6
+    assert "all sizes against the defaults" in said
     assert all(f"{SUBJECTS[sensor]} | 64x64 | 5, one at a time | 1 |" in said for sensor in ("", "color"))
     for name in ("one_at_a_time_64x64", "one_at_a_time_color_64x64", "profiles", "profiles_color", "memory"):
         assert (tmp_path / f"speed_{name}.png").stat().st_size > 10_000
