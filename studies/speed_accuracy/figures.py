@@ -258,7 +258,7 @@ def _profiles(frame: DataFrame, subject: str) -> Any:
         axes.set_xlim(within[0] / 1.02, within[-1])
         _logarithmic(axes)
         axes.set_ylim(-4, 104)
-        axes.set_title(f"{factor}s")
+        axes.set_title(f"{factor}s, {len(of_scenes[DEFAULT])} scenes")
         axes.set_xlabel("processor seconds over those of the fastest")
         axes.set_ylabel("scenes solved (%)")
         # Beside the lines: no corner is free of them in every panel.
@@ -266,7 +266,7 @@ def _profiles(frame: DataFrame, subject: str) -> Any:
     # In the place of the last panel.
     panels[-1].set_axis_off()
     panels[-1].text(
-        0, 0.95, f"Performance profiles, {subject};\nscenes and sizes together: {len(scenes_of(frame))}.\n\n"
+        0, 0.95, f"Performance profiles, {subject},\nover scenes in which all ways of a panel were tried.\n\n"
         f"A scene is solved where both layers are within {SOLVED_DB:g} dB\nof the best of the same panel.\n\n"
         "At the left end: how often a way is the fastest.\nAt the right end: how often it solves the scene at all.",
         va="top",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -166,11 +167,16 @@ def compared(frame: DataFrame, factor: str) -> list[Way]:
 def ratios(frame: DataFrame, ways: Sequence[Way]) -> dict[Way, NDArray[np.float64]]:
     """Seconds of each way over those of the fastest that solves the scene, by scene; infinite where it is not solved.
 
-    Scenes are told apart by size, name and pair.
+    Scenes are told apart by size, name and pair. Of large ones, where not all of the ways were tried, nothing is said.
     """
-    by_scene: dict[tuple[str, str, int], dict[Way, Any]] = {scene: {} for scene in scenes_of(frame)}
-    for row in frame[(frame.not_run == "") & frame.way.isin(ways)].itertuples():
-        by_scene[row.size, row.scene, row.pair][row.way] = row
+    frame = frame[frame.way.isin(ways)]
+    tried = Counter(frame[["size", "scene", "pair"]].itertuples(index=False, name=None))
+    by_scene: dict[tuple[str, str, int], dict[Way, Any]] = {
+        scene: {} for scene in scenes_of(frame) if tried[scene] == len(ways)
+    }
+    for row in frame[frame.not_run == ""].itertuples():
+        if (row.size, row.scene, row.pair) in by_scene:
+            by_scene[row.size, row.scene, row.pair][row.way] = row
     found = [_ratios_of(rows, ways) for rows in by_scene.values()]
     return {way: np.array([one[way] for one in found]) for way in ways}
 
