@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,21 @@ def take(scene: Scene, pair: Pair) -> Sample:
     true = true_pane(scene, pair.height, random)
     noise = random if scene.draw == "stability" else np.random.default_rng(pair.number)
     return photograph(pair, true, scene.taking, scene.hint_of(true), random=random, noise=noise)
+
+
+def read_again(sample: Sample, resolution: str = "sensor") -> Sample:
+    """A raw mosaic read anew from what its sensor measured; four photographs are as they are.
+
+    With its cells, which else are made when they are first asked for: what is timed with such a sample finds them made.
+    At the resolution "cell" the pane is in pixels of the cells, the true layers remain in those of the sensor.
+    """
+    samples = sample.capture.samples
+    if samples is None:
+        return sample
+    capture = simulated_mosaic(samples.values, sample.capture.color, resolution)
+    assert capture.registered is not None
+    share = capture.shape[-1] / samples.values.shape[-1]
+    return replace(sample, capture=capture, scene=sample.scene.scaled(share), hint=sample.hint.scaled(share))
 
 
 def true_pane(scene: Scene, size: int, random: np.random.Generator) -> SceneParameters:

@@ -3,14 +3,15 @@
 `Way` is polaropt with its settings, or another method by its name; it is plain values, so that a job can hold it.
 Around the `DEFAULT` of `separate`, read from its signature, stand every rung of the scene model, solver, start and
 tolerance (`RUNGS`, `one_at_a_time`, `crossed`). `METHODS` are all others, from the plain intensity to published ones,
-each given what suits it best, and what that is. `PARTS` are polaropt without one of its parts.
+each given what suits it best, and what that is; `MOSAIC_METHODS` are what others do with a raw mosaic, which is to
+interpolate it first. `PARTS` are polaropt without one of its parts.
 """
 
 from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from inspect import signature
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, noise_level
+from polaropt.capture import ANGLES_DEG, Capture, Origin, noise_level
 from polaropt.estimation import find_scene, model_names
 from polaropt.optics import PSE, SceneParameters, engine_for
 from polaropt.separation import Separation, separate
@@ -37,7 +38,8 @@ from polaropt.solving import (
 )
 from solvers.base import SolverResult, StoppingRule
 from solvers.registry import get_solver, solver_names
-from studies.camera import Sample
+from studies.camera import Sample, read_again
+from studies.mosaic.demosaicking import LENS_BLUR_PX, bilinear, trained
 from studies.peers import single_image
 from studies.peers.multiscale import separate_in_scales
 from studies.peers.semireflector import correlation, mutual_information, separate_by
@@ -60,6 +62,10 @@ CLOSED_FORM_START = "closed-form"
 SMALL_ONLY = ("casadi",)
 """Solvers that take at most 100 000 unknowns, and a minute for them."""
 TOLERANCE_FACTORS = (1.0, 10.0, 0.1)
+SENSOR, CELL, BILINEAR, LMMSE = "sensor", "cell", "bilinear", "LMMSE"
+"""How a raw mosaic is read: at a resolution of `read_capture`, or interpolated to four full photographs."""
+GPU = "cuda"
+"""Device of the solver torch."""
 
 
 class NotRun(Exception):
@@ -80,6 +86,10 @@ class Way:
         Of the stopping rule.
     max_evaluations : int
         Of the stopping rule; 1: the start alone.
+    resolution : str
+        How a raw mosaic is read; without meaning for four photographs.
+    device : str
+        Of the solver torch; empty: the processor.
     """
 
     method: str = FULL
@@ -88,6 +98,8 @@ class Way:
     rung: str = ""
     relative_change: float = 0.0
     max_evaluations: int = 0
+    resolution: str = ""
+    device: str = ""
 
     @property
     def ours(self) -> bool:
@@ -102,7 +114,7 @@ class Way:
     @property
     def blind(self) -> bool:
         """Whether nothing of the truth is given."""
-        return self.rung != KNOWN if self.ours else METHODS[self.method].given == NOTHING
+        return self.rung != KNOWN if self.ours else method_of(self).given == NOTHING
 
     @property
     def factor(self) -> str:
@@ -115,7 +127,7 @@ class Way:
         """In a few words, what is not as by default."""
         if not self.ours:
             return self.method
-        words = {name: str(getattr(self, name)) for name in ("solver", "start", "rung")}
+        words = {name: str(getattr(self, name)) for name in ("solver", "start", "rung", "resolution", "device")}
         words["tolerance"] = f"{self.relative_change:.0e}".replace("e-0", "e-")
         return (
             ", ".join(KNOWN if words[name] == KNOWN else f"{name} {words[name]}" for name in self._changed())
@@ -123,11 +135,12 @@ class Way:
         )
 
     def _changed(self) -> list[str]:
-        names = {"solver": "solver", "start": "start", "rung": "rung", "relative_change": "tolerance"}
-        return [word for name, word in names.items() if getattr(self, name) != getattr(DEFAULT, name)]
+        names = {"relative_change": "tolerance"}
+        settings = ("solver", "start", "rung", "relative_change", "resolution", "device")
+        return [names.get(name, name) for name in settings if getattr(self, name) != getattr(DEFAULT, name)]
 
     def separation(self, sample: Sample) -> Separation:
-        """All that the full solve gives, as a user has it."""
+        """All that the full solve gives, as a user has it, of what was read at its resolution."""
         known = self.rung == KNOWN
         return separate(
             sample.capture,
@@ -136,12 +149,13 @@ class Way:
             self.start,
             stopping=self.stopping,
             model=DEFAULT.rung if known else self.rung,
+            device=self.device or None,
         )
 
     def layers(self, sample: Sample) -> Layers:
         """Both layers, as far as it shows them; raises `NotRun` where the method is not there."""
         if not self.ours:
-            return METHODS[self.method].run(sample)
+            return method_of(self).run(sample)
         transmission, reflection = self.separation(sample).layers
         return transmission, reflection
 
@@ -155,10 +169,13 @@ DEFAULT = Way(
     _SEPARATE["model"],
     _STOPPING.relative_change,
     _STOPPING.max_evaluations,
+    SENSOR,
 )
 """What `separate` does when it is asked for nothing."""
 WITH_SCENE = replace(DEFAULT, rung=KNOWN)
 """The same with the true scene given."""
+AT_CELLS = replace(DEFAULT, resolution=CELL)
+"""The same with one pixel for each pattern of a raw mosaic."""
 RUNGS = {name: replace(DEFAULT, rung=name) for name in model_names() if name != "none"}
 """Every scene model, "auto" at their head; its "none" is the plain intensity, a method of its own."""
 
@@ -206,16 +223,30 @@ def tolerances() -> tuple[float, ...]:
     return tuple(float(f"{factor * DEFAULT.relative_change:.3g}") for factor in TOLERANCE_FACTORS)
 
 
-def one_at_a_time() -> tuple[Way, ...]:
-    """The default, and all ways that differ from it in one setting."""
+def one_at_a_time(mosaic: bool = False) -> tuple[Way, ...]:
+    """The default, and all ways that differ from it in one setting, of a raw mosaic in its resolution, too."""
     ways = [
         DEFAULT,
         *(replace(DEFAULT, solver=name) for name in solver_names()),
         *(replace(DEFAULT, start=name) for name in start_names()),
         *(*RUNGS.values(), WITH_SCENE),
         *(replace(DEFAULT, relative_change=value) for value in tolerances()),
+        *((AT_CELLS,) if mosaic else ()),
     ]
     return tuple(dict.fromkeys(ways))
+
+
+def solves(mosaic: bool = False) -> tuple[Way, ...]:
+    """The default and all other solves of the scene that it finds, and what there is before any: for large images."""
+    named = [way for way in one_at_a_time(mosaic) if way.factor != "rung" and way.solver not in SMALL_ONLY]
+    return (*named, Way(NETWORKS), Way(CLOSED_FORM))
+
+
+def solvers(mosaic: bool = False) -> tuple[Way, ...]:
+    """Of these the default, its start and the other solvers: for the largest images."""
+    return tuple(
+        way for way in solves(mosaic) if way.factor in ("", "solver", "resolution") or way.method == CLOSED_FORM
+    )
 
 
 def crossed(relative_changes: Sequence[float]) -> tuple[Way, ...]:
@@ -227,9 +258,15 @@ def crossed(relative_changes: Sequence[float]) -> tuple[Way, ...]:
     )
 
 
-def other_methods() -> tuple[Way, ...]:
-    """What is not the full solve, from the plain intensity to the closed form alone."""
-    return tuple(Way(name) for name in METHODS if name != FULL)
+def other_methods(mosaic: bool = False) -> tuple[Way, ...]:
+    """What is not the full solve, from the plain intensity to the closed form alone; of a raw mosaic what suits it."""
+    names = (*MOSAIC_METHODS, NETWORKS, CLOSED_FORM) if mosaic else METHODS
+    return tuple(Way(name) for name in names if name != FULL)
+
+
+def method_of(way: Way) -> Method:
+    """What is not the full solve, by its name."""
+    return METHODS.get(way.method) or MOSAIC_METHODS[way.method]
 
 
 # Methods.
@@ -252,6 +289,10 @@ class Method:
         Whether it is a part of this project.
     scaleless : bool
         Whether its layers have no scale of their own, so that they are given the best.
+    resolution : str
+        How a raw mosaic is read for it.
+    way : Way or None
+        The full solve that it is, cut short or of other photographs.
     """
 
     name: str
@@ -260,6 +301,8 @@ class Method:
     source: str = ""
     ours: bool = False
     scaleless: bool = False
+    resolution: str = SENSOR
+    way: Way | None = None
 
 
 def plain_intensity(sample: Sample) -> Layers:
@@ -368,12 +411,47 @@ _METHODS: Sequence[Method] = (
         source="Yang et al., CVPR 2019; package fast-reflection-removal",
         scaleless=True,
     ),
-    Method(NETWORKS, _networks, ours=True),
-    Method(CLOSED_FORM, partial(_blind, alone(DEFAULT)), ours=True),
+    Method(NETWORKS, _networks, ours=True, way=alone(replace(DEFAULT, start=LEARNED))),
+    Method(CLOSED_FORM, partial(_blind, alone(DEFAULT)), ours=True, way=alone(DEFAULT)),
     Method(FULL, partial(_blind, DEFAULT), ours=True),
 )
 METHODS = {method.name: method for method in _METHODS}
 """From the plain intensity to the full solve."""
+
+
+# Raw mosaics, interpolated first.
+
+
+def read_mosaic(sample: Sample, resolution: str) -> Sample:
+    """A raw mosaic as it is read, or interpolated to four full photographs; these are as they are."""
+    samples, origin = sample.capture.samples, sample.capture.origin
+    if resolution not in (BILINEAR, LMMSE) or samples is None or origin is None:
+        return read_again(sample, resolution)
+    color = sample.capture.color
+    if resolution == BILINEAR:
+        return replace(sample, capture=Capture.of_planes(bilinear(samples.values, color), ANGLES_DEG))
+    # Beside edges they swing below black. They are Stokes vectors, so that nothing in them tells the noise.
+    photographs = np.maximum(trained(color, LENS_BLUR_PX).interpolate(samples.values, origin.raw_noise or 0), 0)
+    told = Origin(raw_noise=origin.raw_noise)
+    return replace(sample, capture=Capture.of_planes(photographs, ANGLES_DEG, origin=told))
+
+
+def _mosaic_methods() -> Iterator[Method]:
+    for name in (PLAIN, MINIMUM, "least correlation", "least mutual information"):
+        yield replace(METHODS[name], name=f"{BILINEAR}, {name}", resolution=BILINEAR)
+    per_pixel = alone(replace(DEFAULT, start="per-pixel"))
+    for resolution in (BILINEAR, LMMSE):
+        for name, way in (("per pixel", per_pixel), ("full solve", DEFAULT)):
+            way = replace(way, resolution=resolution)
+            yield Method(f"{resolution}, {name}", way.layers, resolution=resolution, way=way)
+
+
+MOSAIC_METHODS = {method.name: method for method in _mosaic_methods()}
+"""What there is without a model of the mosaic; "per pixel" finds the scene as polaropt does and inverts each pixel.
+
+LMMSE is trained on the photographs inside scikit-image, and is to be judged on others.
+"""
+TRAINED_ON_SHIPPED = tuple(name for name in MOSAIC_METHODS if name.startswith(LMMSE))
 
 
 # Parts left out.

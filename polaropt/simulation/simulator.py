@@ -250,10 +250,26 @@ def photograph_mosaic(
     return digitized(raw + noise, camera.bits).astype(np.float32)
 
 
-def simulated_mosaic(raw: Image, color: bool) -> Capture:
-    """The capture of a raw mosaic (h, w) that was simulated with Sony's cells: linear, white = 1, without gains."""
-    sensor = "color" if color else "mono"
-    return mosaic_capture(raw, sensor=sensor, cell_order=SONY_CELL, pair_gain=1.0, white_level=1.0, gamma=1.0)
+def simulated_mosaic(raw: Image, color: bool, resolution: str = "sensor") -> Capture:
+    """The capture of a raw mosaic (h, w) that was simulated with Sony's cells: linear, white = 1, without gains.
+
+    Parameters
+    ----------
+    raw : ndarray, shape (h, w)
+    color : bool
+        Whether the sensor has colours.
+    resolution : {"sensor", "cell"}
+        As of `read_capture`.
+    """
+    return mosaic_capture(
+        raw,
+        sensor="color" if color else "mono",
+        cell_order=SONY_CELL,
+        pair_gain=1.0,
+        white_level=1.0,
+        gamma=1.0,
+        resolution=resolution,
+    )
 
 
 def sensor_image(image: Image, color: bool) -> Image:

@@ -23,8 +23,6 @@ CAPTIONS = {
     "real_mosaics": "Layers of real raw mosaics: the middle of each capture as it was separated.",
     "shared_scene": "Errors of the pane's numbers that captures tell together, true and stated, over how many there "
     "are; grey: as the root of their number.",
-    "speed_memory": "Memory beyond the photographs against accuracy, one setting changed at a time.",
-    "speed_profiles": "Share of scenes that each setting solves within so many times the least seconds.",
     "stability_map": "PSNR of both layers over incidence and noise; framed where a pair fails, dashed where that was "
     "not announced.",
     "stability_reflection": "PSNR of the reflection as scenes leave the plain case, for every method.",
@@ -32,8 +30,20 @@ CAPTIONS = {
     "stability_warnings": "Scenes of each family that fail, and which of them were announced by a warning.",
 }
 """By the name of the figure's file."""
+# The first that suits counts.
 _BEGINNINGS = {
+    "speed_one_at_a_time_mono": "Seconds against accuracy on raw mosaics of a mono sensor, one setting changed at a "
+    "time.",
+    "speed_one_at_a_time_color": "Seconds against accuracy on raw mosaics of a colour sensor, one setting changed at a "
+    "time.",
     "speed_one_at_a_time": "Seconds against accuracy with one setting changed at a time; above all is best.",
+    "speed_crossed_color": "Seconds against accuracy on raw mosaics of a colour sensor, settings changed together.",
+    "speed_memory": "Memory beyond the photographs, one setting changed at a time.",
+    "speed_profiles_mono": "Share of raw mosaics of a mono sensor that each setting solves within so many times the "
+    "least seconds.",
+    "speed_profiles_color": "Share of raw mosaics of a colour sensor that each setting solves within so many times the "
+    "least seconds.",
+    "speed_profiles": "Share of scenes that each setting solves within so many times the least seconds.",
     "speed_crossed": "Seconds against accuracy for settings changed together; above all is best.",
     "work_precision": "How far each solver is from the minimum of the objective, over seconds and evaluations.",
 }

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from pandas import DataFrame
 
 from studies.kit.frames import values_of
+from studies.scenes import Sensor
 from studies.scores import LAYERS
 from studies.ways import DEFAULT, FULL, KNOWN, Way
 
@@ -21,6 +23,14 @@ SAME_SHARE = 0.05
 SOLVED_DB = 0.25
 """A scene is solved where both layers are as near as this to the best that any way of the same profile reaches."""
 FACTORS = ("solver", "start", "rung", "tolerance", "method")
+ONE, CROSSED, ON_GPU = "one at a time", "crossed", "on a GPU"
+"""Parts of the study."""
+SUBJECTS: dict[Sensor, str] = {
+    "": "four full photographs",
+    "mono": "raw mosaic of a mono sensor",
+    "color": "raw mosaic of a colour sensor",
+}
+"""What a scene is seen as, by the sensor."""
 
 
 def with_ways(frame: DataFrame) -> DataFrame:
@@ -31,7 +41,8 @@ def with_ways(frame: DataFrame) -> DataFrame:
 def _way(row: Any) -> Way:
     if row.method != FULL:
         return Way(row.method)
-    return replace(DEFAULT, solver=row.solver, start=row.start, rung=row.rung, relative_change=row.relative_change)
+    settings = ("solver", "start", "rung", "relative_change", "resolution", "device")
+    return replace(DEFAULT, **{name: getattr(row, name) for name in settings})
 
 
 def scenes_of(frame: DataFrame) -> list[tuple[str, str, int]]:
@@ -85,6 +96,28 @@ def _mark(way: Way, part: DataFrame) -> Mark:
     return Mark(way, *(float(np.mean(column.to_numpy())) for column in columns), float(part.peak_mb.max()))
 
 
+def paired(frame: DataFrame) -> list[Mark]:
+    """Every way against the default on the same scenes, of all sizes: seconds over its seconds, decibels above its own.
+
+    Seconds are geometric means, PSNR are means; of ways that ran wherever they were tried.
+    """
+    keys = ["size", "scene", "pair"]
+    columns = [*keys, *LAYERS, "cpu", "elapsed"]
+    default = frame.loc[frame.way == DEFAULT, columns]
+    tried = {way: part for way, part in frame.groupby("way", sort=False) if (part.not_run == "").all()}
+    return [_pair(way, part.merge(default, on=keys, suffixes=("", "_default"))) for way, part in tried.items()]
+
+
+def _pair(way: Way, both: DataFrame) -> Mark:
+    def ratio(name: str, of: Callable[..., Any]) -> float:
+        return float(np.exp(np.mean(np.log((both[name].map(of) / both[f"{name}_default"].map(np.median)).to_numpy()))))
+
+    seconds = [ratio("cpu", of) for of in (np.median, min, max)]
+    gains = [float((both[layer] - both[f"{layer}_default"]).mean()) for layer in LAYERS]
+    evaluations, peak = float(both.evaluations.mean()), float(both.peak_mb.max())
+    return Mark(way, *seconds, ratio("elapsed", np.median), *gains, evaluations, peak)
+
+
 def front(found: Sequence[Mark], layer: str) -> list[Mark]:
     """Ways that no other blind one beats in both seconds and PSNR of a layer, the fastest first."""
     able = [mark for mark in found if mark.way.blind and not math.isnan(mark.level(layer))]
@@ -122,19 +155,28 @@ def _beats(mark: Mark, default: Mark, layers: Sequence[str]) -> bool:
 
 
 def compared(frame: DataFrame, factor: str) -> list[Way]:
-    """The default first, then the ways that differ from it in one setting; none that is told the scene."""
-    others = [way for way in values_of(frame, "way") if way.factor == factor and way.rung != KNOWN]
+    """The default first, then the ways that differ from it in one setting; none that is told the scene.
+
+    Another resolution stands among the methods.
+    """
+    factors = (factor, "resolution") if factor == "method" else (factor,)
+    others = [way for way in values_of(frame, "way") if way.factor in factors and way.rung != KNOWN]
     return [DEFAULT, *others]
 
 
 def ratios(frame: DataFrame, ways: Sequence[Way]) -> dict[Way, NDArray[np.float64]]:
     """Seconds of each way over those of the fastest that solves the scene, by scene; infinite where it is not solved.
 
-    Scenes are told apart by size, name and pair.
+    Scenes are told apart by size, name and pair. Of large ones, where not all of the ways were tried, nothing is said.
     """
-    by_scene: dict[tuple[str, str, int], dict[Way, Any]] = {scene: {} for scene in scenes_of(frame)}
-    for row in frame[(frame.not_run == "") & frame.way.isin(ways)].itertuples():
-        by_scene[row.size, row.scene, row.pair][row.way] = row
+    frame = frame[frame.way.isin(ways)]
+    tried = Counter(frame[["size", "scene", "pair"]].itertuples(index=False, name=None))
+    by_scene: dict[tuple[str, str, int], dict[Way, Any]] = {
+        scene: {} for scene in scenes_of(frame) if tried[scene] == len(ways)
+    }
+    for row in frame[frame.not_run == ""].itertuples():
+        if (row.size, row.scene, row.pair) in by_scene:
+            by_scene[row.size, row.scene, row.pair][row.way] = row
     found = [_ratios_of(rows, ways) for rows in by_scene.values()]
     return {way: np.array([one[way] for one in found]) for way in ways}
 

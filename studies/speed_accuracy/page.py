@@ -15,9 +15,11 @@ from pandas import DataFrame
 from studies.kit.frames import values_of, where
 from studies.scores import LAYERS
 from studies.speed_accuracy.figures import STYLES, kind_of
-from studies.speed_accuracy.marks import Mark, front, marks, with_ways
+from studies.speed_accuracy.marks import SUBJECTS, Mark, front, marks, with_ways
 
-_SHAPES = {"*": "star", "s": "square", "^": "triangle", "D": "diamond", "o": "circle", "X": "hex", ".": "dot"}
+_SHAPES = {
+    "*": "star", "s": "square", "^": "triangle", "D": "diamond", "o": "circle", "X": "hex", "P": "cross", ".": "dot",
+}  # fmt: skip
 _NAMES = {"default": "the defaults", "several": "several settings changed", "method": "another method"}
 _SIZES = {"default": 20, "several": 9}
 _SHOWN_DB = 30.0
@@ -38,17 +40,17 @@ _TIPS = (
 
 
 def write_page(frame: DataFrame, out: Path) -> None:
-    """Write ``speed_accuracy.html`` into a folder: a tab for each size and part, a plot for each layer."""
+    """Write ``speed_accuracy.html`` into a folder: a tab for each part, subject and size, a plot for each layer."""
     from bokeh.embed import file_html
     from bokeh.layouts import row
     from bokeh.models import Div, TabPanel, Tabs
     from bokeh.resources import INLINE
 
     frame, tabs = with_ways(frame), []
-    for part, size in values_of(frame, "part", "size"):
-        found = marks(where(frame, part=part, size=size))
+    for part, sensor, size in values_of(frame, "part", "sensor", "size"):
+        found = marks(where(frame, part=part, sensor=sensor, size=size))
         pair = row([_plot(found, layer) for layer in LAYERS], sizing_mode="stretch_width")
-        tabs.append(TabPanel(child=pair, title=f"{size}, {part}"))
+        tabs.append(TabPanel(child=pair, title=f"{SUBJECTS[sensor]}, {size}, {part}"))
     whole = [Div(text=_HOW_TO_READ, sizing_mode="stretch_width"), Tabs(tabs=tabs, sizing_mode="stretch_width")]
     page = file_html(whole, INLINE, "polaropt: seconds against accuracy")
     (out / "speed_accuracy.html").write_text(page, encoding="utf-8")

@@ -2,6 +2,7 @@
 
 Where the pane stands is found once per rung and round, whatever solver, start and tolerance follow: their seconds are
 those of the rung's own separation, less its solve, and of the solve. Rungs that find the same scene share its solves.
+A raw mosaic is read anew in each round, once for each resolution; its seconds are in all ways that begin with it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple, TypeVar
 
+import numpy as np
+
 from polaropt.capture import NoiseModel, measured_noise
 from polaropt.errors import InputError
 from polaropt.optics import SceneParameters
@@ -23,7 +26,7 @@ from solvers.base import MissingPackage
 from studies.camera import Sample
 from studies.kit.timing import peak_above
 from studies.scores import LAYERS, psnr
-from studies.ways import DEFAULT, Layers, NotRun, Way
+from studies.ways import DEFAULT, Images, Layers, Method, NotRun, Way, method_of, read_mosaic
 
 Made = TypeVar("Made")
 
@@ -37,6 +40,10 @@ class Seconds(NamedTuple):
 
     elapsed: float
     cpu: float
+
+    def after(self, other: Seconds) -> Seconds:
+        """Of both, one after the other."""
+        return Seconds(self.elapsed + other.elapsed, self.cpu + other.cpu)
 
 
 @dataclass
@@ -78,12 +85,7 @@ def run_ways(sample: Sample, ways: Sequence[Way], repeats: int) -> dict[Way, Tim
             if runs.over:
                 continue
             try:
-                if way.ours:
-                    here.run(way, runs)
-                else:
-                    layers, seconds = _clocked(partial(way.layers, sample))
-                    runs.levels = _levels(sample, layers)
-                    runs.seconds.append(seconds)
+                here.run(way, runs)
             except (InputError, MissingPackage, NotRun) as reason:
                 runs.not_run = str(reason)
     return timed
@@ -93,7 +95,8 @@ def measure_memory(sample: Sample, timed: dict[Way, Timed]) -> None:
     """Run every way once more and note the most memory that it takes above its photographs."""
     for way, runs in timed.items():
         if not runs.not_run:
-            runs.peak_mb = peak_above(partial(way.separation if way.ours else way.layers, sample))
+            seen = read_mosaic(sample, way.resolution if way.ours else method_of(way).resolution)
+            runs.peak_mb = peak_above(partial(way.separation if way.ours else way.layers, seen))
 
 
 class _Found(NamedTuple):
@@ -106,55 +109,92 @@ class _Found(NamedTuple):
 
 
 class _Round:
-    """One round of the full solve's ways, which share what they have in common."""
+    """One round of all ways, which share what they have in common."""
 
     def __init__(self, sample: Sample) -> None:
         self._sample = sample
-        self._found: dict[str, _Found | InputError] = {}
+        self._read: dict[str, tuple[Sample, Seconds]] = {}
+        self._found: dict[tuple[str, str], _Found | InputError] = {}
         self._solved: dict[tuple[object, ...], tuple[dict[str, float], int, Seconds]] = {}
 
     def run(self, way: Way, runs: Timed) -> None:
         """Run a way; raises InputError where its rung does not suit the photographs."""
-        found = self._find(way.rung)
-        key = (found.scene, way.solver, way.start, way.relative_change)
+        if way.ours:
+            self._run_solve(way, runs)
+            return
+        method = method_of(way)
+        if method.way is None:
+            self._run_method(method, runs)
+        else:
+            self._run_solve(method.way, runs)
+
+    def _run_solve(self, way: Way, runs: Timed) -> None:
+        found = self._find(way.rung, way.resolution)
+        key = (found.scene, replace(way, rung=""))
         if key not in self._solved:
             solution, seconds = _clocked(partial(self._solve, found, way))
             levels = _levels(self._sample, (solution.layers[0], solution.layers[1]))
             self._solved[key] = levels, solution.solver.n_evaluations, seconds
         runs.levels, runs.evaluations, solving = self._solved[key]
         runs.rung = found.rung
-        runs.seconds.append(Seconds(found.seconds.elapsed + solving.elapsed, found.seconds.cpu + solving.cpu))
+        runs.seconds.append(solving.after(found.seconds))
 
-    def _find(self, rung: str) -> _Found:
-        if rung not in self._found:
+    def _run_method(self, method: Method, runs: Timed) -> None:
+        sample, reading = self._sample_at(method.resolution)
+        layers, seconds = _clocked(partial(method.run, sample))
+        runs.levels = _levels(sample, layers)
+        runs.seconds.append(seconds.after(reading))
+
+    def _sample_at(self, resolution: str) -> tuple[Sample, Seconds]:
+        if resolution not in self._read:
+            self._read[resolution] = _clocked(partial(read_mosaic, self._sample, resolution))
+        return self._read[resolution]
+
+    def _find(self, rung: str, resolution: str) -> _Found:
+        key = (rung, resolution)
+        if key not in self._found:
             try:
-                self._found[rung] = self._separated(rung)
+                self._found[key] = self._separated(rung, resolution)
             except InputError as reason:
-                self._found[rung] = reason
-        found = self._found[rung]
+                self._found[key] = reason
+        found = self._found[key]
         if isinstance(found, InputError):
             raise found
         return found
 
-    def _separated(self, rung: str) -> _Found:
+    def _separated(self, rung: str, resolution: str) -> _Found:
         """Separate by default on this rung; what its solve takes is not counted."""
-        result = replace(DEFAULT, rung=rung).separation(self._sample)
+        sample, reading = self._sample_at(resolution)
+        result = replace(DEFAULT, rung=rung).separation(sample)
         elapsed, cpu = (
             sum(seconds for stage, seconds in clock.items() if stage not in _OF_THE_SOLVE)
             for clock in (result.seconds, result.cpu_seconds)
         )
-        noise = measured_noise(self._sample.capture)
-        return _Found(result.scene, result.scene.rung, noise, Seconds(elapsed, cpu))
+        noise = measured_noise(sample.capture)
+        return _Found(result.scene, result.scene.rung, noise, Seconds(elapsed, cpu).after(reading))
 
     def _solve(self, found: _Found, way: Way) -> Solution:
         noise, growth = found.noise
-        settings = Settings(solver=way.solver, init=way.start, stopping=way.stopping)
-        return solve(self._sample.capture, found.scene, noise, settings, Stages(), growth=growth)
+        settings = Settings(solver=way.solver, device=way.device or None, init=way.start, stopping=way.stopping)
+        sample, _ = self._sample_at(way.resolution)
+        return solve(sample.capture, found.scene, noise, settings, Stages(), growth=growth)
 
 
 def _levels(sample: Sample, layers: Layers) -> dict[str, float]:
     shown = zip(LAYERS, layers, sample.layers, strict=True)
-    return {name: psnr(layer, true) for name, layer, true in shown if layer is not None}
+    return {name: psnr(enlarged(layer, true.shape), true) for name, layer, true in shown if layer is not None}
+
+
+def enlarged(layer: Images, shape: tuple[int, ...]) -> Images:
+    """A layer as planes (channel, h, w); that of a mosaic's cells by cubic splines in all pixels of the sensor."""
+    from scipy.ndimage import zoom
+
+    planes = layer.reshape(shape[0], *layer.shape[-2:])
+    if planes.shape == shape:
+        return planes
+    factors = (1, shape[-2] / planes.shape[-2], shape[-1] / planes.shape[-1])
+    # The middle of a cell is the middle of its pixels.
+    return np.asarray(zoom(planes, factors, order=3, mode="nearest", grid_mode=True), dtype=np.float32)
 
 
 def _clocked(call: Callable[[], Made]) -> tuple[Made, Seconds]:
