@@ -120,7 +120,7 @@ _REACH = _TAKING_STOCK - _CLOSED_FORM
 _USUAL_EVALUATIONS = 7
 # Names of the minimizers of tensors: the own one solves several captures at once.
 _OWN, _OF_TORCH = "lbfgs", "torch"
-# Values of layers that a device works on at once, about 200 bytes each (`torch.cuda.max_memory_allocated`): all tiles of
+# Values of layers that a device works on at once, 200 bytes each (`torch.cuda.max_memory_allocated`): all tiles of
 # 1224x1024 pixels in colour, in 3 GB. And the most captures. Set by hand.
 _VALUES_AT_ONCE, _MOST_AT_ONCE = 2**24, 32
 # What is known of a tile's layers that no photograph changes.
