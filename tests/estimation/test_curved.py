@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from polaropt import SceneParameters, separate, simulate
+from polaropt import SceneParameters, estimate, separate, simulate
 from polaropt.capture.polarization import stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.ladder import find_scene
@@ -217,3 +217,12 @@ def found_of_window(number: int):
     window = window_of(number, 192)
     sample = window.sample(None, 192)
     return find_scene(sample.capture, sample.hint, window.taking.noise)
+
+
+def test_a_bent_pane_asked_for_behind_polarized_light_has_no_focal_length_below_nothing():
+    # Bends explain the polarized light a little better with a view beyond that of parallel rays.
+    light = (0.42605462591119964, 123.59049986993817)
+    pane = {"azimuth_deg": 103.0013091849751, "ghost_shift": 0.0}
+    found = estimate(blend(29.614569822486082, 96, **pane, transmission_polarization=light).capture, model="curved")
+    assert found.scene.bent
+    assert found.scene.focal_px is None

@@ -276,7 +276,9 @@ def fit_curved(
     if focal_px is None and not _lens_shows(best.fit):
         remote = candidate_near(blocks, best.prior, _OTHERS, _from_afar(best.fit.point))
         losses = [_chi_squared(blocks, one.fit.point, best.prior) for one in (remote, best)]
-        if losses[0] - losses[1] <= _AS_LIKELY * max(1.0, losses[1] / blocks.n):
+        as_likely = losses[0] - losses[1] <= _AS_LIKELY * max(1.0, losses[1] / blocks.n)
+        # A view beyond that of parallel rays has no focal length, however likely it is.
+        if as_likely or best.fit.point[VIEW] <= FROM_AFAR:
             best = edges.completed(replace(remote, directions=best.directions))
     return _result(blocks, best.fit)
 
