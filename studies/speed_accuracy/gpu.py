@@ -1,4 +1,4 @@
-"""The solver torch on a GPU against the same on the processor and the defaults, all by the clock.
+"""The default and the solver torch on a GPU against the same on the processor, all by the clock.
 
 ``python -m studies.speed_accuracy.gpu -o OUT`` runs this part of the study alone.
 """
@@ -29,7 +29,7 @@ SIZES: dict[Effort, tuple[Size, ...]] = {
 _REPEATS: dict[Effort, int] = {"quick": 1, "default": 3, "full": 5}
 _NOTE = (
     "Seconds by the clock, median over repeats (least to largest), all cores and threads at work: those of the "
-    "processor would not count what the GPU does. The scene is found on the processor in all three."
+    "processor would not count what the GPU does. The scene is found on the processor by all."
 )
 
 

@@ -94,7 +94,7 @@ class Job:
             return crossed(self.tolerances)
         if self.part == ON_GPU:
             by_torch = replace(DEFAULT, solver="torch")
-            return DEFAULT, by_torch, replace(by_torch, device=self.device)
+            return tuple(replace(way, device=device) for way in (DEFAULT, by_torch) for device in ("", self.device))
         if self.choice != "all":
             return (solves if self.choice == "solves" else solvers)(mosaic)
         small = self.size.height * self.size.width <= _LARGEST_FOR_SLOW
