@@ -135,14 +135,13 @@ def test_a_change_in_another_file_that_a_kernel_is_made_of_compiles_it_anew(tmp_
     assert run(tmp_path, RUN_OF_OTHERS.replace("Pair", "Couple")).splitlines()[0] == str(value)
 
 
-def test_without_a_folder_for_the_cache_it_compiles_every_time(tmp_path):
+def test_without_a_folder_for_the_cache_it_compiles_every_time(tmp_path, process):
     (tmp_path / "kernel.py").write_text(KERNEL)
     # A locator that serves nothing but IPython's cells: what numba finds where no folder can be written to.
     nowhere = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}
-    command = [sys.executable, "-c", RUN.format(folder=str(tmp_path))]
     for _ in range(2):
-        ran = subprocess.run(command, cwd=ROOT, env=os.environ | nowhere, capture_output=True, text=True, check=True)
-        assert ran.stdout.strip() == "doubled"
+        ran = process.run(RUN.format(folder=str(tmp_path)), nowhere)
+        assert (ran.code, ran.out.strip()) == (0, "doubled"), ran.err
     assert not list(tmp_path.rglob("*.nbi"))
 
 
