@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from skimage import data
@@ -23,6 +24,15 @@ class Blend:
     layers: np.ndarray
 
 
+@cache
+def _photographs() -> tuple[np.ndarray, ...]:
+    """What is behind the glass and what is mirrored, read once; not to be written to."""
+    photographs = (data.astronaut(), data.coffee())
+    for photograph in photographs:
+        photograph.flags.writeable = False
+    return photographs
+
+
 def blend(
     incidence_deg: float = 60.0,
     size: int = 96,
@@ -38,7 +48,7 @@ def blend(
 ) -> Blend:
     """Astronaut behind the glass, a coffee cup mirrored; ghosts find content beyond the frame."""
     whole = size + 2 * MARGIN
-    images = [exposure * photo[40 : 40 + whole, 150 : 150 + whole] / 255 for photo in (data.astronaut(), data.coffee())]
+    images = [exposure * photo[40 : 40 + whole, 150 : 150 + whole] / 255 for photo in _photographs()]
     if not color:
         images = [image.mean(axis=-1) for image in images]
     parameters = SceneParameters(incidence_deg, azimuth_deg, ghost_shift).replace(**scene)

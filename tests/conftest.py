@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 import pytest
@@ -13,6 +14,15 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # The machines that run this are slow at times; a deadline would fail for no reason. The same examples every time.
 settings.register_profile("polaropt", deadline=None, derandomize=True, max_examples=60, database=None)
 settings.load_profile("polaropt")
+
+# What is imported stays: to look through it for garbage, again and again, takes seconds.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage of tests alone."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -32,7 +32,7 @@ STUDY = "polaropt study "
 PHOTOGRAPHS = ["glass_000.png", "glass_045.png", "glass_090.png", "glass_135.png"]
 SIDE = 96
 # The pane, told where a command leaves it open: how it is found is tested elsewhere.
-PANE = ["--incidence", "65", "--azimuth", "0", "--shift", "4"]
+PANE = ["--incidence", "65", "--azimuth", "0", "--shift", "4", "--panes", "1"]
 OF_PANES = {
     *("relative", "--index", "--panes", "--scene", "--shared-scene", "--single-surface", "--incidence", "--model"),
 }

@@ -81,10 +81,15 @@ def _imported(path: Path) -> Iterator[str]:
             assert node.module
             # `from package import module` imports the module.
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
-        elif isinstance(node, ast.Call) and node.args and ast.unparse(node.func).endswith("import_module"):
+        elif isinstance(node, ast.Call) and node.args and _last_name(node.func) == "import_module":
             named = node.args[0]
             if isinstance(named, ast.Constant):
                 yield str(named.value)
+
+
+def _last_name(called: ast.expr) -> str:
+    """Of what is called, behind its last dot."""
+    return called.id if isinstance(called, ast.Name) else called.attr if isinstance(called, ast.Attribute) else ""
 
 
 def dotted(path: Path) -> str:

@@ -315,6 +315,8 @@ _LEAST_RANGE = 1e-6
 # Images of a window fainter than this are added to their neighbours where the number to keep is open. Set by hand.
 _FAINT_IMAGE = 1e-8
 _MOST_IMAGES = 600
+# Places whose distances to all that are kept are taken together: they fit into a cache. Set by hand.
+_PLACES_AT_ONCE = 64
 
 
 def _images_of_panes(scene: SceneParameters, n_ghosts: int | None, cosine: Planes | None) -> DoubleImages:
@@ -328,9 +330,7 @@ def _images_of_panes(scene: SceneParameters, n_ghosts: int | None, cosine: Plane
     together = _merged(table, index, len(places))
     keep = _brightest(together, _count(together, _FAINT_IMAGE) if n_ghosts is None else n_ghosts + 1)
     kept = [places[k] for k in keep]
-    where = np.array(places)
-    nearest = np.square(where[:, None] - where[keep]).sum(axis=-1).argmin(axis=1)
-    to_kept = nearest[index]
+    to_kept = _nearest(np.array(places), keep)[index]
     if cosine is None:
         weights = _merged(table, to_kept, len(kept))
     else:
@@ -342,6 +342,17 @@ def _images_of_panes(scene: SceneParameters, n_ghosts: int | None, cosine: Plane
             rows.append(_merged(entries, to_kept, len(kept)))
         weights = _interpolated(np.stack(rows, axis=-1), cosine, grid)
     return DoubleImages(weights, np.arange(len(kept), dtype=np.float64), tuple(kept))
+
+
+def _nearest(places: Planes, keep: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Which of the places (n, 2) that are kept each of them is nearest to."""
+    nearest = np.empty(len(places), np.intp)
+    right, down = places[keep].T
+    for first in range(0, len(places), _PLACES_AT_ONCE):
+        part = slice(first, first + _PLACES_AT_ONCE)
+        across, along = places[part, 0, None] - right, places[part, 1, None] - down
+        nearest[part] = (across * across + along * along).argmin(axis=1)
+    return nearest
 
 
 def window_orders(scene: SceneParameters, incidence_deg: float, side: int | None = None) -> Weights:

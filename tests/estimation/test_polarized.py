@@ -235,10 +235,9 @@ def test_the_true_numbers_lie_within_a_few_standard_errors(kind: str) -> None:
 
 
 def test_an_untold_side_of_the_ghosts_widens_their_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    capture = blend(size=96, ghost_shift=6.3, **SCREEN).capture
-    told = find_scene(capture, BLIND, noise_level(capture), "polarized")
+    made, told = separated("screen", 6.3)
     monkeypatch.setattr("polaropt.estimation.polarized.search._SURE_OF_LIGHT", math.inf)
-    doubted = find_scene(capture, BLIND, noise_level(capture), "polarized")
+    doubted = find_scene(made.capture, BLIND, noise_level(made.capture), "polarized")
     assert told.errors.ghost_shift is not None
     assert told.errors.ghost_shift < 1
     assert doubted.errors.ghost_shift == pytest.approx(abs(doubted.scene.values()[2]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 
 from solvers.kernels import compilations_reported_to, compiled
+from tests.forks import Forks, forks
 
 ROOT = Path(__file__).parents[2]
 KERNEL = """
@@ -35,49 +35,20 @@ print(*told)
 """
 
 
-# Imports what compiles, and then forks a process for each program that it is given: each has compiled nothing yet.
-FORKS = """
-import json, os, sys
-import numba, solvers.kernels
-
-# Files change within a second here, which Python's cache of bytecode does not notice.
-sys.dont_write_bytecode = True
-for line in sys.stdin:
-    reading, writing = os.pipe()
-    if os.fork() == 0:
-        os.dup2(writing, 1)
-        exec(json.loads(line), {"__name__": "__main__"})
-        sys.stdout.flush()
-        os._exit(0)
-    os.close(writing)
-    with open(reading) as said:
-        out = said.read()
-    _, status = os.wait()
-    print(json.dumps([status, out]), flush=True)
-"""
-
-
 @pytest.fixture(scope="module")
-def process() -> Iterator[subprocess.Popen[str]]:
-    clean = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
-    command = [sys.executable, "-c", FORKS]
-    with subprocess.Popen(
-        command, cwd=ROOT, env=clean, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as started:
+def process() -> Iterator[Forks]:
+    with forks({key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}) as started:
         yield started
-        started.stdin.close()
 
 
 @pytest.fixture
-def run(process: subprocess.Popen[str]) -> Callable[..., str]:
+def run(process: Forks) -> Callable[..., str]:
     """Names of the kernels that a new process compiles, and what else its program prints."""
 
     def forked(folder: Path, program: str = RUN) -> str:
-        process.stdin.write(json.dumps(program.format(folder=str(folder))) + "\n")
-        process.stdin.flush()
-        status, said = json.loads(process.stdout.readline())
-        assert status == 0
-        return said.strip()
+        ran = process.run(program.format(folder=str(folder)))
+        assert ran.code == 0, ran.err
+        return ran.out.strip()
 
     return forked
 
@@ -164,14 +135,13 @@ def test_a_change_in_another_file_that_a_kernel_is_made_of_compiles_it_anew(tmp_
     assert run(tmp_path, RUN_OF_OTHERS.replace("Pair", "Couple")).splitlines()[0] == str(value)
 
 
-def test_without_a_folder_for_the_cache_it_compiles_every_time(tmp_path):
+def test_without_a_folder_for_the_cache_it_compiles_every_time(tmp_path, process):
     (tmp_path / "kernel.py").write_text(KERNEL)
     # A locator that serves nothing but IPython's cells: what numba finds where no folder can be written to.
     nowhere = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}
-    command = [sys.executable, "-c", RUN.format(folder=str(tmp_path))]
     for _ in range(2):
-        ran = subprocess.run(command, cwd=ROOT, env=os.environ | nowhere, capture_output=True, text=True, check=True)
-        assert ran.stdout.strip() == "doubled"
+        ran = process.run(RUN.format(folder=str(tmp_path)), nowhere)
+        assert (ran.code, ran.out.strip()) == (0, "doubled"), ran.err
     assert not list(tmp_path.rglob("*.nbi"))
 
 

@@ -7,11 +7,13 @@ import pickle
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from solvers.keeping import is_ours
+from tests.forks import Forks, forks
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="files have no owners here")
@@ -68,8 +70,13 @@ def kept_once(tmp_path_factory: pytest.TempPathFactory, program: Path) -> Path:
     """A folder in which the program has kept its machine code."""
     folder = tmp_path_factory.mktemp("kept")
     (folder / "program").symlink_to(program)
-    (folder / "cache").mkdir()
-    assert run(folder)
+    for name in ("cache", "home"):
+        (folder / name).mkdir()
+    # A process from its start, as users begin it; what it keeps is what the copies of another one find.
+    code, own = told(folder, "home", "")
+    command = [sys.executable, "-c", code]
+    ran = subprocess.run(command, cwd=ROOT, env=os.environ | own, capture_output=True, text=True, check=True)
+    assert (ran.stdout.strip(), ran.stderr) == ("doubled", "")
     return folder / "cache"
 
 
@@ -80,13 +87,30 @@ def filled(place: Path, kept_once: Path) -> Path:
     return place
 
 
-def run(place: Path, *, home: str = "home", before: str = "") -> bool:
-    """Whether a kernel was compiled by a program that keeps it in a folder that it is told."""
+def told(place: Path, home: str, before: str) -> tuple[str, dict[str, str]]:
+    """A program that keeps its kernel in a folder that it is told, and what its environment says beside ours."""
     own = {"NUMBA_CACHE_DIR": str(place / "cache"), "XDG_CACHE_HOME": str(place / home)}
-    command = [sys.executable, "-c", before + RUN.format(folder=str((place / "program").resolve()))]
-    ran = subprocess.run(command, cwd=ROOT, env=os.environ | own, capture_output=True, text=True, check=True)
-    assert ran.stderr == ""
-    return ran.stdout.strip() == "doubled"
+    return before + RUN.format(folder=str((place / "program").resolve())), own
+
+
+@pytest.fixture(scope="module")
+def process() -> Iterator[Forks]:
+    with forks(os.environ) as started:
+        yield started
+
+
+@pytest.fixture
+def run(process: Forks) -> Callable[..., bool]:
+    """Whether a kernel was compiled by a process that keeps it in a folder that it is told."""
+
+    def forked(place: Path, *, home: str = "home", before: str = "") -> bool:
+        ran = process.run(*told(place, home, before))
+        if ran.code:
+            raise subprocess.CalledProcessError(ran.code, "a program", ran.out, ran.err)
+        assert ran.err == ""
+        return ran.out.strip() == "doubled"
+
+    return forked
 
 
 def kept(place: Path, name: str) -> list[Path]:
@@ -100,7 +124,7 @@ def plant(index: Path, trace: Path) -> None:
     index.write_bytes(pickle.dumps(version) + pickle.dumps(Planted(trace)))
 
 
-def test_what_was_planted_in_a_folder_of_our_own_would_be_run(filled: Path) -> None:
+def test_what_was_planted_in_a_folder_of_our_own_would_be_run(filled: Path, run: Callable[..., bool]) -> None:
     index = kept(filled, "cache")[-1]
     assert index.suffix == ".nbi"
     assert not run(filled)
@@ -111,7 +135,9 @@ def test_what_was_planted_in_a_folder_of_our_own_would_be_run(filled: Path) -> N
 
 
 @pytest.mark.parametrize("mode", [0o757, 0o777, 0o1777])
-def test_from_a_folder_that_anyone_may_write_to_nothing_is_run(filled: Path, mode: int) -> None:
+def test_from_a_folder_that_anyone_may_write_to_nothing_is_run(
+    filled: Path, run: Callable[..., bool], mode: int
+) -> None:
     index = kept(filled, "cache")[-1]
     plant(index, filled / "trace")
     index.parent.chmod(mode)
@@ -124,7 +150,7 @@ def test_from_a_folder_that_anyone_may_write_to_nothing_is_run(filled: Path, mod
 
 @as_root
 @pytest.mark.parametrize("what", ["folder", "index", "code"])
-def test_what_belongs_to_a_stranger_is_not_run(filled: Path, what: str) -> None:
+def test_what_belongs_to_a_stranger_is_not_run(filled: Path, run: Callable[..., bool], what: str) -> None:
     code, index = kept(filled, "cache")
     given = {"folder": index.parent, "index": index, "code": code}[what]
     if what == "code":
@@ -138,31 +164,33 @@ def test_what_belongs_to_a_stranger_is_not_run(filled: Path, what: str) -> None:
 
 
 @as_root
-def test_who_owns_the_program_is_trusted(filled: Path) -> None:
+def test_who_owns_the_program_is_trusted(filled: Path, run: Callable[..., bool]) -> None:
     paths = [filled / "program" / "kernel.py", filled / "cache", *(filled / "cache").rglob("*")]
     for path in paths:
         os.chown(path, STRANGER, STRANGER)
-    told = run(filled)
+    compiled = run(filled)
     os.chown(paths[0], os.getuid(), os.getgid())
-    assert not told
+    assert not compiled
 
 
 @pytest.mark.parametrize("home", ["file", "home"])
-def test_without_a_folder_of_one_s_own_kernels_are_compiled_every_time(filled: Path, home: str) -> None:
+def test_without_a_folder_of_one_s_own_kernels_are_compiled_every_time(
+    filled: Path, run: Callable[..., bool], home: str
+) -> None:
     for path in kept(filled, "cache"):
         path.parent.chmod(0o777)
     (filled / "file").write_text("no folder")
     assert [run(filled, home=home), run(filled, home=home)] == [True, home == "file"]
 
 
-def test_what_cannot_be_read_is_compiled(filled: Path) -> None:
+def test_what_cannot_be_read_is_compiled(filled: Path, run: Callable[..., bool]) -> None:
     index = kept(filled, "cache")[-1]
     index.unlink()
     index.mkdir()
     assert [run(filled), run(filled)] == [True, True]
 
 
-def test_on_a_full_disk_nothing_is_kept(place: Path) -> None:
+def test_on_a_full_disk_nothing_is_kept(place: Path, run: Callable[..., bool]) -> None:
     lines = "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
     lines += "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))\n"
     assert run(place, before=lines)

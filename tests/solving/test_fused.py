@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,8 +15,8 @@ from polaropt.solving.kernels.penalties import raise_to_power
 from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
 from tests.blends import Blend, blend
+from tests.forks import forks
 
-ROOT = Path(__file__).parents[2]
 WEIGHTS = Weights(misfit=0.7, gradient_sparsity=1.3, natural_image=0.9, edge_independence=20.0, nonnegativity=0.5)
 
 
@@ -150,12 +147,9 @@ print(len(compiled), value.hex())
 
 
 def test_a_process_that_compiles_sums_as_one_that_loads(tmp_path):
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    (compiled, first), (loaded, second) = (
-        subprocess.run(
-            [sys.executable, "-c", MISFIT], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
-        ).stdout.split()
-        for _ in range(2)
-    )
+    with forks(os.environ) as process:
+        runs = [process.run(MISFIT, {"NUMBA_CACHE_DIR": str(tmp_path)}) for _ in range(2)]
+    assert [(run.code, run.err) for run in runs] == [(0, "")] * 2
+    (compiled, first), (loaded, second) = (run.out.split() for run in runs)
     assert int(compiled) > 0 == int(loaded)
     assert first == second

@@ -16,6 +16,7 @@ import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +111,7 @@ class StokesTiles:
     def __init__(self, stokes: StokesImages, asked: SceneParameters) -> None:
         self._asked = asked
         height, width = stokes.images.shape[-2:]
-        self._side = side = min(TILE_PX, height, width)
+        side = min(TILE_PX, height, width)
         use, columns, rows, multiplicity = usable_frequencies(side, 0.0)
         coarse = np.hypot(columns, rows) < HIGHEST_TILE_FREQUENCY
         use[use], columns, rows, multiplicity = coarse, columns[coarse], rows[coarse], multiplicity[coarse]
@@ -120,6 +121,8 @@ class StokesTiles:
         self._columns, self._rows = columns[order], rows[order]
         self._multiplicity = np.ascontiguousarray(multiplicity[order], np.float64)
         self._natural = 1 / np.maximum(self._columns**2 + self._rows**2, _NO_ERROR)
+        # A Newton step asks at some forty points, which have six places of ghosts.
+        self._in_common = lru_cache(maxsize=8)(partial(_ghosts_in_common, self._columns, self._rows, side))
         self._whiten = np.linalg.inv(np.linalg.cholesky(stokes.covariance))
         self._n_colours = stokes.images.shape[1]
         basis = opponent_basis(self._n_colours)
@@ -240,23 +243,34 @@ class StokesTiles:
         light = pane_light(float(point[INCIDENCE]), self._asked).copy()
         light[..., :2] *= entering_light(point)[..., None]
         mixing = self._whiten @ np.linalg.inv(frame_matrix(float(point[AZIMUTH])))
-        azimuth, shift = math.radians(float(point[AZIMUTH])), float(point[SHIFT])
-        right, up = shift * math.cos(azimuth), shift * math.sin(azimuth)
-        steps = np.arange(_N_IMAGES if shift else 1)
+        shift = float(point[SHIFT])
         images = light[..., 1, None] * light[..., 2, None] ** np.arange(_N_IMAGES - 1)
         images = mixing @ np.concatenate([light[..., :1], images], axis=-1)
         images /= np.linalg.norm(images.sum(axis=-1), axis=-1)[:, None, None]
         images = images if shift else images.sum(axis=-1, keepdims=True)
-        seen = self._columns, self._rows, self._side
-        one, other, common = images_in_common(steps * right, -steps * up, *seen)
+        one, other, real, imaginary = self._in_common(float(point[AZIMUTH]), shift)
         products = images[:, :, None, one] * images[:, None, :, other]
         even, odd = products + products.swapaxes(1, 2), products - products.swapaxes(1, 2)
         first, second = np.array(_PAIRS).T
         response = np.empty((2, 9, self._columns.size))
-        response[:, :3] = even[:, range(3), range(3)] @ common.real
-        response[:, 3::2] = even[:, first, second] @ common.real
-        response[:, 4::2] = odd[:, first, second] @ common.imag
+        response[:, :3] = even[:, range(3), range(3)] @ real
+        response[:, 3::2] = even[:, first, second] @ real
+        response[:, 4::2] = odd[:, first, second] @ imaginary
         return response
+
+
+def _ghosts_in_common(
+    columns: Values, rows: Values, side: int, azimuth_deg: float, shift: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Values, Values]:
+    """What the images of a layer have in common, as of `images_in_common`, real and imaginary; not to be written to."""
+    azimuth = math.radians(azimuth_deg)
+    right, up = shift * math.cos(azimuth), shift * math.sin(azimuth)
+    steps = np.arange(_N_IMAGES if shift else 1)
+    one, other, common = images_in_common(steps * right, -steps * up, columns, rows, side)
+    found = one, other, np.ascontiguousarray(common.real), np.ascontiguousarray(common.imag)
+    for part in found:
+        part.flags.writeable = False
+    return found
 
 
 def _valid(stokes: StokesImages) -> NDArray[np.bool_]:

@@ -19,6 +19,7 @@ import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -252,10 +253,18 @@ def images_in_common(
         Cross spectra of images of a layer of power 1; half of it for an image and itself, as each pair stands for two.
     """
     moved = bilinear_transfer(right, down, columns, rows)
-    one, other = np.tril_indices(len(right))
+    one, other = _pairs(len(right))
     within = hann_autocorrelation((right[one] - right[other]) / side)
     within *= hann_autocorrelation((down[one] - down[other]) / side)
     return one, other, np.where(one == other, 0.5, within)[:, None] * moved[one] * moved[other].conj()
+
+
+@lru_cache(maxsize=64)
+def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Every two of n images, each with itself, too; asked of every window, and not to be written to."""
+    one, other = np.tril_indices(n)
+    one.flags.writeable = other.flags.writeable = False
+    return one, other
 
 
 def natural_power(columns: Values, rows: Values) -> NDArray[np.float32]:
