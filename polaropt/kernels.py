@@ -18,14 +18,22 @@ KERNELS = (
 """Modules with the kernels that a plain separation needs."""
 KERNELS_OF_MOSAICS = ("polaropt.numerics.alias_kernels",)
 """Those that a raw mosaic needs beside them, once it is read."""
+KERNELS_OF_POLARIZED_LIGHT = (
+    "polaropt.estimation.polarized.tile_kernels",
+    "polaropt.estimation.polarized.kernels",
+)
+"""Those that a scene in polarized light needs beside them."""
 
 
 def compile_kernels(*, wait: bool = True) -> None:
-    """Compile what photographs and mosaics need and is not kept on disk, on all cores.
+    """Compile what photographs and mosaics need, in polarized light, too, and is not kept on disk, on all cores.
 
     Parameters
     ----------
     wait : bool
-        False goes on at once, while other cores compile.
+        False goes on at once, while other cores compile what everyone needs.
     """
-    (compile_ahead if wait else begin_ahead)((*KERNELS, *KERNELS_OF_MOSAICS))
+    if wait:
+        compile_ahead((*KERNELS, *KERNELS_OF_MOSAICS, *KERNELS_OF_POLARIZED_LIGHT))
+    else:
+        begin_ahead((*KERNELS, *KERNELS_OF_MOSAICS))

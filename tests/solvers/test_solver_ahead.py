@@ -12,8 +12,9 @@ from skimage.data import astronaut, coffee
 
 from polaropt import SceneParameters, read_capture, separate, simulate
 from polaropt.capture.files.write import write_png
-from polaropt.kernels import KERNELS, KERNELS_OF_MOSAICS
+from polaropt.kernels import KERNELS, KERNELS_OF_MOSAICS, KERNELS_OF_POLARIZED_LIGHT
 from polaropt.simulation import Camera, cut, photograph_mosaic, shipped_photograph
+from tests.blends import blend
 
 ROOT = Path(__file__).parents[2]
 KERNEL = """
@@ -66,7 +67,10 @@ def test_the_first_calls_are_those_of_a_separation(tmp_path):
     raw = photograph_mosaic(*layers, pane, Camera(noise=0.01, bits=12), color=True)
     write_png(tmp_path / "raw.png", np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
     assert separate(read_capture(tmp_path / "raw.png", sensor="color"), pane).layers.shape[1] == 3
-    calls = [call for name in (*KERNELS, *KERNELS_OF_MOSAICS) for call in import_module(name).first_calls()]
+    lit = blend(60, 96, transmission_polarization=(0.5, 60.0))
+    assert separate(lit.capture).scene.polarized
+    every = (*KERNELS, *KERNELS_OF_MOSAICS, *KERNELS_OF_POLARIZED_LIGHT)
+    calls = [call for name in every for call in import_module(name).first_calls()]
     types = {kernel: list(kernel.signatures) for kernel, _ in calls}
     assert all(types.values())
     for kernel, arguments in calls:

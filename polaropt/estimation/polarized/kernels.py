@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.estimation.flat.gradients import FREEDOM
+from solvers.ahead import Call
 from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
@@ -125,3 +126,14 @@ def explain(seen: WhitenedSpectra, pane: Array, powers: Array, slope: Array, lay
                     layers[n, i, 0], layers[n, i, 1] = estimate[i, 0], estimate[i, 1]
         total += seen.weight[n] * (np.log(volume) + _SURPRISE * np.log(tails))
     return total
+
+
+def first_calls() -> list[Call]:
+    """Calls on next to nothing of the kernels that polarized light needs, for `solvers.ahead`."""
+    one, spectra, pane = np.ones(1), np.zeros((3, 1, 1)), np.zeros((1, 2, 3, 2))
+    seen = WhitenedSpectra(spectra, spectra.copy(), np.zeros((1, 1)), one)
+    powers, slope = np.ones((2, 1, 1), np.float32), np.zeros((2, 2, 1, 1), np.float32)
+    return [
+        (explain, (seen, pane, powers, slope, np.zeros((1, 2, 2), np.float32))),
+        (pane_vectors, (np.eye(3), np.zeros((2, 3, 3)), one, one.copy(), pane.copy())),
+    ]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.estimation.flat.windows.tile_kernels import add_logs, step_powers
+from solvers.ahead import Call
 from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
@@ -142,3 +143,10 @@ def stokes_tile_misfits(
             powers[0, cell, start + t], powers[1, cell, start + t] = ps[t], qs[t]
     for t in range(count):
         out[start + t] = totals[0, t] + (freedom + 3.0) * totals[1, t]
+
+
+def first_calls() -> list[Call]:
+    """Calls on next to nothing of the kernels that tiles of polarized light need, for `solvers.ahead`."""
+    one, powers = np.ones(1), np.ones((2, 1, 1))
+    data = (np.zeros((2, 9, 1)), np.zeros((9, 1, 1)), one, one.copy(), np.array([0, 1]))
+    return [(stokes_tile_misfits, (*data, 1.0, 0.5, 1, powers, one.copy(), 0, 1))]
