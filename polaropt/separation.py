@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Literal
 
@@ -240,31 +240,38 @@ def separate(
     )
 
 
-def separate_at_once(captures: Sequence[Capture], device: str, **options: Any) -> list[Separation]:
+def separate_at_once(
+    captures: Sequence[Capture],
+    device: str,
+    *,
+    scene: SceneParameters | None = None,
+    refractive_index: float | None = GLASS_INDEX,
+    single_surface: bool = False,
+    scene_errors: SceneErrors | None = None,
+    progress: Progress | None = None,
+    index_known: bool = False,
+    **chosen: Any,
+) -> list[Separation]:
     """Several captures, each as `separate` does it; those of one size are solved together on the device.
 
     Parameters
     ----------
     captures : sequence of Capture
     device : str
-    **options
-        As of `separate`, without a start of its own.
+    scene, refractive_index, single_surface, scene_errors, progress, index_known
+        As of `separate`.
+    **chosen
+        Of `Settings`.
     """
-    chosen = {of.name: options.pop(of.name) for of in fields(Settings) if of.name in options}
     settings = Settings(device=device, **chosen)
     _check(settings)
-    asked = options.pop("scene", None) or _blind(
-        options.pop("refractive_index", GLASS_INDEX), options.pop("single_surface", False)
-    )
-    errors, index_known = options.pop("scene_errors", None), options.pop("index_known", False)
-    if options:
-        raise TypeError(f"separate has no option {', '.join(options)}")
+    asked = scene or _blind(refractive_index, single_surface)
     assumed = _index_assumed(asked, index_known)
-    of_each = [Stages() for _ in captures]
-    cases, together = [], Stages()
+    of_each = [Stages(progress) for _ in captures]
+    cases, together = [], Stages(progress)
     with _one_thread(together):
         for capture, stages in zip(captures, of_each, strict=True):
-            cases.append(_case_with_errors(capture, asked, settings, stages, errors, index_assumed=assumed))
+            cases.append(_case_with_errors(capture, asked, settings, stages, scene_errors, index_assumed=assumed))
             stages.end()
         polarized = [i for i, case in enumerate(cases) if not _is_unpolarized(case)]
         problems = [_problem(cases[i]) for i in polarized]

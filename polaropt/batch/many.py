@@ -66,10 +66,11 @@ def _on_device(captures: Iterable[Capture], device: str, chosen: dict[str, Any])
 
 
 def _some_at_once(some: list[Capture], device: str, chosen: dict[str, Any]) -> Iterator[Separation]:
-    # A large one may be solved in tiles.
-    if len(some) == 1:
-        yield separate(some[0], device=device, **chosen)
+    # A large one may be solved in tiles, and a start is a capture's own.
+    if len(some) == 1 or chosen.get("start") is not None:
+        yield from (separate(capture, device=device, **chosen) for capture in some)
     else:
+        chosen = {name: value for name, value in chosen.items() if name != "start"}
         yield from separate_at_once(some, device, **chosen)
 
 

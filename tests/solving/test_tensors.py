@@ -145,6 +145,21 @@ def test_captures_solved_together_end_where_each_ends_alone():
         assert result.seconds["Solving"] >= 0
 
 
+def test_captures_solved_together_take_the_options_of_one():
+    example = blend(57, 64, ghost_shift=4.3)
+    told: list[str] = []
+    options = {"refractive_index": 1.5, "single_surface": False, "progress": lambda stage, _: told.append(stage)}
+    captures = [example.capture, blend(57, 64, ghost_shift=4.3, noise=0.01).capture]
+    for result in separate_many(captures, example.scene, device="cpu", start=None, **options):
+        assert result.scene == example.scene
+    assert "Solving" in told
+    start = example.layers.astype(np.float32)
+    for result in separate_many(captures, example.scene, device="cpu", start=start, init="cold"):
+        assert result.layers.shape == start.shape
+    with pytest.raises(TypeError, match="nonsense"):
+        list(separate_many(captures, example.scene, device="cpu", nonsense=1))
+
+
 def test_frames_of_a_film_are_worked_out_on_a_device_as_each_alone():
     frames = [blend(57, 80, ghost_shift=4.3, noise=noise).capture for noise in (0.005, 0.006, 0.007)]
     pane = blend(57, 80, ghost_shift=4.3).scene
