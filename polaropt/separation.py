@@ -18,7 +18,6 @@ from polaropt.estimation import (
     LadderResult,
     LikelierIndex,
     RungReport,
-    SceneEstimate,
     StillPhotographs,
     clear_pane,
     find_scene,
@@ -273,7 +272,7 @@ def separate_at_once(
         for capture, stages in zip(captures, of_each, strict=True):
             cases.append(_case_with_errors(capture, asked, settings, stages, scene_errors, index_assumed=assumed))
             stages.end()
-        polarized = [i for i, case in enumerate(cases) if not _is_unpolarized(case)]
+        polarized = [i for i, case in enumerate(cases) if not case.unpolarized]
         problems = [_problem(cases[i]) for i in polarized]
         solutions = solve_at_once(problems, settings, together, [whole(problem.capture) for problem in problems])
         together.end()
@@ -285,16 +284,15 @@ def separate_at_once(
                 stages.share(together, len(found))
                 results.append(_separated(case, found[i], stages, None))
             else:
-                assert case.found.estimate is not None
-                results.append(_unseparated(case, case.found.estimate, stages))
+                results.append(_unseparated(case, stages))
     return results
 
 
 def _problem(case: Case) -> Problem:
     """A capture whose scene is known, to be solved in one piece."""
-    still, scene, settings = case.still, case.found.scene, case.settings
-    solved = case.capture if still.moving is None else inpainted(case.capture, still.moving, scene, still.noise)
-    return Problem(solved, scene, still.noise, settings.weights, settings.robust, growth=still.growth)
+    still, settings = case.still, case.settings
+    scene, capture = case.found.scene, case.without_motion()
+    return Problem(capture, scene, still.noise, settings.weights, settings.robust, growth=still.growth)
 
 
 def estimate(capture: Capture, scene: SceneParameters | None = None, **options: Any) -> LadderResult:
@@ -471,8 +469,8 @@ def _separate(
 ) -> Separation:
     with _one_thread(stages), arrays_apart(2 * capture.intensities[0].size > MUCH_VALUES):
         case = _case_with_errors(capture, asked, settings, stages, scene_errors, index_assumed=index_assumed)
-        if case.found.estimate is not None and _is_unpolarized(case):
-            return _unseparated(case, case.found.estimate, stages)
+        if case.unpolarized:
+            return _unseparated(case, stages)
         return _solved(case, start, stages)[0]
 
 
@@ -488,11 +486,6 @@ def _case_with_errors(
     """A capture with all that is known of it; errors that are given are those of a scene that is."""
     case = _case_of(capture, asked, settings, stages, index_assumed=index_assumed)
     return case if case.found.estimate is not None else replace(case, given_errors=scene_errors)
-
-
-def _is_unpolarized(case: Case) -> bool:
-    """Whether a scene was looked for and nothing is polarized."""
-    return case.found.estimate is not None and not case.found.scene.signal
 
 
 @contextmanager
@@ -516,9 +509,8 @@ def _solved(
 ) -> tuple[Separation, tuple[Memory | None, ...]]:
     """A capture whose scene is known, solved and judged."""
     capture, still, scene = case.capture, case.still, case.found.scene
-    solved = capture if still.moving is None else inpainted(capture, still.moving, scene, still.noise)
     solution = solve(
-        solved,
+        case.without_motion(),
         scene,
         still.noise,
         case.settings,
@@ -605,6 +597,16 @@ class Case:
     given_errors: SceneErrors | None = None
 
     @property
+    def unpolarized(self) -> bool:
+        """Whether a scene was looked for and nothing is polarized."""
+        return self.found.estimate is not None and not self.found.scene.signal
+
+    def without_motion(self) -> Capture:
+        """The capture as it is solved: what moves is filled."""
+        moving = self.still.moving
+        return self.capture if moving is None else inpainted(self.capture, moving, self.found.scene, self.still.noise)
+
+    @property
     def errors(self) -> SceneErrors:
         """Standard errors of the scene, as they were found or given."""
         return self.found.errors if self.given_errors is None else self.given_errors
@@ -669,9 +671,11 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
     )
 
 
-def _unseparated(case: Case, estimate: SceneEstimate, stages: Stages) -> Separation:
+def _unseparated(case: Case, stages: Stages) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells, and the better guess in doubt."""
     capture, still, found = case.capture, case.still, case.found
+    estimate = found.estimate
+    assert estimate is not None
     noise = still.noise
     layers = np.zeros((2, *capture.shape), dtype=np.float32)
     for rows, intensity in capture.intensity_strips():

@@ -16,10 +16,12 @@ __all__ = [
     "applied",
     "at_least_a_trifle",
     "canvas_for",
+    "closed_form_of",
     "detail_power",
     "flat_means",
     "ghost_layers",
     "ghost_transfer_at",
+    "left_open",
     "mosaic_layers",
     "natural_image_layers",
     "open_part",
@@ -39,6 +41,7 @@ from .canvas import Canvas as Canvas
 from .canvas import canvas_for as canvas_for
 from .closed_form import ClosedForm as ClosedForm
 from .closed_form import at_least_a_trifle as at_least_a_trifle
+from .closed_form import closed_form_of as closed_form_of
 from .closed_form import flat_means as flat_means
 from .closed_form import natural_image_layers as natural_image_layers
 from .closed_form import per_pixel_layers as per_pixel_layers
@@ -50,6 +53,7 @@ from .spectra import RESOLUTION as RESOLUTION
 from .spectra import TURNS_BANDS as TURNS_BANDS
 from .spectra import TURNS_POWER_LAW as TURNS_POWER_LAW
 from .spectra import FrequencyBands as FrequencyBands
+from .spectra import left_open as left_open
 from .spectra import two_layers as two_layers
 from .transfer import ghost_transfer_at as ghost_transfer_at
 from .transfer import separable as separable

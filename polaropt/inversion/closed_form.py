@@ -7,6 +7,7 @@ themselves estimated (expectation maximization), each colour of an opponent basi
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,18 +185,30 @@ def knowledge_of(
     equations: NormalEquations, fitted: FittedSpectra, bands: Bands, mean: Images, basis: Basis
 ) -> ClosedForm:
     """What is known of the layers under fitted spectra, without the layers themselves."""
-    edges = bands.share * bands.squared_frequency
+    nothing = np.empty(0, dtype=np.float32)
+    arrays = (nothing, mean, fitted.everywhere(bands), equations.told, equations.cross)
+    return closed_form_of(arrays, fitted.uncertainty, _sampled(equations, bands, fitted.prior, basis))
+
+
+def closed_form_of(arrays: tuple[Any, Any, Any, Any, Any], uncertainty: Power, sampled: Knowledge) -> ClosedForm:
+    """A closed form from what is known at a sample of the frequencies.
+
+    Parameters
+    ----------
+    arrays : tuple of ndarray
+        Its `layers`, `mean`, `prior`, `told` and `cross`.
+    uncertainty : ndarray, shape (2, channel, n)
+        Power that remains open at the sample.
+    sampled : Knowledge
+    """
+    edges = sampled.share * sampled.squared_frequency
     return ClosedForm(
-        layers=np.empty(0, dtype=np.float32),
-        mean=mean,
-        prior=fitted.everywhere(bands),
-        told=equations.told,
-        cross=equations.cross,
-        basis=basis,
-        edges=(fitted.prior * edges).sum(axis=-1, dtype=np.float64),
-        unknown_edges=(fitted.uncertainty * edges).sum(axis=-1, dtype=np.float64),
-        variance=(fitted.uncertainty * bands.share).sum(axis=-1, dtype=np.float64),
-        sampled=_sampled(equations, bands, fitted.prior, basis),
+        *arrays,
+        basis=sampled.basis,
+        edges=(sampled.prior * edges).sum(axis=-1, dtype=np.float64),
+        unknown_edges=(uncertainty * edges).sum(axis=-1, dtype=np.float64),
+        variance=(uncertainty * sampled.share).sum(axis=-1, dtype=np.float64),
+        sampled=sampled,
     )
 
 

@@ -154,10 +154,7 @@ def posterior(information: Spectrum, right: Spectrum, prior: Power) -> tuple[Spe
 def two_layers(of_each: Any, cross: Any, right: Any, prior: Any) -> tuple[Any, Any]:
     """`posterior` of arrays or tensors, from the diagonal of the information (2, ...) and its upper entry."""
     xp = array_namespace(prior)
-    h_t, h_r = (of_each[i] + 1 / prior[i] for i in (0, 1))
-    product = h_t * h_r
-    determinant = xp.maximum(product - xp.abs(cross) ** 2, float(RESOLUTION) * product)
-    uncertainty = xp.stack([h_r / determinant, h_t / determinant])
+    uncertainty, determinant = left_open(of_each, cross, (1 / prior[0], 1 / prior[1]))
     off = cross / determinant
     t, r = right[0], right[1]
     return xp.stack([uncertainty[0, ...] * t - off * r, uncertainty[1, ...] * r - xp.conj(off) * t]), uncertainty
@@ -172,6 +169,25 @@ class Bands(Protocol):
 
     def power_law(self, power: float, logarithms: NDArray[np.float64]) -> Power:
         """Power of every frequency, (height, width // 2 + 1)."""
+
+
+def left_open(of_each: Any, cross: Any, stiffness: Any) -> tuple[Any, Any]:
+    """Variance (2, ...) that remains under a prior's stiffness (2, ...), and the determinant of what is known.
+
+    Parameters
+    ----------
+    of_each : arrays or tensors, shape (2, ...)
+        What the photographs tell of each layer.
+    cross : array or tensor, shape (...)
+        And of both together.
+    stiffness : arrays or tensors, shape (2, ...)
+        Inverse of the power before the photographs are seen.
+    """
+    h_t, h_r = (of_each[i] + stiffness[i] for i in (0, 1))
+    product = h_t * h_r
+    xp = array_namespace(product)
+    determinant = xp.maximum(product - xp.abs(cross) ** 2, float(RESOLUTION) * product)
+    return xp.stack([h_r / determinant, h_t / determinant]), determinant
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.inversion import RESOLUTION, Canvas, ClosedForm, unknown_share
+from polaropt.inversion import RESOLUTION, Canvas, ClosedForm, left_open, unknown_share
 from polaropt.numerics import Basis, column_multiplicity, squared_frequencies
 from priors.natural_image import in_basis
 from solvers.kernels import in_blocks
@@ -235,10 +235,7 @@ def expected_layers(
             canvas.crop(layers)[...] += in_basis(known.basis.T.astype(np.float32), step.change, np)
     own = in_basis(known.basis.astype(np.float32), layers, np)
     # At the canvas's own frequencies, as ghosts farther apart than a window leave some of them open.
-    if before is None:
-        left = np.stack(_inverse(known.told[:, None], known.cross, _inverse_of(known.prior))[:2])
-    else:
-        left = before.left
+    left = left_open(known.told[:, None], known.cross, _inverse_of(known.prior))[0] if before is None else before.left
     seen = SeenSpectra(last, step.power, light, left) if remember else None
     still = changed is not None and bool(changed.mean() < _FEW)
     return Expectation(np.asarray(own, dtype=np.float32), left * last.on_canvas(step.share), seen, still)
@@ -283,7 +280,7 @@ class Windows:
         self._told = self._through_window(known.told).real[:, None, None]
         self._cross = self._through_window(known.cross)
         prior: Power = self._at_windows(known.prior)[:, :, None]
-        self._open = np.stack(_inverse(self._told, self._cross, _inverse_of(prior))[:2])
+        self._open = left_open(self._told, self._cross, _inverse_of(prior))[0]
         untold = np.minimum(self._open / prior, 1)
         self._counted = (OPEN + (1 - OPEN) * untold) * self._open
 
@@ -435,14 +432,6 @@ class Windows:
         rows, columns = (np.fft.fftfreq(height) % 1) * self._side_px, np.asarray(np.fft.rfftfreq(width) * self._side_px)
         periodic = np.concatenate([share, share[..., :1, :]], axis=-2)
         return _between(_between(periodic, rows, -2), columns, -1)
-
-
-def _inverse(told: Power, cross: Spectrum, stiffness: Power) -> tuple[Power, Power, Spectrum]:
-    """Diagonal and the upper entry off it, (channel, ...), of what is left open under a prior's stiffness."""
-    of_t, of_r = told + stiffness
-    product = of_t * of_r
-    determinant = np.maximum(product - np.square(np.abs(cross)), np.float32(RESOLUTION) * product)
-    return of_r / determinant, of_t / determinant, -cross / determinant
 
 
 def _flat(power: Power) -> Power:

@@ -291,7 +291,6 @@ def solve(
     colors = capture.shape[0] if capture.color else 1
     much = n_values(capture) > _MUCH
     parts = tiles(height, width, _TILE_BESIDE_MUCH) if much else tiles(height, width)
-    middle = ((width - 1) / 2, (height - 1) / 2)
 
     def problem_of(place: Part) -> Problem:
         stages.begin("Closed form", place.reached)
@@ -307,28 +306,22 @@ def solve(
             remember=remember,
         )
 
-    def begin_of(place: Part) -> Images | None:
-        return None if start is None else _within(start, place)
-
+    frame = whole(capture)
     if len(parts) == 1:
-        only = Part(parts[0], 0, 1, middle)
-        return _solve_tile(problem_of(only), settings, stages, only, begin_of(only))
+        return solve_at_once([problem_of(frame)], settings, stages, [frame], start)[0]
     # Of what photographs left that were read and looked at, too: layers are as much as half of them.
     give_back_freed()
     layers = np.zeros((2, colors, height, width), dtype=np.float32)
     solutions: list[Solution] = []
     shared: dict[Any, NDArray[Any]] = {}
     places = [
-        Part(tile, i, len(parts), (middle[0] - tile.columns.start, middle[1] - tile.rows.start))
+        Part(tile, i, len(parts), (frame.center[0] - tile.columns.start, frame.center[1] - tile.rows.start))
         for i, tile in enumerate(parts)
     ]
     at_once = 1 if settings.device is None else n_at_once(2 * colors * places[0].tile.weights.size)
     for first in range(0, len(places), at_once):
         some = places[first : first + at_once]
-        if len(some) == 1:
-            solved = [_solve_tile(problem_of(some[0]), settings, stages, some[0], begin_of(some[0]))]
-        else:
-            solved = solve_at_once([problem_of(place) for place in some], settings, stages, some, start)
+        solved = solve_at_once([problem_of(place) for place in some], settings, stages, some, start)
         for place, solution in zip(some, solved, strict=True):
             tile = place.tile
             layers[:, :, tile.rows, tile.columns] += tile.weights * solution.layers
@@ -353,10 +346,6 @@ def _sharing(known: Knowledge, shared: dict[Any, NDArray[Any]]) -> Knowledge:
     keys = {name: (name, array.shape, sha256(array.data).digest()) for name, array in arrays.items()}
     one_of_each: dict[str, Any] = {name: shared.setdefault(keys[name], array) for name, array in arrays.items()}
     return replace(known, **one_of_each)
-
-
-def _within(images: Images, place: Part) -> Images:
-    return images[:, :, place.tile.rows, place.tile.columns]
 
 
 def _solve_tile(
@@ -447,35 +436,41 @@ def solve_at_once(
     places: Sequence[Part],
     start: Images | None = None,
 ) -> list[Solution]:
-    """Solve problems on the device of the settings: those that are alike together.
+    """Solve problems one after another; on a device, those that are alike together.
 
     Parameters
     ----------
     problems : sequence of Problem
     settings : Settings
-        With a device.
     stages : Stages
     places : sequence of Part
         Of each problem: tiles of a frame, or frames of their own.
     start : ndarray, shape (2, channel, h, w), optional
         Of the frame whose tiles they are: layers to start from.
     """
-    from polaropt.solving.tensors import alike
-
     solutions: dict[int, Solution] = {}
-    groups: dict[Any, list[int]] = {}
-    for i, problem in enumerate(problems):
-        together = start is None and isinstance(problem.pse, PSE) and settings.solver == _OWN
-        groups.setdefault(alike(problem) if together else i, []).append(i)
-    for numbers in groups.values():
+    for numbers in _groups(problems, settings, start):
         if len(numbers) == 1:
             i = numbers[0]
-            begin = None if start is None else _within(start, places[i])
+            tile = places[i].tile
+            begin = None if start is None else start[:, :, tile.rows, tile.columns]
             solutions[i] = _solve_tile(problems[i], settings, stages, places[i], begin)
         else:
             some, there = [problems[i] for i in numbers], [places[i] for i in numbers]
             solutions.update(zip(numbers, _solved_there(some, settings, stages, there), strict=True))
     return [solutions[i] for i in range(len(problems))]
+
+
+def _groups(problems: Sequence[Problem], settings: Settings, start: Images | None) -> list[list[int]]:
+    """Numbers of the problems that are solved together."""
+    if settings.device is None or settings.solver != _OWN or start is not None or len(problems) == 1:
+        return [[i] for i in range(len(problems))]
+    from polaropt.solving.tensors import alike
+
+    groups: dict[Any, list[int]] = {}
+    for i, problem in enumerate(problems):
+        groups.setdefault(alike(problem) if isinstance(problem.pse, PSE) else i, []).append(i)
+    return list(groups.values())
 
 
 def _solved_there(

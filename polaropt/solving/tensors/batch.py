@@ -65,6 +65,11 @@ class CaptureBatch:
         images: Tensor = torch.fft.irfft2(spectra, s=self.canvas.shape, norm="ortho")
         return images
 
+    def pad_zeros(self, frames: Tensor) -> Tensor:
+        """Images (..., h, w) of the frame with zeros in the margins."""
+        canvas = self.canvas
+        return torch.nn.functional.pad(frames, (canvas.left, canvas.right, canvas.top, canvas.bottom))
+
     def simulated(self, spectra: Tensor) -> Tensor:
         """Photographs (capture, k, channel, h, w) of layers given as half spectra (capture, 2, channel, ...) in the
         colour basis."""
@@ -76,9 +81,7 @@ class CaptureBatch:
     def spread(self, slopes: Tensor) -> Tensor:
         """Transpose of `simulated`: half spectra in the colour basis of slopes (capture, k, channel, h, w)."""
         entries = in_basis(self.basis, _mixed(self.mixing.mT, slopes), torch)
-        canvas = self.canvas
-        margins = (canvas.left, canvas.right, canvas.top, canvas.bottom)
-        data = self.transformed(torch.nn.functional.pad(entries, margins))
+        data = self.transformed(self.pad_zeros(entries))
         back = self.transfer.conj()
         layers = [sum(back[:, e, i, None] * data[:, e] for e in range(data.shape[1])) for i in (0, 1)]
         return torch.stack(layers, dim=1)  # type: ignore[arg-type]

@@ -22,6 +22,7 @@ from polaropt.inversion import (
     FrequencyBands,
     Knowledge,
     at_least_a_trifle,
+    closed_form_of,
     flat_means,
     plate_entries,
     two_layers,
@@ -183,19 +184,7 @@ def _everywhere(fit: _Fit, bands: FrequencyBands, batch: CaptureBatch) -> Tensor
 
 def _known(fit: _Fit, bands: FrequencyBands, i: int, basis: Any, mean: Any) -> ClosedForm:
     """The numbers of one capture."""
-    prior, uncertainty = (x[:, i].cpu().numpy() for x in (fit.prior, fit.uncertainty))
-    edges = bands.share * bands.squared_frequency
-    told, cross = fit.told[:, i].cpu().numpy(), fit.cross[i].cpu().numpy()
+    told, prior, uncertainty = (x[:, i].cpu().numpy() for x in (fit.told, fit.prior, fit.uncertainty))
+    sampled = Knowledge(told, fit.cross[i].cpu().numpy(), prior, bands.share, bands.squared_frequency, basis)
     nothing = np.empty(0, dtype=np.float32)
-    return ClosedForm(
-        layers=nothing,
-        mean=mean,
-        prior=nothing,
-        told=nothing,
-        cross=nothing.astype(np.complex64),
-        basis=basis,
-        edges=(prior * edges).sum(axis=-1, dtype=np.float64),
-        unknown_edges=(uncertainty * edges).sum(axis=-1, dtype=np.float64),
-        variance=(uncertainty * bands.share).sum(axis=-1, dtype=np.float64),
-        sampled=Knowledge(told, cross, prior, bands.share, bands.squared_frequency, basis),
-    )
+    return closed_form_of((nothing, mean, nothing, nothing, nothing.astype(np.complex64)), uncertainty, sampled)

@@ -233,12 +233,14 @@ class BatchObjective:
         misfit, slope = self._misfit.value_and_slope(spectra)
         frames = batch.canvas.crop(batch.images(spectra))
         values, local = self._local(frames)
-        canvas = batch.canvas
-        around = pad(local, (canvas.left, canvas.right, canvas.top, canvas.bottom))
         stiff = self._prior.stiffness * coefficients
         energy = (coefficients.conj() * stiff).real * self._length.square()
         values = {"misfit": misfit, **values, "natural_image": 0.5 * _summed(energy)}
-        total = weights.factor("misfit") * slope + batch.transformed(around) + weights.factor("natural_image") * stiff
+        total = (
+            weights.factor("misfit") * slope
+            + batch.transformed(batch.pad_zeros(local))
+            + weights.factor("natural_image") * stiff
+        )
         return values, total
 
     def _local(self, frames: Tensor) -> tuple[Values, Tensor]:

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from polaropt.inversion import RESOLUTION, Canvas
+from polaropt.inversion import RESOLUTION, Canvas, left_open
 from polaropt.solving.local_spectra import (
     COARSE,
     FINE,
@@ -65,8 +65,8 @@ def expected_layers(
             batch.canvas.crop(layers).add_(change)
     assert last is not None
     assert share is not None
-    open_t, open_r = _left(known.told[:, 0, None], known.told[:, 1, None], known.cross[:, None], known.prior)[:2]
-    return BatchExpectation(layers, torch.stack([open_t, open_r], dim=1) * last.on_canvas(share))
+    left = _left_open(known.told[:, :, None], known.cross[:, None], known.prior)
+    return BatchExpectation(layers, left * last.on_canvas(share))
 
 
 class BatchWindows:
@@ -92,8 +92,7 @@ class BatchWindows:
         self._cross = through[:, 2, None, None, None]
         rows, columns = (placed(places, device) for places in size.nearest(*batch.canvas.shape))
         prior = known.prior[..., rows, :][..., columns]
-        open_t, open_r, _ = _left(self._told_t[:, :, 0, 0], self._told_r[:, :, 0, 0], self._cross[:, :, 0, 0], prior)
-        self._open = torch.stack([open_t, open_r], dim=1)
+        self._open = _left_open(through[:, :2, None].real, through[:, 2, None], prior)
         untold = (self._open / prior).clamp(max=1)
         self._counted = ((OPEN + (1 - OPEN) * untold) * self._open)[:, :, :, None, None]
 
@@ -181,13 +180,11 @@ class BatchWindows:
         return inside
 
 
-def _left(told_t: Tensor, told_r: Tensor, cross: Tensor, prior: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Diagonal, (capture, channel, ...), of what is left open under a prior (capture, 2, channel, ...)."""
-    stiffness = 1 / prior.clamp(min=LEAST_POWER)
-    of_t, of_r = told_t + stiffness[:, 0], told_r + stiffness[:, 1]
-    product = of_t * of_r
-    determinant = torch.maximum(product - cross.abs().square(), float(RESOLUTION) * product)
-    return of_r / determinant, of_t / determinant, determinant
+def _left_open(told: Tensor, cross: Tensor, prior: Tensor) -> Tensor:
+    """`left_open` of each capture, (capture, 2, channel, ...), under a prior of this shape."""
+    of_each, stiffness = (x.transpose(0, 1) for x in (told, 1 / prior.clamp(min=LEAST_POWER)))
+    left: Tensor = left_open(of_each, cross, stiffness)[0]
+    return left.transpose(0, 1)
 
 
 def _through_window(spectra: Tensor, size: WindowSize, canvas: Canvas) -> Tensor:
