@@ -124,6 +124,8 @@ class Taking:
         Of a polarization camera, which takes one raw mosaic; "" takes four full photographs.
     lens_blur_px : float
         Standard deviation of what the camera's lens makes of a point; the true layers are as it images them.
+    shot_noise : float
+        Standard deviation at white of noise whose variance is proportional to the light, beside that of `noise`.
     """
 
     noise: float = NOISE
@@ -144,6 +146,12 @@ class Taking:
     moving_step: float = 0.0
     sensor: Sensor = ""
     lens_blur_px: float = 0.0
+    shot_noise: float = 0.0
+
+    @property
+    def noise_at_white(self) -> float:
+        """Standard deviation of all noise in light of 1."""
+        return math.hypot(self.noise, self.shot_noise)
 
 
 @dataclass(frozen=True)

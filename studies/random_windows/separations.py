@@ -38,17 +38,20 @@ class Job:
         Side of the frame in pixels.
     sensor : {"", "mono", "color"}
         Of a polarization camera; "": four full photographs.
+    shot_noise : bool
+        Whether the noise grows with the light.
     """
 
     number: int
     photos: str | None
     size: int
     sensor: Sensor = ""
+    shot_noise: bool = False
 
     @property
     def window(self) -> Window:
         """The scene."""
-        return window_of(self.number, self.size, self.sensor)
+        return window_of(self.number, self.size, self.sensor, self.shot_noise)
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Row:
     number, family
         See `Window`.
     incidence_deg, shift_px, index, index_told, noise, bits, clipped, brightness : float
-        Of the pane, and how it was photographed; the brightness is that of the mirrored scene.
+        Of the pane, and how it was photographed; the noise is that at white, the brightness is that of the mirrored scene.
     view_deg, bend_deg : float
         Field of view (0: from afar), and how far the normal turns at most from the middle to the end of the side.
     screen, sky : float
@@ -200,7 +203,7 @@ def _of_window(window: Window, size: int) -> tuple[int | float | str, ...]:
     incidence, _, shift = scene.values()
     view = 0.0 if scene.focal_px is None else 2 * math.degrees(math.atan(size / 2 / scene.focal_px))
     return (
-        window.number, window.family, incidence, shift, scene.refractive_index, window.index_told, taking.noise,
+        window.number, window.family, incidence, shift, scene.refractive_index, window.index_told, taking.noise_at_white,
         taking.bits, taking.clipped, taking.reflection_gain, view, max(map(abs, scene.bend_deg_per_px)) * size / 2,
         scene.transmission_polarization[0], scene.reflection_polarization[0], scene.n_panes or 1,
         scene.gap_shift or 0.0, scene.tint, max(abs(gain - 1) for gain in taking.gains), taking.angle_error_deg,

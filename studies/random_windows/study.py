@@ -52,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--against", type=Path, metavar="FOLDER", help="Earlier results: tell what changed.")
     parser.add_argument("--only", type=int, metavar="N", help="All about the scene with this number.")
     parser.add_argument("--sensor", choices=SENSORS, default="", help="Raw mosaics of such a polarization camera.")
+    parser.add_argument("--shot-noise", action="store_true", help="Noise that grows with the light, as a sensor's does.")
     options = parser.parse_args(arguments)
     size = (MOSAIC_SIZE if options.sensor else SIZE) // (SIZE // QUICK_SIZE if options.quick else 1)
     if options.only is not None:
@@ -60,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = [name for name in FAMILIES if any(word in name for word in options.families.split(","))]
     per_family = options.per_family or PER_FAMILY[effort_of(options)]
     jobs = [
-        Job(number, options.photos, size, options.sensor)
+        Job(number, options.photos, size, options.sensor, options.shot_noise)
         for number in numbers_of(options.seeds, per_family, options.first)
         if window_of(number, size, options.sensor).family in names
     ]
@@ -81,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def look_at(options: argparse.Namespace, size: int) -> None:
     """Print and write all about one scene, and pictures of its layers."""
-    window = window_of(options.only, size, options.sensor)
+    window = window_of(options.only, size, options.sensor, options.shot_noise)
     sample = window.sample(options.photos, size)
     blind, known = DEFAULT.separation(sample), WITH_SCENE.separation(sample)
     row = row_of(window, size, sample, blind, known)

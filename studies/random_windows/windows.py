@@ -50,8 +50,10 @@ LENS_BLURS_PX, MOSAIC_MARGIN_PX = (0.3, 1.0), 40
 MIXED_CHANCE = 0.3
 """With which each special thing is in a mixed scene."""
 _QUARTERS = 4
+DARK_SHARES = (0.05, 0.5)
+"""Noise in the dark beside that at white, of a sensor whose noise grows with the light."""
 # Added to a scene's number for a generator of its own, so that no other number changes.
-_OF_LENSES = 10**9
+_OF_LENSES, _OF_LIGHT = 10**9, 2 * 10**9
 
 
 @dataclass(frozen=True)
@@ -149,10 +151,11 @@ class _Draft:
 Special = Callable[[_Draft, Dice, int], _Draft]
 
 
-def window_of(number: int, size: int, sensor: Sensor = "") -> Window:
+def window_of(number: int, size: int, sensor: Sensor = "", shot_noise: bool = False) -> Window:
     """The random scene with this number, for frames with a side of `size` pixels.
 
-    A polarization camera takes all angles at once: nothing moves before it.
+    A polarization camera takes all angles at once: nothing moves before it. With shot noise the noise that is drawn is
+    that at white.
     """
     dice = Dice(number)
     family = tuple(FAMILIES)[number // 2 % len(FAMILIES)]
@@ -171,6 +174,10 @@ def window_of(number: int, size: int, sensor: Sensor = "") -> Window:
     if sensor:
         blur = Dice(number + _OF_LENSES).within(LENS_BLURS_PX)
         draft = _photographed(draft, sensor=sensor, lens_blur_px=blur, moving_side=0.0, moving_step=0.0)
+    if shot_noise:
+        white = draft.taking.noise
+        dark = white * Dice(number + _OF_LIGHT).in_proportion(DARK_SHARES)
+        draft = _photographed(draft, noise=dark, shot_noise=math.sqrt(white**2 - dark**2))
     told = draft.scene.refractive_index if draft.index_told is None else draft.index_told
     turns = quarters[0] % _QUARTERS, quarters[1] % _QUARTERS
     return Window(number, family, draft.scene, told, draft.taking, pair, turns)
