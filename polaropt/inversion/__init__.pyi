@@ -20,9 +20,11 @@ __all__ = [
     "detail_power",
     "flat_means",
     "ghost_layers",
+    "ghost_transfer",
     "ghost_transfer_at",
     "left_open",
     "mosaic_layers",
+    "most_likely_layers",
     "natural_image_layers",
     "open_part",
     "per_pixel_layers",
@@ -48,6 +50,7 @@ from .closed_form import per_pixel_layers as per_pixel_layers
 from .closed_form import plate_entries as plate_entries
 from .compiled_whitening import FusedPreconditioner as FusedPreconditioner
 from .mosaic_closed_form import mosaic_layers as mosaic_layers
+from .most_likely import most_likely_layers as most_likely_layers
 from .spectra import BAND_INERTIA as BAND_INERTIA
 from .spectra import RESOLUTION as RESOLUTION
 from .spectra import TURNS_BANDS as TURNS_BANDS
@@ -55,6 +58,7 @@ from .spectra import TURNS_POWER_LAW as TURNS_POWER_LAW
 from .spectra import FrequencyBands as FrequencyBands
 from .spectra import left_open as left_open
 from .spectra import two_layers as two_layers
+from .transfer import ghost_transfer as ghost_transfer
 from .transfer import ghost_transfer_at as ghost_transfer_at
 from .transfer import separable as separable
 from .variance import DETAIL_CUT as DETAIL_CUT

@@ -22,6 +22,7 @@ from solvers.kernels import in_blocks
 
 if TYPE_CHECKING:
     from polaropt.solving.kernels.windows import Photographed
+    from polaropt.solving.varying_information import VaryingInformation
 
 Images = NDArray[np.float32]
 Power = NDArray[np.float32]
@@ -191,6 +192,7 @@ def expected_layers(
     precision: Images,
     layers: Images | None = None,
     *,
+    varying: VaryingInformation | None = None,
     before: SeenSpectra | None = None,
     remember: bool = False,
 ) -> Expectation:
@@ -206,6 +208,8 @@ def expected_layers(
         What a pixel's photographs tell, beside what `known` takes for it: bright light has more noise.
     layers : ndarray of float32, shape (2, channel, H, W), optional
         Those at hand that the first spectra are taken from. Default: the closed form's, which coarse windows see first.
+    varying : VaryingInformation, optional
+        What photographs tell in each place. Default: the same everywhere, which `known` says.
     before : SeenSpectra, optional
         Of the frame before, behind the same pane and of the same size: where this one shows the same, its spectra are
         taken. One turn does then, in which other windows take their spectra from what they would expect first.
@@ -214,8 +218,8 @@ def expected_layers(
     """
     light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
     if before is None:
-        last, changed = Windows(known, canvas, FINE), None
-        turns = [(Windows(known, canvas, COARSE), TURNS), (last, 1)] if layers is None else [(last, 1)]
+        last, changed = Windows(known, canvas, FINE, varying), None
+        turns = [(Windows(known, canvas, COARSE, varying), TURNS), (last, 1)] if layers is None else [(last, 1)]
     else:
         last = before.windows
         turns, changed = [(last, 1)], before.changed(light, known.variance[:, 0], last.means(precision))
@@ -260,6 +264,13 @@ class Step:
     power: tuple[Power, ...]
 
 
+class _Seen(NamedTuple):
+    """What photographs tell of windows, and what they leave open without these, (2, channel, window, frequency)."""
+
+    photographed: Photographed
+    left: Power
+
+
 class Windows:
     """Overlapping windows of a frame, each with a spectrum of its own.
 
@@ -268,21 +279,29 @@ class Windows:
     known : ClosedForm
     canvas : Canvas
     size : WindowSize
+    varying : VaryingInformation, optional
+        What photographs tell in each place. Default: the same everywhere, which `known` says.
     """
 
-    def __init__(self, known: ClosedForm, canvas: Canvas, size: WindowSize = COARSE) -> None:
+    def __init__(
+        self,
+        known: ClosedForm,
+        canvas: Canvas,
+        size: WindowSize = COARSE,
+        varying: VaryingInformation | None = None,
+    ) -> None:
         self._side_px, self._step_px = size.side_px, size.step_px
         self._canvas, self._basis, self._mean = canvas, known.basis.astype(np.float32), known.mean
         self._size, self._side = size, size.profile
         self._window = np.outer(self._side, self._side)
         self._fast = size.fast
         # One axis more, for the windows of a row.
-        self._told = self._through_window(known.told).real[:, None, None]
-        self._cross = self._through_window(known.cross)
-        prior: Power = self._at_windows(known.prior)[:, :, None]
-        self._open = left_open(self._told, self._cross, _inverse_of(prior))[0]
-        untold = np.minimum(self._open / prior, 1)
-        self._counted = (OPEN + (1 - OPEN) * untold) * self._open
+        self._prior = _flat(self._at_windows(known.prior))[:, :, None]
+        told, cross = self._through_window(known.told).real, self._through_window(known.cross)
+        self._everywhere = self._seen(_flat(told)[:, None], cross.reshape(1, -1))
+        self._varying = varying
+        if varying is not None:
+            self._pairs = self._through_window(varying.pairs).reshape(len(varying.pairs), -1)
 
     def means(self, image: Images) -> Images:
         """Mean of an image (h, w) in each window, (windows down, windows across, 1, 1)."""
@@ -348,19 +367,21 @@ class Windows:
         """
         from polaropt.solving.kernels.windows import expect, likely_power, power_of
 
-        photographed = self._photographed()
         own = self._extended(layers)
         own -= self._mean.astype(np.float32)
         downhill = self._extended(gradient)
         np.negative(downhill, out=downhill)
         change = np.zeros_like(own)
-        left = np.zeros((len(precision), *self._open.shape[:2], self._fast.size), dtype=np.float32)
+        left = np.zeros((len(precision), *own.shape[:2], self._fast.size), dtype=np.float32)
+        left_before = np.zeros_like(left)
         after: list[Power] = [np.empty(0, dtype=np.float32)] * len(precision)
 
         def turn(i: int) -> None:
             rows = np.s_[..., i * self._step_px : i * self._step_px + self._side_px, :]
             here, moved = self._spectra(own[rows]), self._spectra(downhill[rows])
-            told = (_parts(here), _parts(moved), precision[i].ravel(), photographed)
+            seen = self._seen_in_row(i, precision.shape[1])
+            left_before[i] = seen.left.mean(axis=2)
+            told = (_parts(here), _parts(moved), precision[i].ravel(), seen.photographed)
             if before is None or changed is None:
                 power = np.empty(here.shape, dtype=np.float32)
                 power_of(told[0], _flat(power))
@@ -378,27 +399,33 @@ class Windows:
         # Every second row of windows by itself: they share no pixel.
         for first in (0, 1):
             in_blocks(partial(every_second, first), (len(precision) - first + 1) // 2, 1)
-        n = precision.size
-        mean = (left.sum(axis=0, dtype=np.float64) / n).reshape(self._open[:, :, 0].shape)
-        share = np.where(self._fast > 0, mean / self._open[:, :, 0], 1.0)
+        # Where windows do not tell a layer's changes nothing has been found out of them.
+        still, found = left_before.mean(axis=0, dtype=np.float64), left.sum(axis=0, dtype=np.float64) / precision.size
+        share = np.where(self._fast.ravel() > 0, found, still) / self._everywhere.left[:, :, 0]
         inside = np.s_[
             ..., self._step_px : self._step_px + self._canvas.height, self._step_px : self._step_px + self._canvas.width
         ]
+        share = share.reshape(*share.shape[:-1], *self._fast.shape)
         return Step(change[inside], share.astype(np.float32), tuple(after) if remember else ())
 
-    def _photographed(self) -> Photographed:
-        """The same for the kernels."""
+    def _seen_in_row(self, i: int, n: int) -> _Seen:
+        """What photographs tell of the windows in a row of n."""
+        if self._varying is None:
+            return self._everywhere
+        told = self._varying.told(i * self._step_px, np.arange(n) * self._step_px, self._step_px) @ self._pairs
+        return self._seen(told[:2].real, told[2])
+
+    def _seen(self, told: Power, cross: Spectrum) -> _Seen:
+        """What photographs tell of windows: (2, window, frequency), and of both layers together (window, frequency)."""
         from polaropt.solving.kernels.windows import Photographed
 
+        left = left_open(told[:, None], cross, _inverse_of(self._prior))[0]
+        untold = np.minimum(left / self._prior, 1)
+        counted = np.asarray((OPEN + (1 - OPEN) * untold) * left, dtype=np.float32)
+        least, resolution = np.float32(LEAST_POWER), np.float32(RESOLUTION)
+        parts = np.ascontiguousarray(cross).view(np.float32).reshape(*cross.shape, 2)
         fast = self._fast.ravel()
-        return Photographed(
-            self._told.reshape(2, fast.size),
-            _parts(self._cross),
-            _flat(np.asarray(self._counted, dtype=np.float32))[:, :, 0],
-            fast,
-            np.float32(LEAST_POWER),
-            np.float32(RESOLUTION),
-        )
+        return _Seen(Photographed(np.ascontiguousarray(told), parts, counted, fast, least, resolution), left)
 
     def _extended(self, images: Images) -> Images:
         """Canvas images in the colour basis within the frame, mirrored around it so far that windows fill it."""

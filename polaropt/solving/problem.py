@@ -17,6 +17,7 @@ from polaropt.inversion import (
     FourierPreconditioner,
     canvas_for,
     mosaic_layers,
+    most_likely_layers,
     natural_image_layers,
 )
 from polaropt.numerics import smoothly_filled
@@ -33,6 +34,7 @@ from polaropt.solving.objective import (
     on_device,
     plugged_penalties,
 )
+from polaropt.solving.varying_information import VaryingInformation
 
 if TYPE_CHECKING:
     from polaropt.solving.compiled import MisfitInPlace
@@ -192,12 +194,19 @@ class Problem:
     @cached_property
     def known(self) -> ClosedForm:
         """The closed form, when first asked for."""
-        return self._closed_form()
+        known = self._closed_form()
+        if isinstance(self.pse, PSE) or self.robust:
+            return known
+        return most_likely_layers(known, self.canvas, self.pse, self._told_of_stokes(self.pse), self.slope_of_misfit)
 
     @cached_property
     def expected(self) -> Expectation | None:
         """What the layers are expected to be in each place; None where windows cannot tell. From the closed form."""
-        return self._expected_layers() if self.fits_windows else None
+        if not self.fits_windows:
+            return None
+        found = self._expected_layers()
+        # A pane may change much within a window, as near grazing incidence.
+        return found if isinstance(self.pse, PSE) or self._explained(found, self.known.layers) else None
 
     def best_known(self) -> Images:
         """Layers on the canvas (2, channel, H, W): what is expected of windows where these tell, else closed form."""
@@ -215,9 +224,13 @@ class Problem:
             share = np.float32(_SHARE_OF_OTHERS)
             layers = share * layers + (1 - share) * self.best_known()
         around = self._expected_layers(layers)
-        misfits = [self._misfit_of(expected.in_colors(self.known.basis)) for expected in (self.expected, around)]
-        if misfits[1] - misfits[0] <= _SPOILT * self.misfit_of_noise:
+        if self._explained(around, self.expected.in_colors(self.known.basis)):
             self.expected = around
+
+    def _explained(self, expected: Expectation, layers: Images) -> bool:
+        """Whether what is expected explains the photographs not clearly less than canvas layers do."""
+        less = self._misfit_of(expected.in_colors(self.known.basis)) - self._misfit_of(layers)
+        return less <= _SPOILT * self.misfit_of_noise
 
     def slope_of_misfit(self, layers: Images) -> Images:
         """Gradient of the photographs' misfit at canvas layers."""
@@ -280,13 +293,11 @@ class Problem:
     def fits_windows(self) -> bool:
         """Whether layers can be expected of windows, and of photographs at all.
 
-        A pane that varies tells another thing in each window; ghosts that lie farther apart than windows overlap look
-        like other places.
+        Ghosts that lie farther apart than windows overlap look like other places.
         """
-        plain = isinstance(self.pse, PSE)
         shifts = (self.scene.ghost_shift, self.scene.transmission_ghost_shift, self.scene.gap_shift)
         near = all(abs(shift or 0.0) <= REACH_PX for shift in shifts)
-        return plain and near and self.weights.factor("misfit") > 0
+        return near and self.weights.factor("misfit") > 0
 
     def _expected_layers(self, layers: Images | None = None) -> Expectation:
         return expected_layers(
@@ -295,9 +306,25 @@ class Problem:
             self.slope_of_misfit,
             self.relative_precision(),
             layers,
+            varying=self._varying_information(),
             before=None if self._memory is None or layers is not None else self._memory.seen,
             remember=self.remember,
         )
+
+    def _varying_information(self) -> VaryingInformation | None:
+        if isinstance(self.pse, PSE):
+            return None
+        return VaryingInformation(self.pse, self.canvas, self._told_of_stokes(self.pse))
+
+    def _told_of_stokes(self, pse: VaryingPSE) -> NDArray[np.float64]:
+        """What a pixel tells of its Stokes vector: an inverse covariance (3, 3), of samples a mean."""
+        return np.asarray(pse.analyzer.T @ pse.analyzer * (self._sampled_share / self.noise**2))
+
+    @property
+    def _sampled_share(self) -> float:
+        """Of a mosaic's values in a pixel the share that is sampled; all of photographs."""
+        samples = self.capture.samples
+        return 1.0 if samples is None else 1 / (len(self.capture.angles_deg) * samples.sampling.n_channels)
 
     def relative_precision(self) -> Images:
         """What a pixel's photographs tell beside what the closed form takes for it, mean of all, (h, w)."""
@@ -305,10 +332,8 @@ class Problem:
         weight = valid.reshape(len(valid), -1, *valid.shape[-2:]).astype(np.float32)
         if isinstance(self.pixel_noise, NoiseClasses):
             weight *= np.square(np.float32(self.noise) / self.pixel_noise.images())
-        samples = self.capture.samples
         # Of a mosaic each pixel has one of all values, which the closed form knows.
-        share = 1.0 if samples is None else 1 / (len(self.capture.angles_deg) * samples.sampling.n_channels)
-        return np.asarray(weight.mean(axis=(0, 1)) / np.float32(share))
+        return np.asarray(weight.mean(axis=(0, 1)) / np.float32(self._sampled_share))
 
     def _photographed(self, layers: Images) -> Images:
         """Photographs (k, channel, h, w) of canvas layers."""

@@ -522,7 +522,9 @@ def _solving(stages: Stages, place: Part, of: float) -> Callable[[int], None]:
 
 def _is_local(problem: Problem) -> bool:
     """Whether standard errors are narrower as layers were expected in each place; of mosaics they suit as they are."""
-    return problem.fits_windows and problem.capture.samples is None
+    varying = not isinstance(problem.pse, PSE)
+    fits = problem.expected is not None if varying else problem.fits_windows
+    return fits and problem.capture.samples is None
 
 
 def _with_progress(objective: Coordinates, advance: Callable[[int], None]) -> Callable[[Any], tuple[float, Any]]:

@@ -56,10 +56,11 @@ class Photographed(NamedTuple):
 
     Attributes
     ----------
-    told : array, shape (2, frequency)
-    cross : array, shape (frequency, 2)
-        Entries on and off the diagonal (real and imaginary part), of photographs of precision 1.
-    counted : array, shape (2, channel, frequency)
+    told : array, shape (2, n, frequency)
+    cross : array, shape (n, frequency, 2)
+        Entries on and off the diagonal (real and imaginary part), of photographs of precision 1: of each window, or of
+        all (n is 1).
+    counted : array, shape (2, channel, n, frequency)
         What is added to the power of layers.
     fast : array, shape (frequency,)
         1 where something changes, 0 elsewhere.
@@ -79,6 +80,7 @@ class Photographed(NamedTuple):
 def _change(
     seen: Photographed,
     p: np.float32,
+    j: int,
     k: int,
     s_t: np.float32,
     s_r: np.float32,
@@ -89,8 +91,8 @@ def _change(
     """Change of both layers at a frequency (real and imaginary parts), and what is left open of each."""
     t_re, t_im = d[0] - s_t * h_t[k, 0], d[1] - s_t * h_t[k, 1]
     r_re, r_im = d[2] - s_r * h_r[k, 0], d[3] - s_r * h_r[k, 1]
-    of_t, of_r = p * seen.told[0, k] + s_t, p * seen.told[1, k] + s_r
-    x_re, x_im = p * seen.cross[k, 0], p * seen.cross[k, 1]
+    of_t, of_r = p * seen.told[0, j, k] + s_t, p * seen.told[1, j, k] + s_r
+    x_re, x_im = p * seen.cross[j, k, 0], p * seen.cross[j, k, 1]
     product = of_t * of_r
     inverse = np.float32(1) / max(product - (x_re * x_re + x_im * x_im), seen.resolution * product)
     moved = inverse * seen.fast[k]
@@ -114,14 +116,14 @@ def likely_power(
         for i in range(here.shape[2]):
             if not changed[i]:
                 continue
-            p = precision[i]
+            p, j = precision[i], i % seen.told.shape[1]
             h_t, h_r, d_t, d_r = here[0, c, i], here[1, c, i], down[0, c, i], down[1, c, i]
-            p_t, p_r, q_t, q_r = power[0, c, i], power[1, c, i], seen.counted[0, c], seen.counted[1, c]
+            p_t, p_r, q_t, q_r = power[0, c, i], power[1, c, i], seen.counted[0, c, j], seen.counted[1, c, j]
             for k in range(seen.fast.size):
                 s_t = one / max(h_t[k, 0] * h_t[k, 0] + h_t[k, 1] * h_t[k, 1] + q_t[k], seen.least_power)
                 s_r = one / max(h_r[k, 0] * h_r[k, 0] + h_r[k, 1] * h_r[k, 1] + q_r[k], seen.least_power)
                 d = (d_t[k, 0], d_t[k, 1], d_r[k, 0], d_r[k, 1])
-                t_re, t_im, r_re, r_im, _, _ = _change(seen, p, k, s_t, s_r, h_t, h_r, d)
+                t_re, t_im, r_re, r_im, _, _ = _change(seen, p, j, k, s_t, s_r, h_t, h_r, d)
                 p_t[k] = (h_t[k, 0] + t_re) ** 2 + (h_t[k, 1] + t_im) ** 2
                 p_r[k] = (h_r[k, 0] + r_re) ** 2 + (h_r[k, 1] + r_im) ** 2
 
@@ -146,15 +148,15 @@ def expect(here: Images, down: Images, precision: Images, seen: Photographed, po
     one = np.float32(1)
     for c in range(here.shape[1]):
         for i in range(here.shape[2]):
-            p = precision[i]
+            p, j = precision[i], i % seen.told.shape[1]
             h_t, h_r, d_t, d_r = here[0, c, i], here[1, c, i], down[0, c, i], down[1, c, i]
-            p_t, p_r, q_t, q_r = power[0, c, i], power[1, c, i], seen.counted[0, c], seen.counted[1, c]
+            p_t, p_r, q_t, q_r = power[0, c, i], power[1, c, i], seen.counted[0, c, j], seen.counted[1, c, j]
             l_t, l_r = left[0, c], left[1, c]
             for k in range(seen.fast.size):
                 s_t = one / max(p_t[k] + q_t[k], seen.least_power)
                 s_r = one / max(p_r[k] + q_r[k], seen.least_power)
                 d = (d_t[k, 0], d_t[k, 1], d_r[k, 0], d_r[k, 1])
-                t_re, t_im, r_re, r_im, open_t, open_r = _change(seen, p, k, s_t, s_r, h_t, h_r, d)
+                t_re, t_im, r_re, r_im, open_t, open_r = _change(seen, p, j, k, s_t, s_r, h_t, h_r, d)
                 d_t[k, 0], d_t[k, 1], d_r[k, 0], d_r[k, 1] = t_re, t_im, r_re, r_im
                 p_t[k] = (h_t[k, 0] + t_re) ** 2 + (h_t[k, 1] + t_im) ** 2
                 p_r[k] = (h_r[k, 0] + r_re) ** 2 + (h_r[k, 1] + r_im) ** 2
@@ -165,11 +167,11 @@ def expect(here: Images, down: Images, precision: Images, seen: Photographed, po
 def first_calls() -> list[Call]:
     """Calls on next to nothing of the kernels that every separation needs, for `solvers.ahead`."""
     one, side = np.float32(1), np.ones(1, np.float32)
-    # Rows of larger images, and one part of what photographs tell, are no arrays of their own.
-    rows, told = np.zeros((2, 1, 1, 2), np.float32)[..., :1], np.zeros((2, 2), np.float32)[:, :1]
+    # Rows of larger images are no arrays of their own.
+    rows, told = np.zeros((2, 1, 1, 2), np.float32)[..., :1], np.zeros((2, 1, 1), np.float32)
     pieces, spectra = np.zeros((2, 1, 1, 1, 1), np.float32), np.zeros((2, 1, 1, 1, 2), np.float32)
     power, left = np.zeros((2, 1, 1, 1), np.float32), np.zeros((2, 1, 1), np.float32)
-    seen = Photographed(told, np.zeros((1, 2), np.float32), left.copy(), side, one, one)
+    seen = Photographed(told, np.zeros((1, 1, 2), np.float32), power.copy(), side, one, one)
     return [
         (expect, (spectra, spectra.copy(), side, seen, power, left)),
         (put, (pieces, side, 1, rows)),
