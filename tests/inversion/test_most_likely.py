@@ -7,7 +7,7 @@ import pytest
 from scipy.fft import irfft2, rfft2
 
 from polaropt import StoppingRule, Weights, separate
-from polaropt.inversion.most_likely import _SlowChanges, _System
+from polaropt.inversion.most_likely import _scale_of, _SlowChanges, _System
 from polaropt.solving.problem import Problem
 from priors.natural_image import in_basis
 from tests.blends import blend
@@ -56,15 +56,18 @@ def test_the_equations_of_slow_changes_are_those_of_the_whole(shift):
     """What the whole system makes of a slow change leads back to it."""
     _, problem = problem_of(color=False, ghost_shift=shift)
     known, canvas = problem.known, problem.canvas
-    system = _System(known, canvas, problem.slope_of_misfit)
-    slow = _SlowChanges(known, canvas, problem.pse, problem._told_of_stokes(problem.pse))
-    change = np.zeros((2, 1, canvas.shape[0], canvas.shape[1] // 2 + 1), dtype=np.complex64)
-    image = rfft2(np.random.default_rng(2).standard_normal((2, 1, *canvas.shape)), norm="ortho")
-    change[(..., *slow.places)] = image[(..., *slow.places)]
-    made = system.applied(system.vector(change))
-    off = system.vector(slow.solved(system.spectrum(made)) - change)
+    told = problem._told_of_stokes(problem.pse)
+    scale = _scale_of(problem.pse, canvas, told)
+    system = _System(known, canvas, scale, problem.slope_of_misfit)
+    slow = _SlowChanges(known, canvas, problem.pse, told)
+    spectrum = rfft2(np.random.default_rng(2).standard_normal((2, 1, *canvas.shape)))
+    kept = np.zeros_like(spectrum)
+    kept[(..., *slow.places)] = spectrum[(..., *slow.places)]
+    change = irfft2(kept, canvas.shape).astype(np.float32)
+    made = system.applied(change / scale)
+    off = slow.solved(made / scale) / scale - change / scale
     # In the length of the system, which photographs tell: what they do not tell single precision does not, either.
-    assert off @ system.applied(off) < 1e-5 * (system.vector(change) @ made)
+    assert np.vdot(off, system.applied(off)) < 1e-5 * np.vdot(change / scale, made)
 
 
 def test_seen_from_afar_they_are_those_of_a_pane_that_is_the_same_everywhere():
