@@ -7,7 +7,8 @@ and what is fast by the filter of the mean pane.
 
 References
 ----------
-S. V. Dolean, P. Jolivet, F. Nataf, An Introduction to Domain Decomposition Methods, SIAM 2015 (two-level methods).
+M. R. Hestenes, E. Stiefel, Methods of conjugate gradients for solving linear systems, J. Res. NBS 49, 1952.
+V. Dolean, P. Jolivet, F. Nataf, An Introduction to Domain Decomposition Methods, SIAM 2015 (coarse spaces).
 """
 
 from __future__ import annotations
