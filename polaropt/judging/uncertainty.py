@@ -467,11 +467,15 @@ def _local_scales(
 
 
 def _by_pixel(pse: VaryingPSE, known: Knowledge, noise: float, shape: tuple[int, ...]) -> tuple[Knowledge, Images]:
-    """What is known of a tile before a pane that varies, and how exact each layer is in a pixel of it, (2, h, w)."""
+    """What is known of a tile before a pane that varies, and how exact each layer is in a pixel of it, (2, h, w).
+
+    Ghosts hide frequencies that images in place show: what is known of them stays as it is.
+    """
     told = _information_by_pixel(pse, noise, shape)
     mean = told.mean(axis=(-1, -2), dtype=np.float64)
-    exact = [_alone(told, i) / np.float32(_alone(mean, i)) for i in (0, 1)]
-    return _with_information(known, mean), np.maximum(np.stack(exact), np.float32(LEAST))
+    exact = np.stack([_alone(told, i) / np.float32(_alone(mean, i)) for i in (0, 1)])
+    known = known if pse.scene.has_ghosts else _with_information(known, mean)
+    return known, np.maximum(exact, np.float32(LEAST))
 
 
 def _alone(told: NDArray[Any], layer: int) -> Any:

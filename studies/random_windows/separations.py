@@ -63,7 +63,7 @@ class Row:
     number, family
         See `Window`.
     incidence_deg, shift_px, index, index_told, noise, bits, clipped, brightness : float
-        Of the pane, and how it was photographed; the noise is that at white, the brightness is that of the mirrored scene.
+        Of the pane, and how it was photographed; the noise is that at white, the brightness the mirrored scene's.
     view_deg, bend_deg : float
         Field of view (0: from afar), and how far the normal turns at most from the middle to the end of the side.
     screen, sky : float
@@ -203,8 +203,9 @@ def _of_window(window: Window, size: int) -> tuple[int | float | str, ...]:
     incidence, _, shift = scene.values()
     view = 0.0 if scene.focal_px is None else 2 * math.degrees(math.atan(size / 2 / scene.focal_px))
     return (
-        window.number, window.family, incidence, shift, scene.refractive_index, window.index_told, taking.noise_at_white,
-        taking.bits, taking.clipped, taking.reflection_gain, view, max(map(abs, scene.bend_deg_per_px)) * size / 2,
+        window.number, window.family, incidence, shift, scene.refractive_index, window.index_told,
+        taking.noise_at_white, taking.bits, taking.clipped, taking.reflection_gain, view,
+        max(map(abs, scene.bend_deg_per_px)) * size / 2,
         scene.transmission_polarization[0], scene.reflection_polarization[0], scene.n_panes or 1,
         scene.gap_shift or 0.0, scene.tint, max(abs(gain - 1) for gain in taking.gains), taking.angle_error_deg,
         taking.moving_side,

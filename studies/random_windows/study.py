@@ -52,7 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--against", type=Path, metavar="FOLDER", help="Earlier results: tell what changed.")
     parser.add_argument("--only", type=int, metavar="N", help="All about the scene with this number.")
     parser.add_argument("--sensor", choices=SENSORS, default="", help="Raw mosaics of such a polarization camera.")
-    parser.add_argument("--shot-noise", action="store_true", help="Noise that grows with the light, as a sensor's does.")
+    parser.add_argument(
+        "--shot-noise", action="store_true", help="Noise that grows with the light, as a sensor's does."
+    )
     options = parser.parse_args(arguments)
     size = (MOSAIC_SIZE if options.sensor else SIZE) // (SIZE // QUICK_SIZE if options.quick else 1)
     if options.only is not None:
