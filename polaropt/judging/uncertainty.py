@@ -99,7 +99,7 @@ def scene_variance(
 
     def layers(scene: SceneParameters) -> Images:
         problem = Problem(capture, scene, noise, Weights(), center=center, growth=growth)
-        return np.asarray(problem.canvas.crop(problem.known.layers))
+        return np.asarray(problem.canvas.crop(problem.closed_form().layers))
 
     def variance(doubt: Doubt) -> Images:
         change = layers(doubt.above)

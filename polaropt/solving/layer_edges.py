@@ -37,7 +37,7 @@ def edges_of_layers(capture: Capture, scene: SceneParameters, noise: float, grow
     """
     middle = capture.part(*middle_part(capture.shape, MIDDLE_PX))
     problem = Problem(middle, scene, noise, Weights(), growth=growth)
-    layers = problem.canvas.crop(problem.known.layers)
+    layers = problem.canvas.crop(problem.closed_form().layers)
     return sum(math.log(_total_variation(layer) + _LEAST_VARIATION) for layer in layers)
 
 

@@ -193,8 +193,8 @@ class Problem:
 
     @cached_property
     def known(self) -> ClosedForm:
-        """The closed form, when first asked for."""
-        known = self._closed_form()
+        """The closed form, when first asked for; of a pane that varies with the layers that are most likely."""
+        known = self.closed_form()
         if isinstance(self.pse, PSE) or self.robust:
             return known
         return most_likely_layers(known, self.canvas, self.pse, self._told_of_stokes(self.pse), self.slope_of_misfit)
@@ -280,7 +280,8 @@ class Problem:
             nothing = np.empty(0, dtype=np.float32)
             self.expected = replace(self.expected, layers=nothing, variance=nothing)
 
-    def _closed_form(self) -> ClosedForm:
+    def closed_form(self) -> ClosedForm:
+        """The closed form, of a pane that varies by filters of places: what scenes are compared by."""
         if not worth_filling(self.capture):
             return self._closed_form_of(self.capture)
         # From smooth values on: what a closed form finds of its own filling it hardly changes.

@@ -38,7 +38,7 @@ def value(problem, layers):
 def test_the_most_likely_layers_lie_near_the_lowest_point(shift, color):
     """Whatever step is taken from them along their own slope gains little beside what they gained."""
     _, problem = problem_of(color=color, ghost_shift=shift)
-    before = problem._closed_form().layers
+    before = problem.closed_form().layers
     found = problem.known.layers
     gained = value(problem, before) - value(problem, found)
     downhill = -slope(problem, found)

@@ -128,6 +128,18 @@ def test_windows_of_a_pane_that_varies_are_nearer_to_the_layers_than_one_spectru
     assert expected[1] < known[1]
 
 
+def test_windows_of_a_pane_that_varies_leave_slow_changes_as_they_are():
+    """Where photographs tell nothing windows drew what their profile makes of slow changes to nothing: a weave."""
+    example = blend(50.0, 128, noise=0.005, ghost_shift=0.0, focal_px=120.0)
+    problem = Problem(example.capture, example.scene, 0.005, Weights())
+    windows = Windows(problem.known, problem.canvas, varying=problem._varying_information())
+    slow = np.cos(2 * np.pi * np.arange(problem.canvas.shape[1]) / problem.canvas.shape[1])
+    layers = np.ones_like(problem.known.layers) * slow.astype(np.float32)
+    nothing = np.zeros_like(windows.means(np.ones((128, 128), np.float32)))
+    change = windows.step(layers, np.zeros_like(layers), nothing).change
+    assert np.abs(change).max() < 0.01 * np.sqrt(3)
+
+
 def test_windows_that_explain_less_than_the_closed_form_are_left_out(monkeypatch):
     """Close to grazing incidence the pane at one place of a window says little of that at another."""
     example = blend(50.0, 64, noise=0.005, focal_px=60.0)
