@@ -104,6 +104,19 @@ def test_a_polarization_camera_sees_the_same_scene_at_once(sensor):
     assert psnr(layers[0], sharp[0]) < psnr(layers[0], sample.layers[0])
 
 
+def test_shot_noise_grows_with_the_light_and_is_the_drawn_noise_at_white():
+    plain, shot = window_of(34, SIZE), window_of(34, SIZE, shot_noise=True)
+    assert shot.scene == plain.scene
+    assert shot.taking.noise_at_white == pytest.approx(plain.taking.noise)
+    assert 0 < shot.taking.noise <= plain.taking.noise / 2
+    pair, still = shipped_pairs(SIZE, SIZE // 2)[0], Taking(noise=0.0, bits=16)
+    light = photograph(pair, shot.scene, still).capture.intensities
+    noisy = photograph(pair, shot.scene, dataclasses.replace(still, shot_noise=0.02)).capture.intensities
+    bright = light > np.median(light)
+    spread = [np.std((noisy - light)[part]) / np.sqrt(light[part].mean()) for part in (bright, ~bright)]
+    np.testing.assert_allclose(spread, 0.02, rtol=0.05)
+
+
 def test_gains_are_of_photographs_and_the_true_transmission_is_seen_through_the_tint():
     plain = photograph(PAIR, PANE, Taking(noise=0.0, bits=16))
     brighter = photograph(PAIR, PANE, Taking(noise=0.0, bits=16, gains=(1.0, 0.9, 1.0, 1.0)))
