@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import ANGLES_DEG, Capture, sampling_of
+from polaropt.capture import ANGLES_DEG, Capture, NoiseModel, sampling_of
 from polaropt.optics import SceneParameters, in_place_reflectance, plane_normal
 from polaropt.simulation import digitized, exact_photographs, simulated_mosaic, stack_layers
 from studies.photographs import SIZE_PX, Pair, pairs_of
@@ -195,7 +195,7 @@ def _deviation(photographs: Images, taking: Taking) -> float | Images:
     """Standard deviation of the noise in each value, all of its variance Gaussian: at 100 photons no one can tell."""
     if not taking.shot_noise:
         return taking.noise
-    return np.sqrt(taking.noise**2 + taking.shot_noise**2 * np.maximum(photographs, 0))
+    return np.sqrt(NoiseModel(taking.noise, taking.shot_noise).variance(photographs))
 
 
 def _lit(pair: Pair, taking: Taking, random: np.random.Generator) -> Images:

@@ -125,7 +125,7 @@ class Taking:
     lens_blur_px : float
         Standard deviation of what the camera's lens makes of a point; the true layers are as it images them.
     shot_noise : float
-        Standard deviation at white of noise whose variance is proportional to the light, beside that of `noise`.
+        Growth of the noise with the light: its variance is ``noise^2 + shot_noise * light``.
     """
 
     noise: float = NOISE
@@ -151,7 +151,7 @@ class Taking:
     @property
     def noise_at_white(self) -> float:
         """Standard deviation of all noise in light of 1."""
-        return math.hypot(self.noise, self.shot_noise)
+        return math.sqrt(self.noise**2 + self.shot_noise)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ __all__ = [
     "ghost_layers",
     "ghost_transfer",
     "ghost_transfer_at",
+    "images_that_tell",
     "left_open",
     "mosaic_layers",
     "most_likely_layers",
@@ -60,6 +61,7 @@ from .spectra import left_open as left_open
 from .spectra import two_layers as two_layers
 from .transfer import ghost_transfer as ghost_transfer
 from .transfer import ghost_transfer_at as ghost_transfer_at
+from .transfer import images_that_tell as images_that_tell
 from .transfer import separable as separable
 from .variance import DETAIL_CUT as DETAIL_CUT
 from .variance import DETAIL_PX as DETAIL_PX

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from polaropt.inversion.canvas import Canvas
 from polaropt.inversion.closed_form import ClosedForm
 from polaropt.inversion.spectra import left_open
-from polaropt.inversion.transfer import bilinear_transfer
-from polaropt.numerics import each_plane
+from polaropt.inversion.transfer import bilinear_transfer, images_that_tell
+from polaropt.inversion.whitening import applied
+from polaropt.numerics import filtered
 from polaropt.optics import VaryingPSE
 from priors.natural_image import in_basis
 from solvers.kernels import in_blocks
@@ -38,8 +39,6 @@ Spectrum = NDArray[np.complex64]
 _FASTEST_PX, _MOST_PERIODS = 20, 16
 # Pixels are looked at so often per period of the fastest of them. Set by hand.
 _PER_PERIOD = 8
-# Share of the light from which on a ghost counts.
-_FAINT = 1e-3
 # Most by which a change is scaled for what photographs tell of it in its place. By trial: 2 and 10 take a few steps
 # more before a pane that is seen up to grazing incidence.
 _MOST_SCALE = 4.0
@@ -126,7 +125,7 @@ class _System:
         self.scale, self._basis, self._gradient = scale, known.basis.astype(np.float32), misfit_gradient
         self._stiffness = np.float32(1) / known.prior
         self._of_nothing = misfit_gradient(np.zeros_like(known.layers))
-        pull = self._pulled(in_basis(self._basis, known.layers, np) - known.mean)
+        pull = filtered(in_basis(self._basis, known.layers, np) - known.mean, self._stiffness)
         pull += in_basis(self._basis, misfit_gradient(known.layers), np)
         self.right: Images = np.asarray(-scale * pull)
 
@@ -134,20 +133,7 @@ class _System:
         """The Hessian times a scaled change."""
         change = self.scale * scaled
         told = self._gradient(in_basis(self._basis.T, change, np)) - self._of_nothing
-        return np.asarray(self.scale * (in_basis(self._basis, told, np) + self._pulled(change)))
-
-    def _pulled(self, images: Images) -> Images:
-        """Slope of the spectral prior at images off their mean."""
-        from scipy.fft import irfft2, rfft2
-
-        pulled = np.empty_like(images)
-
-        def plane(where: tuple[int, int]) -> None:
-            spectrum = rfft2(images[where]) * self._stiffness[where]
-            pulled[where] = irfft2(spectrum, images.shape[-2:])
-
-        each_plane(plane, images.shape)
-        return pulled
+        return np.asarray(self.scale * (in_basis(self._basis, told, np) + filtered(change, self._stiffness)))
 
 
 class _FastFilter:
@@ -166,10 +152,8 @@ class _FastFilter:
         found = np.empty_like(right)
 
         def color(c: int, _: int) -> None:
-            t, r = rfft2(right[0, c]), rfft2(right[1, c])
-            own, cross = self._of_each[:, c], self._cross[c]
-            found[0, c] = irfft2(own[0] * t + cross * r, self._shape)
-            found[1, c] = irfft2(own[1] * r + cross.conj() * t, self._shape)
+            inverse = self._of_each[:, c], self._cross[c]
+            found[:, c] = irfft2(applied(inverse, rfft2(right[:, c]), np), self._shape)
 
         in_blocks(color, right.shape[1], 1)
         return found
@@ -264,10 +248,8 @@ def _told_of(
     most = 2 * int(max(down.max(), across.max()))
     step = max(1, min(canvas.shape) // (_PER_PERIOD * most))
     rows, columns = (np.arange(step // 2, side, step) for side in (canvas.height, canvas.width))
-    mixtures = pse.ghost_mixtures(canvas.height, canvas.width)
-    light = np.abs(mixtures).max(axis=(0, 1, 3, 4))
-    kept = np.flatnonzero(light > _FAINT * light.max())
-    own = mixtures[..., rows[:, None], columns][:, :, kept].astype(np.float64)
+    mixtures, places = images_that_tell(pse, canvas.height, canvas.width)
+    own = mixtures[..., rows[:, None], columns].astype(np.float64)
     weighted = np.tensordot(precision, own, axes=1)
     # What is seen of all differences and sums of two changes: from twice the periods one way to twice the other.
     omega = [2 * np.pi * np.arange(-most, most + 1) / side for side in canvas.shape]
@@ -276,18 +258,15 @@ def _told_of(
     apart = (most + down - down[:, None], most + across - across[:, None])
     together = (most + down + down[:, None], most + across + across[:, None])
     unit = length * (step / np.sqrt(canvas.shape[0] * canvas.shape[1]))
-    places = pse.displacements(canvas.height, canvas.width)
     moved = [
-        unit
-        * bilinear_transfer(places[k][1], omega[0][most + down])
-        * bilinear_transfer(places[k][0], omega[1][most + across])
-        for k in kept
+        unit * bilinear_transfer(dy, omega[0][most + down]) * bilinear_transfer(dx, omega[1][most + across])
+        for dx, dy in places
     ]
     n = down.size
     told = np.empty((2, 2, n, 2, 2, n))
     for i, j in ((0, 0), (1, 1), (0, 1)):
         differences, sums = np.zeros((2, n, n), dtype=np.complex128)
-        for g, h in np.ndindex(kept.size, kept.size):
+        for g, h in np.ndindex(len(places), len(places)):
             table = left @ np.einsum("eyx,eyx->yx", own[:, i, g], weighted[:, j, h]) @ right
             differences += moved[g].conj()[:, None] * moved[h] * table[apart]
             sums += moved[g][:, None] * moved[h] * table[together]

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.numerics import frequencies
-from polaropt.optics import PSE, Displacements
+from polaropt.optics import PSE, Displacements, VaryingPSE
 
 Spectrum = NDArray[np.complex64]
 
 # Weight of a ghost below which float32 does not tell it from nothing, whatever it is added to.
 _NEGLIGIBLE = 1e-8
+# Share of the light from which on an image tells anything of layers in one place. Set by hand.
+_FAINT = 1e-3
 
 
 def bilinear_transfer(distance: float, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -39,6 +41,24 @@ def plate_transfer(pse: PSE, height: int, width: int) -> Spectrum:
         Entries (I_par, I_perp[, s2']); layers [0] transmission, [1] reflection.
     """
     return ghost_transfer(pse.taps, pse.displacements, height, width)
+
+
+def images_that_tell(pse: VaryingPSE, height: int, width: int) -> tuple[NDArray[np.float32], Displacements]:
+    """Mixtures (3, 2, image, height, width) and places of the images that carry some light, before a pane that varies.
+
+    Parameters
+    ----------
+    pse : VaryingPSE
+        Made for the frame.
+    height, width : int
+        Size of the frame in pixels.
+    """
+    mixtures, places = pse.ghost_mixtures(height, width), pse.displacements(height, width)
+    light = np.abs(mixtures).max(axis=(0, 1, 3, 4))
+    kept = np.flatnonzero(light > _FAINT * light.max())
+    if kept.size == len(places):
+        return mixtures, places
+    return mixtures[:, :, kept], tuple(places[k] for k in kept)
 
 
 def ghost_transfer(taps: NDArray[np.float64], displacements: Displacements, height: int, width: int) -> Spectrum:

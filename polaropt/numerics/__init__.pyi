@@ -20,6 +20,7 @@ __all__ = [
     "explained_groups",
     "fill_gaps",
     "filter_of_groups",
+    "filtered",
     "frequencies",
     "gap_values",
     "give_back_freed",
@@ -98,6 +99,7 @@ from .spectrum import NATURAL_POWER_LAW as NATURAL_POWER_LAW
 from .spectrum import bilinear_transfer as bilinear_transfer
 from .spectrum import column_multiplicity as column_multiplicity
 from .spectrum import each_plane as each_plane
+from .spectrum import filtered as filtered
 from .spectrum import frequencies as frequencies
 from .spectrum import hann_autocorrelation as hann_autocorrelation
 from .spectrum import hann_spectra as hann_spectra

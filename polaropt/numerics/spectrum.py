@@ -47,6 +47,22 @@ def each_plane(function: Callable[[tuple[int, int]], None], shape: tuple[int, ..
     in_blocks(lambda i, _: function(divmod(i, shape[1])), shape[0] * shape[1], 1)
 
 
+def filtered(images: NDArray[np.float32], response: Array) -> NDArray[np.float32]:
+    """Periodic images (n, channel, h, w), each frequency of each plane times a response (..., h, w // 2 + 1)."""
+    from scipy.fft import irfft2, rfft2
+
+    responses = np.broadcast_to(response, (*images.shape[:2], *response.shape[-2:]))
+    found = np.empty_like(images)
+
+    def plane(where: tuple[int, int]) -> None:
+        spectrum = rfft2(images[where])
+        spectrum *= responses[where]
+        found[where] = irfft2(spectrum, images.shape[-2:])
+
+    each_plane(plane, images.shape)
+    return found
+
+
 def column_multiplicity(width: int) -> NDArray[np.float64]:
     """How often a column of the half spectrum stands for itself and its conjugate."""
     twice = np.full(width // 2 + 1, 2.0)

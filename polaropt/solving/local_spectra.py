@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.inversion import RESOLUTION, Canvas, ClosedForm, left_open, unknown_share
-from polaropt.numerics import Basis, column_multiplicity, each_plane, squared_frequencies
+from polaropt.numerics import Basis, column_multiplicity, filtered, squared_frequencies
 from priors.natural_image import in_basis
 from solvers.kernels import in_blocks
 
@@ -315,6 +315,7 @@ class Windows:
         told, cross = self._through_window(known.told).real, self._through_window(known.cross)
         self._everywhere = self._seen(_flat(told)[:, None], cross.reshape(1, -1))
         if varying is not None:
+            self._faster = size.faster(*canvas.shape)
             self._pairs = self._through_window(varying.pairs).reshape(len(varying.pairs), -1)
 
     def means(self, image: Images) -> Images:
@@ -382,7 +383,7 @@ class Windows:
         from polaropt.solving.kernels.windows import expect, likely_power, power_of
 
         if self._varying is not None:
-            layers, gradient = self._without_slow(layers), self._without_slow(gradient)
+            layers, gradient = filtered(layers, self._faster), filtered(gradient, self._faster)
         own, downhill = self._extended(layers), self._extended(gradient)
         if self._varying is None:
             own -= self._mean
@@ -448,21 +449,6 @@ class Windows:
         frame = in_basis(self._basis, self._canvas.crop(images), np)
         around = [(self._step_px, self._step_px + -side % self._step_px) for side in frame.shape[-2:]]
         return np.asarray(np.pad(frame, [(0, 0), (0, 0), *around], mode="symmetric"))
-
-    def _without_slow(self, images: Images) -> Images:
-        """What is fast in canvas images (2, channel, H, W)."""
-        from scipy.fft import irfft2, rfft2
-
-        filtered = self._size.faster(*images.shape[-2:])
-        fast = np.empty_like(images)
-
-        def plane(where: tuple[int, int]) -> None:
-            spectrum = rfft2(images[where])
-            spectrum *= filtered
-            fast[where] = irfft2(spectrum, images.shape[-2:])
-
-        each_plane(plane, images.shape)
-        return fast
 
     def _spectra(self, rows: Images) -> Spectrum:
         """Of a row of windows: (2, channel, side, width) to (2, channel, window, side, side // 2 + 1)."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.inversion import Canvas, ghost_transfer
+from polaropt.inversion import Canvas, ghost_transfer, images_that_tell
 from polaropt.optics import VaryingPSE
 
 Power = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
-# Share of the light from which on a ghost counts.
-_FAINT = 1e-3
 # Places in a window in units of half its side, and their weights: its profile's square there.
 _OFFSETS = np.array([-0.75, -0.25, 0.25, 0.75])
 _WEIGHTS = np.cos(np.pi / 2 * _OFFSETS) ** 2 / 2
@@ -39,15 +37,11 @@ class VaryingInformation:
     """
 
     def __init__(self, pse: VaryingPSE, canvas: Canvas, precision: NDArray[np.float64]) -> None:
-        frame = (canvas.height, canvas.width)
-        mixtures = pse.ghost_mixtures(*frame)
-        light = np.abs(mixtures).max(axis=(0, 1, 3, 4))
-        kept = np.flatnonzero(light > _FAINT * light.max())
-        self._mixtures, self._precision, self._frame = mixtures[:, :, kept], precision, frame
-        places = [pse.displacements(*frame)[k] for k in kept]
+        self._frame, self._precision = (canvas.height, canvas.width), precision
+        self._mixtures, places = images_that_tell(pse, *self._frame)
         # Each image by itself, in place of the entries.
-        weights = np.eye(len(kept))[None].repeat(2, axis=0)
-        moved = ghost_transfer(weights, tuple(places), *canvas.shape)[:, 0]
+        weights = np.eye(len(places))[None].repeat(2, axis=0)
+        moved = ghost_transfer(weights, places, *canvas.shape)[:, 0]
         self.pairs: Spectrum = (moved.conj()[:, None] * moved).reshape(-1, *moved.shape[1:])
 
     def told(self, row: int, columns: NDArray[np.intp], reach_px: int) -> Power:

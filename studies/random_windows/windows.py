@@ -177,7 +177,7 @@ def window_of(number: int, size: int, sensor: Sensor = "", shot_noise: bool = Fa
     if shot_noise:
         white = draft.taking.noise
         dark = white * Dice(number + _OF_LIGHT).in_proportion(DARK_SHARES)
-        draft = _photographed(draft, noise=dark, shot_noise=math.sqrt(white**2 - dark**2))
+        draft = _photographed(draft, noise=dark, shot_noise=white**2 - dark**2)
     told = draft.scene.refractive_index if draft.index_told is None else draft.index_told
     turns = quarters[0] % _QUARTERS, quarters[1] % _QUARTERS
     return Window(number, family, draft.scene, told, draft.taking, pair, turns)

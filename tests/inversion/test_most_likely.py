@@ -18,18 +18,21 @@ def problem_of(size=72, *, color=True, noise=0.005, incidence_deg=35.0, **scene)
     return example, Problem(example.capture, example.scene, noise, Weights())
 
 
+def off_mean_and_pull(problem, layers):
+    """Layers off their mean, in the colour basis, and the slope of the spectral prior there."""
+    known = problem.known
+    own = in_basis(known.basis.astype(np.float32), layers, np) - known.mean
+    return own, irfft2(rfft2(own, norm="ortho") / known.prior, s=problem.canvas.shape, norm="ortho")
+
+
 def slope(problem, layers):
     """Of what the most likely layers minimize, in the colour basis."""
-    known, basis = problem.known, problem.known.basis.astype(np.float32)
-    own = in_basis(basis, layers, np) - known.mean
-    pull = irfft2(rfft2(own, norm="ortho") / known.prior, s=problem.canvas.shape, norm="ortho")
-    return in_basis(basis, problem.slope_of_misfit(layers), np) + pull
+    _, pull = off_mean_and_pull(problem, layers)
+    return in_basis(problem.known.basis.astype(np.float32), problem.slope_of_misfit(layers), np) + pull
 
 
 def value(problem, layers):
-    known, basis = problem.known, problem.known.basis.astype(np.float32)
-    own = in_basis(basis, layers, np) - known.mean
-    pull = irfft2(rfft2(own, norm="ortho") / known.prior, s=problem.canvas.shape, norm="ortho")
+    own, pull = off_mean_and_pull(problem, layers)
     return problem._misfit_of(layers) + 0.5 * float(np.sum(own * pull, dtype=np.float64))
 
 

@@ -31,6 +31,15 @@ def error(layers, truth):
     return [float(np.mean((layers[i] - truth[i])[inner] ** 2)) for i in (0, 1)]
 
 
+def assert_expected_is_nearer(example, problem):
+    """Than the closed form's layers."""
+    truth = example.layers.reshape(2, -1, *problem.capture.shape[-2:])
+    known = error(problem.canvas.crop(problem.known.layers), truth)
+    expected = error(problem.canvas.crop(problem.expected.in_colors(problem.known.basis)), truth)
+    assert expected[0] < known[0]
+    assert expected[1] < known[1]
+
+
 def test_windows_that_overlap_add_up_to_the_frame():
     """What all windows see of an image, put together again, is the image: no window counts twice."""
     _, problem = problem_of(70, 45)
@@ -66,11 +75,7 @@ def test_a_share_that_is_the_same_at_all_frequencies_is_so_on_the_canvas():
 @pytest.mark.parametrize("incidence", [40, 60, 75])
 def test_layers_expected_in_each_place_are_nearer_than_those_of_one_spectrum(incidence, color):
     example, problem = problem_of(128, 128, incidence=incidence, color=color)
-    truth = example.layers.reshape(2, -1, 128, 128)
-    known = error(problem.canvas.crop(problem.known.layers), truth)
-    expected = error(problem.canvas.crop(problem.expected.in_colors(problem.known.basis)), truth)
-    assert expected[0] < known[0]
-    assert expected[1] < known[1]
+    assert_expected_is_nearer(example, problem)
 
 
 def test_what_is_expected_does_not_depend_on_the_start():
@@ -121,11 +126,7 @@ def test_a_pane_that_hardly_varies_tells_windows_what_one_does_that_is_the_same_
 def test_windows_of_a_pane_that_varies_are_nearer_to_the_layers_than_one_spectrum(scene):
     example = blend(50.0, 128, noise=0.005, **scene)
     problem = Problem(example.capture, example.scene, 0.005, Weights())
-    truth = example.layers.reshape(2, -1, 128, 128)
-    known = error(problem.canvas.crop(problem.known.layers), truth)
-    expected = error(problem.canvas.crop(problem.expected.in_colors(problem.known.basis)), truth)
-    assert expected[0] < known[0]
-    assert expected[1] < known[1]
+    assert_expected_is_nearer(example, problem)
 
 
 def test_windows_of_a_pane_that_varies_leave_slow_changes_as_they_are():

@@ -111,7 +111,7 @@ def test_shot_noise_grows_with_the_light_and_is_the_drawn_noise_at_white():
     assert 0 < shot.taking.noise <= plain.taking.noise / 2
     pair, still = shipped_pairs(SIZE, SIZE // 2)[0], Taking(noise=0.0, bits=16)
     light = photograph(pair, shot.scene, still).capture.intensities
-    noisy = photograph(pair, shot.scene, dataclasses.replace(still, shot_noise=0.02)).capture.intensities
+    noisy = photograph(pair, shot.scene, dataclasses.replace(still, shot_noise=0.02**2)).capture.intensities
     bright = light > np.median(light)
     spread = [np.std((noisy - light)[part]) / np.sqrt(light[part].mean()) for part in (bright, ~bright)]
     np.testing.assert_allclose(spread, 0.02, rtol=0.05)
