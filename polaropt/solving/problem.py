@@ -45,6 +45,10 @@ FILLINGS = 2
 # Share of values without trust that the closed form suffers from: set by hand.
 _MUCH = 2e-3
 
+_SLOW_IS_TOLD_DEG = 30.0
+"""Incidence from which on slow changes of what a flat pane mirrors are told. Known panes before photographs that no
+figure is taken of (45 random windows): beyond it both layers gain 0.04 and 0.03 dB, below they lose 0.01 and 0.03."""
+
 
 def worth_filling(capture: Capture) -> bool:
     """Whether so much is missing that a closed form, which cannot leave pixels out, suffers from it."""
@@ -308,9 +312,21 @@ class Problem:
             self.relative_precision(),
             layers,
             varying=self._varying_information(),
+            fast_alone=self.slow_is_known,
             before=None if self._memory is None or layers is not None else self._memory.seen,
             remember=self.remember,
         )
+
+    @property
+    def slow_is_known(self) -> bool:
+        """Whether the closed form tells what is slow so well that windows are shown what is fast alone.
+
+        Not where much was filled in.
+        """
+        if not isinstance(self.pse, PSE):
+            return True
+        oblique = self.scene.values()[0] > _SLOW_IS_TOLD_DEG
+        return oblique and self.capture.samples is None and not worth_filling(self.capture)
 
     def _varying_information(self) -> VaryingInformation | None:
         if isinstance(self.pse, PSE):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters, Weights, simulate
+from polaropt import Capture, SceneParameters, Weights, simulate
 from polaropt.solving.local_spectra import Windows
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
@@ -129,16 +129,27 @@ def test_windows_of_a_pane_that_varies_are_nearer_to_the_layers_than_one_spectru
     assert_expected_is_nearer(example, problem)
 
 
-def test_windows_of_a_pane_that_varies_leave_slow_changes_as_they_are():
+@pytest.mark.parametrize("focal_px", [120.0, None])
+def test_windows_that_are_shown_fast_changes_alone_leave_slow_ones_as_they_are(focal_px):
     """Where photographs tell nothing windows drew what their profile makes of slow changes to nothing: a weave."""
-    example = blend(50.0, 128, noise=0.005, ghost_shift=0.0, focal_px=120.0)
+    example = blend(50.0, 128, noise=0.005, ghost_shift=0.0, focal_px=focal_px)
     problem = Problem(example.capture, example.scene, 0.005, Weights())
-    windows = Windows(problem.known, problem.canvas, varying=problem._varying_information())
+    assert problem.slow_is_known
+    windows = Windows(problem.known, problem.canvas, varying=problem._varying_information(), fast_alone=True)
     slow = np.cos(2 * np.pi * np.arange(problem.canvas.shape[1]) / problem.canvas.shape[1])
     layers = np.ones_like(problem.known.layers) * slow.astype(np.float32)
     nothing = np.zeros_like(windows.means(np.ones((128, 128), np.float32)))
     change = windows.step(layers, np.zeros_like(layers), nothing).change
     assert np.abs(change).max() < 0.01 * np.sqrt(3)
+
+
+def test_windows_are_shown_all_where_slow_changes_are_not_known():
+    near_normal, oblique = (blend(incidence, 64, noise=0.005, ghost_shift=0.0) for incidence in (15.0, 50.0))
+    half = np.repeat(np.arange(64) < 32, 64).reshape(64, 64)
+    photographs = oblique.capture
+    clipped = Capture.of_planes(photographs.intensities, photographs.angles_deg, photographs.mask & half)
+    captures = [(near_normal.capture, near_normal.scene), (clipped, oblique.scene)]
+    assert not any(Problem(*capture, 0.005, Weights()).slow_is_known for capture in captures)
 
 
 def test_windows_that_explain_less_than_the_closed_form_are_left_out(monkeypatch):
@@ -176,7 +187,7 @@ def frames(*shifts):
 def test_a_frame_after_another_needs_one_turn(monkeypatch, shift):
     """With the spectra of the frame before, where it shows the same, it is better than by itself; else as good.
 
-    Where all has moved the reflection is 0.3 dB worse at most.
+    Where all has moved the reflection is 0.5 dB worse at most.
     """
     (first, second), scene = frames(0, shift)
     capture, truth = second
@@ -192,7 +203,7 @@ def test_a_frame_after_another_needs_one_turn(monkeypatch, shift):
     ]
     assert len(counted) == 1 + 3
     assert alone.memory is None
-    worst = np.array([1.0, 1.0] if shift == 0 else [1.03, 10**0.03])
+    worst = np.array([1.0, 1.0] if shift == 0 else [1.03, 10**0.05])
     assert (np.array(errors[0]) < worst * errors[1]).all()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +42,11 @@ class BatchExpectation:
 
 
 def expected_layers(
-    batch: CaptureBatch, known: BatchClosedForm, misfit_gradient: Callable[[Tensor], Tensor], precision: Tensor
+    batch: CaptureBatch,
+    known: BatchClosedForm,
+    misfit_gradient: Callable[[Tensor], Tensor],
+    precision: Tensor,
+    fast_alone: Sequence[bool],
 ) -> BatchExpectation:
     """Layers under spectra of their own in each window, from the closed form on.
 
@@ -54,10 +58,12 @@ def expected_layers(
         Gradient of the photographs' misfit at canvas layers (capture, 2, channel, H, W) in the colour basis.
     precision : Tensor, shape (capture, h or 1, w or 1)
         What a pixel's photographs tell, beside what `known` takes for it.
+    fast_alone : sequence of bool
+        Of which captures windows are shown what is fast alone.
     """
     layers, share, last = known.layers, None, None
     for size, times in ((COARSE, TURNS), (FINE, 1)):
-        last = BatchWindows(batch, known, size)
+        last = BatchWindows(batch, known, size, fast_alone)
         of_windows = last.sure_precision(precision)
         for _ in range(times):
             change, share = last.step(layers, misfit_gradient(layers), of_windows)
@@ -77,11 +83,20 @@ class BatchWindows:
     batch : CaptureBatch
     known : BatchClosedForm
     size : WindowSize
+    fast_alone : sequence of bool
+        Of which captures windows are shown what is fast alone.
     """
 
-    def __init__(self, batch: CaptureBatch, known: BatchClosedForm, size: WindowSize) -> None:
-        self._canvas, self._size, self._mean = batch.canvas, size, known.mean
+    def __init__(
+        self, batch: CaptureBatch, known: BatchClosedForm, size: WindowSize, fast_alone: Sequence[bool]
+    ) -> None:
+        self._batch, self._canvas, self._size = batch, batch.canvas, size
         device = batch.device
+        alone = placed(np.array(fast_alone), device)[:, None, None, None, None]
+        # Without what is slow there is no mean, either.
+        self._mean = torch.where(alone, 0, known.mean)
+        faster = placed(size.faster(*batch.canvas.shape), device)
+        self._shown = torch.where(alone, faster, 1) if any(fast_alone) else None
         profile = size.profile
         self._window = placed(np.outer(profile, profile), device)
         self._fast = placed(size.fast, device)
@@ -122,6 +137,9 @@ class BatchWindows:
         share : Tensor, shape (capture, 2, channel, side, side // 2 + 1)
             How much less is then open than without windows, mean of all.
         """
+        if self._shown is not None:
+            spectra = (self._batch.transformed(images) * self._shown for images in (layers, gradient))
+            layers, gradient = map(self._batch.images, spectra)
         here, down = self._spectra(self._canvas.crop(layers) - self._mean), self._spectra(-self._canvas.crop(gradient))
         power = here.real.square() + here.imag.square()
         stiff_t, stiff_r = (1 / (power[:, i] + self._counted[:, i]).clamp(min=LEAST_POWER) for i in (0, 1))
