@@ -14,7 +14,7 @@ from polaropt import InputError, SceneParameters, separate
 from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
-from polaropt.estimation.flat.window import _Several
+from polaropt.estimation.flat.window import _likelier
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
 from polaropt.estimation.flat.windows.search import (
@@ -24,7 +24,7 @@ from polaropt.estimation.flat.windows.search import (
     equivalent_single,
 )
 from polaropt.estimation.safeguard import with_incidence_checked
-from polaropt.numerics import turn_between
+from polaropt.numerics import jackknife_error, turn_between
 from polaropt.optics import in_place_reflectance
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
@@ -176,13 +176,34 @@ def test_clear_glass_is_not_tinted() -> None:
 FAR, CLOSE = Window(45.0, 0.0, -6.0, n_panes=2), Window(45.0, 0.5, 1.5, n_panes=2)
 
 
-@pytest.mark.parametrize(("window", "sure", "borne_out"), [
-    (FAR, 2.7, False), (FAR, 2.9, True), (CLOSE, -0.1, False), (CLOSE, 0.1, True),
+def judged_as(window: Window, spectra: float, edges: float) -> LikelyWindow:
+    """A window that mean spectra and edges tell by so many standard errors, beside one with none."""
+    scattered = np.array([0.0, 1.0, 2.0])
+    error = jackknife_error(scattered)
+    parts = (-spectra * scattered, -edges * scattered)
+    gains = error * spectra * abs(spectra), error * edges * abs(edges)
+    return LikelyWindow(window, -sum(gains), -gains[0], parts)
+
+
+@pytest.mark.parametrize(("window", "shown", "across", "errors", "likelier"), [
+    (FAR, True, False, (3.0, 1.9, 0.0), False), (FAR, True, False, (3.0, 2.1, 0.0), True),
+    (FAR, True, False, (3.4, -2.0, -2.0), False), (FAR, True, False, (3.6, -2.0, -2.0), True),
+    (FAR, True, False, (2.0, 2.0, 3.9), False), (FAR, True, False, (2.0, 2.5, 3.9), True),
+    (FAR, False, False, (5.0, 1.9, 0.0), False), (FAR, False, False, (5.0, 2.1, 0.0), True),
+    (FAR, True, True, (6.0, 1.9, 0.0), False), (FAR, True, True, (6.0, 2.1, 0.0), True),
+    (CLOSE, True, False, (0.0, 0.7, 0.7), False), (CLOSE, True, False, (0.0, 0.8, 0.8), True),
 ])  # fmt: skip
-def test_the_limit_of_several_panes_that_tiles_bear_out(window: Window, sure: float, borne_out: bool) -> None:
-    axis = SimpleNamespace(surer=lambda window, other: sure)
-    several = _Several(axis, LikelyWindow(window, 0.0, 0.0), None, unseen=False)  # type: ignore[arg-type]
-    assert several.borne_out_beside(Window(57.0, -6.0)) is borne_out
+def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, likelier) -> None:
+    """Standard errors of tiles count once, of mean spectra by half, of edges by a quarter; many of tiles do alone."""
+    tiles, spectra, edges = errors
+    axis = SimpleNamespace(
+        shows=lambda window: shown, tiles_under=lambda window: SimpleNamespace(surer_than=lambda other: tiles)
+    )
+    single = LikelyWindow(Window(57.0, -1.0 if window is CLOSE else -6.0), 0.0, 0.0, (np.zeros(3), np.zeros(3)))
+    beside = SimpleNamespace(tiles_under=axis.tiles_under) if across else axis
+    found = judged_as(window, spectra, edges)
+    assert found.surer_than(single) == pytest.approx((spectra, edges))
+    assert _likelier(axis, found, beside, single) is likelier  # type: ignore[arg-type]
 
 
 def test_a_faint_likeness_far_off_is_no_ghost_of_tinted_glass() -> None:

@@ -62,23 +62,32 @@ _INCIDENCE = NAMES[:1]
 _OVERLAP_WEIGHT = 0.5
 """What a unit of log overlap is worth in log likelihood per frequency."""
 _LEAST_GAIN = 0.003
-"""Score that a window of another kind must gain, and log likelihood that a further pane must."""
-_SURE, _SURE_TOGETHER = 2.0, 3.0
-"""The same in standard errors of what is gained; and those of likelihood and overlap added, by which a pane more shows
-where edges tell little: on the random windows to fit on (`studies.random_windows`, even seeds to 798) windows that the
-photographs tell gain a log likelihood of 0.008 and more, single panes up to 0.0024."""
+"""Score that a single pane of another kind must gain."""
+_SURE = 2.0
+"""The same in standard errors of what is gained."""
+_OF_MEAN_SPECTRA, _OF_EDGES = 0.5, 0.25
+"""What a standard error of mean spectra, and of the edges' overlap, is worth beside one of tiles."""
+_MOST_OF_TILES, _MOST_OF_SPECTRA, _MOST_OF_EDGES = (-9.0, 9.0), (-4.0, 8.0), (-4.0, 4.0)
+"""Standard errors that count."""
+_NEEDED, _NEEDED_IN_NOISE, _NEEDED_ACROSS = 4.0, 6.0, 7.0
+"""Standard errors, all together, by which several panes must be likelier than one: where the noise leaves the edges of
+what they mirror to be seen, where not, and where they lie across the pane that was found. By trial on 124 random
+windows of one pane and 153 of several (`studies.random_windows`, training photographs, even seeds from 9000 to 14120):
+one of the former is taken for several, and of the latter 92 are told so well that their transmission is as bright as it
+is within 3 %."""
 _SURE_OF_CLOSE = 1.5
-"""Those added where all images lie close together, and the single pane's do, too. With pairs of photographs that no
-figure is taken of and those inside scikit-image, two panes at 30 to 70 degrees and single ones at 20 to 80 (shifts of
-1 to 3 px, noise 0.3 to 2 %): all of 18 of two panes have 2.2 and more, of 18 single ones 17 have 0.3 at most."""
+"""Those of mean spectra and edges added where all images lie close together, and the single pane's do, too. With pairs
+of photographs that no figure is taken of and those inside scikit-image, two panes at 30 to 70 degrees and single ones
+at 20 to 80 (shifts of 1 to 3 px, noise 0.3 to 2 %): all of 18 of two panes have 2.2 and more, of 18 single ones 17 have
+0.3 at most."""
+_BEYOND_TURNED = 2.0
+"""Standard errors of tiles and mean spectra by which several panes must be likelier than a single one whose angles
+start elsewhere: 3 of 42 such (photographs that no figure is taken of) look more like two panes than that."""
 _SURER, _SURE_OF_TILES = 1.5, 3.5
 """Standard errors by which tiles must be likelier under one window than under another to be believed against mean
-spectra and edges: between windows of several panes, and between one and several. On random windows of photographs that
-no figure is taken of, several panes that are resolved have 3.7 and more, single ones up to 1.0."""
+spectra and edges: between windows of several panes; and between single ones, or one and several."""
 _BORNE_OUT = 2.8
-"""Standard errors by which tiles must be likelier under several panes that mean spectra show, unless all images lie
-close together: on the random windows to fit on (`studies.random_windows`, even seeds to 898) several panes that only
-spectra and edges tell have 3.1 and more, and seven of eight single ones up to 2.6."""
+"""Standard errors of tiles and edges by which tint must be told where clear glass shows no ghost."""
 _NO_ERROR = 1e-9
 """For none at all, of a frame that is all alike."""
 _LEAST_GAIN_OF_TINT, _SURE_OF_SPECTRA, _SURE_OF_DIMMER = 0.0013, 1.0, 4.0
@@ -96,13 +105,14 @@ _NEAR_DEG, _FARTHEST = 0.7, 2.0
 """Incidences beside a window's at which its overlap is looked at, and steps up to which a parabola is followed."""
 MOST_FOUND = 3
 """Panes of a window that is found: two, and one more; what is told may have more."""
-_DOUBTFUL_MARGIN, _NEARLY_AS_LIKELY = 0.2, 0.03
+_DOUBTFUL_MARGIN, _DOUBTFUL_DEG, _NEARLY_AS_LIKELY = 0.2, 55.0, 0.03
 """Margin of the azimuth's axis up to which the one across is looked at, too, as the single pane that it is of may be
-wrong; and log likelihood that a scan there may lack of the single pane's to be worth a closer look."""
-_FAR_LESS_LIKELY, _LEAST_SEEN = 0.15, 0.005
+wrong, and incidence of that pane from which on it always is: several panes polarize as a steeper one does across. And
+log likelihood that a scan there may lack of the single pane's to be worth a closer look."""
+_FAR_LESS_LIKELY, _LEAST_SEEN = 0.4, 0.005
 """What a single pane across may lack of the log likelihood of the one found for windows across to be scanned, and what
 a scan of two must gain where one without double images was found: on the random windows to fit on, those that are found
-lack up to 0.083 and gain 0.018."""
+gain 0.018."""
 _TURNS = 3
 """In which incidence and shifts are refined."""
 _SEVERAL_WIDER, _TINT_WIDER = 2.0, 3.0
@@ -148,7 +158,7 @@ class _Axis:
         self.likelihood = WindowLikelihood(spectra, asked.index)
         most = largest_search_shift(min(frame.images.shape[-2:]))
         gaps = GapMap(spectra, asked.index, most)
-        self.search = WindowSearch(self.likelihood, gaps, most, asked.index, _told(asked, frame.azimuth_deg))
+        self.search = WindowSearch(self.likelihood, gaps, most, asked.index, _numbers_told(asked, frame.azimuth_deg))
         self._tile_fits: dict[Window, TileFit] = {}
 
     def across(self) -> _Axis:
@@ -271,25 +281,25 @@ class _Axis:
 
     def surer(self, window: Window, other: Window) -> float:
         """Standard errors by which tiles are likelier under one window than under another, each at its incidence."""
-        return self._of_tiles(window).surer_than(self._of_tiles(other))
+        return self.tiles_under(window).surer_than(self.tiles_under(other))
 
     def surer_with_edges(self, window: LikelyWindow, other: LikelyWindow) -> float:
         """The same with the standard errors by which edges overlap less, added."""
-        error = jackknife_error(other.parts[1] - window.parts[1])
-        return self.surer(window.window, other.window) + (other.edges - window.edges) / max(error, _NO_ERROR)
+        return self.surer(window.window, other.window) + window.surer_than(other)[1]
 
     def in_place(self, pane: LikelyWindow) -> LikelyWindow:
         """A pane without its double images."""
         return self.judged(replace(pane.window, pane_shift=0.0)) if pane.window.pane_shift else pane
 
-    def _of_tiles(self, window: Window) -> TileFit:
+    def tiles_under(self, window: Window) -> TileFit:
+        """How likely the tiles are under a window, at the incidence near its own that suits them best."""
         if window not in self._tile_fits:
             free = () if "incidence_deg" in self.search.told else _INCIDENCE
             self._tile_fits[window] = self.tiles.nearest(window, self._asked.index, free)
         return self._tile_fits[window]
 
     def likelier_than_turned(self, found: LikelyWindow) -> bool:
-        """Whether the spectra are clearly likelier than of a single pane whose ghosts lie along a window's gap."""
+        """Whether a window is clearly likelier than a single pane whose ghosts lie along its gap."""
         window = found.window
         single, direction = self.scene(Window(window.incidence_deg, 0.0)).plainest, self.scene(window).gap_azimuth_deg
         apart = math.hypot(window.gap_along, window.gap_across) + _BESIDE_PX
@@ -305,9 +315,8 @@ class _Axis:
         error = jackknife_error(np.array(rest) - found.parts[0])
         tiles = TileLikelihood(self.frame, ghosts_deg=direction)
         turned = tiles.nearest(Window(float(_TURNED_INCIDENCES_DEG[i]), float(shifts[k])), single.index)
-        if self._of_tiles(window).surer_than(turned) < _SURER:
-            return False
-        return bool(misfits[i, k] - found.misfit > max(_LEAST_GAIN, _SURE * error))
+        spectra = float(misfits[i, k] - found.misfit) / max(error, _NO_ERROR)
+        return _told((self.tiles_under(window).surer_than(turned), spectra)) > _BEYOND_TURNED
 
     def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:
         """The better of two single panes, with a ghost where a window's first one lies, or that of its next pane."""
@@ -320,7 +329,7 @@ class _Axis:
         others = [pane.window for pane in panes if apart(pane.window, plain.window) and not _close(pane.window)]
         if not others:
             return plain
-        likeliest = min(others, key=lambda window: self._of_tiles(window).misfit)
+        likeliest = min(others, key=lambda window: self.tiles_under(window).misfit)
         return self.judged(likeliest) if self.surer(likeliest, plain.window) > _SURE_OF_TILES else plain
 
     def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
@@ -359,22 +368,6 @@ class _Axis:
         return minimum_error(list(values.T), step) if self.parts else math.inf
 
 
-def _shows_another(window: LikelyWindow, other: LikelyWindow) -> bool:
-    """Whether a window of a pane more explains the capture clearly better, and its images are seen in the spectra.
-
-    Where more numbers are free, edges overlap less by chance; where layers have edges in common they may overlap more.
-    Images a pixel or two apart hardly change the spectra, but leave edges doubled. They suit few windows: no chance
-    likeness was chosen from many. What lies closer passes for a pane of another index, or a tinted one.
-    """
-    gains = other.misfit - window.misfit, other.edges - window.edges
-    errors = [jackknife_error(b - a) for a, b in zip(window.parts, other.parts, strict=True)]
-    seen, overlap = (gain / max(error, _NO_ERROR) for gain, error in zip(gains, errors, strict=True))
-    if _close(window.window) and HARDLY_PX <= abs(other.window.pane_shift) <= _CLOSE_PX:
-        return bool(seen + overlap > _SURE_OF_CLOSE and window.score < other.score)
-    together = gains[0] > _LEAST_GAIN and seen + overlap > _SURE_TOGETHER and window.score < other.score
-    return seen > _SURE and (together or window.clearly_better(other, _LEAST_GAIN, _SURE))
-
-
 def _shows_across(single: LikelyWindow, plain: LikelyWindow) -> bool:
     """Whether a single pane that lies across explains the capture clearly better.
 
@@ -383,57 +376,50 @@ def _shows_across(single: LikelyWindow, plain: LikelyWindow) -> bool:
     return single.clearly_better(plain, _LEAST_GAIN, _SURE) and not plain.clearly_likelier(single, _SURE)
 
 
-@dataclass(frozen=True)
-class _Several:
-    """A window of several panes that may be the true one.
-
-    Attributes
-    ----------
-    axis : _Axis
-    window : LikelyWindow
-    fewer : Window or None
-        The one with a pane less that it was preferred to.
-    unseen : bool
-        Whether mean spectra do not show it.
-    """
-
-    axis: _Axis
-    window: LikelyWindow
-    fewer: Window | None
-    unseen: bool
-
-    def surer_than(self, single: Window) -> float:
-        """Standard errors by which tiles are likelier under several panes, be it one less; 0 where they cannot tell."""
-        if _close(self.window.window):
-            return 0.0
-        return self._surer_than(single)
-
-    def borne_out_beside(self, single: Window) -> bool:
-        """Whether tiles bear out mean spectra that show several panes."""
-        return self._surer_than(single) > (0.0 if _close(self.window.window) else _BORNE_OUT)
-
-    def _surer_than(self, single: Window) -> float:
-        return max(self.axis.surer(each, single) for each in (self.window.window, self.fewer) if each is not None)
-
-
-def _several(axis: _Axis, plain: LikelyWindow, same: bool, scans: tuple[_Scan, _Scan], unseen: bool) -> _Several:
-    """The best window of two panes, or of one more where a third may show; `same`: whether the pane is of this axis."""
+def _several(axis: _Axis, scans: tuple[_Scan, _Scan]) -> list[LikelyWindow]:
+    """The best windows of two panes, and of three, that may be the true one: the likelier of them first."""
     two, three = scans
-    best = axis.surest(axis.candidates(two))
-    told = best.score < plain.score - _LEAST_GAIN or three.misfit < plain.misfit
-    if not told and not (same and axis.surer(best.window, plain.window) > _SURER):
-        return _Several(axis, best, None, unseen)
-    more = axis.surest(axis.search.with_another(best.window) + axis.candidates(three))
-    sure = 0.0 if _close(more.window) else axis.surer(more.window, best.window)
-    if sure > _SURER or (sure > -_SURER and more.score < best.score - _LEAST_GAIN):
-        return _Several(axis, more, best.window, unseen)
-    return _Several(axis, best, None, unseen)
+    fewer = axis.surest(axis.candidates(two))
+    more = axis.surest(axis.search.with_another(fewer.window) + axis.candidates(three))
+    sure = 0.0 if _close(more.window) else axis.surer(more.window, fewer.window)
+    third = sure > _SURER or (sure > -_SURER and more.score < fewer.score - _LEAST_GAIN)
+    ordered = (more, fewer) if third else (fewer, more)
+    return [window for window in ordered if axis.shows(window.window) or not _close(window.window)]
+
+
+def _told(errors: tuple[float, ...]) -> float:
+    """Standard errors of tiles, mean spectra and edges together."""
+    limits, weights = (_MOST_OF_TILES, _MOST_OF_SPECTRA, _MOST_OF_EDGES), (1.0, _OF_MEAN_SPECTRA, _OF_EDGES)
+    return sum(
+        weight * min(max(error, least), most)
+        for error, weight, (least, most) in zip(errors, weights, limits, strict=False)
+    )
+
+
+def _likelier(axis: _Axis, window: LikelyWindow, beside: _Axis, single: LikelyWindow) -> bool:
+    """Whether a window of several panes is so much likelier than a single pane, of the same axis or of the one across.
+
+    Where more numbers are free, edges overlap less by chance; where layers have edges in common they may overlap more.
+    Images a pixel or two apart hardly change the spectra, but leave edges doubled. They suit few windows: no chance
+    likeness was chosen from many. What lies closer passes for a pane of another index, or a tinted one.
+    """
+    spectra, edges = window.surer_than(single)
+    tiles = axis.tiles_under(window.window).surer_than(beside.tiles_under(single.window))
+    close = _close(window.window) and HARDLY_PX <= abs(single.window.pane_shift) <= _CLOSE_PX
+    if close and axis is beside and spectra + edges > _SURE_OF_CLOSE and window.score < single.score:
+        return True
+    told = _told((tiles, spectra, edges))
+    if axis is not beside:
+        return told > _NEEDED_ACROSS
+    if not axis.shows(window.window):
+        return told > _NEEDED_IN_NOISE
+    return told > _NEEDED or (tiles > _SURE_OF_TILES and not _close(window.window))
 
 
 def _with_panes(
     axes: Sequence[tuple[_Axis, Sequence[float]]], plain: LikelyWindow, found: LikelyWindow
 ) -> tuple[_Axis, LikelyWindow]:
-    """A pane that was found, or the window that is clearly better; with its axis.
+    """A pane that was found, or the window that is clearly likelier; with its axis.
 
     Parameters
     ----------
@@ -444,11 +430,12 @@ def _with_panes(
     found : LikelyWindow
         It, or a tinted one.
     """
-    taken, likely = axes[0][0], list[_Several]()
+    first = taken = axes[0][0]
+    likely, single_across = list[tuple[_Axis, list[LikelyWindow]]](), plain
     for axis, incidences in axes:
-        told = () if axis is not taken else (plain.window,)
+        told = () if axis is not first else (plain.window,)
         singles = axis.search.single(incidences)
-        across = axis is not axes[0][0]
+        across = axis is not first
         if across and singles[0].misfit > plain.misfit + _FAR_LESS_LIKELY:
             continue
         two = axis.scan(2, singles, *told)
@@ -461,26 +448,22 @@ def _with_panes(
             continue
         if across:
             # What looks like several panes there may be a single one.
-            single = axis.best(axis.search.panes(incidences))
-            if _shows_across(single, plain) and single.score < found.score:
-                taken, plain, found = axis, single, single
-        likely.append(_several(axis, plain, axis is taken, (two, three), unseen))
-    for several in sorted(likely, key=lambda one: one.window.score):
-        axis, window = several.axis, several.window
-        if not axis.shows(window.window):
-            continue
-        sure = several.surer_than(plain.window) if axis is taken else 0.0
-        shown = not several.unseen and _shows_another(window, plain) and window.score < found.score
-        shown = shown and (axis is not taken or several.borne_out_beside(plain.window))
-        if sure <= _SURE_OF_TILES and not shown:
+            single_across = axis.best(axis.search.panes(incidences))
+            if _shows_across(single_across, plain) and single_across.score < found.score:
+                taken, found = axis, single_across
+        if windows := _several(axis, (two, three)):
+            likely.append((axis, windows))
+    likely.sort(key=lambda one: one[1][0].score)
+    for axis, window in ((axis, window) for axis, windows in likely for window in windows):
+        if not _likelier(axis, window, first, plain) or (found.window.absorption and window.score > found.score):
             continue
         if _looks_turned(window.window) and not axis.likelier_than_turned(window):
             continue
         # Two thin panes look much like the faces of one, whose ghost may have been missed.
-        single = axis.with_ghost_of(window.window, plain.window)
-        if several.surer_than(single.window) > _SURE_OF_TILES or (shown and _shows_another(window, single)):
+        single = axis.with_ghost_of(window.window, plain.window) if axis is first else single_across
+        if _likelier(axis, window, axis, single):
             return axis, window
-        if single.score < found.score and single.clearly_better(plain, _LEAST_GAIN, _SURE):
+        if axis is first and single.score < found.score and single.clearly_better(plain, _LEAST_GAIN, _SURE):
             return axis, single
     return taken, found
 
@@ -504,7 +487,7 @@ def _tinted_or(axis: _Axis, tinted: LikelyWindow, plain: LikelyWindow) -> Likely
     return clear if axis.surer_with_edges(clear, plain) > _SURE_OF_TILES else plain
 
 
-def _told(asked: SceneParameters, azimuth_deg: float) -> dict[str, Any]:
+def _numbers_told(asked: SceneParameters, azimuth_deg: float) -> dict[str, Any]:
     """Numbers of a window that are not to be found."""
     told = {"incidence_deg": asked.incidence_deg, "pane_shift": asked.ghost_shift, "absorption": asked.absorption}
     if asked.gap_shift is not None:
@@ -526,7 +509,9 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
         an absorption that are given are kept.
     """
     incidence, azimuth, shift = estimate.scene.values()
-    open_panes, doubtful = asked.n_panes is None, asked.azimuth_deg is None and estimate.axis_margin < _DOUBTFUL_MARGIN
+    open_panes = asked.n_panes is None
+    doubtful = estimate.axis_margin < _DOUBTFUL_MARGIN or (open_panes and incidence > _DOUBTFUL_DEG)
+    doubtful &= asked.azimuth_deg is None
     first = _Axis(plate_frame(stokes, azimuth), asked)
     across = first.across() if doubtful else None
     shown = first.shows(Window(incidence, shift))
@@ -587,7 +572,7 @@ def judged_window(frame: PlateFrame, scene: SceneParameters, spectra: CrossSpect
 
 def window_of(scene: SceneParameters, azimuth_deg: float) -> Window:
     """The window that a complete scene is, in the frame of an azimuth that is its own."""
-    return Window(**_told(scene, azimuth_deg), n_panes=scene.n_panes or 1)
+    return Window(**_numbers_told(scene, azimuth_deg), n_panes=scene.n_panes or 1)
 
 
 def window_remark(scene: SceneParameters) -> str:
