@@ -189,7 +189,7 @@ def judged_as(window: Window, spectra: float, edges: float) -> LikelyWindow:
     (FAR, True, False, (3.0, 1.9, 0.0), False), (FAR, True, False, (3.0, 2.1, 0.0), True),
     (FAR, True, False, (3.4, -2.0, -2.0), False), (FAR, True, False, (3.6, -2.0, -2.0), True),
     (FAR, True, False, (2.0, 2.0, 3.9), False), (FAR, True, False, (2.0, 2.5, 3.9), True),
-    (FAR, False, False, (5.0, 1.9, 0.0), False), (FAR, False, False, (5.0, 2.1, 0.0), True),
+    (FAR, False, False, (6.0, 1.9, 0.0), False), (FAR, False, False, (6.0, 2.1, 0.0), True),
     (FAR, True, True, (6.0, 1.9, 0.0), False), (FAR, True, True, (6.0, 2.1, 0.0), True),
     (CLOSE, True, False, (0.0, 0.7, 0.7), False), (CLOSE, True, False, (0.0, 0.8, 0.8), True),
 ])  # fmt: skip
