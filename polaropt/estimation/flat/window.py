@@ -33,7 +33,7 @@ from polaropt.estimation.flat.windows.search import (
     apart,
     equivalent_incidences,
 )
-from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
+from polaropt.estimation.flat.windows.tiles import MOST_ABSORPTION, TileFit, TileLikelihood
 from polaropt.numerics import jackknife_error, left_out, minimum_error, vertex
 from polaropt.optics import (
     INCIDENCE_SEARCH_DEG,
@@ -57,8 +57,10 @@ _BESIDE_PX, _TURNED_INCIDENCES_DEG = np.arange(-2.0, 2.5, 0.5), np.arange(10.0, 
 _MOST_LIKELIEST, _MOST_CANDIDATES = 2, 4
 """How many windows of a scan are looked at closely: the likeliest, and those with the best scores, as patterns make
 many a wrong window likelier than the true one."""
-_INCIDENCE = NAMES[:1]
-"""What edges tell."""
+_INCIDENCE, _OF_TINT = NAMES[:1], ("pane_shift", "absorption")
+"""What edges tell, and what tiles tell of tinted glass beside it."""
+_TRIAL_ABSORPTION = 0.2
+"""From which on tiles are asked for an absorption, at least."""
 _OVERLAP_WEIGHT = 0.5
 """What a unit of log overlap is worth in log likelihood per frequency."""
 _LEAST_GAIN = 0.003
@@ -86,16 +88,13 @@ start elsewhere: 3 of 42 such (photographs that no figure is taken of) look more
 _SURER, _SURE_OF_TILES = 1.5, 3.5
 """Standard errors by which tiles must be likelier under one window than under another to be believed against mean
 spectra and edges: between windows of several panes; and between single ones, or one and several."""
-_BORNE_OUT = 2.8
-"""Standard errors of tiles and edges by which tint must be told where clear glass shows no ghost."""
 _NO_ERROR = 1e-9
 """For none at all, of a frame that is all alike."""
-_LEAST_GAIN_OF_TINT, _SURE_OF_SPECTRA, _SURE_OF_DIMMER = 0.0013, 1.0, 4.0
-"""Log likelihood, and standard errors of it, that tint must gain in mean spectra; and standard errors, those of tiles
-and edges added, by which a ghost that is seen must be dimmer than of clear glass, where `_BORNE_OUT` is for one that
-clear glass does not show there. With pairs of photographs that no figure is taken of and those inside scikit-image
-(shifts of 0 to 9 px, noise 0.07 to 1.2 %) 57 of 162 tinted panes are told, with their ghost at its place, where mean
-spectra alone tell 61; of 288 clear ones 3 are taken for tinted instead of 25."""
+_PROMISING, _LEAST_OF_TILES = 0.5, 2.0
+"""Standard errors by which the tiles' luminance must be likelier under tinted glass than under clear for all to be
+asked, and by which tiles must be, as mean spectra take ghosts that interpolation dims for those of tint; all together
+tint must be told as several panes must. Of 410 random windows of clear glass (`studies.random_windows`, training
+photographs, even seeds from 9000, 20000 and 22000) one is taken for tinted, of 150 of tinted glass 47 are told."""
 _LEAST_ABSORPTION, _LEAST_GHOST_PX = 0.15, 1.25
 """Absorption that may be told at all: interpolation dims ghosts as less tint does; and the shift of a ghost that tells
 it: close ones look like a blurred scene."""
@@ -115,16 +114,24 @@ a scan of two must gain where one without double images was found: on the random
 gain 0.018."""
 _TURNS = 3
 """In which incidence and shifts are refined."""
-_SEVERAL_WIDER, _TINT_WIDER = 2.0, 3.0
-"""What the standard errors of several panes' shifts, and of an absorption, are multiplied by: as they were, 70 and 42 %
-of 43 and 12 true ones lay within two of them (`studies.random_windows`, fit, even seeds from 31000)."""
-_ERROR_STEP_PX, _ERROR_STEP = 0.25, 0.05
-"""Beside a shift and an absorption: where the likelihood is looked at for their standard errors."""
+_SEVERAL_WIDER = 2.0
+"""What the standard errors of several panes' shifts are multiplied by: as they were, 70 % of 43 true ones lay within
+two of them (`studies.random_windows`, fit, even seeds from 31000)."""
+_TINT_WIDER, _LEAST_TINT_ERROR = 3.0, 0.05
+"""What the standard error of an absorption by tiles is multiplied by, and the least that is believed: of the tinted
+panes that are told 9 of 10 lie within two of them."""
+_ERROR_STEP_PX = 0.25
+"""Beside a shift: where the likelihood is looked at for its standard error."""
 
 
 def _close(window: Window) -> bool:
     """Whether images lie so close together that the likelihood hardly tells the incidence."""
     return max(abs(window.pane_shift), abs(window.gap_along), abs(window.gap_across)) <= _CLOSE_PX
+
+
+def _tells_of_tint(window: Window) -> bool:
+    """Whether a tinted pane's ghost lies far enough off, and is dim enough, to tell of tint at all."""
+    return abs(window.pane_shift) >= _LEAST_GHOST_PX and window.absorption >= _LEAST_ABSORPTION
 
 
 def _looks_turned(window: Window) -> bool:
@@ -283,20 +290,36 @@ class _Axis:
         """Standard errors by which tiles are likelier under one window than under another, each at its incidence."""
         return self.tiles_under(window).surer_than(self.tiles_under(other))
 
-    def surer_with_edges(self, window: LikelyWindow, other: LikelyWindow) -> float:
-        """The same with the standard errors by which edges overlap less, added."""
-        return self.surer(window.window, other.window) + window.surer_than(other)[1]
-
-    def in_place(self, pane: LikelyWindow) -> LikelyWindow:
-        """A pane without its double images."""
-        return self.judged(replace(pane.window, pane_shift=0.0)) if pane.window.pane_shift else pane
-
     def tiles_under(self, window: Window) -> TileFit:
         """How likely the tiles are under a window, at the incidence near its own that suits them best."""
         if window not in self._tile_fits:
             free = () if "incidence_deg" in self.search.told else _INCIDENCE
             self._tile_fits[window] = self.tiles.nearest(window, self._asked.index, free)
         return self._tile_fits[window]
+
+    def nearest_by_tiles(self, window: Window, names: tuple[str, ...], tiles: TileLikelihood | None = None) -> TileFit:
+        """The likeliest window near one given tiles, as far as its incidence and some other numbers are open."""
+        free = tuple(name for name in (*_INCIDENCE, *names) if name not in self.search.told)
+        return (tiles or self.tiles).nearest(window, self._asked.index, free)
+
+    def tinted_near(self, starts: Sequence[Window], clear: Window) -> TileFit | None:
+        """The tinted pane near some that tiles find likeliest; None where they hardly tell of tint, or noise drowns it.
+
+        A glance at the tiles' luminance leaves most panes out.
+        """
+        if not self.shows(clear):
+            return None
+        places = [*starts, *([replace(clear, absorption=_TRIAL_ABSORPTION)] if clear.pane_shift else [])]
+        from_glass = [replace(place, absorption=max(place.absorption, _TRIAL_ABSORPTION)) for place in places]
+        glances = [self.nearest_by_tiles(place, _OF_TINT, self._glance) for place in from_glass]
+        told = [fit for fit in glances if _tells_of_tint(fit.window)]
+        if not told:
+            return None
+        best = min(told, key=lambda fit: fit.misfit)
+        if best.surer_than(self._glance.fitted(clear, self._asked.index)) < _PROMISING:
+            return None
+        found = self.nearest_by_tiles(best.window, _OF_TINT)
+        return found if _tells_of_tint(found.window) else None
 
     def likelier_than_turned(self, found: LikelyWindow) -> bool:
         """Whether a window is clearly likelier than a single pane whose ghosts lie along its gap."""
@@ -316,7 +339,7 @@ class _Axis:
         tiles = TileLikelihood(self.frame, ghosts_deg=direction)
         turned = tiles.nearest(Window(float(_TURNED_INCIDENCES_DEG[i]), float(shifts[k])), single.index)
         spectra = float(misfits[i, k] - found.misfit) / max(error, _NO_ERROR)
-        return _told((self.tiles_under(window).surer_than(turned), spectra)) > _BEYOND_TURNED
+        return _together((self.tiles_under(window).surer_than(turned), spectra)) > _BEYOND_TURNED
 
     def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:
         """The better of two single panes, with a ghost where a window's first one lies, or that of its next pane."""
@@ -325,12 +348,17 @@ class _Axis:
         return self.best([self.search.refined(start, ROUGH_SWEEPS) for start in starts])
 
     def with_surer_ghosts(self, panes: Sequence[LikelyWindow], plain: LikelyWindow) -> LikelyWindow:
-        """A single pane, or that of some whose ghosts lie elsewhere under which the tiles are surely likelier."""
+        """A single pane, or that of some whose ghosts lie elsewhere that is so much likelier as several panes must be.
+
+        Of 131 random windows in place (`studies.random_windows`, training photographs, even seeds from 20000) ghosts
+        are told by 2 standard errors at most.
+        """
         others = [pane.window for pane in panes if apart(pane.window, plain.window) and not _close(pane.window)]
         if not others:
             return plain
-        likeliest = min(others, key=lambda window: self.tiles_under(window).misfit)
-        return self.judged(likeliest) if self.surer(likeliest, plain.window) > _SURE_OF_TILES else plain
+        likeliest = self.judged(min(others, key=lambda window: self.tiles_under(window).misfit))
+        tiles = self.surer(likeliest.window, plain.window)
+        return likeliest if _together((tiles, *likeliest.surer_than(plain))) > _NEEDED else plain
 
     def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
         """The scene near a window, its incidence where the layers' edges overlap least, and standard errors."""
@@ -345,27 +373,35 @@ class _Axis:
                 window = self.search.refined(moved, ROUGH_SWEEPS, kept=_INCIDENCE).window
 
         def shift_error(name: str) -> float | None:
-            error = self._error(window, name, _ERROR_STEP_PX)
+            error = self._shift_error(window, name)
             return None if error is None else widened_shift(error) * (_SEVERAL_WIDER if window.n_panes > 1 else 1.0)
 
-        of_tint = self._error(window, "absorption", _ERROR_STEP) if window.absorption else None
-
+        of_tint = None
+        if window.absorption and "absorption" not in self.search.told:
+            window, of_tint = self._with_tint(window)
         errors = SceneErrors(
             incidence_deg=None if error is None else widened_incidence(error),
             ghost_shift=shift_error("pane_shift"),
             gap_shift=shift_error("gap_along") if window.n_panes > 1 else None,
-            absorption=None if of_tint is None else _TINT_WIDER * of_tint,
+            absorption=of_tint,
         )
         return self.scene(window), errors
 
-    def _error(self, window: Window, name: str, step: float) -> float | None:
-        """Standard error of one number of a window, by leaving parts of the frame out; None where it is told."""
+    def _with_tint(self, window: Window) -> tuple[Window, float]:
+        """A tinted pane with the ghost and the absorption that tiles tell at its incidence, and the standard error."""
+        free = tuple(name for name in _OF_TINT if name not in self.search.told)
+        fit = self.tiles.nearest(window, self._asked.index, free)
+        error = float(self.tiles.errors(fit, free)[free.index("absorption")])
+        return fit.window, min(math.hypot(_TINT_WIDER * error, _LEAST_TINT_ERROR), MOST_ABSORPTION)
+
+    def _shift_error(self, window: Window, name: str) -> float | None:
+        """Standard error of one shift of a window, by leaving parts of the frame out; None where it is told."""
         if name in self.search.told:
             return None
-        here = max(getattr(window, name), step) if name == "absorption" else getattr(window, name)
-        near = [replace(window, **{name: here + move}) for move in (-step, 0.0, step)]
+        moves = (-_ERROR_STEP_PX, 0.0, _ERROR_STEP_PX)
+        near = [replace(window, **{name: getattr(window, name) + move}) for move in moves]
         values = np.array([part.misfit(near) for part in self.parts])
-        return minimum_error(list(values.T), step) if self.parts else math.inf
+        return minimum_error(list(values.T), _ERROR_STEP_PX) if self.parts else math.inf
 
 
 def _shows_across(single: LikelyWindow, plain: LikelyWindow) -> bool:
@@ -387,7 +423,7 @@ def _several(axis: _Axis, scans: tuple[_Scan, _Scan]) -> list[LikelyWindow]:
     return [window for window in ordered if axis.shows(window.window) or not _close(window.window)]
 
 
-def _told(errors: tuple[float, ...]) -> float:
+def _together(errors: tuple[float, ...]) -> float:
     """Standard errors of tiles, mean spectra and edges together."""
     limits, weights = (_MOST_OF_TILES, _MOST_OF_SPECTRA, _MOST_OF_EDGES), (1.0, _OF_MEAN_SPECTRA, _OF_EDGES)
     return sum(
@@ -408,7 +444,7 @@ def _likelier(axis: _Axis, window: LikelyWindow, beside: _Axis, single: LikelyWi
     close = _close(window.window) and HARDLY_PX <= abs(single.window.pane_shift) <= _CLOSE_PX
     if close and axis is beside and spectra + edges > _SURE_OF_CLOSE and window.score < single.score:
         return True
-    told = _told((tiles, spectra, edges))
+    told = _together((tiles, spectra, edges))
     if axis is not beside or not axis.shows(window.window):
         return told > _NEEDED_IN_DOUBT
     return told > _NEEDED or (tiles > _SURE_OF_TILES and not _close(window.window))
@@ -466,23 +502,18 @@ def _with_panes(
     return taken, found
 
 
-def _tinted_or(axis: _Axis, tinted: LikelyWindow, plain: LikelyWindow) -> LikelyWindow:
-    """A clear pane, or the tinted one where its ghost lies so far off, and is so much dimmer, that it tells of tint.
-
-    Mean spectra alone do not: patterns mimic a dim ghost, and interpolation dims one of clear glass.
-    """
-    window = tinted.window
-    seen = abs(window.pane_shift) >= _LEAST_GHOST_PX and window.absorption >= _LEAST_ABSORPTION
-    likelier = plain.misfit - tinted.misfit > _LEAST_GAIN_OF_TINT and tinted.clearly_likelier(plain, _SURE_OF_SPECTRA)
-    if not (seen and likelier and tinted.score < plain.score):
+def _tinted_or(axis: _Axis, starts: Sequence[Window], plain: LikelyWindow) -> LikelyWindow:
+    """A clear pane, or a tinted one whose ghost lies so far off, and is so much dimmer, that it tells of tint."""
+    tinted = axis.tinted_near(starts, plain.window)
+    if tinted is None:
         return plain
-    if any(axis.surer_with_edges(tinted, pane) <= _SURER for pane in (plain, axis.in_place(plain))):
-        return plain
-    clear = axis.judged(replace(window, absorption=0.0))
-    least = _BORNE_OUT if apart(window, plain.window) else _SURE_OF_DIMMER
-    if axis.surer_with_edges(tinted, clear) > least:
-        return tinted
-    return clear if axis.surer_with_edges(clear, plain) > _SURE_OF_TILES else plain
+    clear = axis.judged(axis.nearest_by_tiles(replace(tinted.window, absorption=0.0), ("pane_shift",)).window)
+    panes = [clear, plain, *([axis.judged(replace(plain.window, pane_shift=0.0))] if plain.window.pane_shift else [])]
+    likeliest = min(panes, key=lambda pane: axis.tiles_under(pane.window).misfit)
+    judged = axis.judged(tinted.window)
+    tiles = tinted.surer_than(axis.tiles_under(likeliest.window))
+    told = tiles > _LEAST_OF_TILES and _together((tiles, *judged.surer_than(likeliest))) > _NEEDED
+    return judged if told else plain
 
 
 def _numbers_told(asked: SceneParameters, azimuth_deg: float) -> dict[str, Any]:
@@ -520,14 +551,13 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     if open_panes or asked.n_panes == 1:
         plains = {Window(incidence, px, absorption=asked.absorption or 0.0) for px in (shift, 0.0)}
         before = plain = min((first.judged(window) for window in plains), key=lambda judged: judged.score)
+        of_tint = asked.absorption is None and (shown or not open_panes)
+        tinted = [near.window for near in first.search.tinted(incidence)] if of_tint else []
         if shown:
-            plain = first.with_surer_ghosts(first.search.panes((incidence,)), plain)
-        found, taken = plain, first
-        if asked.absorption is None and (shown or not open_panes):
-            tinted = [first.judged(near.window) for near in first.search.tinted(incidence)]
-            # Beside a ghost that clear glass explains better a tinted one is none.
-            likeliest = min(tinted, key=lambda judged: judged.score, default=plain)
-            found = _tinted_or(first, likeliest, plain)
+            # A dim ghost that is looked for may be one of clear glass.
+            clear = [LikelyWindow(replace(window, absorption=0.0), math.inf, math.inf) for window in tinted]
+            plain = first.with_surer_ghosts([*first.search.panes((incidence,)), *clear], plain)
+        found, taken = _tinted_or(first, tinted, plain) if of_tint else plain, first
         if open_panes:
             taken, found = _with_panes(axes, plain, found)
         if found is before:
@@ -538,6 +568,10 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
         pairs = [(axis, axis.best(axis.candidates(scan))) for axis, scan in scans]
         taken, found = min(pairs, key=lambda pair: pair[1].score)
     scene, errors = taken.refined(found.window)
+    tint_found = bool(found.window.absorption) and asked.absorption is None
+    if tint_found and not _tells_of_tint(window_of(scene, taken.frame.azimuth_deg)):
+        # At the incidence that edges tell no ghost tells of tint.
+        return estimate
     errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
     return replace(estimate, scene=scene, errors=errors, axis_chance=0.0, axis_gain_db=math.inf, rivals=())
 

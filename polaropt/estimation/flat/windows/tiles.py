@@ -41,6 +41,8 @@ Values = NDArray[np.float64]
 Powers = NDArray[np.float32]
 """Of both layers in every tile and colour, reflection first, in units of natural images' power: (2, cell, tile)."""
 
+MOST_ABSORPTION = 1.6
+"""Absorption up to which tint is told: a fifth of the light passes. Set by hand."""
 _BAND, _PER_CELL = 0.4, 10
 """Width of a ring of frequencies, in natural logarithm of their radius, and how many frequencies a cell of it holds:
 with smooth spectra of 12 powers (3 radii, 4 directions) in the place of such cells single panes pass for several."""
@@ -209,6 +211,7 @@ class TileLikelihood:
 _SEARCH = {
     "incidence_deg": (0.6, *INCIDENCE_SEARCH_DEG),
     "pane_shift": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
+    "absorption": (0.1, 0.0, MOST_ABSORPTION),
 }
 """Step, and least and greatest value, of what is searched. Set by hand."""
 _TURNS, _AT_REST = 4, 0.1
