@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,9 @@ edges of what they mirror to be seen, or where they lie across the pane that was
 of one pane and 153 of several (`studies.random_windows`, training photographs, even seeds from 9000 to 14120): one of
 the former is taken for several, and of the latter 92 are told so well that their transmission is as bright as it is
 within 3 %. Of 110 others of one pane at 10 to 33 degrees (even seeds from 17400) noise tells several by 6.5 at most."""
+_LEAST_DEG = 12.0
+"""Incidence beyond which they are told in noise: nearer to the normal, where a warning says that hardly anything is,
+chance windows of that many numbers suit noise best. Set by hand."""
 _SURE_OF_CLOSE = 1.5
 """Those of mean spectra and edges added where all images lie close together, and the single pane's do, too. With pairs
 of photographs that no figure is taken of and those inside scikit-image, two panes at 30 to 70 degrees and single ones
@@ -342,10 +346,15 @@ class _Axis:
         return _together((self.tiles_under(window).surer_than(turned), spectra)) > _BEYOND_TURNED
 
     def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:
-        """The better of two single panes, with a ghost where a window's first one lies, or that of its next pane."""
+        """The single pane that tiles find likeliest with a ghost where a window's first one lies, or its next pane's.
+
+        Begun where the window stands, too: a ghost that was missed may have misled the single pane's incidence.
+        """
         shifts = window.pane_shift, window.pane_shift + window.gap_along
-        starts = (replace(single, pane_shift=shift) for shift in shifts)
-        return self.best([self.search.refined(start, ROUGH_SWEEPS) for start in starts])
+        angles = single.incidence_deg, window.incidence_deg
+        starts = (replace(single, incidence_deg=angle, pane_shift=shift) for angle, shift in product(angles, shifts))
+        near = [self.search.refined(start, ROUGH_SWEEPS).window for start in starts]
+        return self.judged(min(near, key=lambda pane: self.tiles_under(pane).misfit))
 
     def with_surer_ghosts(self, panes: Sequence[LikelyWindow], plain: LikelyWindow) -> LikelyWindow:
         """A single pane, or that of some whose ghosts lie elsewhere that is so much likelier as several panes must be.
@@ -357,8 +366,7 @@ class _Axis:
         if not others:
             return plain
         likeliest = self.judged(min(others, key=lambda window: self.tiles_under(window).misfit))
-        tiles = self.surer(likeliest.window, plain.window)
-        return likeliest if _together((tiles, *likeliest.surer_than(plain))) > _NEEDED else plain
+        return likeliest if _is_told(self, likeliest, plain) else plain
 
     def refined(self, window: Window) -> tuple[SceneParameters, SceneErrors]:
         """The scene near a window, its incidence where the layers' edges overlap least, and standard errors."""
@@ -420,7 +428,12 @@ def _several(axis: _Axis, scans: tuple[_Scan, _Scan]) -> list[LikelyWindow]:
     sure = 0.0 if _close(more.window) else axis.surer(more.window, fewer.window)
     third = sure > _SURER or (sure > -_SURER and more.score < fewer.score - _LEAST_GAIN)
     ordered = (more, fewer) if third else (fewer, more)
-    return [window for window in ordered if axis.shows(window.window) or not _close(window.window)]
+    return [window for window in ordered if axis.shows(window.window) or _is_told_in_noise(window.window)]
+
+
+def _is_told_in_noise(window: Window) -> bool:
+    """Whether several panes may be told where the noise leaves no edges of what they mirror to be seen."""
+    return not _close(window) and window.incidence_deg > _LEAST_DEG
 
 
 def _together(errors: tuple[float, ...]) -> float:
@@ -430,6 +443,12 @@ def _together(errors: tuple[float, ...]) -> float:
         weight * min(max(error, least), most)
         for error, weight, (least, most) in zip(errors, weights, limits, strict=False)
     )
+
+
+def _is_told(axis: _Axis, window: LikelyWindow, other: LikelyWindow) -> bool:
+    """Whether all together tell a window beside another of its axis, or tiles alone."""
+    tiles = axis.surer(window.window, other.window)
+    return tiles > _SURE_OF_TILES or _together((tiles, *window.surer_than(other))) > _NEEDED
 
 
 def _likelier(axis: _Axis, window: LikelyWindow, beside: _Axis, single: LikelyWindow) -> bool:
@@ -497,7 +516,8 @@ def _with_panes(
         single = axis.with_ghost_of(window.window, plain.window) if axis is first else single_across
         if _likelier(axis, window, axis, single):
             return axis, window
-        if axis is first and single.score < found.score and single.clearly_better(plain, _LEAST_GAIN, _SURE):
+        better = single.score < found.score and single.clearly_better(plain, _LEAST_GAIN, _SURE)
+        if axis is first and (better or _is_told(axis, single, plain)):
             return axis, single
     return taken, found
 
