@@ -234,9 +234,9 @@ def expected_layers(
     """
     light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
     if before is None:
-        last, changed = Windows(known, canvas, FINE, varying, fast_alone=fast_alone), None
-        coarse = partial(Windows, known, canvas, COARSE, varying, fast_alone=fast_alone)
-        turns = [(coarse(), TURNS), (last, 1)] if layers is None else [(last, 1)]
+        sizes = [(COARSE, TURNS), (FINE, 1)] if layers is None else [(FINE, 1)]
+        turns = [(Windows(known, canvas, size, varying, fast_alone=fast_alone), times) for size, times in sizes]
+        last, changed = turns[-1][0], None
     else:
         last = before.windows
         turns, changed = [(last, 1)], before.changed(light, known.variance[:, 0], last.means(precision))
@@ -298,6 +298,8 @@ class Windows:
     size : WindowSize
     varying : VaryingInformation, optional
         What photographs tell in each place. Default: the same everywhere, which `known` says.
+    fast_alone : bool
+        Whether they are shown what is fast alone.
     """
 
     def __init__(

@@ -27,6 +27,7 @@ from polaropt.estimation.flat.windows.likelihood import DETAIL, Window, WindowLi
 from polaropt.estimation.flat.windows.search import (
     MOST_STARTS,
     NAMES,
+    NO_ERROR,
     ROUGH_SWEEPS,
     ROUNDS,
     LikelyWindow,
@@ -60,8 +61,8 @@ _MOST_LIKELIEST, _MOST_CANDIDATES = 2, 4
 many a wrong window likelier than the true one."""
 _INCIDENCE, _OF_TINT = NAMES[:1], ("pane_shift", "absorption")
 """What edges tell, and what tiles tell of tinted glass beside it."""
-_TRIAL_ABSORPTION = 0.2
-"""From which on tiles are asked for an absorption, at least."""
+_FIRST_ABSORPTION = 0.2
+"""From which on tiles are asked for an absorption, at least. Set by hand."""
 _OVERLAP_WEIGHT = 0.5
 """What a unit of log overlap is worth in log likelihood per frequency."""
 _LEAST_GAIN = 0.003
@@ -92,13 +93,12 @@ start elsewhere: 3 of 42 such (photographs that no figure is taken of) look more
 _SURER, _SURE_OF_TILES = 1.5, 3.5
 """Standard errors by which tiles must be likelier under one window than under another to be believed against mean
 spectra and edges: between windows of several panes; and between single ones, or one and several."""
-_NO_ERROR = 1e-9
-"""For none at all, of a frame that is all alike."""
 _PROMISING, _LEAST_OF_TILES = 0.5, 2.0
 """Standard errors by which the tiles' luminance must be likelier under tinted glass than under clear for all to be
 asked, and by which tiles must be, as mean spectra take ghosts that interpolation dims for those of tint; all together
-tint must be told as several panes must. Of 410 random windows of clear glass (`studies.random_windows`, training
-photographs, even seeds from 9000, 20000 and 22000) one is taken for tinted, of 150 of tinted glass 47 are told."""
+tint must be told as several panes must. Of some 400 random windows of clear glass (`studies.random_windows`,
+training photographs, even seeds from 9000, 20000 and 22000) one is taken for tinted, of 150 of tinted glass about 45
+are told."""
 _LEAST_ABSORPTION, _LEAST_GHOST_PX = 0.15, 1.25
 """Absorption that may be told at all: interpolation dims ghosts as less tint does; and the shift of a ghost that tells
 it: close ones look like a blurred scene."""
@@ -313,9 +313,9 @@ class _Axis:
         """
         if not self.shows(clear):
             return None
-        places = [*starts, *([replace(clear, absorption=_TRIAL_ABSORPTION)] if clear.pane_shift else [])]
-        from_glass = [replace(place, absorption=max(place.absorption, _TRIAL_ABSORPTION)) for place in places]
-        glances = [self.nearest_by_tiles(place, _OF_TINT, self._glance) for place in from_glass]
+        places = [*starts, *([clear] if clear.pane_shift else [])]
+        dark = [replace(place, absorption=max(place.absorption, _FIRST_ABSORPTION)) for place in places]
+        glances = [self.nearest_by_tiles(place, _OF_TINT, self._glance) for place in dark]
         told = [fit for fit in glances if _tells_of_tint(fit.window)]
         if not told:
             return None
@@ -342,7 +342,7 @@ class _Axis:
         error = jackknife_error(np.array(rest) - found.parts[0])
         tiles = TileLikelihood(self.frame, ghosts_deg=direction)
         turned = tiles.nearest(Window(float(_TURNED_INCIDENCES_DEG[i]), float(shifts[k])), single.index)
-        spectra = float(misfits[i, k] - found.misfit) / max(error, _NO_ERROR)
+        spectra = float(misfits[i, k] - found.misfit) / max(error, NO_ERROR)
         return _together((self.tiles_under(window).surer_than(turned), spectra)) > _BEYOND_TURNED
 
     def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:
@@ -356,13 +356,13 @@ class _Axis:
         near = [self.search.refined(start, ROUGH_SWEEPS).window for start in starts]
         return self.judged(min(near, key=lambda pane: self.tiles_under(pane).misfit))
 
-    def with_surer_ghosts(self, panes: Sequence[LikelyWindow], plain: LikelyWindow) -> LikelyWindow:
+    def with_surer_ghosts(self, panes: Sequence[Window], plain: LikelyWindow) -> LikelyWindow:
         """A single pane, or that of some whose ghosts lie elsewhere that is so much likelier as several panes must be.
 
         Of 131 random windows in place (`studies.random_windows`, training photographs, even seeds from 20000) ghosts
         are told by 2 standard errors at most.
         """
-        others = [pane.window for pane in panes if apart(pane.window, plain.window) and not _close(pane.window)]
+        others = [pane for pane in panes if apart(pane, plain.window) and not _close(pane)]
         if not others:
             return plain
         likeliest = self.judged(min(others, key=lambda window: self.tiles_under(window).misfit))
@@ -575,8 +575,9 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
         tinted = [near.window for near in first.search.tinted(incidence)] if of_tint else []
         if shown:
             # A dim ghost that is looked for may be one of clear glass.
-            clear = [LikelyWindow(replace(window, absorption=0.0), math.inf, math.inf) for window in tinted]
-            plain = first.with_surer_ghosts([*first.search.panes((incidence,)), *clear], plain)
+            clear = [replace(window, absorption=0.0) for window in tinted]
+            panes = [near.window for near in first.search.panes((incidence,))]
+            plain = first.with_surer_ghosts([*panes, *clear], plain)
         found, taken = _tinted_or(first, tinted, plain) if of_tint else plain, first
         if open_panes:
             taken, found = _with_panes(axes, plain, found)

@@ -95,8 +95,9 @@ class BatchWindows:
         alone = placed(np.array(fast_alone), device)[:, None, None, None, None]
         # Without what is slow there is no mean, either.
         self._mean = torch.where(alone, 0, known.mean)
-        faster = placed(size.faster(*batch.canvas.shape), device)
-        self._shown = torch.where(alone, faster, 1) if any(fast_alone) else None
+        self._shown = None
+        if any(fast_alone):
+            self._shown = torch.where(alone, placed(size.faster(*batch.canvas.shape), device), 1)
         profile = size.profile
         self._window = placed(np.outer(profile, profile), device)
         self._fast = placed(size.fast, device)

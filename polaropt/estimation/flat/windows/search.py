@@ -40,7 +40,7 @@ _FIRST_STEPS = (2.0, 0.5, 0.5, 0.5, 0.1)
 _CLOSER, ROUGH_SWEEPS, _SWEEPS = 0.5, 3, 4
 """What steps are multiplied by from sweep to sweep, and the number of sweeps."""
 NAMES = ("incidence_deg", "pane_shift", "gap_along", "gap_across", "absorption")
-_NO_ERROR = 1e-9
+NO_ERROR = 1e-9
 """For none at all, of a frame that is all alike."""
 _WEAK_PRIOR = 0.002
 """Of a squared absorption, in log likelihood: dim ghosts hardly tell how dark the glass is. By trial."""
@@ -78,7 +78,7 @@ class LikelyWindow:
         """Standard errors by which the spectra are likelier than under another, and by which edges overlap less."""
         gains = other.misfit - self.misfit, other.edges - self.edges
         errors = [jackknife_error(b - a) for a, b in zip(self.parts, other.parts, strict=True)]
-        spectra, edges = (float(gain / max(error, _NO_ERROR)) for gain, error in zip(gains, errors, strict=True))
+        spectra, edges = (float(gain / max(error, NO_ERROR)) for gain, error in zip(gains, errors, strict=True))
         return spectra, edges
 
 
