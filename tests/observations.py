@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import torch
@@ -41,7 +41,7 @@ class Mixtures:
 
     mixing = torch.tensor([[0.45, 0.05], [0.3, 0.2]])
 
-    def samples(self, numbers: range) -> Iterator[Sample]:
+    def samples(self, numbers: Sequence[int]) -> Iterator[Sample]:
         return map(self.sample, numbers)
 
     def sample(self, number: int) -> Sample:

@@ -258,3 +258,18 @@ def test_smooth_scenes_have_no_false_polarization(tmp_path):
     write_png(tmp_path / "a.png", np.round(65535 * raw).astype(np.uint16))
     s0, s1, s2 = read_capture(tmp_path / "a.png", sensor="mono").stokes
     assert np.quantile(np.hypot(s1, s2) / s0, 0.95) < 0.02
+
+
+def test_truer_layers_of_a_mosaic_are_taken_though_they_follow_less_of_its_noise(tmp_path):
+    # The closed form of a mosaic follows half of the noise, having more values than there are samples.
+    path, truth = mosaic_file(tmp_path, False)
+    problem = Problem(read_capture(path, sensor="mono"), SCENE, NOISE, Weights())
+    before = problem.best_known()
+    darker = truth * np.array([1, 0.6])[:, None, None]
+    problem.expect_around(problem.canvas.continued(darker[:, None].astype(np.float32)))
+    np.testing.assert_array_equal(problem.best_known(), before)
+    softer = gaussian_filter(truth, (0, 0.8, 0.8))
+    problem.expect_around(problem.canvas.continued(softer[:, None].astype(np.float32)))
+    found = problem.best_known()
+    first, better = (psnr_db(problem.canvas.crop(layers)[1, 0], truth[1], 16) for layers in (before, found))
+    assert better > first + 2

@@ -17,6 +17,8 @@ Array = NDArray[Any]
 
 LANES = 16
 """Groups that are worked on side by side: a few vectors of the processor. By trial."""
+# Of a number in single precision.
+_ROUNDING = np.finfo(np.float32).eps
 
 
 @compiled
@@ -58,9 +60,17 @@ def _covariance(combs: Array, power: Array, first: int, noise: Any, re: Array, i
 
 
 @compiled
-def _factorize(re: Array, im: Array, inverse: Array) -> None:
-    """Cholesky's factor in place of the lower triangle; `inverse` (n, lane) of its diagonal."""
+def _factorize(re: Array, im: Array, noise: Any, inverse: Array) -> None:
+    """Cholesky's factor in place of the lower triangle; `inverse` (n, lane) of its diagonal.
+
+    What is left of the diagonal is the noise at least. Where it is less, or less than its own rounding, the sample says
+    what others have said: nothing of it goes to those after it, where it would be magnified without bounds.
+    """
     n, lanes = re.shape[0], re.shape[2]
+    news = np.empty(lanes, np.float32)
+    for j in range(n):
+        for x in range(lanes):
+            inverse[j, x] = max(_ROUNDING * re[j, j, x], noise)
     for j in range(n):
         for k in range(j):
             a, b = re[j, k], im[j, k]
@@ -70,11 +80,14 @@ def _factorize(re: Array, im: Array, inverse: Array) -> None:
                     out_re[x] -= c[x] * a[x] + d[x] * b[x]
                     out_im[x] -= d[x] * a[x] - c[x] * b[x]
         for x in range(lanes):
-            inverse[j, x] = 1 / np.sqrt(max(re[j, j, x], np.float32(1e-30)))
-        for m in range(j, n):
+            least = inverse[j, x]
+            inverse[j, x] = 1 / np.sqrt(max(re[j, j, x], least))
+            news[x] = inverse[j, x] if re[j, j, x] >= least else 0
+            re[j, j, x] = 1 / inverse[j, x]
+        for m in range(j + 1, n):
             for x in range(lanes):
-                re[m, j, x] *= inverse[j, x]
-                im[m, j, x] *= inverse[j, x]
+                re[m, j, x] *= news[x]
+                im[m, j, x] *= news[x]
 
 
 @compiled
@@ -123,7 +136,7 @@ def explained(combs: Array, power: Array, noise: Any, data: Array, out: Array, t
     w_re, w_im = np.empty((n_entries, n, lanes), np.float32), np.empty((n_entries, n, lanes), np.float32)
     for first in range(0, data.shape[1], lanes):
         _covariance(combs, power, first, noise, re, im)
-        _factorize(re, im, inverse)
+        _factorize(re, im, noise, inverse)
         for m in range(n):
             for x in range(lanes):
                 v_re[m, x] = data[m, first + x].real
@@ -179,7 +192,7 @@ def filter_rows(combs: Array, power: Array, noise: Any, seen: Array, out: Array)
     p_re, p_im = np.empty(lanes, np.float32), np.empty(lanes, np.float32)
     for first in range(0, seen.shape[1], lanes):
         _covariance(combs, power, first, noise, re, im)
-        _factorize(re, im, inverse)
+        _factorize(re, im, noise, inverse)
         for c in range(n_colors):
             for s in range(n_entries):
                 # The covariance of samples is its own conjugate transpose: what is solved for is the conjugate.

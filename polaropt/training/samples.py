@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 _AHEAD = 8
 
 
-def in_processes(sample: Callable[[int], Any], numbers: range, workers: int) -> Iterator[Any]:
+def in_processes(sample: Callable[[int], Any], numbers: Sequence[int], workers: int) -> Iterator[Any]:
     """What `sample` makes of each number, in their order.
 
     Parameters
     ----------
     sample : callable
         Sent to every process.
-    numbers : range
+    numbers : sequence of int
     workers : int
         Processes; each works up to 8 samples ahead.
     """
@@ -188,8 +188,8 @@ class TrainingData:
         whole = size % _PATTERN_PX == 0 and size >= SMALLEST_SIDE * _PATTERN_PX
         self._takes_mosaics = form == "conditioned" and whole
 
-    def samples(self, numbers: range) -> Iterator[Sample]:
-        """Samples in the order of their numbers."""
+    def samples(self, numbers: Sequence[int]) -> Iterator[Sample]:
+        """Samples in the order of these numbers."""
         if self._workers:
             return in_processes(self.sample, numbers, self._workers)
         return map(self.sample, numbers)

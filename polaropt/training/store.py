@@ -6,7 +6,7 @@ A sample of the paper's form costs more than a GPU needs to train on it, and an 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -172,8 +172,8 @@ class PlacedSamples:
     shares: Any
     ghosts: list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
-    def samples(self, numbers: range) -> Iterator[Sample]:
-        """Samples in the order of their numbers."""
+    def samples(self, numbers: Sequence[int]) -> Iterator[Sample]:
+        """Samples in the order of these numbers."""
         return map(self._sample, numbers)
 
     def _sample(self, number: int) -> Sample:

@@ -59,8 +59,8 @@ class Batch:
 class SampleSource(Protocol):
     """Samples by number, always the same."""
 
-    def samples(self, numbers: range) -> Iterator[Sample]:
-        """Samples in the order of their numbers."""
+    def samples(self, numbers: Sequence[int]) -> Iterator[Sample]:
+        """Samples in the order of these numbers."""
 
 
 @dataclass(frozen=True)
@@ -258,8 +258,7 @@ class Training:
         newest = options.newest(step)
         first = max(0, newest - options.window)
         if not self._kept:
-            numbers = range(first, options.newest(options.steps))
-            self._coming = zip(numbers, self._source.samples(numbers), strict=False)
+            self._begin(range(first, options.newest(options.steps)))
         while newest - 1 not in self._kept:
             number, sample = next(self._coming)
             self._kept[number] = _placed(sample, options.device)
@@ -269,13 +268,24 @@ class Training:
         batch = _batch([self._kept[int(number)] for number in drawn])
         return turned(batch, Turn(*(bool(random.integers(2)) for _ in range(3))))
 
+    def _begin(self, numbers: range) -> None:
+        """Let the samples of these numbers come, those for tests before them: processes that make them start once."""
+        tests = range(0) if self._tests else self._test_numbers
+        coming = self._source.samples([*tests, *numbers])
+        self._tests += [_placed(next(coming), self.options.device) for _ in tests]
+        self._coming = zip(numbers, coming, strict=False)
+
+    @property
+    def _test_numbers(self) -> range:
+        return range(_FIRST_TEST, _FIRST_TEST + self.options.test_samples)
+
     @torch.no_grad()
     def tested(self) -> dict[str, float]:
         """Mean PSNR of both layers on samples that are never trained on, and of the layers in closed form."""
         rows = []
-        if not self._tests:
-            numbers = range(_FIRST_TEST, _FIRST_TEST + self.options.test_samples)
-            self._tests = [_placed(sample, self.options.device) for sample in self._source.samples(numbers)]
+        if not self._tests and self.options.test_samples:
+            coming = self._source.samples(self._test_numbers)
+            self._tests = [_placed(sample, self.options.device) for sample in coming]
         for sample in self._tests:
             seen, truth = sample.observation, sample.layers
             row = psnr(self.averaged(seen).layers, truth)

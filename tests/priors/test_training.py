@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from priors.training.trainer import (
     STATE,
     Batch,
     NotFinite,
+    Sample,
     Training,
     TrainingOptions,
     Turn,
@@ -46,6 +47,22 @@ def test_training_lowers_the_loss(tmp_path: Path) -> None:
     # The closed form of these samples is the truth with white noise, which is easily taken off.
     assert log[-1]["transmission_db"] > log[-1]["closed_form_transmission_db"] + 0.3
     assert log[-1]["reflection_db"] > log[-1]["closed_form_reflection_db"] + 0.3
+
+
+def test_what_makes_samples_is_started_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Where processes make them, each start costs a minute.
+    begun, samples = [], Mixtures.samples
+
+    def counted(source: Mixtures, numbers: Sequence[int]) -> Iterator[Sample]:
+        begun.append(len(numbers))
+        return samples(source, numbers)
+
+    monkeypatch.setattr(Mixtures, "samples", counted)
+    Training(small_network(), Mixtures(), OPTIONS).run(tmp_path / "tested")
+    log = Training(small_network(), Mixtures(), replace(OPTIONS, test_samples=0)).run(tmp_path / "untested")
+    assert len(begun) == 2
+    assert begun[0] == begun[1] + OPTIONS.test_samples
+    assert "transmission_db" not in log[-1]
 
 
 def test_the_same_seed_comes_to_the_same_weights(tmp_path: Path) -> None:
