@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from polaropt import Capture, SceneParameters, Weights, simulate
-from polaropt.solving.local_spectra import Windows
+from polaropt.solving.kernels.windows import share_power
+from polaropt.solving.local_spectra import COARSE, FINE, Windows
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
 from solvers.base import StoppingRule
@@ -217,3 +218,44 @@ def test_photographs_that_the_expected_layers_know_of_count_once(noise: float) -
     result = get_solver("lbfgs").minimize(objective.value_and_grad, objective.coordinates(start), StoppingRule())
     end = objective.solution(result.x)[0]
     assert np.abs(problem.canvas.crop(end - start)).max() < 0.1 * noise
+
+
+@pytest.mark.parametrize("size", [COARSE, FINE])
+def test_frequencies_beside_one_lie_in_its_direction_before_and_after_it(size):
+    side = size.side_px
+    rows, columns = np.meshgrid(np.fft.fftfreq(side) * side, np.arange(side // 2 + 1.0), indexing="ij")
+    places = (rows + 1j * columns).ravel()
+    inner = (np.abs(places) > 2) & (np.abs(rows).ravel() < side // 2 - 1) & (columns.ravel() < side // 2 - 1)
+    for step, beside in zip((1, -1), size.along, strict=True):
+        moved = places[beside[inner]] - places[inner]
+        onward = moved / (places[inner] / np.abs(places[inner]))
+        # The nearest there are: within half a step down and across.
+        np.testing.assert_allclose(onward.real, step, atol=np.sqrt(0.5))
+        assert np.abs(onward.imag).max() <= np.sqrt(0.5)
+    # The first and last columns of half spectra of real images repeat themselves upside down: so does what is shared.
+    busy = np.random.default_rng(0).uniform(size=rows.shape)
+    opposite = -np.arange(side) % side
+    busy[:, [0, -1]] += busy[opposite][:, [0, -1]]
+    for beside in size.along:
+        shared = busy.ravel()[beside].reshape(rows.shape)[:, [0, -1]]
+        np.testing.assert_array_equal(shared[1:], shared[opposite][1:])
+
+
+def test_a_window_shares_its_power_between_colours_and_along_directions():
+    # One row of frequencies: those beside the middle one are the first and the last.
+    along = np.array([[1, 2, 2], [0, 0, 1]])
+    random = np.random.default_rng(0)
+    prior = random.uniform(1, 2, (2, 2, 3)).astype(np.float32)
+    counted = (0.1 * prior)[:, :, None]
+    power = np.repeat(random.uniform(1, 2, (2, 2, 1, 3)), 4, axis=2).astype(np.float32)
+    busy = ((power + counted) / prior[:, :, None]).astype(np.float64)
+    near = 0.8 * busy + 0.1 * (busy[..., along[0]] + busy[..., along[1]])
+    near[:, 1] = 0.7 * near[:, 1] + 0.3 * near[:, 0]
+    share_power(power, counted, prior, along, np.float32(0.2), np.float32(0.3))
+    np.testing.assert_allclose(power, near * prior[:, :, None] - counted, rtol=1e-5)
+
+    # As strong everywhere in units of the frame's own: nothing to share.
+    power = np.repeat(2 * prior[:, :, None] - counted, 4, axis=2)
+    before = power.copy()
+    share_power(power, counted, prior, along, np.float32(0.2), np.float32(0.3))
+    np.testing.assert_allclose(power, before, rtol=1e-6)

@@ -51,6 +51,42 @@ def power_of(spectra: Images, power: Images) -> None:
                     out[k] = of[k, 0] * of[k, 0] + of[k, 1] * of[k, 1]
 
 
+@compiled
+def share_power(
+    power: Images, counted: Images, prior: Images, along: NDArray[np.intp], beside: np.float32, of_light: np.float32
+) -> None:
+    """Draw the power of layers in windows to what is alike there, in units of the frame's own power.
+
+    Parameters
+    ----------
+    power : array, shape (2, channel, window, frequency)
+        Of the layers; overwritten.
+    counted : array, shape (2, channel, n, frequency)
+        What is added to it, of each window or of all (n is 1).
+    prior : array, shape (2, channel, frequency)
+        Power of the frame: nowhere 0.
+    along : array, shape (2, frequency)
+        The frequencies beside each, of the same direction.
+    beside, of_light : float32
+        Share that these have in a frequency's power, and the first colour in that of the others.
+    """
+    near, own, half = np.float32(1) - beside, np.float32(1) - of_light, np.float32(0.5) * beside
+    busy, light = np.empty(prior.shape[-1], np.float32), np.empty(prior.shape[-1], np.float32)
+    for layer in range(power.shape[0]):
+        for i in range(power.shape[2]):
+            for c in range(power.shape[1]):
+                p, q, v = power[layer, c, i], counted[layer, c, i % counted.shape[2]], prior[layer, c]
+                for k in range(busy.size):
+                    busy[k] = (p[k] + q[k]) / v[k]
+                for k in range(busy.size):
+                    shared = near * busy[k] + half * (busy[along[0, k]] + busy[along[1, k]])
+                    if c == 0:
+                        light[k] = shared
+                    else:
+                        shared = own * shared + of_light * light[k]
+                    p[k] = max(shared * v[k] - q[k], np.float32(0))
+
+
 class Photographed(NamedTuple):
     """What photographs tell of windows, and what their solution is bounded by.
 
@@ -177,4 +213,5 @@ def first_calls() -> list[Call]:
         (put, (pieces, side, 1, rows)),
         (cut, (rows, side, 1, pieces)),
         (power_of, (spectra, power)),
+        (share_power, (power, power.copy(), told, np.zeros((2, 1), np.intp), one, one)),
     ]

@@ -13,9 +13,11 @@ from torch import Tensor
 
 from polaropt.inversion import RESOLUTION, Canvas, left_open
 from polaropt.solving.local_spectra import (
+    BESIDE,
     COARSE,
     FINE,
     LEAST_POWER,
+    OF_LIGHT,
     OPEN,
     TOWARDS_LARGEST,
     TURNS,
@@ -100,15 +102,16 @@ class BatchWindows:
             self._shown = torch.where(alone, placed(size.faster(*batch.canvas.shape), device), 1)
         profile = size.profile
         self._window = placed(np.outer(profile, profile), device)
-        self._fast = placed(size.fast, device)
+        self._fast, self._along = placed(size.fast, device), placed(size.along, device)
         spectra = torch.cat([known.told.to(known.cross.dtype), known.cross[:, None]], dim=1)
         through = _through_window(spectra, size, batch.canvas)
         # Axes for the colours and for the windows down and across.
         self._told_t, self._told_r = (through[:, i, None, None, None].real for i in (0, 1))
         self._cross = through[:, 2, None, None, None]
         rows, columns = (placed(places, device) for places in size.nearest(*batch.canvas.shape))
-        prior = known.prior[..., rows, :][..., columns]
+        prior = known.prior[..., rows, :][..., columns].clamp(min=LEAST_POWER)
         self._open = _left_open(through[:, :2, None].real, through[:, 2, None], prior)
+        self._prior = prior[:, :, :, None, None]
         untold = (self._open / prior).clamp(max=1)
         self._counted = ((OPEN + (1 - OPEN) * untold) * self._open)[:, :, :, None, None]
 
@@ -142,7 +145,7 @@ class BatchWindows:
             spectra = (self._batch.transformed(images) * self._shown for images in (layers, gradient))
             layers, gradient = map(self._batch.images, spectra)
         here, down = self._spectra(self._canvas.crop(layers) - self._mean), self._spectra(-self._canvas.crop(gradient))
-        power = here.real.square() + here.imag.square()
+        power = self._shared(here.real.square() + here.imag.square())
         stiff_t, stiff_r = (1 / (power[:, i] + self._counted[:, i]).clamp(min=LEAST_POWER) for i in (0, 1))
         slope_t, slope_r = down[:, 0] - stiff_t * here[:, 0], down[:, 1] - stiff_r * here[:, 1]
         p = precision[:, None, :, :, None, None]
@@ -156,6 +159,15 @@ class BatchWindows:
         left = torch.stack([(of_r * inverse).mean(dim=(2, 3)), (of_t * inverse).mean(dim=(2, 3))], dim=1)
         share = torch.where(self._fast > 0, left / self._open, torch.ones_like(left))
         return self._put(change), share
+
+    def _shared(self, power: Tensor) -> Tensor:
+        """Power of layers in windows, drawn to what is alike there: see `BESIDE`."""
+        busy = (power + self._counted) / self._prior
+        outward, inward = (busy.flatten(-2)[..., places].reshape(busy.shape) for places in self._along)
+        shared = (1 - BESIDE) * busy + BESIDE / 2 * (outward + inward)
+        light, others = shared[:, :, :1], shared[:, :, 1:]
+        shared = torch.cat([light, (1 - OF_LIGHT) * others + OF_LIGHT * light], dim=2)
+        return (shared * self._prior - self._counted).clamp(min=0)
 
     def on_canvas(self, share: Tensor) -> Tensor:
         """A share at the frequencies of a window (..., side, side // 2 + 1) at those of the canvas."""
