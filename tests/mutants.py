@@ -67,7 +67,12 @@ TESTS: dict[str, tuple[str, ...]] = {
     "polaropt/estimation/safeguard.py": _CHOICES,
     "polaropt/capture/files/results.py": _WRITTEN,
     "polaropt/capture/files/write.py": _WRITTEN,
-    "polaropt/reporting/files.py": ("tests/cli/test_cli.py", "tests/reporting/test_html_report.py"),
+    "polaropt/reporting/files.py": (
+        "tests/cli/test_cli.py",
+        "tests/reporting/test_files.py",
+        "tests/reporting/test_html_report.py",
+        "tests/reporting/test_motion_report.py",
+    ),
     "polaropt/reporting/report.py": ("tests/reporting/test_report.py", "tests/cli/test_cli.py"),
 }
 """Modules of the physics, of what is judged, chosen and written, and the tests that are to catch what breaks there."""
