@@ -206,6 +206,15 @@ def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, l
     assert _likelier(axis, found, beside, single) is likelier  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("number", [1818, 4122])
+def test_dark_glass_at_a_steep_view_does_not_lie_across(number: int) -> None:
+    """It mirrors more beside what it lets through: as clear glass across, which was found, both layers swapped."""
+    true, found = window_of(number, 192).scene, found_at_random(number)
+    assert abs(turn_between(found.values()[1], true.values()[1])) < 1
+    assert found.values()[0] == pytest.approx(true.values()[0], abs=1)
+    assert found.absorption == pytest.approx(true.absorption, abs=0.15)
+
+
 def test_a_faint_likeness_far_off_is_no_ghost_of_tinted_glass() -> None:
     """The best of many shifts, where clear glass shows no ghost."""
     assert found_at_random(28).absorption == 0
