@@ -68,6 +68,7 @@ def _factorize(re: Array, im: Array, noise: Any, inverse: Array) -> None:
     """
     n, lanes = re.shape[0], re.shape[2]
     news = np.empty(lanes, np.float32)
+    # First the least that may be left.
     for j in range(n):
         for x in range(lanes):
             inverse[j, x] = max(_ROUNDING * re[j, j, x], noise)
