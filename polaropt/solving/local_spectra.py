@@ -30,11 +30,8 @@ Spectrum = NDArray[np.complex64]
 
 REACH_PX = 16.0
 """Shift of ghosts up to which windows tell them: of 12 px both layers gain, of 30 px the reflection loses 2 dB."""
-TURNS, MORE_TURNS = 2, 3
-"""Times that coarse windows take their spectra from the layers at hand; the second behind flat panes seen so obliquely
-that the pane tells slow changes. On captures of training photographs there a third turn gains up to 0.06 dB of the
-transmission and 0.2 of the reflection, mosaics 0.1, and loses nowhere more than 0.02; at 10 degrees, where turns begin
-to diverge, it loses 0.6."""
+TURNS = 2
+"""Times that coarse windows take their spectra from the layers at hand."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +228,6 @@ def expected_layers(
     precision: Images,
     layers: Images | None = None,
     *,
-    turns: int = TURNS,
     varying: VaryingInformation | None = None,
     fast_alone: bool = False,
     before: SeenSpectra | None = None,
@@ -249,8 +245,6 @@ def expected_layers(
         What a pixel's photographs tell, beside what `known` takes for it: bright light has more noise.
     layers : ndarray of float32, shape (2, channel, H, W), optional
         Those at hand that the first spectra are taken from. Default: the closed form's, which coarse windows see first.
-    turns : int
-        Of coarse windows.
     varying : VaryingInformation, optional
         What photographs tell in each place. Default: the same everywhere, which `known` says.
     fast_alone : bool
@@ -263,14 +257,14 @@ def expected_layers(
     """
     light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
     if before is None:
-        sizes = [(COARSE, turns), (FINE, 1)] if layers is None else [(FINE, 1)]
-        steps = [(Windows(known, canvas, size, varying, fast_alone=fast_alone), times) for size, times in sizes]
-        last, changed = steps[-1][0], None
+        sizes = [(COARSE, TURNS), (FINE, 1)] if layers is None else [(FINE, 1)]
+        turns = [(Windows(known, canvas, size, varying, fast_alone=fast_alone), times) for size, times in sizes]
+        last, changed = turns[-1][0], None
     else:
         last = before.windows
-        steps, changed = [(last, 1)], before.changed(light, known.variance[:, 0], last.means(precision))
+        turns, changed = [(last, 1)], before.changed(light, known.variance[:, 0], last.means(precision))
     layers = known.layers if layers is None else layers
-    for windows, times in steps:
+    for windows, times in turns:
         of_windows = windows.sure_precision(precision)
         for _ in range(times):
             step = windows.step(

@@ -22,7 +22,7 @@ from polaropt.inversion import (
 )
 from polaropt.numerics import smoothly_filled
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertical_reach
-from polaropt.solving.local_spectra import MORE_TURNS, REACH_PX, TURNS, Expectation, SeenSpectra, expected_layers
+from polaropt.solving.local_spectra import REACH_PX, Expectation, SeenSpectra, expected_layers
 from polaropt.solving.objective import (
     Misfit,
     Penalties,
@@ -314,7 +314,6 @@ class Problem:
             self.slope_of_misfit,
             self.relative_precision(),
             layers,
-            turns=self.coarse_turns,
             varying=self._varying_information(),
             fast_alone=self.slow_is_known,
             before=None if self._memory is None or layers is not None else self._memory.seen,
@@ -329,16 +328,8 @@ class Problem:
         """
         if not isinstance(self.pse, PSE):
             return True
-        return self._is_oblique and self.capture.samples is None and not worth_filling(self.capture)
-
-    @property
-    def coarse_turns(self) -> int:
-        """Times that coarse windows take their spectra from the layers at hand."""
-        return MORE_TURNS if isinstance(self.pse, PSE) and self._is_oblique else TURNS
-
-    @property
-    def _is_oblique(self) -> bool:
-        return self.scene.values()[0] > _SLOW_IS_TOLD_DEG
+        oblique = self.scene.values()[0] > _SLOW_IS_TOLD_DEG
+        return oblique and self.capture.samples is None and not worth_filling(self.capture)
 
     def _varying_information(self) -> VaryingInformation | None:
         if isinstance(self.pse, PSE):

@@ -9,7 +9,7 @@ import pytest
 
 from polaropt import Capture, SceneParameters, Weights, simulate
 from polaropt.solving.kernels.windows import share_power
-from polaropt.solving.local_spectra import COARSE, FINE, MORE_TURNS, TURNS, Windows
+from polaropt.solving.local_spectra import COARSE, FINE, Windows
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
 from solvers.base import StoppingRule
@@ -188,7 +188,7 @@ def frames(*shifts):
 def test_a_frame_after_another_needs_one_turn(monkeypatch, shift):
     """With the spectra of the frame before, where it shows the same, it is better than by itself; else as good.
 
-    Where all has moved the reflection is 0.6 dB worse at most: alone it takes three turns more.
+    Where all has moved the reflection is 0.5 dB worse at most.
     """
     (first, second), scene = frames(0, shift)
     capture, truth = second
@@ -202,9 +202,9 @@ def test_a_frame_after_another_needs_one_turn(monkeypatch, shift):
     errors = [
         error(problem.canvas.crop(problem.expected.in_colors(problem.known.basis)), truth) for problem in (after, alone)
     ]
-    assert len(counted) == 1 + MORE_TURNS + 1
+    assert len(counted) == 1 + 3
     assert alone.memory is None
-    worst = np.array([1.0, 1.0] if shift == 0 else [1.03, 10**0.06])
+    worst = np.array([1.0, 1.0] if shift == 0 else [1.03, 10**0.05])
     assert (np.array(errors[0]) < worst * errors[1]).all()
 
 
@@ -259,12 +259,3 @@ def test_a_window_shares_its_power_between_colours_and_along_directions():
     before = power.copy()
     share_power(power, counted, prior, along, np.float32(0.2), np.float32(0.3))
     np.testing.assert_allclose(power, before, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("incidence", "changes", "turns"), [(10, {}, TURNS), (60, {}, MORE_TURNS), (60, {"focal_px": 200.0}, TURNS)]
-)
-def test_coarse_windows_turn_once_more_where_a_flat_pane_tells_slow_changes(incidence, changes, turns):
-    example, problem = problem_of(incidence=incidence)
-    scene = example.scene.replace(**changes)
-    assert Problem(problem.capture, scene, problem.noise, Weights()).coarse_turns == turns

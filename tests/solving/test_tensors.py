@@ -56,8 +56,7 @@ def test_what_windows_expect_on_a_device_is_what_they_expect_on_the_processor(in
     assert problem.slow_is_known == (incidence_deg > 30)
     batch = batch_of([problem.capture], [problem.pse], [NOISE], problem.canvas, "cpu")
     known = closed_form(batch, [problem.capture], [problem.pse], [NOISE])
-    how = [problem.slow_is_known], [problem.coarse_turns]
-    there = expected_layers(batch, known, BatchMisfit(batch).gradient, torch.ones(1, 1, 1), *how)
+    there = expected_layers(batch, known, BatchMisfit(batch).gradient, torch.ones(1, 1, 1), [problem.slow_is_known])
     frame = problem.canvas.crop
     np.testing.assert_allclose(frame(numpy_of(there.layers)), frame(problem.expected.layers), atol=2e-4)
     np.testing.assert_allclose(numpy_of(there.variance), problem.expected.variance, rtol=1e-3)

@@ -151,8 +151,8 @@ def _found_there(
         # What a pixel's photographs tell, beside what the closed form takes for it.
         usual = torch.tensor([problem.noise for problem in problems], device=batch.device)
         precision = (batch.precision * usual[:, None, None, None, None]).square().mean(dim=(1, 2))
-        fast_alone, turns = zip(*((problem.slow_is_known, problem.coarse_turns) for problem in problems), strict=True)
-        expected = expected_layers(batch, known, misfit.gradient, precision, fast_alone, turns)
+        fast_alone = [problem.slow_is_known for problem in problems]
+        expected = expected_layers(batch, known, misfit.gradient, precision, fast_alone)
         layers = expected.layers
         slope = misfit.gradient(layers)
     each = zip(problems, known.each, strict=True)

@@ -20,6 +20,7 @@ from polaropt.solving.local_spectra import (
     OF_LIGHT,
     OPEN,
     TOWARDS_LARGEST,
+    TURNS,
     WindowSize,
 )
 from polaropt.solving.tensors.batch import CaptureBatch, mirrored, placed
@@ -48,7 +49,6 @@ def expected_layers(
     misfit_gradient: Callable[[Tensor], Tensor],
     precision: Tensor,
     fast_alone: Sequence[bool],
-    turns: Sequence[int],
 ) -> BatchExpectation:
     """Layers under spectra of their own in each window, from the closed form on.
 
@@ -62,18 +62,15 @@ def expected_layers(
         What a pixel's photographs tell, beside what `known` takes for it.
     fast_alone : sequence of bool
         Of which captures windows are shown what is fast alone.
-    turns : sequence of int
-        Of coarse windows, of each capture.
     """
     layers, share, last = known.layers, None, None
-    for size, times in ((COARSE, turns), (FINE, [1] * len(turns))):
+    for size, times in ((COARSE, TURNS), (FINE, 1)):
         last = BatchWindows(batch, known, size, fast_alone)
         of_windows = last.sure_precision(precision)
-        for turn in range(max(times)):
+        for _ in range(times):
             change, share = last.step(layers, misfit_gradient(layers), of_windows)
-            taken = placed(np.array([turn < most for most in times], np.float32), batch.device)
             layers = layers.clone()
-            batch.canvas.crop(layers).add_(taken[:, None, None, None, None] * change)
+            batch.canvas.crop(layers).add_(change)
     assert last is not None
     assert share is not None
     left = _left_open(known.told[:, :, None], known.cross[:, None], known.prior)
