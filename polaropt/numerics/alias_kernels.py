@@ -61,7 +61,7 @@ def _covariance(combs: Array, power: Array, first: int, noise: Any, re: Array, i
 
 @compiled
 def _factorize(re: Array, im: Array, noise: Any, inverse: Array) -> None:
-    """Cholesky's factor in place of the lower triangle; `inverse` (n, lane) of its diagonal.
+    """Cholesky's factor in place of what lies below the diagonal; `inverse` (n, lane) of its diagonal.
 
     What is left of the diagonal is the noise at least. Where it is less, or less than its own rounding, the sample says
     what others have said: nothing of it goes to those after it, where it would be magnified without bounds.
@@ -84,7 +84,6 @@ def _factorize(re: Array, im: Array, noise: Any, inverse: Array) -> None:
             least = inverse[j, x]
             inverse[j, x] = 1 / np.sqrt(max(re[j, j, x], least))
             news[x] = inverse[j, x] if re[j, j, x] >= least else 0
-            re[j, j, x] = 1 / inverse[j, x]
         for m in range(j + 1, n):
             for x in range(lanes):
                 re[m, j, x] *= news[x]

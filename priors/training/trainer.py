@@ -270,22 +270,17 @@ class Training:
 
     def _begin(self, numbers: range) -> None:
         """Let the samples of these numbers come, those for tests before them: processes that make them start once."""
-        tests = range(0) if self._tests else self._test_numbers
+        tests = range(0) if self._tests else range(_FIRST_TEST, _FIRST_TEST + self.options.test_samples)
         coming = self._source.samples([*tests, *numbers])
         self._tests += [_placed(next(coming), self.options.device) for _ in tests]
         self._coming = zip(numbers, coming, strict=False)
-
-    @property
-    def _test_numbers(self) -> range:
-        return range(_FIRST_TEST, _FIRST_TEST + self.options.test_samples)
 
     @torch.no_grad()
     def tested(self) -> dict[str, float]:
         """Mean PSNR of both layers on samples that are never trained on, and of the layers in closed form."""
         rows = []
         if not self._tests and self.options.test_samples:
-            coming = self._source.samples(self._test_numbers)
-            self._tests = [_placed(sample, self.options.device) for sample in coming]
+            self._begin(range(0))
         for sample in self._tests:
             seen, truth = sample.observation, sample.layers
             row = psnr(self.averaged(seen).layers, truth)

@@ -306,8 +306,7 @@ class _Axis:
     def tiles_under(self, window: Window) -> TileFit:
         """How likely the tiles are under a window, at the incidence near its own that suits them best."""
         if window not in self._tile_fits:
-            free = () if "incidence_deg" in self.search.told else _INCIDENCE
-            self._tile_fits[window] = self.tiles.nearest(window, self._asked.index, free)
+            self._tile_fits[window] = self.nearest_by_tiles(window, ())
         return self._tile_fits[window]
 
     def nearest_by_tiles(self, window: Window, names: tuple[str, ...], tiles: TileLikelihood | None = None) -> TileFit:
