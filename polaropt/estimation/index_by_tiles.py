@@ -18,7 +18,7 @@ from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX
 from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples
 from polaropt.estimation.flat.samples.tiles import SampledTileLikelihood, SampledTiles
-from polaropt.estimation.flat.window import window_of
+from polaropt.estimation.flat.windows.axis import window_of
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.numerics import local_minimum
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, in_place_reflectance, in_place_weights

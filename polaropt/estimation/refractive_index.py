@@ -25,7 +25,8 @@ from polaropt.estimation.flat.ghost_overlap import LayerOverlap
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import PaneGradients
 from polaropt.estimation.flat.overlap import noise_of_mirrored
-from polaropt.estimation.flat.window import HARDLY_PX, judged_pane, judged_window
+from polaropt.estimation.flat.window import judged_pane, judged_window
+from polaropt.estimation.flat.windows.axis import HARDLY_PX
 from polaropt.estimation.flat.windows.search import LikelyWindow, equivalent_single
 from polaropt.estimation.flat.windows.tiles import TileLikelihood
 from polaropt.estimation.index_by_tiles import (

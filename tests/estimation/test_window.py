@@ -15,6 +15,7 @@ from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.window import _likelier
+from polaropt.estimation.flat.windows.axis import Evidence
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
 from polaropt.estimation.flat.windows.search import (
@@ -197,10 +198,10 @@ def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, l
     """Standard errors of tiles count once, of mean spectra by half, of edges by a quarter; many of tiles do alone."""
     tiles, spectra, edges = errors
     axis = SimpleNamespace(
-        shows=lambda window: shown, tiles_under=lambda window: SimpleNamespace(surer_than=lambda other: tiles)
+        shows=lambda window: shown, evidence=lambda window, other, beside: Evidence(tiles, *window.surer_than(other))
     )
     single = LikelyWindow(Window(57.0, -1.0 if window is CLOSE else -6.0), 0.0, 0.0, (np.zeros(3), np.zeros(3)))
-    beside = SimpleNamespace(tiles_under=axis.tiles_under) if across else axis
+    beside = SimpleNamespace() if across else axis
     found = judged_as(window, spectra, edges)
     assert found.surer_than(single) == pytest.approx((spectra, edges))
     assert _likelier(axis, found, beside, single) is likelier  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ import pytest
 from polaropt import Capture, SceneParameters
 from polaropt.capture import PlateFrame, noise_level, plate_frame, stokes_images
 from polaropt.estimation import find_scene, likelier_index
-from polaropt.estimation.flat.window import window_of as window_of_scene
+from polaropt.estimation.flat.windows.axis import window_of as window_of_scene
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileLikelihood
 from polaropt.simulation import Camera, photograph_pair

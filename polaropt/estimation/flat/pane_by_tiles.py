@@ -22,7 +22,7 @@ from polaropt.estimation.flat.errors import weighted_incidence, weighted_mean, w
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.ghost_overlap import refined_incidence
 from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, LIKE_BLUR_PX, is_of_two_faces
-from polaropt.estimation.flat.window import window_of
+from polaropt.estimation.flat.windows.axis import window_of
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.numerics import left_out, minimum_error
