@@ -43,8 +43,10 @@ _MOST_VALUES, _BAND = 2**18, 16
 """Values of a photograph that are enough, and rows of a band that is taken from a larger one; set by hand."""
 
 
-_PATTERN = 4
-"""Side in pixels of a colour mosaic's pattern, and of the blocks that are told flat from others."""
+_FLAT_BLOCK = 4
+"""Side in pixels of a mosaic's blocks that are told flat from others: a colour pattern's."""
+_MOST_SAMPLES, _SAMPLE_BAND = 2**20, 64
+"""Samples that are enough to tell how noise grows, and rows of a band that is taken from a larger mosaic; by hand."""
 _FOLDS = 3
 """How often means over a pattern follow each other: with two noise of 0.2 % comes out 5 % higher; by trial."""
 _SHADES, _FLAT_SHARE = 8, 0.5
@@ -132,24 +134,49 @@ def noise_of_color_samples(samples: RawSamples) -> float | None:
     samples : RawSamples
         Gains divided out.
     """
+    fast = _fast_of_flat_blocks(samples)
+    return None if fast is None else robust_spread(fast.residual, 0.0)
+
+
+def _fast_of_flat_blocks(samples: RawSamples) -> Redundancy | None:
+    """What alternates from pixel to pixel in a mosaic's flat blocks (pixel, block), with the mean of each (block,).
+
+    See `noise_of_color_samples`; of mono patterns sums over two pixels do. None where too few samples can be trusted.
+    """
     from scipy.ndimage import correlate1d, minimum_filter
 
     kernel = np.ones(1)
     for _ in range(_FOLDS):
-        kernel = np.convolve(kernel, np.ones(_PATTERN))
+        kernel = np.convolve(kernel, np.ones(samples.sampling.period))
     kernel *= (-1.0) ** np.arange(kernel.size) / np.sqrt(np.square(kernel).sum())
     values = samples.values
     fast = correlate1d(correlate1d(values, kernel, axis=0, mode="nearest"), kernel, axis=1, mode="nearest")
-    means = block_mean(values, _PATTERN)
-    trusted = block_mean(_trusted(values[None], samples.valid[None]).astype(np.float32), _PATTERN) == 1
+    means = block_mean(values, _FLAT_BLOCK)
+    trusted = block_mean(_trusted(values[None], samples.valid[None]).astype(np.float32), _FLAT_BLOCK) == 1
     # What a block's values read lies in it and in the blocks around it.
     inner = minimum_filter(trusted, 3, mode="constant", cval=0)
-    if np.count_nonzero(inner) * _PATTERN**2 < _ENOUGH_SAMPLES:
+    if np.count_nonzero(inner) * _FLAT_BLOCK**2 < _ENOUGH_SAMPLES:
         return None
     flat = _flattest(means, inner)
-    rows, columns = (_PATTERN * side for side in means.shape)
-    blocks = fast[:rows, :columns].reshape(means.shape[0], _PATTERN, means.shape[1], _PATTERN)
-    return robust_spread(blocks.transpose(0, 2, 1, 3)[flat], 0.0)
+    rows, columns = (_FLAT_BLOCK * side for side in means.shape)
+    blocks = fast[:rows, :columns].reshape(means.shape[0], _FLAT_BLOCK, means.shape[1], _FLAT_BLOCK)
+    return Redundancy(blocks.transpose(0, 2, 1, 3)[flat].reshape(-1, _FLAT_BLOCK**2).T, means[flat])
+
+
+def _fast_of_bands(samples: RawSamples) -> Redundancy | None:
+    """The same of bands of rows all over a large mosaic."""
+    height, width = samples.values.shape
+    n = max(1, min(_MOST_SAMPLES // (_SAMPLE_BAND * width), height // _SAMPLE_BAND))
+    starts = np.linspace(0, max(0, height - _SAMPLE_BAND), n).astype(int) // _FLAT_BLOCK * _FLAT_BLOCK
+    whole = height * width <= _MOST_SAMPLES
+    bands = [slice(None)] if whole else [slice(start, start + _SAMPLE_BAND) for start in starts.tolist()]
+    parts = [_fast_of_flat_blocks(samples.part(band, slice(None))) for band in bands]
+    told = [part for part in parts if part is not None]
+    if not told:
+        return None
+    return Redundancy(
+        np.concatenate([part.residual for part in told], axis=1), np.concatenate([part.intensity for part in told])
+    )
 
 
 def _flattest(means: NDArray[np.float32], trusted: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -334,9 +361,24 @@ def measured_noise(capture: Capture) -> tuple[float, NoiseModel]:
 
 
 def _of_samples(capture: Capture, cells: RegisteredCells) -> tuple[float, NoiseModel]:
-    """The noise of a mosaic's samples, from its cells, whose noise is a known share of it."""
-    level, model = measured_noise(cells.capture)
-    raw = level / cells.noise_share if capture.origin is None else capture.origin.raw_noise or level
+    """The noise of a mosaic's samples: its level from its cells, whose noise is a known share of it.
+
+    How it grows the flat blocks of the samples tell: detail of the scene, which aliases in the cells, grows with the
+    light as well.
+    """
+    raw = None if capture.origin is None else capture.origin.raw_noise
+    if raw is None:
+        raw = noise_level(cells.capture) / cells.noise_share
+    pattern = np.array(cells.samples.sampling.photographs)
+    # What alternates along rows and columns alike is no light only where each diagonal of a cell is a pair.
+    diagonal = {int(pattern[0, 0]), int(pattern[1, 1])}
+    pairs = [set(pair) for pair in orthogonal_pairs(capture.angles_deg) or ()]
+    fast = _fast_of_bands(cells.samples) if diagonal in pairs else None
+    if fast is None:
+        return raw, NoiseModel(raw)
+    level = max(_LEAST, robust_spread(fast.residual, 0.0))
+    # Sums over a pattern are of much the same samples all over it.
+    model = _grown(fast, level, 0.0, alike=pattern.size)
     return raw, NoiseModel(model.read * raw / level, model.shot * (raw / level) ** 2)
 
 
@@ -362,11 +404,16 @@ def noise_model(capture: Capture, level: float, redundant: Redundancy | None = N
     step = quantization_step(capture.intensities)
     if level < ROUNDED * step:
         return constant
-    redundant = _sample(redundant or redundancy(capture))
-    intensity, variance, count = _binned(redundant, step / 2)
+    return _grown(_sample(redundant or redundancy(capture)), level, step / 2)
+
+
+def _grown(redundant: Redundancy, level: float, step: float, alike: int = 1) -> NoiseModel:
+    """How the noise grows, as of `noise_model`, where so many values of each pixel tell as much as one."""
+    constant = NoiseModel(level)
+    intensity, variance, count = _binned(redundant, step)
     if len(intensity) < _FEWEST_BINS:
         return constant
-    dark, growth, error = _line(intensity, variance, count)
+    dark, growth, error = _line(intensity, variance, count / alike)
     darkest, brightest = (max(dark + growth * float(intensity[i]), 1e-12) for i in (0, -1))
     if growth < _SIGNIFICANT * error or brightest < _LEAST_GROWTH * darkest:
         return constant

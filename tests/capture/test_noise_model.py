@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 
 from polaropt import separate
 from polaropt.capture.capture import Capture
-from polaropt.capture.noise import NoiseModel, noise_classes, noise_level, noise_model
+from polaropt.capture.mosaic import SONY_CELL, sampling_of
+from polaropt.capture.noise import NoiseModel, measured_noise, noise_classes, noise_level, noise_model
+from polaropt.capture.reading.frames import mosaic_capture
 from polaropt.errors import InputError
 from polaropt.optics.scene import SceneParameters
+from polaropt.simulation import shipped_photograph
 from polaropt.simulation.metrics import psnr_db
-from polaropt.simulation.simulator import simulate
+from polaropt.simulation.simulator import digitized, simulate
 from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
@@ -54,6 +58,41 @@ def test_three_photographs_tell_no_growth():
     capture = noisy(0.003, 1e-3)
     three = Capture.of_planes(capture.intensities[:3], capture.angles_deg[:3])
     assert noise_model(three, 0.01) == NoiseModel(0.01)
+
+
+def mosaic_of(color: bool, shot: float = 0.0, cell_order: tuple[float, ...] = SONY_CELL) -> Capture:
+    """Two photographs behind a pane, on a sensor."""
+    images = [gaussian_filter(shipped_photograph(name)[:296, :448], (0.5, 0.5, 0)) for name in ("chelsea", "coffee")]
+    photographs = simulate(images[0], images[1], SceneParameters(60.0, 30.0, 4.0), noise=0.0).intensities
+    photographs = photographs if color else photographs.mean(axis=1, keepdims=True)
+    raw = sampling_of(color, cell_order)[0].sample(photographs)
+    variance = 0.004**2 + shot * np.maximum(raw, 0)
+    raw = digitized(raw + np.sqrt(variance) * np.random.default_rng(1).standard_normal(raw.shape), 12)
+    sensor = "color" if color else "mono"
+    return mosaic_capture(
+        raw.astype(np.float32), sensor=sensor, cell_order=cell_order, pair_gain=1.0, white_level=1.0, gamma=1.0
+    )
+
+
+@pytest.mark.parametrize("color", [False, True])
+def test_detail_of_a_mosaic_is_no_shot_noise(color):
+    """What aliases in its cells grows with the light, too."""
+    level, model = measured_noise(mosaic_of(color))
+    assert level == pytest.approx(0.004, rel=0.15)
+    assert model == NoiseModel(level)
+
+
+@pytest.mark.parametrize("color", [False, True])
+def test_shot_noise_of_a_mosaic_is_found(color):
+    _, model = measured_noise(mosaic_of(color, 5e-4))
+    assert model.shot == pytest.approx(5e-4, rel=0.2)
+    assert model.read < 0.006
+
+
+def test_where_diagonals_of_a_cell_are_no_pairs_its_noise_has_one_level():
+    """What alternates from pixel to pixel is polarized light there."""
+    level, model = measured_noise(mosaic_of(False, 5e-4, (0.0, 90.0, 45.0, 135.0)))
+    assert model == NoiseModel(level)
 
 
 def test_classes_hold_the_noise_of_their_pixels():
