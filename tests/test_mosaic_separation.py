@@ -131,7 +131,7 @@ def test_a_tile_knows_its_place_in_the_pattern(tmp_path):
     inner = (..., slice(30, -30), slice(30, -30))
     apart = separate(part, SCENE).layers[inner] - whole[..., 3:157, 2:155][inner]
     assert np.sqrt(np.square(apart).mean()) < 0.01
-    assert np.abs(apart).max() < 0.08
+    assert np.abs(apart).max() < 0.1
 
 
 def test_the_solve_begins_at_the_closed_form_and_the_terms_tell_the_samples_misfit(tmp_path):
@@ -272,4 +272,4 @@ def test_truer_layers_of_a_mosaic_are_taken_though_they_follow_less_of_its_noise
     problem.expect_around(problem.canvas.continued(softer[:, None].astype(np.float32)))
     found = problem.best_known()
     first, better = (psnr_db(problem.canvas.crop(layers)[1, 0], truth[1], 16) for layers in (before, found))
-    assert better > first + 2
+    assert better > first + 1.5

@@ -22,7 +22,15 @@ from polaropt.inversion import (
 )
 from polaropt.numerics import smoothly_filled
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertical_reach
-from polaropt.solving.local_spectra import REACH_PX, Expectation, SeenSpectra, expected_layers
+from polaropt.solving.local_spectra import (
+    REACH_PX,
+    TURNS,
+    TURNS_OF_SAMPLES,
+    Expectation,
+    SeenSpectra,
+    believed_share,
+    expected_layers,
+)
 from polaropt.solving.objective import (
     Misfit,
     Penalties,
@@ -308,12 +316,21 @@ class Problem:
         return near and self.weights.factor("misfit") > 0
 
     def _expected_layers(self, layers: Images | None = None) -> Expectation:
+        share = self.believed_share()
+
+        def believed_slope(layers: Images) -> Images:
+            slope = self.slope_of_misfit(layers)
+            if share is not None:
+                self.canvas.crop(slope)[...] *= share
+            return slope
+
         return expected_layers(
             self.known,
             self.canvas,
-            self.slope_of_misfit,
-            self.relative_precision(),
+            believed_slope,
+            self.believed_precision(share),
             layers,
+            turns=TURNS if self.capture.samples is None else TURNS_OF_SAMPLES,
             varying=self._varying_information(),
             fast_alone=self.slow_is_known,
             before=None if self._memory is None or layers is not None else self._memory.seen,
@@ -346,12 +363,23 @@ class Problem:
         samples = self.capture.samples
         return 1.0 if samples is None else 1 / (len(self.capture.angles_deg) * samples.sampling.n_channels)
 
-    def relative_precision(self) -> Images:
-        """What a pixel's photographs tell beside what the closed form takes for it, mean of all, (h, w)."""
+    def believed_share(self) -> Images | None:
+        """Share of what pixels tell (channel, h, w) that windows are shown; None for all of it."""
+        if not isinstance(self.pixel_noise, NoiseClasses):
+            return None
+        return believed_share(np.square(np.float32(self.noise) / self.pixel_noise.images()))
+
+    def believed_precision(self, share: Images | None) -> Images:
+        """What a pixel's photographs tell beside what the closed form takes for it, mean of all, (h, w).
+
+        Of a share as of `believed_share`.
+        """
         valid = self.observed.valid
         weight = valid.reshape(len(valid), -1, *valid.shape[-2:]).astype(np.float32)
         if isinstance(self.pixel_noise, NoiseClasses):
             weight *= np.square(np.float32(self.noise) / self.pixel_noise.images())
+        if share is not None:
+            weight *= share
         # Of a mosaic each pixel has one of all values, which the closed form knows.
         return np.asarray(weight.mean(axis=(0, 1)) / np.float32(self._sampled_share))
 

@@ -62,8 +62,9 @@ def test_a_reflection_is_said_to_be_unknown_where_its_detail_is_not_the_true_one
     correlation = detail_correlation(result.layers[1], example.layers[1])
     # Sparse edges tell more of it than the spectra by which it is judged.
     assert -0.15 < correlation - np.sqrt(1 - diagnostics.reflection_unknown) < 0.2
-    if abs(correlation - 0.33) > 0.1:
-        assert (SeparationWarning.REFLECTION_NOT_IDENTIFIABLE in diagnostics.warnings) == (correlation < 0.33)
+    said = SeparationWarning.REFLECTION_NOT_IDENTIFIABLE in diagnostics.warnings
+    assert said or correlation > 0.23
+    assert not said or correlation < 0.5
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -140,6 +140,16 @@ def batch_problem(problems: Sequence[Problem], device: str, init: str, start: Im
     return BatchProblem(objective, objective.coordinates(layers), tuple(problem.known for problem in problems), unknown)
 
 
+def _believed_share(problems: Sequence[Problem], device: torch.device) -> Tensor | None:
+    """`Problem.believed_share` of each, (capture, 1, channel, h, w); None where all is believed of all."""
+    shares = [problem.believed_share() for problem in problems]
+    some = next((share for share in shares if share is not None), None)
+    if some is None:
+        return None
+    whole = [np.ones_like(some) if share is None else share for share in shares]
+    return placed(np.stack(whole)[:, None], device)
+
+
 def _found_there(
     problems: Sequence[Problem], engines: Sequence[PSE], batch: CaptureBatch, misfit: BatchMisfit
 ) -> BatchProblem:
@@ -150,9 +160,20 @@ def _found_there(
     if problems[0].fits_windows:
         # What a pixel's photographs tell, beside what the closed form takes for it.
         usual = torch.tensor([problem.noise for problem in problems], device=batch.device)
-        precision = (batch.precision * usual[:, None, None, None, None]).square().mean(dim=(1, 2))
+        precision = (batch.precision * usual[:, None, None, None, None]).square()
+        share = _believed_share(problems, batch.device)
+        precision = (precision if share is None else precision * share).mean(dim=(1, 2))
+
+        def believed_slope(layers: Tensor) -> Tensor:
+            slope = misfit.gradient(layers)
+            if share is not None:
+                in_colors = batch.in_colors(slope)
+                batch.canvas.crop(in_colors).mul_(share)
+                slope = batch.opponent(in_colors)
+            return slope
+
         fast_alone = [problem.slow_is_known for problem in problems]
-        expected = expected_layers(batch, known, misfit.gradient, precision, fast_alone)
+        expected = expected_layers(batch, known, believed_slope, precision, fast_alone)
         layers = expected.layers
         slope = misfit.gradient(layers)
     each = zip(problems, known.each, strict=True)
