@@ -98,6 +98,19 @@ class WindowSize:
             places.append(np.ravel_multi_index(inside, rows.shape).ravel())
         return np.stack(places)
 
+    @property
+    def of_pattern(self) -> OfPattern:
+        """Frequencies that repeat with a mosaic's polarizers, and which tell how much there is of them."""
+        rows, columns = np.meshgrid(np.fft.fftfreq(self.side_px), np.fft.rfftfreq(self.side_px), indexing="ij")
+        apart = [np.hypot((rows - y + 0.5) % 1 - 0.5, columns - x) for y, x in ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5))]
+        repeats = (np.min(apart, axis=0) < _LIKE_PATTERN).ravel()
+        direction = np.floor(np.arctan2(rows, columns) % np.pi * (_DIRECTIONS / np.pi)).astype(np.intp) % _DIRECTIONS
+        # Those within a column that stands for two count twice.
+        weight = np.where((columns == 0) | (columns == 0.5), 1, 2) * self.fast
+        return OfPattern(
+            np.where(repeats, 0, weight.ravel()).astype(np.float32), np.where(self.fast > 0, direction, -1).ravel()
+        )
+
     def kernel_within(self, height: int, width: int) -> KernelWithin:
         """What windows see of kernels (height, width)."""
         # How much of a window lies in itself, moved; what lies farther apart than its side nothing does.
@@ -108,6 +121,14 @@ class WindowSize:
         return KernelWithin(
             (apart % height)[:, None], apart % width, np.outer(down, across).astype(np.float32), apart % self.side_px
         )
+
+
+class OfPattern(NamedTuple):
+    """How much the frequencies of a window count in the mean of their direction, 0 for those bounded by it, and the
+    number of that direction, -1 for none."""
+
+    weight: Images
+    direction: NDArray[np.intp]
 
 
 class KernelWithin(NamedTuple):
@@ -155,6 +176,11 @@ grain; frequencies beside in all directions gain two thirds; of windows beside a
 TOWARDS_LARGEST = 4
 # Side in pixels of what lies around a pixel: of coarse windows, and odd.
 _AROUND_PX = COARSE.side_px + 1
+# Distance in periods per pixel from what repeats with every second pixel, up to which the samples of a mosaic cannot
+# tell detail from polarized light, and the directions that tell which of both it is. A window takes a highlight that is
+# polarized by itself, which no pane explains, for such detail, beads along a line, the more so the more turns there
+# are. On 35 mosaics of training photographs 0.15 gains 0.1 and 0.15 dB at noise of 0.5 %, at 2 % it loses 0.05.
+_LIKE_PATTERN, _DIRECTIONS = 0.15, 12
 # Periods per window from which on a frequency has one before it in its direction.
 _SLOWEST_WITH_ONE_BEFORE = 1.5
 # Mean square by which a window differs from that of the frame before, in units of what noise may do, from which on it
@@ -254,7 +280,7 @@ def expected_layers(
     precision: Images,
     layers: Images | None = None,
     *,
-    turns: Turns = TURNS,
+    sampled: bool = False,
     varying: VaryingInformation | None = None,
     fast_alone: bool = False,
     before: SeenSpectra | None = None,
@@ -272,8 +298,8 @@ def expected_layers(
         What a pixel's photographs tell, beside what `known` takes for it: bright light has more noise.
     layers : ndarray of float32, shape (2, channel, H, W), optional
         Those at hand that the first spectra are taken from. Default: the closed form's, which coarse windows see first.
-    turns : tuple of (WindowSize, int)
-        From the closed form's layers on; around others there is one of fine windows.
+    sampled : bool
+        Whether the photographs are samples of a mosaic.
     varying : VaryingInformation, optional
         What photographs tell in each place. Default: the same everywhere, which `known` says.
     fast_alone : bool
@@ -286,8 +312,9 @@ def expected_layers(
     """
     light = np.tensordot(known.basis[0].astype(np.float32), canvas.crop(known.layers), axes=(0, 1))
     if before is None:
-        sizes = turns if layers is None else AROUND_LAYERS
-        steps = [(Windows(known, canvas, size, varying, fast_alone=fast_alone), times) for size, times in sizes]
+        sizes = (TURNS_OF_SAMPLES if sampled else TURNS) if layers is None else AROUND_LAYERS
+        options = {"fast_alone": fast_alone, "sampled": sampled}
+        steps = [(Windows(known, canvas, size, varying, **options), times) for size, times in sizes]
         last, changed = steps[-1][0], None
     else:
         last = before.windows
@@ -372,6 +399,8 @@ class Windows:
         What photographs tell in each place. Default: the same everywhere, which `known` says.
     fast_alone : bool
         Whether they are shown what is fast alone.
+    sampled : bool
+        Whether the photographs are samples of a mosaic.
     """
 
     def __init__(
@@ -382,12 +411,14 @@ class Windows:
         varying: VaryingInformation | None = None,
         *,
         fast_alone: bool = False,
+        sampled: bool = False,
     ) -> None:
         self._side_px, self._step_px = size.side_px, size.step_px
         self._canvas, self._basis, self._mean = canvas, known.basis.astype(np.float32), known.mean.astype(np.float32)
         self._size, self._side = size, size.profile
         self._window = np.outer(self._side, self._side)
         self._fast, self._along = size.fast, size.along
+        self._of_pattern = size.of_pattern if sampled else None
         # One axis more, for the windows of a row.
         self._prior = np.maximum(_flat(self._at_windows(known.prior)), np.float32(LEAST_POWER))[:, :, None]
         self._varying = varying
@@ -459,7 +490,7 @@ class Windows:
         remember : bool
             Whether the power after it is told.
         """
-        from polaropt.solving.kernels.windows import expect, likely_power, power_of, share_power
+        from polaropt.solving.kernels.windows import expect, likely_power, limit_power, power_of, share_power
 
         if self._faster is not None:
             layers, gradient = filtered(layers, self._faster), filtered(gradient, self._faster)
@@ -486,6 +517,8 @@ class Windows:
                 likely_power(*told, changed[i], _flat(power))
             counted, shares = seen.photographed.counted, (np.float32(BESIDE), np.float32(OF_LIGHT))
             share_power(_flat(power), counted, self._prior[:, :, 0], self._along, *shares)
+            if self._of_pattern is not None:
+                limit_power(_flat(power), counted, self._prior[:, :, 0], *self._of_pattern)
             expect(*told, _flat(power), left[i])
             if remember:
                 after[i] = power

@@ -22,15 +22,7 @@ from polaropt.inversion import (
 )
 from polaropt.numerics import smoothly_filled
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertical_reach
-from polaropt.solving.local_spectra import (
-    REACH_PX,
-    TURNS,
-    TURNS_OF_SAMPLES,
-    Expectation,
-    SeenSpectra,
-    believed_share,
-    expected_layers,
-)
+from polaropt.solving.local_spectra import REACH_PX, Expectation, SeenSpectra, believed_share, expected_layers
 from polaropt.solving.objective import (
     Misfit,
     Penalties,
@@ -330,7 +322,7 @@ class Problem:
             believed_slope,
             self.believed_precision(share),
             layers,
-            turns=TURNS if self.capture.samples is None else TURNS_OF_SAMPLES,
+            sampled=self.capture.samples is not None,
             varying=self._varying_information(),
             fast_alone=self.slow_is_known,
             before=None if self._memory is None or layers is not None else self._memory.seen,

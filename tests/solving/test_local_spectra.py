@@ -9,7 +9,7 @@ import pytest
 
 from polaropt import Capture, SceneParameters, Weights, simulate
 from polaropt.capture.noise import NoiseModel
-from polaropt.solving.kernels.windows import share_power
+from polaropt.solving.kernels.windows import limit_power, share_power
 from polaropt.solving.local_spectra import COARSE, FINE, TURNS, Windows, believed_share
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
@@ -58,7 +58,7 @@ def test_many_turns_do_not_drive_dark_pixels_off(monkeypatch):
     capture, dark = dark_specks(blend(40, 96, noise=0.0).capture, growth)
     ends = []
     for turns in (TURNS, ((COARSE, 12), (FINE, 6))):
-        monkeypatch.setattr("polaropt.solving.problem.TURNS", turns)
+        monkeypatch.setattr("polaropt.solving.local_spectra.TURNS", turns)
         problem = Problem(capture, blend(40, 96).scene, 0.02, Weights(), growth=growth)
         layers = problem.canvas.crop(problem.expected.in_colors(problem.known.basis))
         ends.append(np.abs(layers[0][..., dark]).mean())
@@ -293,3 +293,33 @@ def test_a_window_shares_its_power_between_colours_and_along_directions():
     before = power.copy()
     share_power(power, counted, prior, along, np.float32(0.2), np.float32(0.3))
     np.testing.assert_allclose(power, before, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [COARSE, FINE])
+def test_what_repeats_with_a_mosaics_polarizers_is_bounded_by_its_direction(size):
+    """A peak there is polarized light; as busy as its direction it is detail, and a peak elsewhere is texture."""
+    weight, direction = size.of_pattern
+    shape = size.side_px, size.side_px // 2 + 1
+    half = size.side_px // 2
+    bounded = ((weight == 0) & (direction >= 0)).reshape(shape)
+    assert bounded[0, half]
+    assert bounded[half, 0]
+    assert bounded[half, half]
+    assert not bounded[half // 2, half // 2]
+    assert not bounded[0, half // 2]
+    assert direction[0] == -1
+
+    prior = np.random.default_rng(0).uniform(1, 2, (2, 1, weight.size)).astype(np.float32)
+    counted = (0.1 * prior)[:, :, None]
+    power = 3 * prior[:, :, None] - counted
+    peaks = power.reshape(2, 1, 1, *shape).copy()
+    peaks[..., 0, half] *= 100
+    peaks[..., half // 2, half // 2] *= 2
+    for before, texture in ((power, False), (peaks.reshape(power.shape), True)):
+        after = before.copy()
+        limit_power(after, counted, prior, weight, direction)
+        busy = ((after + counted) / prior[:, :, None]).reshape(2, 1, 1, *shape)
+        if texture:
+            np.testing.assert_array_equal(after[..., ~bounded.ravel()], before[..., ~bounded.ravel()])
+        np.testing.assert_allclose(busy[..., 0, half], 3, rtol=1e-4)
+        np.testing.assert_allclose(busy[..., half, 0], 3, rtol=1e-4)

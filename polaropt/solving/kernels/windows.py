@@ -87,6 +87,41 @@ def share_power(
                     p[k] = max(shared * v[k] - q[k], np.float32(0))
 
 
+@compiled
+def limit_power(
+    power: Images, counted: Images, prior: Images, weight: NDArray[np.float32], direction: NDArray[np.intp]
+) -> None:
+    """Bound the power of layers in windows by that of the same direction, in units of the frame's own power.
+
+    Parameters
+    ----------
+    power, counted, prior
+        As of `share_power`.
+    weight : array, shape (frequency,)
+        Of each frequency in the mean of its direction; those without any are bounded by it.
+    direction : array, shape (frequency,)
+        Number of each frequency's direction, or -1: such are left alone.
+    """
+    n = direction.max() + 1
+    sums, totals = np.empty(n, np.float32), np.zeros(n, np.float32)
+    for k in range(direction.size):
+        if direction[k] >= 0:
+            totals[direction[k]] += weight[k]
+    for layer in range(power.shape[0]):
+        for c in range(power.shape[1]):
+            v = prior[layer, c]
+            for i in range(power.shape[2]):
+                p, q = power[layer, c, i], counted[layer, c, i % counted.shape[2]]
+                sums[:] = 0
+                for k in range(direction.size):
+                    if weight[k] > 0:
+                        sums[direction[k]] += weight[k] * (p[k] + q[k]) / v[k]
+                for k in range(direction.size):
+                    if weight[k] == 0 and direction[k] >= 0:
+                        most = sums[direction[k]] / totals[direction[k]] * v[k] - q[k]
+                        p[k] = max(min(p[k], most), np.float32(0))
+
+
 class Photographed(NamedTuple):
     """What photographs tell of windows, and what their solution is bounded by.
 
