@@ -373,7 +373,9 @@ def _of_samples(capture: Capture, cells: RegisteredCells) -> tuple[float, NoiseM
     # What alternates along rows and columns alike is no light only where each diagonal of a cell is a pair.
     diagonal = {int(pattern[0, 0]), int(pattern[1, 1])}
     pairs = [set(pair) for pair in orthogonal_pairs(capture.angles_deg) or ()]
-    fast = _fast_of_bands(cells.samples) if diagonal in pairs else None
+    levels = None if capture.origin is None else capture.origin.grey_levels
+    rounds = levels is not None and raw < ROUNDED / levels
+    fast = None if rounds or diagonal not in pairs else _fast_of_bands(cells.samples)
     if fast is None:
         return raw, NoiseModel(raw)
     level = max(_LEAST, robust_spread(fast.residual, 0.0))

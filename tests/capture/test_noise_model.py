@@ -15,7 +15,7 @@ from polaropt.capture.noise import NoiseModel, measured_noise, noise_classes, no
 from polaropt.capture.reading.frames import mosaic_capture
 from polaropt.errors import InputError
 from polaropt.optics.scene import SceneParameters
-from polaropt.simulation import shipped_photograph
+from polaropt.simulation import Camera, cut, photograph_mosaic, shipped_photograph, simulated_mosaic
 from polaropt.simulation.metrics import psnr_db
 from polaropt.simulation.simulator import digitized, simulate
 from polaropt.solving.objective import Weights
@@ -87,6 +87,15 @@ def test_shot_noise_of_a_mosaic_is_found(color):
     _, model = measured_noise(mosaic_of(color, 5e-4))
     assert model.shot == pytest.approx(5e-4, rel=0.2)
     assert model.read < 0.006
+
+
+def test_rounding_of_a_mosaic_is_no_shot_noise():
+    """Where it is more than the noise, its spread goes with the detail."""
+    images = [cut(shipped_photograph(name), (256, 256), (0.5, 0.5)) for name in ("coffee", "astronaut")]
+    camera = Camera(noise=0.001, lens_blur_px=0.7, bits=6, seed=1)
+    raw = photograph_mosaic(images[0], images[1], SceneParameters(60.0, 30.0, 4.0), camera, color=False)
+    level, model = measured_noise(simulated_mosaic(raw, False))
+    assert model == NoiseModel(level)
 
 
 def test_where_diagonals_of_a_cell_are_no_pairs_its_noise_has_one_level():
