@@ -571,7 +571,7 @@ def _case_of(
         index = likelier_index(source, of_cells.scene, of_source)
         if mosaic is not None:
             index = likelier_index_of_mosaic(mosaic, found.scene.scaled(mosaic.period / scale), index)
-    if index is not None and index.sure and index_assumed and not asked.stacked and not asked.absorption:
+    if index is not None and index.sure and index_assumed and asked.single_and_clear:
         fit = IndexFit(clear_pane(checked.scene, index.index), index.error)
         found = in_whole(find(source, fit.scene).with_index(fit))
         asked, index = asked.replace(refractive_index=None), None

@@ -165,13 +165,12 @@ def _fast_of_flat_blocks(samples: RawSamples) -> Redundancy | None:
 
 def _fast_of_bands(samples: RawSamples) -> Redundancy | None:
     """The same of bands of rows all over a large mosaic."""
-    height, width = samples.values.shape
-    n = max(1, min(_MOST_SAMPLES // (_SAMPLE_BAND * width), height // _SAMPLE_BAND))
-    starts = np.linspace(0, max(0, height - _SAMPLE_BAND), n).astype(int) // _FLAT_BLOCK * _FLAT_BLOCK
-    whole = height * width <= _MOST_SAMPLES
-    bands = [slice(None)] if whole else [slice(start, start + _SAMPLE_BAND) for start in starts.tolist()]
-    parts = [_fast_of_flat_blocks(samples.part(band, slice(None))) for band in bands]
-    told = [part for part in parts if part is not None]
+    size, height = samples.values.size, len(samples.values)
+    if size <= _MOST_SAMPLES:
+        return _fast_of_flat_blocks(samples)
+    starts = _band_starts(size, height, _MOST_SAMPLES, _SAMPLE_BAND) // _FLAT_BLOCK * _FLAT_BLOCK
+    bands = [samples.part(slice(start, start + _SAMPLE_BAND), slice(None)) for start in starts.tolist()]
+    told = [part for part in map(_fast_of_flat_blocks, bands) if part is not None]
     if not told:
         return None
     return Redundancy(
@@ -240,12 +239,17 @@ def _gain_remover(intensities: NDArray[np.float32], angles_deg: Sequence[float],
 
 def _sampled_rows(size: int, height: int) -> slice | NDArray[np.intp]:
     """All rows of a photograph of `size` values, or bands of neighbouring rows all over a large one."""
-    n_bands = max(1, math.floor(height * _MOST_VALUES / size / _BAND))
-    if n_bands * _BAND >= height:
+    starts = _band_starts(size, height, _MOST_VALUES, _BAND)
+    if len(starts) * _BAND >= height:
         return slice(None)
-    starts = np.linspace(0, height - _BAND, n_bands).astype(np.intp)
     rows: NDArray[np.intp] = (starts[:, None] + np.arange(_BAND)).ravel()
     return rows
+
+
+def _band_starts(size: int, height: int, most: int, band: int) -> NDArray[np.intp]:
+    """First rows of bands, so many rows each, that hold about as many of `size` values in all, spread over an image."""
+    n = min(max(1, math.floor(height * most / size / band)), math.ceil(height / band))
+    return np.linspace(0, max(0, height - band), n).astype(np.intp)
 
 
 def _noise_of_three_photographs(capture: Capture, step: float) -> float:
@@ -366,9 +370,10 @@ def _of_samples(capture: Capture, cells: RegisteredCells) -> tuple[float, NoiseM
     How it grows the flat blocks of the samples tell: detail of the scene, which aliases in the cells, grows with the
     light as well.
     """
-    raw = None if capture.origin is None else capture.origin.raw_noise
-    if raw is None:
+    if capture.origin is None:
         raw = noise_level(cells.capture) / cells.noise_share
+    else:
+        raw = capture.origin.raw_noise or noise_level(cells.capture)
     pattern = np.array(cells.samples.sampling.photographs)
     # What alternates along rows and columns alike is no light only where each diagonal of a cell is a pair.
     diagonal = {int(pattern[0, 0]), int(pattern[1, 1])}

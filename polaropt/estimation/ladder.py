@@ -266,7 +266,7 @@ def _with_all_told(found: LadderResult, stokes: StokesImages, asked: SceneParame
     if estimate is None or estimate.errors.incidence_deg is None or scene.rung not in ("pixelwise", "ghosts"):
         return found
     incidence, azimuth, _ = scene.values()
-    frame, single = plate_frame(stokes, azimuth), not scene.stacked and not scene.absorption
+    frame, single = plate_frame(stokes, azimuth), scene.single_and_clear
     by_edges = incidence, estimate.errors.incidence_deg * (_EDGES_WIDER if single else 1.0)
     spectra = spectral_incidence(cross_spectra(frame), scene) if single else None
     gradients = incidence_by_gradients(frame, scene)

@@ -127,7 +127,7 @@ def with_index(
     """
     if asked.refractive_index is not None:
         return IndexFit(asked)
-    if asked.stacked or asked.absorption or asked.bent or asked.single_surface:
+    if not asked.single_and_clear or asked.bent or asked.single_surface:
         raise InputError("the index is found of one clear, flat pane; give it for tinted, bent or several, and water")
     if capture.cells is not None:
         thickness = None if thickness_px is None else thickness_px / capture.scale
@@ -272,10 +272,9 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
         return None
     stokes = stokes_images(capture, max(noise, LEAST_NOISE))
     frame = plate_frame(stokes, scene.values()[1])
-    single_and_clear = not scene.stacked and not scene.absorption
-    measured = single_and_clear and scene.index != GLASS_INDEX
+    measured = scene.single_and_clear and scene.index != GLASS_INDEX
     # What aliases in a mosaic's cells looks like gradients of both layers.
-    if single_and_clear and not stokes.aliased:
+    if scene.single_and_clear and not stokes.aliased:
         told = _told_by_gradients(frame, scene, _LEAST_GAIN_OVER_MEASURED if measured else _LEAST_GAIN_BY_GRADIENTS)
         # Where double images lie apart tiles are the surer.
         if told is not None or tiles_tell(frame, scene):
@@ -291,7 +290,6 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
 
 def _told_by_spectra(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex | None:
     """What the spectra of double images and the layers' edges tell of an index beside the one that was told."""
-    single_and_clear = not scene.stacked and not scene.absorption
     spectra = cross_spectra(frame)
     single = clear_pane(scene, scene.index)
     panes: dict[int, LikelyWindow] = {}
@@ -327,7 +325,7 @@ def _told_by_spectra(frame: PlateFrame, scene: SceneParameters) -> LikelierIndex
             if panes[step].score > last.score:
                 break
     best = min(panes, key=lambda step: panes[step].score)
-    window = panes[0] if single_and_clear else judged_window(frame, scene, spectra)
+    window = panes[0] if scene.single_and_clear else judged_window(frame, scene, spectra)
     # Edges alone may mislead: ghosts that lie close together double them.
     if best == 0 or not _evident(panes[best], panes[0]) or panes[0].clearly_likelier(panes[best], _AGAINST):
         return None

@@ -228,6 +228,11 @@ class SceneParameters:
         return self.n_faces > 2
 
     @property
+    def single_and_clear(self) -> bool:
+        """Whether there is one pane, or one surface, and no tint."""
+        return not self.stacked and not self.absorption
+
+    @property
     def rung(self) -> Rung:
         """The simplest model of the ladder that these numbers are: what varies, shifts or arrives polarized."""
         if not self.signal:

@@ -30,7 +30,7 @@ Spectrum = NDArray[np.complex64]
 
 REACH_PX = 16.0
 """Shift of ghosts up to which windows tell them: of 12 px both layers gain, of 30 px the reflection loses 2 dB."""
-_FIRST_LENGTH, LENGTHS = 0.6, (0.1, 2.0)
+_FIRST_LENGTH, _LENGTHS = 0.6, (0.1, 2.0)
 """Of steps where there is more than one turn: of the first, and between which others lie. Set by hand."""
 
 
@@ -332,7 +332,10 @@ def expected_layers(
                 changed,
                 remember=remember and windows is last,
             )
-            length, change = _next_length(length, change, step.change), step.change
+            if change is not None:
+                products = (float(np.sum(change * other, dtype=np.float64)) for other in (change, step.change))
+                length = next_length(length, *products)
+            change = step.change
             layers = layers.copy()
             canvas.crop(layers)[...] += np.float32(length) * in_basis(known.basis.T.astype(np.float32), change, np)
     own = in_basis(known.basis.astype(np.float32), layers, np)
@@ -348,17 +351,21 @@ def first_length(times: int) -> float:
     return 1.0 if times == 1 else _FIRST_LENGTH
 
 
-def _next_length(length: float, before: Images | None, change: Images) -> float:
+def next_length(length: float, square: float, left: float) -> float:
     """How far to go along a change, given how far it was gone along the one before.
 
     By Barzilai and Borwein, Two-point step size gradient methods (1988): what is left of a change after a step along it
     tells how much of it steps of length 1 overshoot.
+
+    Parameters
+    ----------
+    length : float
+        Of the step along the change before.
+    square, left : float
+        Products of that change with itself and with the one now.
     """
-    if before is None:
-        return length
-    square, left = (float(np.sum(before * other, dtype=np.float64)) for other in (before, change))
-    least, most = LENGTHS
-    return float(np.clip(length * square / (square - left), least, most)) if square > left else most
+    least, most = _LENGTHS
+    return min(max(length * square / (square - left), least), most) if square > left else most
 
 
 @dataclass(frozen=True)

@@ -308,7 +308,8 @@ class Problem:
         return near and self.weights.factor("misfit") > 0
 
     def _expected_layers(self, layers: Images | None = None) -> Expectation:
-        share = self.believed_share()
+        of_noise = self._precision_of_noise()
+        share = None if of_noise is None else believed_share(of_noise)
 
         def believed_slope(layers: Images) -> Images:
             slope = self.slope_of_misfit(layers)
@@ -320,7 +321,7 @@ class Problem:
             self.known,
             self.canvas,
             believed_slope,
-            self.believed_precision(share),
+            self._mean_precision(None if of_noise is None or share is None else of_noise * share),
             layers,
             sampled=self.capture.samples is not None,
             varying=self._varying_information(),
@@ -357,21 +358,21 @@ class Problem:
 
     def believed_share(self) -> Images | None:
         """Share of what pixels tell (channel, h, w) that windows are shown; None for all of it."""
+        of_noise = self._precision_of_noise()
+        return None if of_noise is None else believed_share(of_noise)
+
+    def _precision_of_noise(self) -> Images | None:
+        """What pixels tell (channel, h, w) beside what the closed form takes for it; None where it is that."""
         if not isinstance(self.pixel_noise, NoiseClasses):
             return None
-        return believed_share(np.square(np.float32(self.noise) / self.pixel_noise.images()))
+        return np.asarray(np.square(np.float32(self.noise) / self.pixel_noise.images()))
 
-    def believed_precision(self, share: Images | None) -> Images:
-        """What a pixel's photographs tell beside what the closed form takes for it, mean of all, (h, w).
-
-        Of a share as of `believed_share`.
-        """
+    def _mean_precision(self, of_pixels: Images | None) -> Images:
+        """What a pixel's photographs tell together, (h, w), given what each does (channel, h, w) where it is valid."""
         valid = self.observed.valid
         weight = valid.reshape(len(valid), -1, *valid.shape[-2:]).astype(np.float32)
-        if isinstance(self.pixel_noise, NoiseClasses):
-            weight *= np.square(np.float32(self.noise) / self.pixel_noise.images())
-        if share is not None:
-            weight *= share
+        if of_pixels is not None:
+            weight *= of_pixels
         # Of a mosaic each pixel has one of all values, which the closed form knows.
         return np.asarray(weight.mean(axis=(0, 1)) / np.float32(self._sampled_share))
 

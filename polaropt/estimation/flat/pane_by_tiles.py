@@ -185,7 +185,7 @@ def with_tiles(
     if not is_of_two_faces(scene) or not least <= scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]:
         return scene, errors
     window, tiles = window_of(scene, frame.azimuth_deg), TileLikelihood(frame)
-    tells_shift = scene.has_ghosts and not scene.stacked and not scene.absorption
+    tells_shift = scene.has_ghosts and scene.single_and_clear
     # Gaps of several panes, and what a tint dims, come out no better than from mean spectra.
     asks = {"incidence_deg": asked.incidence_deg is None, "pane_shift": asked.ghost_shift is None and tells_shift}
     free = tuple(name for name in _OF_SCENE if asks[name])

@@ -15,13 +15,13 @@ from polaropt.inversion import RESOLUTION, Canvas, left_open
 from polaropt.solving.local_spectra import (
     BESIDE,
     LEAST_POWER,
-    LENGTHS,
     OF_LIGHT,
     OPEN,
     TOWARDS_LARGEST,
     TURNS,
     WindowSize,
     first_length,
+    next_length,
 )
 from polaropt.solving.tensors.batch import CaptureBatch, mirrored, placed
 from polaropt.solving.tensors.closed_form import BatchClosedForm
@@ -67,25 +67,19 @@ def expected_layers(
     for size, times in TURNS:
         last = BatchWindows(batch, known, size, fast_alone)
         of_windows = last.sure_precision(precision)
-        length, before = torch.full_like(known.mean.flatten(1)[:, 0], first_length(times)), None
+        lengths, before = [first_length(times)] * len(layers), None
         for _ in range(times):
             change, share = last.step(layers, misfit_gradient(layers), of_windows)
-            length, before = _next_length(length, before, change), change
+            if before is not None:
+                products = ((before * other).flatten(1).sum(dim=1).tolist() for other in (before, change))
+                lengths = [next_length(*each) for each in zip(lengths, *products, strict=True)]
+            before = change
             layers = layers.clone()
-            batch.canvas.crop(layers).add_(length[:, None, None, None, None] * change)
+            batch.canvas.crop(layers).add_(layers.new_tensor(lengths)[:, None, None, None, None] * change)
     assert last is not None
     assert share is not None
     left = _left_open(known.told[:, :, None], known.cross[:, None], known.prior)
     return BatchExpectation(layers, left * last.on_canvas(share))
-
-
-def _next_length(length: Tensor, before: Tensor | None, change: Tensor) -> Tensor:
-    """How far to go along each capture's change, as of photographs on the processor."""
-    if before is None:
-        return length
-    square, left = ((before * other).flatten(1).sum(dim=1) for other in (before, change))
-    least, most = LENGTHS
-    return torch.where(square > left, (length * square / (square - left)).clamp(least, most), most)
 
 
 class BatchWindows:
