@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,8 +16,17 @@ from numpy.typing import NDArray
 
 from polaropt.inversion import RESOLUTION, Canvas, ClosedForm, left_open, unknown_share
 from polaropt.numerics import Basis, column_multiplicity, filtered, squared_frequencies
+from polaropt.solving.windows import (
+    COARSE,
+    FINE,
+    WindowSize,
+    add_to,
+    in_rows,
+    mirrored_around,
+    row_of,
+    spectra_of,
+)
 from priors.natural_image import in_basis
-from solvers.kernels import in_blocks
 
 if TYPE_CHECKING:
     from polaropt.solving.kernels.windows import Photographed
@@ -34,120 +42,6 @@ _FIRST_LENGTH, _LENGTHS = 0.6, (0.1, 2.0)
 """Of steps where there is more than one turn: of the first, and between which others lie. Set by hand."""
 
 
-@dataclass(frozen=True)
-class WindowSize:
-    """How large windows are.
-
-    Attributes
-    ----------
-    side_px : int
-        Neighbours lie half a side apart: each pixel lies in four.
-    slowest : float
-        Periods per window, up to which a window cannot tell a layer's changes: they stay those at hand.
-    """
-
-    side_px: int
-    slowest: float
-
-    @property
-    def step_px(self) -> int:
-        """From a window to the next."""
-        return self.side_px // 2
-
-    @property
-    def profile(self) -> Images:
-        """Of a window along a side, (side,).
-
-        The squares of all windows that a pixel lies in add up to one; within a window their mean is a quarter.
-        """
-        return np.asarray(np.sin(np.pi * (np.arange(self.side_px) + 0.5) / self.side_px), dtype=np.float32)
-
-    @property
-    def fast(self) -> Images:
-        """1 at the frequencies (side, side // 2 + 1) whose changes a window tells, 0 elsewhere."""
-        rows, columns = np.fft.fftfreq(self.side_px), np.fft.rfftfreq(self.side_px)
-        return np.asarray(np.hypot(rows[:, None], columns) * self.side_px > self.slowest, dtype=np.float32)
-
-    def faster(self, height: int, width: int) -> Images:
-        """What windows are shown of each frequency of a half spectrum (height, width): little that is slower than they.
-
-        Of slow changes a window's profile makes fast ones, which its spectrum would draw to nothing: where the pane
-        tells little of a layer that shows as a weave.
-        """
-        rows, columns = squared_frequencies(height, width)
-        blurred = np.exp(-0.5 * (self.side_px * _SLOW) ** 2 * (rows[:, None] + columns))
-        return np.asarray(1 - blurred, dtype=np.float32)
-
-    def nearest(self, height: int, width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows (side,) and columns (side // 2 + 1,) of a half spectrum (height, width) that are a window's own."""
-        rows = np.round(np.fft.fftfreq(self.side_px) * height).astype(int) % height
-        return rows, np.minimum(np.round(np.fft.rfftfreq(self.side_px) * width).astype(int), width // 2)
-
-    @property
-    def along(self) -> NDArray[np.intp]:
-        """Of each frequency of a half spectrum (side, side // 2 + 1) those beside it of its direction, (2, n)."""
-        half = self.side_px // 2
-        rows, columns = np.meshgrid(np.fft.fftfreq(self.side_px) * self.side_px, np.arange(half + 1.0), indexing="ij")
-        length = np.hypot(rows, columns)
-        apart, places = 1 / np.maximum(length, 1), []
-        # Those next to no frequency have none before them.
-        for step in (apart, np.where(length < _SLOWEST_WITH_ONE_BEFORE, 0, -apart)):
-            # The last column stays in itself: what lies opposite there is the same and must have the same beside it.
-            y, x = np.rint(rows * (1 + step)), np.where(columns < half, np.rint(columns * (1 + step)), half)
-            inside = np.clip(y, -half, half).astype(int) % self.side_px, np.minimum(x, half).astype(int)
-            places.append(np.ravel_multi_index(inside, rows.shape).ravel())
-        return np.stack(places)
-
-    @property
-    def of_pattern(self) -> OfPattern:
-        """Frequencies that repeat with a mosaic's polarizers, and which tell how much there is of them."""
-        rows, columns = np.meshgrid(np.fft.fftfreq(self.side_px), np.fft.rfftfreq(self.side_px), indexing="ij")
-        apart = [np.hypot((rows - y + 0.5) % 1 - 0.5, columns - x) for y, x in ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5))]
-        repeats = (np.min(apart, axis=0) < _LIKE_PATTERN).ravel()
-        direction = np.floor(np.arctan2(rows, columns) % np.pi * (_DIRECTIONS / np.pi)).astype(np.intp) % _DIRECTIONS
-        # Those within a column that stands for two count twice.
-        weight = np.where((columns == 0) | (columns == 0.5), 1, 2) * self.fast
-        return OfPattern(
-            np.where(repeats, 0, weight.ravel()).astype(np.float32), np.where(self.fast > 0, direction, -1).ravel()
-        )
-
-    def kernel_within(self, height: int, width: int) -> KernelWithin:
-        """What windows see of kernels (height, width)."""
-        # How much of a window lies in itself, moved; what lies farther apart than its side nothing does.
-        profile = np.sin(np.pi * (np.arange(self.side_px) + 0.5) / self.side_px)
-        overlap = np.correlate(profile, profile, "full") * (2 / self.side_px)
-        apart = np.arange(1 - self.side_px, self.side_px)
-        down, across = (overlap * (2 * np.abs(apart) < side) for side in (height, width))
-        return KernelWithin(
-            (apart % height)[:, None], apart % width, np.outer(down, across).astype(np.float32), apart % self.side_px
-        )
-
-
-class OfPattern(NamedTuple):
-    """How much the frequencies of a window count in the mean of their direction, 0 for those bounded by it, and the
-    number of that direction, -1 for none."""
-
-    weight: Images
-    direction: NDArray[np.intp]
-
-
-class KernelWithin(NamedTuple):
-    """What a window sees of a kernel: the values at `rows` and `columns` times `weights`, which lie at `places` of it,
-    down and across."""
-
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    weights: Images
-    places: NDArray[np.intp]
-
-
-# By trial on four pairs of photographs behind panes at 10 to 75 degrees (24, 32, 64 px).
-COARSE = WindowSize(32, 1.5)
-# Of the last turn, from layers at hand that are near. On 40 captures of training photographs behind panes at 10 to 85
-# degrees both layers gain 0.2 dB by it, and 0.14 / 0.07 dB on 32 mosaics; by windows of 24 px less, of 12 px as much;
-# where a lens blurs by 0.8 px nothing. A window's own profile mixes what is slower into its first period: with that
-# both lose 0.2 to 0.7 dB at 10 degrees.
-FINE = WindowSize(16, 1.5)
 Turns = tuple[tuple[WindowSize, int], ...]
 """Sizes of windows, and how often each takes its spectra from the layers at hand."""
 TURNS: Turns = ((COARSE, 3), (FINE, 2))
@@ -159,9 +53,6 @@ TURNS_OF_SAMPLES: Turns = ((COARSE, 6), (FINE, 3))
 end 0.3 and 0.25 dB higher."""
 AROUND_LAYERS: Turns = ((FINE, 1),)
 """Around layers of a learned start, which more turns forget: a second one costs up to 0.07 dB."""
-# Standard deviation of the Gaussian that tells slow changes from fast ones, in sides of a window. Behind wide lenses a
-# sixth is worse by up to 0.05 dB; behind panes that are the same everywhere 0.18, 0.25 and 0.35 are alike.
-_SLOW = 0.25
 # What is open of a frequency counts so much, where the photographs tell it well, and all of it where they do not tell
 # it: there the layers at hand are smoother than the scene.
 OPEN = 0.25
@@ -176,18 +67,9 @@ grain; frequencies beside in all directions gain two thirds; of windows beside a
 TOWARDS_LARGEST = 4
 # Side in pixels of what lies around a pixel: of coarse windows, and odd.
 _AROUND_PX = COARSE.side_px + 1
-# Distance in periods per pixel from what repeats with every second pixel, up to which the samples of a mosaic cannot
-# tell detail from polarized light, and the directions that tell which of both it is. A window takes a highlight that is
-# polarized by itself, which no pane explains, for such detail, beads along a line, the more so the more turns there
-# are. On 35 mosaics of training photographs 0.15 gains 0.1 and 0.15 dB at noise of 0.5 %, at 2 % it loses 0.05.
-_LIKE_PATTERN, _DIRECTIONS = 0.15, 12
-# Periods per window from which on a frequency has one before it in its direction.
-_SLOWEST_WITH_ONE_BEFORE = 1.5
 # Mean square by which a window differs from that of the frame before, in units of what noise may do, from which on it
 # shows something else, and the share of such windows up to which a frame is the same: set by hand.
 _CHANGED, _FEW = np.float32(3.0), 0.1
-# Root of two: the power of pixels seen through a window, whose mean square is a quarter, is that of the pixels.
-_SQUARED = np.float32(np.sqrt(2))
 # Power of a window's frequency that is divided by.
 LEAST_POWER = 1e-12
 
@@ -437,8 +319,7 @@ class Windows:
 
     def means(self, image: Images) -> Images:
         """Mean of an image (h, w) in each window, (windows down, windows across, 1, 1)."""
-        around = [(self._step_px, self._step_px + -side % self._step_px) for side in image.shape]
-        extended = np.pad(image, around, mode="symmetric")
+        extended = mirrored_around(image, self._size)
         weight = np.square(self._window) / np.square(self._window).sum()
         everywhere = np.lib.stride_tricks.sliding_window_view(extended, self._window.shape)
         views = everywhere[:: self._step_px, :: self._step_px]
@@ -511,8 +392,7 @@ class Windows:
         after: list[Power] = [np.empty(0, dtype=np.float32)] * len(precision)
 
         def turn(i: int) -> None:
-            rows = np.s_[..., i * self._step_px : i * self._step_px + self._side_px, :]
-            here, moved = self._spectra(own[rows]), self._spectra(downhill[rows])
+            here, moved = (spectra_of(row_of(images, i, self._size), self._size) for images in (own, downhill))
             seen = self._seen_in_row(i, precision.shape[1])
             left_before[i] = seen.left.mean(axis=2)
             told = (_parts(here), _parts(moved), precision[i].ravel(), seen.photographed)
@@ -529,14 +409,9 @@ class Windows:
             expect(*told, _flat(power), left[i])
             if remember:
                 after[i] = power
-            self._add(moved, change[rows])
+            add_to(row_of(change, i, self._size), moved, self._size)
 
-        def every_second(first: int, place: int, _: int) -> None:
-            turn(2 * place + first)
-
-        # Every second row of windows by itself: they share no pixel.
-        for first in (0, 1):
-            in_blocks(partial(every_second, first), (len(precision) - first + 1) // 2, 1)
+        in_rows(turn, len(precision))
         # Where windows do not tell a layer's changes nothing has been found out of them.
         still, found = left_before.mean(axis=0, dtype=np.float64), left.sum(axis=0, dtype=np.float64) / precision.size
         share = np.where(self._fast.ravel() > 0, found, still) / self._everywhere.left[:, :, 0]
@@ -566,30 +441,8 @@ class Windows:
         return _Seen(Photographed(np.ascontiguousarray(told), parts, counted, fast, least, resolution), left)
 
     def _extended(self, images: Images) -> Images:
-        """Canvas images in the colour basis within the frame, mirrored around it so far that windows fill it."""
-        frame = in_basis(self._basis, self._canvas.crop(images), np)
-        around = [(self._step_px, self._step_px + -side % self._step_px) for side in frame.shape[-2:]]
-        return np.asarray(np.pad(frame, [(0, 0), (0, 0), *around], mode="symmetric"))
-
-    def _spectra(self, rows: Images) -> Spectrum:
-        """Of a row of windows: (2, channel, side, width) to (2, channel, window, side, side // 2 + 1)."""
-        from scipy.fft import rfft2
-
-        from polaropt.solving.kernels.windows import cut
-
-        n = rows.shape[-1] // self._step_px - 1
-        pieces = np.empty((*rows.shape[:2], n, *self._window.shape), dtype=np.float32)
-        cut(rows, _SQUARED * self._side, self._step_px, pieces)
-        return np.asarray(rfft2(pieces, norm="ortho", overwrite_x=True))
-
-    def _add(self, spectra: Spectrum, rows: Images) -> None:
-        """Add a row of windows' change to (2, channel, side, width)."""
-        from scipy.fft import irfft2
-
-        from polaropt.solving.kernels.windows import put
-
-        pieces = irfft2(spectra, s=(self._side_px, self._side_px), norm="ortho", overwrite_x=True)
-        put(pieces, self._side / _SQUARED, self._step_px, rows)
+        """Canvas images in the colour basis within the frame, mirrored around it."""
+        return mirrored_around(in_basis(self._basis, self._canvas.crop(images), np), self._size)
 
     def on_canvas(self, share: Power) -> Power:
         """A share at the frequencies of a window (..., side, side // 2 + 1) at those of the canvas."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, NoiseClasses, NoiseModel, noise_classes
+from polaropt.capture import Capture, NoiseClasses, NoiseModel, RawSamples, noise_classes
 from polaropt.inversion import (
     Canvas,
     ClosedForm,
@@ -23,6 +23,7 @@ from polaropt.inversion import (
 from polaropt.numerics import smoothly_filled
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertical_reach
 from polaropt.solving.local_spectra import REACH_PX, Expectation, SeenSpectra, believed_share, expected_layers
+from polaropt.solving.mosaic_pattern import firmness, mosaic_pattern
 from polaropt.solving.objective import (
     Misfit,
     Penalties,
@@ -188,8 +189,9 @@ class Problem:
         self.mean_noise = noise
         self.pixel_noise: float | NoiseClasses = noise if classes is None else classes
         self.capture, self.scene = capture, scene
-        # What is compared with the layers: of a mosaic the samples alone.
-        self.observed = capture.observed
+        # What is compared with the layers: of a mosaic the samples alone, once `known` was asked for without the light
+        # that no pane explains, and the misfit that this has.
+        self.observed, self._unexplained = capture.observed, 0.0
         self.weights, self.robust = weights, robust
         self.pse = engine or engine_for(scene, capture.angles_deg, self.noise, capture.shape[-2:], center)
         period = 1 if capture.samples is None else capture.samples.sampling.period
@@ -199,9 +201,21 @@ class Problem:
     def known(self) -> ClosedForm:
         """The closed form, when first asked for; of a pane that varies with the layers that are most likely."""
         known = self.closed_form()
-        if isinstance(self.pse, PSE) or self.robust:
-            return known
-        return most_likely_layers(known, self.canvas, self.pse, self._told_of_stokes(self.pse), self.slope_of_misfit)
+        if not (isinstance(self.pse, PSE) or self.robust):
+            told = self._told_of_stokes(self.pse)
+            known = most_likely_layers(known, self.canvas, self.pse, told, self.slope_of_misfit)
+        return known if self.capture.samples is None else self._without_pattern(known, self.capture.samples)
+
+    def _without_pattern(self, known: ClosedForm, samples: RawSamples) -> ClosedForm:
+        """What is known without detail that stands for light which no pane explains: it is taken out of the samples."""
+        pattern = np.zeros_like(known.layers)
+        self.canvas.crop(pattern)[...] = mosaic_pattern(self.canvas.crop(known.layers), samples.sampling.period)
+        light = self._photographed(pattern).reshape(self.observed.intensities.shape)
+        self.observed = self.observed.replace(intensities=self.observed.intensities - light)
+        self._unexplained = 0.5 * float(np.square(light / np.float32(self.noise)).sum(where=self.observed.valid))
+        # Made of the samples as they were.
+        self.__dict__.pop("_misfit", None)
+        return replace(known, layers=known.layers - pattern)
 
     @cached_property
     def expected(self) -> Expectation | None:
@@ -256,6 +270,10 @@ class Problem:
         slope = None if mosaic or self.expected is None else self.slope_of_misfit(self.best_known())
         penalties = default_penalties(self.known, self.mean_noise, mosaic, self.expected, slope)
         others = {**penalties.others, **plugged_penalties(self.weights, self.known, self.mean_noise)}
+        if self.capture.samples is not None:
+            held = firmness(self.canvas.shape, self.capture.samples.sampling.period)
+            natural = replace(penalties.natural_image, stiffness=penalties.natural_image.stiffness * held)
+            penalties = replace(penalties, natural_image=natural)
         return replace(penalties, others=others)
 
     @property
@@ -461,7 +479,11 @@ class Problem:
             return 2 * misfit / max(1.0, n * (k - 2) / k)
         # Two layers have more values than a mosaic has samples: what counts is what these tell of them.
         told = self.known.sampled.told_share()
-        return 2 * misfit / max(1.0, _LEAST_FREE * n, n - told * self.canvas.height * self.canvas.width)
+        return (
+            2
+            * (misfit + self._unexplained)
+            / max(1.0, _LEAST_FREE * n, n - told * self.canvas.height * self.canvas.width)
+        )
 
 
 @dataclass(frozen=True)

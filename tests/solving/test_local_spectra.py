@@ -10,9 +10,10 @@ import pytest
 from polaropt import Capture, SceneParameters, Weights, simulate
 from polaropt.capture.noise import NoiseModel
 from polaropt.solving.kernels.windows import limit_power, share_power
-from polaropt.solving.local_spectra import COARSE, FINE, TURNS, Windows, believed_share
+from polaropt.solving.local_spectra import TURNS, Windows, believed_share
 from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
+from polaropt.solving.windows import COARSE, FINE, add_to, spectra_of
 from solvers.base import StoppingRule
 from solvers.registry import get_solver
 from tests.blends import blend
@@ -84,7 +85,7 @@ def test_windows_that_overlap_add_up_to_the_frame():
     frame = windows._extended(layers)
     again = np.zeros_like(frame)
     for top in range(0, frame.shape[-2] - 31, 16):
-        windows._add(windows._spectra(frame[..., top : top + 32, :]), again[..., top : top + 32, :])
+        add_to(again[..., top : top + 32, :], spectra_of(frame[..., top : top + 32, :], COARSE), COARSE)
     inside = np.s_[..., 16 : 16 + 70, 16 : 16 + 45]
     np.testing.assert_allclose(again[inside], frame[inside], atol=1e-5)
 

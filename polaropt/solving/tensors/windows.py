@@ -19,12 +19,12 @@ from polaropt.solving.local_spectra import (
     OPEN,
     TOWARDS_LARGEST,
     TURNS,
-    WindowSize,
     first_length,
     next_length,
 )
 from polaropt.solving.tensors.batch import CaptureBatch, mirrored, placed
 from polaropt.solving.tensors.closed_form import BatchClosedForm
+from polaropt.solving.windows import WindowSize
 
 
 @dataclass(frozen=True)
