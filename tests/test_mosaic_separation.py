@@ -16,6 +16,7 @@ from polaropt.optics import PSE
 from polaropt.reporting import inspect_capture
 from polaropt.reporting.words import attention
 from polaropt.simulation import Camera, cut, photograph_mosaic, psnr_db, sensor_image, shipped_photograph
+from polaropt.solving.mosaic_pattern import mosaic_pattern
 from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
 from tests.command_line import QUICK
@@ -134,21 +135,25 @@ def test_a_tile_knows_its_place_in_the_pattern(tmp_path):
     assert np.abs(apart).max() < 0.1
 
 
-def test_the_solve_begins_at_the_closed_form_and_the_terms_tell_the_samples_misfit(tmp_path):
+def test_the_solve_begins_at_the_closed_form_less_what_alternates_and_the_terms_tell_the_samples_misfit(tmp_path):
     path, _ = mosaic_file(tmp_path, False)
     capture = read_capture(path, sensor="mono")
     problem = Problem(capture, SCENE, NOISE, Weights())
     pse = PSE(SCENE, capture.angles_deg)
     canvas = canvas_for(pse, *capture.shape, 2)
     assert canvas.shape[0] % 2 == canvas.shape[1] % 2 == 0
-    np.testing.assert_array_equal(
-        problem.known.layers, mosaic_layers(capture, problem.pse, problem.canvas, NOISE).layers
-    )
+    closed = mosaic_layers(capture, problem.pse, problem.canvas, NOISE).layers
+    pattern = np.zeros_like(closed)
+    alternations = capture.samples.sampling.alternations(capture.angles_deg)
+    problem.canvas.crop(pattern)[...] = mosaic_pattern(problem.canvas.crop(closed), alternations)
+    np.testing.assert_array_equal(problem.known.layers, closed - pattern)
     objective = problem.compiled(problem.known.layers)
     objective.value_and_grad(objective.coordinates(problem.known.layers))
     residual = PSE(SCENE, capture.angles_deg).forward(problem.known.layers)[:, 0] * 1.0
-    sampled = capture.samples.sampling.sample(problem.canvas.crop(residual)[:, None])
-    expected = 0.5 * np.sum(np.square((sampled - capture.samples.values) / NOISE), dtype=np.float64)
+    sampling = capture.samples.sampling
+    sampled = sampling.sample(problem.canvas.crop(residual)[:, None])
+    explained = sampling.sample(problem.observed.intensities[:, None])
+    expected = 0.5 * np.sum(np.square((sampled - explained) / NOISE), dtype=np.float64)
     assert objective.misfit == pytest.approx(expected, rel=1e-3)
 
 

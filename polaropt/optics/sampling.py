@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
 
 Indices = NDArray[np.intp]
 Pattern = tuple[tuple[int, ...], ...]
+
+# Share of the strongest alternation that others have at least: filters a few degrees off make weak ones. Set by hand.
+_ALTERNATES = 0.1
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,22 @@ class Sampling:
             for row in range(self.period)
             for column in range(self.period)
         )
+
+    def alternations(self, angles_deg: Sequence[float]) -> tuple[tuple[float, float], ...]:
+        """By which polarized light is sampled alternately, down and across, in periods per pixel.
+
+        In a cell whose orthogonal pairs lie across from each other along its diagonals, that is by rows and by columns.
+
+        Parameters
+        ----------
+        angles_deg : sequence of float
+            Of the photographs' polarizers.
+        """
+        light = np.exp(2j * np.radians(np.asarray(angles_deg)[np.array(self.photographs)]))
+        strength = np.abs(np.fft.fft2(light))
+        strength[0, 0] = 0
+        rows, columns = np.nonzero(strength > _ALTERNATES * strength.max())
+        return tuple((row / self.period, column / self.period) for row, column in zip(rows, columns, strict=True))
 
     def weights(self, mixing: NDArray[np.float64], basis: NDArray[np.float64]) -> NDArray[np.float64]:
         """What each pixel of the pattern tells of images in a basis of colours, (color, entry, period * period).

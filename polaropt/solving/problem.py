@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, NoiseClasses, NoiseModel, RawSamples, noise_classes
+from polaropt.capture import Capture, NoiseClasses, NoiseModel, noise_classes
 from polaropt.inversion import (
     Canvas,
     ClosedForm,
@@ -204,12 +204,12 @@ class Problem:
         if not (isinstance(self.pse, PSE) or self.robust):
             told = self._told_of_stokes(self.pse)
             known = most_likely_layers(known, self.canvas, self.pse, told, self.slope_of_misfit)
-        return known if self.capture.samples is None else self._without_pattern(known, self.capture.samples)
+        return known if self.capture.samples is None else self._without_pattern(known)
 
-    def _without_pattern(self, known: ClosedForm, samples: RawSamples) -> ClosedForm:
+    def _without_pattern(self, known: ClosedForm) -> ClosedForm:
         """What is known without detail that stands for light which no pane explains: it is taken out of the samples."""
         pattern = np.zeros_like(known.layers)
-        self.canvas.crop(pattern)[...] = mosaic_pattern(self.canvas.crop(known.layers), samples.sampling.period)
+        self.canvas.crop(pattern)[...] = mosaic_pattern(self.canvas.crop(known.layers), self._alternations)
         light = self._photographed(pattern).reshape(self.observed.intensities.shape)
         self.observed = self.observed.replace(intensities=self.observed.intensities - light)
         self._unexplained = 0.5 * float(np.square(light / np.float32(self.noise)).sum(where=self.observed.valid))
@@ -271,9 +271,9 @@ class Problem:
         penalties = default_penalties(self.known, self.mean_noise, mosaic, self.expected, slope)
         others = {**penalties.others, **plugged_penalties(self.weights, self.known, self.mean_noise)}
         if self.capture.samples is not None:
-            held = firmness(self.canvas.shape, self.capture.samples.sampling.period)
-            natural = replace(penalties.natural_image, stiffness=penalties.natural_image.stiffness * held)
-            penalties = replace(penalties, natural_image=natural)
+            natural = penalties.natural_image
+            stiffness = natural.stiffness * firmness(*self.canvas.shape, self._alternations)
+            penalties = replace(penalties, natural_image=replace(natural, stiffness=stiffness))
         return replace(penalties, others=others)
 
     @property
@@ -367,6 +367,12 @@ class Problem:
     def _told_of_stokes(self, pse: VaryingPSE) -> NDArray[np.float64]:
         """What a pixel tells of its Stokes vector: an inverse covariance (3, 3), of samples a mean."""
         return np.asarray(pse.analyzer.T @ pse.analyzer * (self._sampled_share / self.noise**2))
+
+    @property
+    def _alternations(self) -> tuple[tuple[float, float], ...]:
+        """By which a mosaic samples polarized light alternately; none of photographs."""
+        samples = self.capture.samples
+        return () if samples is None else samples.sampling.alternations(self.capture.angles_deg)
 
     @property
     def _sampled_share(self) -> float:

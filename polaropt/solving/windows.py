@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,11 +147,15 @@ COARSE = WindowSize(32, 1.5)
 FINE = WindowSize(16, 1.5)
 
 
-def mirrored_around(images: Images, size: WindowSize) -> Images:
-    """Images (..., h, w), mirrored around their frame so far that whole windows fill it."""
+def mirrored_around(images: Images, size: WindowSize, at: Literal["borders", "pixels"] = "borders") -> Images:
+    """Images (..., h, w), mirrored around their frame so far that whole windows fill it.
+
+    At the frame's borders, so that the outermost pixels stand there twice, or at these pixels, so that what alternates
+    goes on to do so.
+    """
     step = size.step_px
     around = [(step, step + -side % step) for side in images.shape[-2:]]
-    return np.pad(images, [*[(0, 0)] * (images.ndim - 2), *around], mode="symmetric")
+    return np.pad(images, [*[(0, 0)] * (images.ndim - 2), *around], mode="symmetric" if at == "borders" else "reflect")
 
 
 def in_rows(turn: Callable[[int], None], n: int) -> None:

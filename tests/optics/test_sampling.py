@@ -62,3 +62,19 @@ def test_values_of_each_photograph_and_colour_lie_where_they_are_sampled():
     everywhere = np.broadcast_to(values[..., None, None], (*values.shape, 12, 8))
     np.testing.assert_array_equal(sampling.laid_out(values, (12, 8)), sampling.sample(everywhere))
     assert sampling.sample(everywhere).shape == (12, 8)
+
+
+@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize(
+    ("cell", "expected"),
+    [
+        ((90.0, 45.0, 135.0, 0.0), {(0.0, 0.5), (0.5, 0.0)}),
+        ((0.0, 90.0, 45.0, 135.0), {(0.0, 0.5), (0.5, 0.5)}),
+        ((0.0, 45.0, 90.0, 135.0), {(0.5, 0.0), (0.5, 0.5)}),
+    ],
+)
+def test_polarized_light_alternates_but_not_by_what_tells_orthogonal_pairs_apart(color, cell, expected):
+    sampling, angles = sampling_of(color, cell)
+    assert set(sampling.alternations(angles)) == expected
+    # Filters that stand a degree off make no others.
+    assert set(sampling.alternations([angle + (-1) ** i for i, angle in enumerate(angles)])) == expected
