@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pandas import DataFrame
+from scipy.ndimage import gaussian_filter
 
-from polaropt.capture import ANGLES_DEG, WHITE_16, Capture, Origin, read_capture, write_png
+from polaropt.capture import ANGLES_DEG, WHITE_16, Capture, Origin, read_capture, sampling_of, write_png
 from polaropt.numerics import block_mean
 from polaropt.optics import SceneParameters
 from polaropt.separation import Separation, separate
@@ -36,9 +37,14 @@ SIZE_PX, MARGIN_PX = 384, 20
 """Side of the frame: patterns are 2 or 4 px; what is kept beyond it for ghosts to come from."""
 INCIDENCES_DEG, QUICK_INCIDENCES_DEG = (40.0, 60.0, 75.0), (60.0,)
 SHIFT_PX, NOISE, BITS = 4.0, 0.005, 16
-BLURS_PX = {"sharp": 0.0, "lens blur 0.7 px": 0.7}
-"""Standard deviations of the lens's blur."""
+USUAL, POLARIZED = "lens blur 0.7 px", "the same, things polarized"
+BLURS_PX = {"sharp": 0.0, USUAL: 0.7, POLARIZED: 0.7}
+"""Standard deviations of the lens's blur; in the last scenes things behind the pane are polarized by themselves."""
+THINGS_DOLP, THINGS_PX = 0.15, 12.0
+"""How much, and how large the things are."""
 N_PAIRS = 6
+# Added to a pair's number for a generator of its own.
+_OF_THINGS = 1
 SENSORS = ("mono", "color")
 BOUND, JOINT, CLOSED, LEARNED, FROM_LEARNED, CELL, BILINEAR, LMMSE = WAYS = (
     "four full photographs",
@@ -148,6 +154,10 @@ def take(pair: Pair, job: Job) -> Mosaic:
     raw = photograph_mosaic(pair.transmission, pair.reflection, scene, camera, color)
     seen = [camera.through_lens(sensor_image(image, color)) for image in (pair.transmission, pair.reflection)]
     larger = simulate(*seen, scene, ANGLES_DEG, NOISE, BITS, pair.number)
+    if job.lens == POLARIZED:
+        light = _light_of_things(stack_layers(*seen)[0], pair.number)
+        raw += sampling_of(color)[0].sample(light.reshape(len(light), -1, *raw.shape))
+        larger = larger.replace(intensities=larger.intensities + light.reshape(larger.intensities.shape))
     inside = (slice(pair.margin, -pair.margin),) * 2
     return Mosaic(
         np.ascontiguousarray(raw[inside]),
@@ -155,6 +165,19 @@ def take(pair: Pair, job: Job) -> Mosaic:
         scene,
         larger.part(*(slice(side.start, SIZE_PX + pair.margin) for side in inside)),
     )
+
+
+def _light_of_things(behind: Images, number: int) -> Images:
+    """What photographs (k, [channel,] h, w) have more where things behind the pane are polarized, all in one direction.
+
+    Half of the scene ([channel,] h, w) are such things, with soft borders, wherever its edges are.
+    """
+    random = np.random.default_rng((number, _OF_THINGS))
+    direction_deg = random.uniform(0, 180)
+    things = gaussian_filter(random.standard_normal(behind.shape[-2:]), THINGS_PX) > 0
+    cosines = np.cos(2 * np.radians(np.subtract(ANGLES_DEG, direction_deg)))
+    polarized = 0.5 * THINGS_DOLP * gaussian_filter(things.astype(np.float32), 1.0) * behind
+    return np.multiply.outer(cosines, polarized).astype(np.float32)
 
 
 def _seen(mosaic: Mosaic, way: str, file: Path, job: Job) -> tuple[Capture, int]:

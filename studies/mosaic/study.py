@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     jobs = [
         layers.Job(pair, incidence, sensor, lens, options.photos)
         for sensor in options.sensors.split(",")
-        for lens in (list(layers.BLURS_PX)[-1:] if quick else layers.BLURS_PX)
+        for lens in ((layers.USUAL,) if quick else layers.BLURS_PX)
         for incidence in (layers.QUICK_INCIDENCES_DEG if quick else layers.INCIDENCES_DEG)
         for pair in range(n_pairs_of(options, 1 if quick else layers.N_PAIRS, layers.SIZE_PX, layers.MARGIN_PX))
     ]

@@ -53,9 +53,27 @@ def write_data(folder):
 
 def test_the_truth_is_what_the_lens_images():
     pair = pairs_of(None, SIZE_PX, layers.MARGIN_PX)[0]
-    sharp, soft = (layers.take(pair, layers.Job(0, 60.0, "mono", lens)) for lens in layers.BLURS_PX)
+    sharp, soft, polarized = (layers.take(pair, layers.Job(0, 60.0, "mono", lens)) for lens in layers.BLURS_PX)
     assert sharp.layers.shape == soft.layers.shape == (2, SIZE_PX, SIZE_PX)
     assert soft.layers.std() < sharp.layers.std()
+    np.testing.assert_array_equal(polarized.layers, soft.layers)
+
+
+@pytest.mark.parametrize("color", [False, True], ids=["mono", "color"])
+def test_things_that_are_polarized_add_no_light(color):
+    pair = pairs_of(None, SIZE_PX, layers.MARGIN_PX)[0]
+    sensor = "color" if color else "mono"
+    plain, polarized = (
+        layers.take(pair, layers.Job(0, 60.0, sensor, lens)) for lens in (layers.USUAL, layers.POLARIZED)
+    )
+    more = polarized.photographs.stokes - plain.photographs.stokes
+    behind = polarized.layers[0].reshape(more[0].shape)
+    np.testing.assert_allclose(more[0], 0, atol=1e-6)
+    assert np.hypot(*more[1:]).max() <= layers.THINGS_DOLP * behind.max() * 1.01
+    assert 0.3 < np.mean(np.hypot(*more[1:]) > 0.5 * layers.THINGS_DOLP * behind) < 0.7
+    sampled = sampling_of(color)[0].sample(polarized.photographs.intensities.reshape(4, -1, SIZE_PX, SIZE_PX))
+    unpolarized = sampling_of(color)[0].sample(plain.photographs.intensities.reshape(4, -1, SIZE_PX, SIZE_PX))
+    np.testing.assert_allclose(polarized.raw - plain.raw, sampled - unpolarized, atol=1e-5)
 
 
 def test_what_is_trained_on_shares_no_photograph_with_what_is_judged():
