@@ -14,7 +14,7 @@ from polaropt import InputError, SceneParameters, separate
 from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
-from polaropt.estimation.flat.window import _likelier
+from polaropt.estimation.flat.window import _likelier, _may_be_one
 from polaropt.estimation.flat.windows.axis import Evidence
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
@@ -179,7 +179,8 @@ FAR, CLOSE = Window(45.0, 0.0, -6.0, n_panes=2), Window(45.0, 0.5, 1.5, n_panes=
 
 def judged_as(window: Window, spectra: float, edges: float) -> LikelyWindow:
     """A window that mean spectra and edges tell by so many standard errors, beside one with none."""
-    scattered = np.array([0.0, 1.0, 2.0])
+    # So small that the score is no worse for it.
+    scattered = 1e-4 * np.array([0.0, 1.0, 2.0])
     error = jackknife_error(scattered)
     parts = (-spectra * scattered, -edges * scattered)
     gains = error * spectra * abs(spectra), error * edges * abs(edges)
@@ -192,6 +193,7 @@ def judged_as(window: Window, spectra: float, edges: float) -> LikelyWindow:
     (FAR, True, False, (2.0, 2.0, 3.9), False), (FAR, True, False, (2.0, 2.5, 3.9), True),
     (FAR, False, False, (6.0, 1.9, 0.0), False), (FAR, False, False, (6.0, 2.1, 0.0), True),
     (FAR, True, True, (6.0, 1.9, 0.0), False), (FAR, True, True, (6.0, 2.1, 0.0), True),
+    (FAR, True, False, (6.0, -3.1, 0.0), False), (FAR, True, False, (6.0, -2.9, 0.0), True),
     (CLOSE, True, False, (0.0, 0.7, 0.7), False), (CLOSE, True, False, (0.0, 0.8, 0.8), True),
 ])  # fmt: skip
 def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, likelier) -> None:
@@ -205,6 +207,28 @@ def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, l
     found = judged_as(window, spectra, edges)
     assert found.surer_than(single) == pytest.approx((spectra, edges))
     assert _likelier(axis, found, beside, single) is likelier  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("lost", "likelier"), [(0.029, True), (0.031, False)])
+def test_tiles_are_not_believed_against_a_score_that_is_much_worse(lost: float, likelier: bool) -> None:
+    axis = SimpleNamespace(shows=lambda window: True, evidence=lambda window, other, beside: Evidence(9.0, 0.0))
+    single = LikelyWindow(Window(57.0, -6.0), 0.0, 0.0, (np.zeros(3), np.zeros(3)))
+    found = replace(single, window=FAR, score=lost)
+    assert _likelier(axis, found, axis, single) is likelier  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("panes", "shown", "tiles", "n_tiles", "may_be"), [
+    (2, False, 8.0, 49, False), (2, False, 8.0, 120, True), (2, False, 12.0, 120, False), (2, False, 6.9, 40, True),
+    (2, True, 8.0, 120, False), (1, False, 8.0, 120, False),
+])  # fmt: skip
+def test_what_is_told_in_noise_of_a_large_frame_may_be_one_pane(panes, shown, tiles, n_tiles, may_be) -> None:
+    """The more tiles there are the surer they are of chance images: 8 standard errors of 120 are 5 of 49."""
+    evidence = SimpleNamespace(together=tiles)
+    axis = SimpleNamespace(
+        shows=lambda window: shown, evidence=lambda *of: evidence, tiles=SimpleNamespace(n_tiles=n_tiles)
+    )
+    found = SimpleNamespace(window=replace(FAR, n_panes=panes))
+    assert _may_be_one(axis, found, axis, found) is may_be  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("number", [1818, 4122])

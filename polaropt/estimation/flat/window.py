@@ -26,7 +26,7 @@ from polaropt.estimation.flat.windows.axis import (
 )
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.search import LikelyWindow, equivalent_incidences
-from polaropt.optics import SceneParameters
+from polaropt.optics import Rival, SceneParameters
 
 # All below by trial.
 _TRIAL_DEG = (40.0, 52.0, 62.0, 72.0, 80.0)
@@ -39,6 +39,10 @@ _NEEDED_IN_DOUBT = 7.0
 """Standard errors, all together, by which several panes must be likelier where the noise leaves no edges of what they
 mirror to be seen, or where they lie across the pane that was found. Of 110 random windows of one pane at 10 to 33
 degrees (`studies.random_windows`, training photographs, even seeds from 17400) noise tells several by 6.5 at most."""
+_USUAL_TILES, _CHANCE_OF_ONE = 49, 0.5
+"""Tiles of a frame of 256x256, beyond which what is told in noise is told too surely: of 281 random windows of one pane
+and of several at 12 to 40 degrees 4 are told so there, none of them a single pane, of 600 larger ones 47, of which 19
+are; and the chance that it is one where a frame of that size would not tell it."""
 _LEAST_DEG = 12.0
 """Incidence beyond which they are told in noise: nearer to the normal, where a warning says that hardly anything is,
 chance windows of that many numbers suit noise best. Set by hand."""
@@ -47,6 +51,11 @@ _SURE_OF_CLOSE = 1.5
 of photographs that no figure is taken of and those inside scikit-image, two panes at 30 to 70 degrees and single ones
 at 20 to 80 (shifts of 1 to 3 px, noise 0.3 to 2 %): all of 18 of two panes have 2.2 and more, of 18 single ones 17 have
 0.3 at most."""
+_SPEAKS_AGAINST, _MUCH_WORSE = -3.0, 0.03
+"""Standard errors of mean spectra, and score lost, from which on tiles are not believed against them: the larger the
+frame, the surer tiles are of chance images. Of 126 random windows of one pane at 10 to 35 degrees and 320x320
+(`studies.random_windows`, training photographs, even seeds from 72000) 3 are taken for several by it instead of 10, of
+256x256 one instead of 3; of 156 of several panes one less is told of 89 that are told well."""
 _LEAST_OF_TILES = 2.0
 """Standard errors by which tiles must be likelier under tinted glass, as mean spectra take ghosts that interpolation
 dims for those of tint; all together tint must be told as several panes must. Of some 400 random windows of clear glass
@@ -101,6 +110,8 @@ def _likelier(axis: WindowAxis, window: LikelyWindow, beside: WindowAxis, single
     likeness was chosen from many. What lies closer passes for a pane of another index, or a tinted one.
     """
     evidence = axis.evidence(window, single, beside)
+    if axis is beside and (evidence.spectra < _SPEAKS_AGAINST or window.score > single.score + _MUCH_WORSE):
+        return False
     close = is_close(window.window) and HARDLY_PX <= abs(single.window.pane_shift) <= CLOSE_PX
     if close and axis is beside and evidence.spectra + evidence.edges > _SURE_OF_CLOSE and window.score < single.score:
         return True
@@ -242,7 +253,19 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
         # At the incidence that edges tell no ghost tells of tint.
         return estimate
     errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
-    return replace(estimate, scene=scene, errors=errors, axis_chance=0.0, axis_gain_db=math.inf, rivals=())
+    rivals = (Rival(estimate.scene, _CHANCE_OF_ONE),) if open_panes and _may_be_one(taken, found, first, plain) else ()
+    return replace(estimate, scene=scene, errors=errors, axis_chance=0.0, axis_gain_db=math.inf, rivals=rivals)
+
+
+def _may_be_one(axis: WindowAxis, found: LikelyWindow, first: WindowAxis, plain: LikelyWindow) -> bool:
+    """Whether a window of several panes that is told in noise may be a single one after all.
+
+    So it is not where as much were told of a frame with as many tiles as that for which what is needed was found.
+    """
+    if found.window.n_panes == 1 or axis.shows(found.window):
+        return False
+    usual = min(1.0, math.sqrt(_USUAL_TILES / axis.tiles.n_tiles))
+    return usual * axis.evidence(found, plain, first).together < _NEEDED_IN_DOUBT
 
 
 def judged_pane(

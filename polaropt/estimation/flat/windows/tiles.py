@@ -120,9 +120,16 @@ class TileLikelihood:
         noise = np.array([n_par, n_perp, n_cross], np.float32)
         self._noise = np.broadcast_to(noise[:, None, None], (3, self._cells.size - 1, self._data.shape[-1])).copy()
 
+    @property
+    def n_tiles(self) -> int:
+        """Tiles that are looked at."""
+        return int(self._data.shape[-1]) // self._n_colours
+
     def luminance(self) -> TileLikelihood:
         """That of the colours' sum alone, which takes a third of the time."""
-        return self._every(self._n_colours)
+        other = self._every(self._n_colours)
+        other._n_colours = 1
+        return other
 
     def some(self, most: int) -> TileLikelihood:
         """That of so many tiles at most, spread over the frame."""
