@@ -24,6 +24,7 @@ from polaropt.estimation.flat.windows.search import (
     equivalent_incidences,
     equivalent_single,
 )
+from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.numerics import jackknife_error, turn_between
 from polaropt.optics import in_place_reflectance
@@ -217,18 +218,20 @@ def test_tiles_are_not_believed_against_a_score_that_is_much_worse(lost: float, 
     assert _likelier(axis, found, axis, single) is likelier  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("panes", "shown", "tiles", "n_tiles", "may_be"), [
-    (2, False, 8.0, 49, False), (2, False, 8.0, 120, True), (2, False, 12.0, 120, False), (2, False, 6.9, 40, True),
-    (2, True, 8.0, 120, False), (1, False, 8.0, 120, False),
+@pytest.mark.parametrize(("panes", "shown", "n_tiles", "may_be"), [
+    (2, False, 147, False), (2, False, 148, True), (3, False, 300, True), (2, True, 300, False), (1, False, 300, False),
 ])  # fmt: skip
-def test_what_is_told_in_noise_of_a_large_frame_may_be_one_pane(panes, shown, tiles, n_tiles, may_be) -> None:
-    """The more tiles there are the surer they are of chance images: 8 standard errors of 120 are 5 of 49."""
-    evidence = SimpleNamespace(together=tiles)
-    axis = SimpleNamespace(
-        shows=lambda window: shown, evidence=lambda *of: evidence, tiles=SimpleNamespace(n_tiles=n_tiles)
-    )
-    found = SimpleNamespace(window=replace(FAR, n_panes=panes))
-    assert _may_be_one(axis, found, axis, found) is may_be  # type: ignore[arg-type]
+def test_what_is_told_in_noise_of_a_large_frame_may_be_one_pane(panes, shown, n_tiles, may_be) -> None:
+    axis = SimpleNamespace(shows=lambda window: shown, tiles=SimpleNamespace(n_tiles=n_tiles))
+    assert _may_be_one(axis, replace(FAR, n_panes=panes)) is may_be  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("n_tiles", "believed"), [(9, 3.0), (147, 12.1), (588, 12.1)])
+def test_four_times_the_tiles_are_not_believed_more_of_the_same(n_tiles: int, believed: float) -> None:
+    gains = np.ones(n_tiles)
+    likelier, other = (TileFit(FAR, 1.5, misfits) for misfits in (np.zeros(n_tiles), gains))
+    assert likelier.believed_over(other) == pytest.approx(believed, abs=0.1)
+    assert other.believed_over(likelier) == pytest.approx(-believed, abs=0.1)
 
 
 @pytest.mark.parametrize("number", [1818, 4122])

@@ -26,6 +26,7 @@ from polaropt.estimation.flat.windows.axis import (
 )
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.search import LikelyWindow, equivalent_incidences
+from polaropt.estimation.flat.windows.tiles import USUAL_TILES
 from polaropt.optics import Rival, SceneParameters
 
 # All below by trial.
@@ -39,10 +40,8 @@ _NEEDED_IN_DOUBT = 7.0
 """Standard errors, all together, by which several panes must be likelier where the noise leaves no edges of what they
 mirror to be seen, or where they lie across the pane that was found. Of 110 random windows of one pane at 10 to 33
 degrees (`studies.random_windows`, training photographs, even seeds from 17400) noise tells several by 6.5 at most."""
-_USUAL_TILES, _CHANCE_OF_ONE = 49, 0.5
-"""Tiles of a frame of 256x256, beyond which what is told in noise is told too surely: of 281 random windows of one pane
-and of several at 12 to 40 degrees 4 are told so there, none of them a single pane, of 600 larger ones 47, of which 19
-are; and the chance that it is one where a frame of that size would not tell it."""
+_CHANCE_OF_ONE = 0.5
+"""That what noise tells of a frame with more tiles than usual is a single pane after all."""
 _LEAST_DEG = 12.0
 """Incidence beyond which they are told in noise: nearer to the normal, where a warning says that hardly anything is,
 chance windows of that many numbers suit noise best. Set by hand."""
@@ -182,7 +181,7 @@ def _tinted_or(axis: WindowAxis, starts: Sequence[Window], plain: LikelyWindow) 
     panes = [clear, plain, *([axis.judged(replace(plain.window, pane_shift=0.0))] if plain.window.pane_shift else [])]
     likeliest = min(panes, key=lambda pane: axis.tiles_under(pane.window).misfit)
     judged = axis.judged(tinted.window)
-    evidence = Evidence(tinted.surer_than(axis.tiles_under(likeliest.window)), *judged.surer_than(likeliest))
+    evidence = Evidence(tinted.believed_over(axis.tiles_under(likeliest.window)), *judged.surer_than(likeliest))
     return judged if evidence.tiles > _LEAST_OF_TILES and evidence.together > NEEDED else plain
 
 
@@ -197,7 +196,7 @@ def _tinted_across(across: WindowAxis, first: WindowAxis, found: LikelyWindow) -
     if tinted is None:
         return first, found
     judged = across.judged(tinted.window)
-    evidence = Evidence(tinted.surer_than(first.tiles_under(found.window)), *judged.surer_than(found))
+    evidence = Evidence(tinted.believed_over(first.tiles_under(found.window)), *judged.surer_than(found))
     told = evidence.together > _NEEDED_ACROSS and judged.score < found.score - _GAIN_ACROSS
     return (across, judged) if told else (first, found)
 
@@ -253,19 +252,13 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
         # At the incidence that edges tell no ghost tells of tint.
         return estimate
     errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
-    rivals = (Rival(estimate.scene, _CHANCE_OF_ONE),) if open_panes and _may_be_one(taken, found, first, plain) else ()
+    rivals = (Rival(estimate.scene, _CHANCE_OF_ONE),) if open_panes and _may_be_one(taken, found.window) else ()
     return replace(estimate, scene=scene, errors=errors, axis_chance=0.0, axis_gain_db=math.inf, rivals=rivals)
 
 
-def _may_be_one(axis: WindowAxis, found: LikelyWindow, first: WindowAxis, plain: LikelyWindow) -> bool:
-    """Whether a window of several panes that is told in noise may be a single one after all.
-
-    So it is not where as much were told of a frame with as many tiles as that for which what is needed was found.
-    """
-    if found.window.n_panes == 1 or axis.shows(found.window):
-        return False
-    usual = min(1.0, math.sqrt(_USUAL_TILES / axis.tiles.n_tiles))
-    return usual * axis.evidence(found, plain, first).together < _NEEDED_IN_DOUBT
+def _may_be_one(axis: WindowAxis, window: Window) -> bool:
+    """Whether several panes are told in noise, of a frame larger than those on which it was found what tells them."""
+    return window.n_panes > 1 and not axis.shows(window) and axis.tiles.n_tiles > USUAL_TILES
 
 
 def judged_pane(

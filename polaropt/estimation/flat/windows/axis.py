@@ -278,7 +278,7 @@ class WindowAxis:
 
     def surer(self, window: Window, other: Window) -> float:
         """Standard errors by which tiles are likelier under one window than under another, each at its incidence."""
-        return self.tiles_under(window).surer_than(self.tiles_under(other))
+        return self.tiles_under(window).believed_over(self.tiles_under(other))
 
     def tiles_under(self, window: Window) -> TileFit:
         """How likely the tiles are under a window, at the incidence near its own that suits them best."""
@@ -288,7 +288,7 @@ class WindowAxis:
 
     def evidence(self, window: LikelyWindow, other: LikelyWindow, beside: WindowAxis | None = None) -> Evidence:
         """What speaks for a window rather than for another, of this axis or of the one across."""
-        tiles = self.tiles_under(window.window).surer_than((beside or self).tiles_under(other.window))
+        tiles = self.tiles_under(window.window).believed_over((beside or self).tiles_under(other.window))
         return Evidence(tiles, *window.surer_than(other))
 
     def tells(self, window: LikelyWindow, other: LikelyWindow) -> bool:
@@ -338,7 +338,7 @@ class WindowAxis:
         tiles = TileLikelihood(self.frame, ghosts_deg=direction)
         turned = tiles.nearest(Window(float(_TURNED_INCIDENCES_DEG[i]), float(shifts[k])), single.index)
         spectra = float(misfits[i, k] - found.misfit) / max(error, NO_ERROR)
-        return Evidence(self.tiles_under(window).surer_than(turned), spectra).together > _BEYOND_TURNED
+        return Evidence(self.tiles_under(window).believed_over(turned), spectra).together > _BEYOND_TURNED
 
     def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:
         """The single pane that tiles find likeliest with a ghost where a window's first one lies, or its next pane's.

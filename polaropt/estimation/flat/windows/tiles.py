@@ -78,7 +78,19 @@ class TileFit:
         gains = other.misfits - self.misfits
         return float(gains.sum() / max(math.sqrt(float(gains @ gains)), _NO_ERROR))
 
+    def believed_over(self, other: TileFit) -> float:
+        """The same, of frames with more tiles than usual as if they had as many.
 
+        What layers are not as the likelihood takes them to be makes chance images likelier in all tiles alike: the more
+        there are, the surer they are of these.
+        """
+        return self.surer_than(other) * min(1.0, math.sqrt(USUAL_TILES / len(self.misfits)))
+
+
+USUAL_TILES = 147
+"""Tiles and colours of a frame of 256x256, up to which what is needed of them was found. Of 46 single clear panes at 36
+to 84 degrees, with free wallpapers of 640x640, 7 were taken for tinted glass by all tiles, 2 are by these, and of 61 at
+12 to 40 degrees 6 for several panes; of 256x256 one in a hundred is."""
 _NO_ERROR = 1e-9
 """For none at all, of windows that are the same."""
 
@@ -122,14 +134,12 @@ class TileLikelihood:
 
     @property
     def n_tiles(self) -> int:
-        """Tiles that are looked at."""
-        return int(self._data.shape[-1]) // self._n_colours
+        """Tiles that are looked at, in every colour."""
+        return int(self._data.shape[-1])
 
     def luminance(self) -> TileLikelihood:
         """That of the colours' sum alone, which takes a third of the time."""
-        other = self._every(self._n_colours)
-        other._n_colours = 1
-        return other
+        return self._every(self._n_colours)
 
     def some(self, most: int) -> TileLikelihood:
         """That of so many tiles at most, spread over the frame."""
