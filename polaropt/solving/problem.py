@@ -485,11 +485,8 @@ class Problem:
             return 2 * misfit / max(1.0, n * (k - 2) / k)
         # Two layers have more values than a mosaic has samples: what counts is what these tell of them.
         told = self.known.sampled.told_share()
-        return (
-            2
-            * (misfit + self._unexplained)
-            / max(1.0, _LEAST_FREE * n, n - told * self.canvas.height * self.canvas.width)
-        )
+        free = max(1.0, _LEAST_FREE * n, n - told * self.canvas.height * self.canvas.width)
+        return 2 * (misfit + self._unexplained) / free
 
 
 @dataclass(frozen=True)
