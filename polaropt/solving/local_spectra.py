@@ -21,6 +21,7 @@ from polaropt.solving.windows import (
     FINE,
     WindowSize,
     add_to,
+    frame_of,
     in_rows,
     mirrored_around,
     row_of,
@@ -304,8 +305,7 @@ class Windows:
     ) -> None:
         self._side_px, self._step_px = size.side_px, size.step_px
         self._canvas, self._basis, self._mean = canvas, known.basis.astype(np.float32), known.mean.astype(np.float32)
-        self._size, self._side = size, size.profile
-        self._window = np.outer(self._side, self._side)
+        self._size, self._window = size, np.outer(size.profile, size.profile)
         self._fast, self._along = size.fast, size.along
         self._of_pattern = size.of_pattern if sampled else None
         # One axis more, for the windows of a row.
@@ -415,11 +415,9 @@ class Windows:
         # Where windows do not tell a layer's changes nothing has been found out of them.
         still, found = left_before.mean(axis=0, dtype=np.float64), left.sum(axis=0, dtype=np.float64) / precision.size
         share = np.where(self._fast.ravel() > 0, found, still) / self._everywhere.left[:, :, 0]
-        inside = np.s_[
-            ..., self._step_px : self._step_px + self._canvas.height, self._step_px : self._step_px + self._canvas.width
-        ]
         share = share.reshape(*share.shape[:-1], *self._fast.shape)
-        return Step(change[inside], share.astype(np.float32), tuple(after) if remember else ())
+        inside = frame_of(change, self._size, self._canvas.height, self._canvas.width)
+        return Step(inside, share.astype(np.float32), tuple(after) if remember else ())
 
     def _seen_in_row(self, i: int, n: int) -> _Seen:
         """What photographs tell of the windows in a row of n."""

@@ -8,15 +8,23 @@ scene's own detail knows nothing of the polarizers: at these frequencies and bes
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.solving.windows import WindowSize, add_to, in_rows, mirrored_around, row_of, spectra_of
+from polaropt.solving.windows import (
+    WindowSize,
+    add_to,
+    apart_from,
+    frame_of,
+    in_rows,
+    mirrored_around,
+    row_of,
+    spectra_of,
+)
 
 Images = NDArray[np.float32]
-Frequencies = NDArray[np.floating[Any]]
 Alternations = tuple[tuple[float, float], ...]
 
 _SIZE = WindowSize(32, 0.0)
@@ -63,13 +71,12 @@ def mosaic_pattern(layers: Images, alternations: Alternations) -> Images:
         add_to(row_of(found, i, _SIZE), spectra, _SIZE)
 
     in_rows(turn, extended.shape[-2] // _SIZE.step_px - 1)
-    down, across = (slice(_SIZE.step_px, _SIZE.step_px + side) for side in layers.shape[-2:])
-    return np.ascontiguousarray(found[..., down, across])
+    return np.ascontiguousarray(frame_of(found, _SIZE, *layers.shape[-2:]))
 
 
 def firmness(height: int, width: int, alternations: Alternations) -> Images:
     """Factor (h, w // 2 + 1) by which layers of this size are held more to what is expected of them, by frequency."""
-    apart = _apart(np.fft.fftfreq(height), np.fft.rfftfreq(width), alternations)
+    apart = apart_from(alternations, np.fft.fftfreq(height), np.fft.rfftfreq(width))
     near = np.any(apart <= _WITH_IT / _SIZE.side_px, axis=0)
     return np.where(near, _FIRMNESS, np.float32(1))
 
@@ -86,13 +93,7 @@ class _Places(NamedTuple):
 @cache
 def _places(alternations: Alternations) -> _Places:
     side = _SIZE.side_px
-    apart = side * _apart(np.fft.fftfreq(side), np.fft.rfftfreq(side), alternations).reshape(len(alternations), -1)
+    apart = side * apart_from(alternations, np.fft.fftfreq(side), np.fft.rfftfreq(side)).reshape(len(alternations), -1)
     parts = apart <= _NEAR, (apart > _NEAR) & (apart <= _BESIDE)
     near, beside = ((part / part.sum(axis=1, keepdims=True)).T.astype(np.float32) for part in parts)
     return _Places(near, beside, (apart <= _WITH_IT).astype(np.float32))
-
-
-def _apart(rows: Frequencies, columns: Frequencies, alternations: Alternations) -> Frequencies:
-    """From each alternation to frequencies, (n, rows, columns), in periods per pixel; whole ones are none."""
-    away = [np.hypot(((rows - y + 0.5) % 1 - 0.5)[:, None], (columns - x + 0.5) % 1 - 0.5) for y, x in alternations]
-    return np.stack(away)

@@ -270,7 +270,7 @@ class Problem:
         slope = None if mosaic or self.expected is None else self.slope_of_misfit(self.best_known())
         penalties = default_penalties(self.known, self.mean_noise, mosaic, self.expected, slope)
         others = {**penalties.others, **plugged_penalties(self.weights, self.known, self.mean_noise)}
-        if self.capture.samples is not None:
+        if mosaic:
             natural = penalties.natural_image
             stiffness = natural.stiffness * firmness(*self.canvas.shape, self._alternations)
             penalties = replace(penalties, natural_image=replace(natural, stiffness=stiffness))

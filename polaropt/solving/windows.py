@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Literal, NamedTuple
+from functools import cached_property, partial
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from solvers.kernels import in_blocks
 
 Images = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
+Frequencies = NDArray[np.floating[Any]]
 
 # Root of two: the power of pixels seen through a window, whose mean square is a quarter, is that of the pixels.
 _SQUARED = np.float32(np.sqrt(2))
@@ -27,6 +28,8 @@ _SLOW = 0.25
 # polarized by itself, which no pane explains, for such detail, beads along a line, the more so the more turns there
 # are. On 35 mosaics of training photographs 0.15 gains 0.1 and 0.15 dB at noise of 0.5 %, at 2 % it loses 0.05.
 _LIKE_PATTERN, _DIRECTIONS = 0.15, 12
+# What repeats so, down and across, in periods per pixel.
+_REPEATS = ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5))
 # Periods per window from which on a frequency has one before it in its direction.
 _SLOWEST_WITH_ONE_BEFORE = 1.5
 
@@ -51,7 +54,7 @@ class WindowSize:
         """From a window to the next."""
         return self.side_px // 2
 
-    @property
+    @cached_property
     def profile(self) -> Images:
         """Of a window along a side, (side,).
 
@@ -98,9 +101,9 @@ class WindowSize:
     @property
     def of_pattern(self) -> OfPattern:
         """Frequencies that repeat with a mosaic's polarizers, and which tell how much there is of them."""
-        rows, columns = np.meshgrid(np.fft.fftfreq(self.side_px), np.fft.rfftfreq(self.side_px), indexing="ij")
-        apart = [np.hypot((rows - y + 0.5) % 1 - 0.5, columns - x) for y, x in ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5))]
-        repeats = (np.min(apart, axis=0) < _LIKE_PATTERN).ravel()
+        rows, columns = np.fft.fftfreq(self.side_px), np.fft.rfftfreq(self.side_px)
+        repeats = (np.min(apart_from(_REPEATS, rows, columns), axis=0) < _LIKE_PATTERN).ravel()
+        rows, columns = np.meshgrid(rows, columns, indexing="ij")
         direction = np.floor(np.arctan2(rows, columns) % np.pi * (_DIRECTIONS / np.pi)).astype(np.intp) % _DIRECTIONS
         # Those within a column that stands for two count twice.
         weight = np.where((columns == 0) | (columns == 0.5), 1, 2) * self.fast
@@ -147,6 +150,15 @@ COARSE = WindowSize(32, 1.5)
 FINE = WindowSize(16, 1.5)
 
 
+def apart_from(places: Sequence[tuple[float, float]], rows: Frequencies, columns: Frequencies) -> Frequencies:
+    """From each of some frequencies (y, x) to those of a spectrum, (n, rows, columns), in periods per pixel.
+
+    Those that differ by whole periods are the same.
+    """
+    away = [np.hypot(((rows - y + 0.5) % 1 - 0.5)[:, None], (columns - x + 0.5) % 1 - 0.5) for y, x in places]
+    return np.stack(away)
+
+
 def mirrored_around(images: Images, size: WindowSize, at: Literal["borders", "pixels"] = "borders") -> Images:
     """Images (..., h, w), mirrored around their frame so far that whole windows fill it.
 
@@ -156,6 +168,12 @@ def mirrored_around(images: Images, size: WindowSize, at: Literal["borders", "pi
     step = size.step_px
     around = [(step, step + -side % step) for side in images.shape[-2:]]
     return np.pad(images, [*[(0, 0)] * (images.ndim - 2), *around], mode="symmetric" if at == "borders" else "reflect")
+
+
+def frame_of(extended: Images, size: WindowSize, height: int, width: int) -> Images:
+    """The frame of images that are `mirrored_around`; a view."""
+    step = size.step_px
+    return extended[..., step : step + height, step : step + width]
 
 
 def in_rows(turn: Callable[[int], None], n: int) -> None:

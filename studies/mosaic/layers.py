@@ -37,7 +37,7 @@ SIZE_PX, MARGIN_PX = 384, 20
 """Side of the frame: patterns are 2 or 4 px; what is kept beyond it for ghosts to come from."""
 INCIDENCES_DEG, QUICK_INCIDENCES_DEG = (40.0, 60.0, 75.0), (60.0,)
 SHIFT_PX, NOISE, BITS = 4.0, 0.005, 16
-USUAL, POLARIZED = "lens blur 0.7 px", "the same, things polarized"
+USUAL, POLARIZED = "lens blur 0.7 px", "lens blur 0.7 px, things polarized"
 BLURS_PX = {"sharp": 0.0, USUAL: 0.7, POLARIZED: 0.7}
 """Standard deviations of the lens's blur; in the last scenes things behind the pane are polarized by themselves."""
 THINGS_DOLP, THINGS_PX = 0.15, 12.0
@@ -153,15 +153,15 @@ def take(pair: Pair, job: Job) -> Mosaic:
     color = job.sensor == "color"
     raw = photograph_mosaic(pair.transmission, pair.reflection, scene, camera, color)
     seen = [camera.through_lens(sensor_image(image, color)) for image in (pair.transmission, pair.reflection)]
-    larger = simulate(*seen, scene, ANGLES_DEG, NOISE, BITS, pair.number)
+    layers, larger = stack_layers(*seen), simulate(*seen, scene, ANGLES_DEG, NOISE, BITS, pair.number)
     if job.lens == POLARIZED:
-        light = _light_of_things(stack_layers(*seen)[0], pair.number)
+        light = _light_of_things(layers[0], pair.number)
         raw += sampling_of(color)[0].sample(light.reshape(len(light), -1, *raw.shape))
         larger = larger.replace(intensities=larger.intensities + light.reshape(larger.intensities.shape))
     inside = (slice(pair.margin, -pair.margin),) * 2
     return Mosaic(
         np.ascontiguousarray(raw[inside]),
-        np.ascontiguousarray(pair.cropped(stack_layers(*seen))),
+        np.ascontiguousarray(pair.cropped(layers)),
         scene,
         larger.part(*(slice(side.start, SIZE_PX + pair.margin) for side in inside)),
     )
