@@ -1,12 +1,17 @@
 __all__ = [
     "ANGLES_DEG",
     "CAMERA_RAW",
+    "LEAST_STOKES_POWER",
     "LINEAR_LIGHT",
     "MAX_PIXELS",
+    "MIRRORED_PX",
     "MOST_NEGATIVE",
     "PLAUSIBLE_GAIN",
     "SMALLEST_SIDE",
     "SONY_CELL",
+    "STOKES_SAMPLED",
+    "STOKES_START",
+    "STOKES_TURNS",
     "WHITE_16",
     "AnyPath",
     "CameraFacts",
@@ -36,12 +41,16 @@ __all__ = [
     "field_means",
     "find_mistakes",
     "fit_gamma",
+    "frame_sides",
     "grey_levels",
     "headless_frames",
     "least_squares_entries",
     "linearize",
+    "low_pass",
     "measured_noise",
+    "mirrored_patterns",
     "mosaic_capture",
+    "natural_law",
     "noise_classes",
     "noise_level",
     "noise_of_blocks",
@@ -119,9 +128,18 @@ from .files.write import write_picture as write_picture
 from .files.write import write_png as write_png
 from .files.write import write_png_view as write_png_view
 from .files.write import write_tiff as write_tiff
+from .mosaic import LEAST_STOKES_POWER as LEAST_STOKES_POWER
+from .mosaic import MIRRORED_PX as MIRRORED_PX
 from .mosaic import SONY_CELL as SONY_CELL
+from .mosaic import STOKES_SAMPLED as STOKES_SAMPLED
+from .mosaic import STOKES_START as STOKES_START
+from .mosaic import STOKES_TURNS as STOKES_TURNS
 from .mosaic import WHITE_16 as WHITE_16
 from .mosaic import exchanged_order as exchanged_order
+from .mosaic import frame_sides as frame_sides
+from .mosaic import low_pass as low_pass
+from .mosaic import mirrored_patterns as mirrored_patterns
+from .mosaic import natural_law as natural_law
 from .mosaic import sampling_of as sampling_of
 from .noise import NoiseClasses as NoiseClasses
 from .noise import NoiseModel as NoiseModel

@@ -173,7 +173,7 @@ def registered_cells(raw: Images, valid: Mask, sampling: Sampling, n_photographs
     trusted = valid.all()
     for photograph, channel, row, column in sampling.places:
         here = (slice(row, None, period), slice(column, None, period))
-        kernels = (_low_pass(row, period), _low_pass(column, period))
+        kernels = (low_pass(row, period), low_pass(column, period))
         sums[photograph, channel] += _filtered(raw[here], kernels)
         weights[photograph, channel] += 1 if trusted else _filtered(valid[here].astype(np.float32), kernels)
         count[photograph, channel] += 1
@@ -188,13 +188,13 @@ def share_of_noise(sampling: Sampling) -> float:
     variance = np.zeros((1 + max(map(max, sampling.photographs)), sampling.n_channels))
     count = np.zeros_like(variance)
     for photograph, channel, row, column in sampling.places:
-        squares = [float(np.square(_low_pass(offset, period)).sum()) for offset in (row, column)]
+        squares = [float(np.square(low_pass(offset, period)).sum()) for offset in (row, column)]
         variance[photograph, channel] += squares[0] * squares[1]
         count[photograph, channel] += 1
     return math.sqrt(float((variance / count**2).mean()))
 
 
-def _low_pass(offset: int, period: int) -> Floats:
+def low_pass(offset: int, period: int) -> Floats:
     """Weights of samples at `offset` in their patterns for the middle of a pattern, by the patterns' distance.
 
     A Gaussian whose sum, mean and variance are exact whatever the offset: sampled as it is, it would move the samples
@@ -214,15 +214,15 @@ def _filtered(images: Images, kernels: tuple[Floats, Floats]) -> Images:
     return np.asarray(correlate1d(down, kernels[1], axis=1, mode="nearest"), dtype=np.float32)
 
 
-MARGIN = 16
+MIRRORED_PX = 16
 """Pixels around a frame in which its mirror image fades: a multiple of all periods. Set by hand."""
-_TURNS = 6
+STOKES_TURNS = 6
 """Turns of expectation maximization; more hardly change the photographs."""
-_SAMPLED = 6144
+STOKES_SAMPLED = 6144
 """Frequencies that the Stokes images' covariance is fitted to: one changes no figure. As many as for the layers."""
-_START = (1.0, 0.5, 0.5)
+STOKES_START = (1.0, 0.5, 0.5)
 """Power of s0, s1 and s2 that the fit starts from, in units of the intensity's. Set by hand."""
-_LEAST_POWER = 1e-12
+LEAST_STOKES_POWER = 1e-12
 """Gradient power of photographs without any edges. Set by hand."""
 
 
@@ -279,7 +279,7 @@ def wiener_photographs(
     images = np.empty((colors, 3, *raw.shape), np.float32)
     for where in np.ndindex(colors, 3):
         whole = irfft2(spectra[where], s=framed.shape, norm="ortho", overwrite_x=True)
-        images[where] = whole[MARGIN : MARGIN + raw.shape[0], MARGIN : MARGIN + raw.shape[1]]
+        images[where] = whole[MIRRORED_PX : MIRRORED_PX + raw.shape[0], MIRRORED_PX : MIRRORED_PX + raw.shape[1]]
     del spectra
     images += (basis @ level.T)[..., None, None].astype(np.float32)
     photographs = np.empty((len(angles_deg), colors, *raw.shape), np.float32)
@@ -338,7 +338,7 @@ def fitted_prior(framed: Images, sampling: Sampling, noise: float, expected: Ima
     basis = opponent_basis(sampling.n_channels)
     groups = AliasGroups(framed.shape[0], framed.shape[1], sampling.period)
     combs = groups.combs(sampling.weights(analyzer, basis))
-    law = _law(*framed.shape)
+    law = natural_law(*framed.shape)
     powers = _fitted_powers(groups, combs, law, data, noise, _initial_powers(expected, analyzer, basis))
     return StokesPrior(groups, combs, basis, law, powers, data)
 
@@ -361,19 +361,21 @@ def framed_samples(samples: Images, sampling: Sampling, level: Floats) -> Images
 
 def frame_sides(shape: tuple[int, ...], framed: tuple[int, ...]) -> list[Floats]:
     """Weights of a frame's rows and of its columns within what is mirrored around it."""
-    return [tukey_window(side, MARGIN, whole - side - MARGIN) for side, whole in zip(shape, framed, strict=True)]
+    return [
+        tukey_window(side, MIRRORED_PX, whole - side - MIRRORED_PX) for side, whole in zip(shape, framed, strict=True)
+    ]
 
 
 def mirrored_patterns(n: int, period: int) -> NDArray[np.intp]:
     """The n patterns of a side with mirrored ones beyond its ends, as many as the Fourier transform likes."""
     from scipy.fft import next_fast_len
 
-    patterns = next_fast_len(n + 2 * MARGIN // period, real=True)
-    folded = (np.arange(patterns) - MARGIN // period) % (2 * n)
+    patterns = next_fast_len(n + 2 * MIRRORED_PX // period, real=True)
+    folded = (np.arange(patterns) - MIRRORED_PX // period) % (2 * n)
     return np.asarray(np.where(folded < n, folded, 2 * n - 1 - folded))
 
 
-def _law(height: int, width: int) -> Images:
+def natural_law(height: int, width: int) -> Images:
     return np.asarray(natural_frequencies(height, width) ** (-NATURAL_POWER_LAW / 2), dtype=np.float32)
 
 
@@ -381,18 +383,18 @@ def _initial_powers(expected: Images, analyzer: Floats, basis: Floats) -> Floats
     """Covariance of the Stokes images (color, 3, 3) per unit of the law, where the fit starts."""
     intensity = np.tensordot(np.linalg.pinv(analyzer)[:1], expected, axes=1)[0]
     own = np.tensordot(basis, intensity, axes=1)
-    power = sum(np.square(np.diff(own, axis=axis)).mean(axis=(-1, -2)) for axis in (-1, -2)) + _LEAST_POWER
-    return np.asarray(power)[:, None, None] * np.diag(_START)
+    power = sum(np.square(np.diff(own, axis=axis)).mean(axis=(-1, -2)) for axis in (-1, -2)) + LEAST_STOKES_POWER
+    return np.asarray(power)[:, None, None] * np.diag(STOKES_START)
 
 
 def _fitted_powers(
     groups: AliasGroups, combs: NDArray[Any], law: Images, data: NDArray[Any], noise: float, powers: Floats
 ) -> Floats:
     """Covariance of the Stokes images (color, 3, 3) per unit of the law, under which the samples are likeliest."""
-    members, counts = groups.sample(_SAMPLED // groups.period**2)
+    members, counts = groups.sample(STOKES_SAMPLED // groups.period**2)
     of_law, samples = members.of(law), members.of(data)
     share = counts / (counts.sum() * len(of_law))
-    for _ in range(_TURNS):
+    for _ in range(STOKES_TURNS):
         power = np.multiply.outer(powers, of_law).astype(np.complex64)
         found = explained_groups(combs, power, noise**2, samples, information=True)
         mean = np.einsum("bst,btag->bsag", powers, found.mean)

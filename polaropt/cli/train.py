@@ -167,6 +167,16 @@ class RunOptions:
             rich_help_panel=_TRAINING,
         ),
     ] = 0
+    device_samples: Annotated[
+        bool,
+        typer.Option(
+            "--device-samples",
+            metavar="",
+            help="Make samples where the network trains, many at a time, for the conditioned form; the processes add "
+            "those that cannot be made so, of clipped photographs and wide lenses. Not the same when run again.",
+            rich_help_panel=_TRAINING,
+        ),
+    ] = False
     fresh: Annotated[float, typer.Option(metavar="N", help="New samples per batch.", rich_help_panel=_TRAINING)] = 0.8
     window: Annotated[
         int, typer.Option(metavar="N", help="Newest samples that batches are drawn from.", rich_help_panel=_TRAINING)
@@ -261,6 +271,7 @@ def train_command(network: NetworkOptions, run: RunOptions) -> None:
         begin_with=network.begin_with,
         features=run.features,
         resume=run.resume,
+        makes_there=run.device_samples,
     )
     state = network.output / STATE
     before = _written(state)

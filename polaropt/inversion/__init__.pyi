@@ -1,14 +1,27 @@
 __all__ = [
     "BAND_INERTIA",
+    "COLORS_BLUR_PX",
     "DETAIL_CUT",
     "DETAIL_PX",
+    "LEAST_COLOR_SHARE",
+    "LEAST_EDGE_POWER",
+    "LEAST_INTENSITY",
+    "LEAST_LEFT_OPEN",
+    "MEAN_SPREAD",
     "RESOLUTION",
+    "SAMPLED_ALIASES",
     "SCALES",
+    "SCORING_INERTIA",
+    "SCORING_LEAST_TOLD",
+    "SCORING_LONGEST_STEP",
+    "SCORING_TURNS_LAW",
+    "SCORING_TURNS_NODES",
     "TURNS_BANDS",
     "TURNS_POWER_LAW",
     "AssumedHessian",
     "Canvas",
     "ClosedForm",
+    "DirectionalBands",
     "FourierPreconditioner",
     "FrequencyBands",
     "FusedPreconditioner",
@@ -42,6 +55,10 @@ __all__ = [
 
 from .canvas import Canvas as Canvas
 from .canvas import canvas_for as canvas_for
+from .closed_form import LEAST_COLOR_SHARE as LEAST_COLOR_SHARE
+from .closed_form import LEAST_EDGE_POWER as LEAST_EDGE_POWER
+from .closed_form import LEAST_INTENSITY as LEAST_INTENSITY
+from .closed_form import MEAN_SPREAD as MEAN_SPREAD
 from .closed_form import ClosedForm as ClosedForm
 from .closed_form import at_least_a_trifle as at_least_a_trifle
 from .closed_form import closed_form_of as closed_form_of
@@ -50,6 +67,15 @@ from .closed_form import natural_image_layers as natural_image_layers
 from .closed_form import per_pixel_layers as per_pixel_layers
 from .closed_form import plate_entries as plate_entries
 from .compiled_whitening import FusedPreconditioner as FusedPreconditioner
+from .directional_spectra import SCORING_INERTIA as SCORING_INERTIA
+from .directional_spectra import SCORING_LEAST_TOLD as SCORING_LEAST_TOLD
+from .directional_spectra import SCORING_LONGEST_STEP as SCORING_LONGEST_STEP
+from .directional_spectra import SCORING_TURNS_LAW as SCORING_TURNS_LAW
+from .directional_spectra import SCORING_TURNS_NODES as SCORING_TURNS_NODES
+from .directional_spectra import DirectionalBands as DirectionalBands
+from .mosaic_closed_form import COLORS_BLUR_PX as COLORS_BLUR_PX
+from .mosaic_closed_form import LEAST_LEFT_OPEN as LEAST_LEFT_OPEN
+from .mosaic_closed_form import SAMPLED_ALIASES as SAMPLED_ALIASES
 from .mosaic_closed_form import mosaic_layers as mosaic_layers
 from .most_likely import most_likely_layers as most_likely_layers
 from .spectra import BAND_INERTIA as BAND_INERTIA

@@ -27,12 +27,12 @@ Matrix = NDArray[np.float64]
 
 # Standard deviation of a layer's mean before anything is measured, in units of the mean intensity, of which it expects
 # all; a single pixel's, before a pane that varies, is a number of its own. Set by hand.
-_MEAN_SPREAD = 0.5
+MEAN_SPREAD = 0.5
 # Least difference of the two reflectances that is divided by: that of an incidence of 0.13 degrees. Set by hand.
 _LEAST_DETERMINANT = 1e-6
 # Gradient power of a colour from which the fit starts at least, as a share of the strongest colour's, so that grey
 # pictures have chroma to start from; and that of a picture without any edges. Set by hand.
-_LEAST_SHARE, _LEAST_POWER = 1e-4, 1e-12
+LEAST_COLOR_SHARE, LEAST_EDGE_POWER = 1e-4, 1e-12
 # Mean intensity that is never fallen short of (white = 1), so that black photographs divide by something.
 LEAST_INTENSITY = 1e-6
 
@@ -271,7 +271,7 @@ def initial_power(total: Images) -> NDArray[np.float64]:
 
 def at_least_a_trifle(power: NDArray[np.float64]) -> NDArray[np.float64]:
     """Gradient power per colour from which a fit can start: none so weak that it has nothing to start from."""
-    return np.asarray(np.maximum(power, _LEAST_SHARE * float(power.max()) + _LEAST_POWER))
+    return np.asarray(np.maximum(power, LEAST_COLOR_SHARE * float(power.max()) + LEAST_EDGE_POWER))
 
 
 def means_of(total: NDArray[np.float32], normal: Matrix, right: Matrix, basis: Basis) -> Images:
@@ -290,7 +290,7 @@ def means_of(total: NDArray[np.float32], normal: Matrix, right: Matrix, basis: B
     intensity = float(np.linalg.norm(total))
     # Grey.
     expected = intensity * basis.mean(axis=1) * np.sqrt(len(basis))
-    spread = np.eye(2) / (_MEAN_SPREAD * max(intensity, LEAST_INTENSITY)) ** 2
+    spread = np.eye(2) / (MEAN_SPREAD * max(intensity, LEAST_INTENSITY)) ** 2
     means = np.linalg.solve(normal + spread, right + spread @ np.stack([expected, expected]))
     return means.astype(np.float32)[:, :, None, None]
 

@@ -21,16 +21,16 @@ from polaropt.numerics import NATURAL_POWER_LAW, frequencies, natural_frequencie
 _SLOW_NODES, _FAST_NODES, _FAST = 5, 7, 0.6
 _DIRECTIONS = 4
 # Turns of scoring: first the power law's level alone, then every node. By trial: six more change 0.05 dB.
-_TURNS_POWER_LAW, _TURNS_NODES = 3, 8
+SCORING_TURNS_LAW, SCORING_TURNS_NODES = 3, 8
 # Squared share told that a step is divided by at least, and the largest step of a logarithm: what the samples hardly
 # tell would run away. By trial: 0.02 and 0.1 lose up to 0.3 dB.
-_LEAST_TOLD, _LONGEST_STEP = 0.05, 1.0
+SCORING_LEAST_TOLD, SCORING_LONGEST_STEP = 0.05, 1.0
 # Share of all frequencies that a node must hold before it moves freely. Set by hand.
-_INERTIA = 2e-4
+SCORING_INERTIA = 2e-4
 # Entries of a table over the logarithm of frequency, and over direction.
 _TABLE = (2048, 128)
 
-EQUIVALENT_TURNS = int(_TURNS_NODES / _LEAST_TOLD)
+EQUIVALENT_TURNS = int(SCORING_TURNS_NODES / SCORING_LEAST_TOLD)
 """Turns of expectation maximization that lead as far where little is told: each goes a share ``told^2`` of the way."""
 
 
@@ -82,7 +82,7 @@ class DirectionalBands:
 
         The logarithm of the likelihood rises by the excess of the ratio over 1; ``told^2`` is its expected curvature.
         """
-        information = np.maximum(self.sums(told**2 * self.share), _LEAST_TOLD * self._size) + _INERTIA
+        information = np.maximum(self.sums(told**2 * self.share), SCORING_LEAST_TOLD * self._size) + SCORING_INERTIA
         return _bounded(self.sums((ratio - 1) * self.share) / information)
 
     def at_sample(self, logarithms: NDArray[np.float64]) -> Power:
@@ -90,6 +90,22 @@ class DirectionalBands:
         index, weights = self._near
         smooth: Power = np.exp((logarithms[index] * weights).sum(axis=0)).astype(np.float32)
         return smooth
+
+    @cached_property
+    def weights(self) -> Power:
+        """Of each sampled frequency in each node, (nodes, n): those of `at_sample` and `sums`."""
+        return _dense(*self._near, self.n_nodes).astype(np.float32)
+
+    @property
+    def entry(self) -> NDArray[np.int32]:
+        """Where in the `tables` each frequency is, (height, width // 2 + 1)."""
+        return self._table[3]
+
+    @property
+    def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The logarithm of a power law of 1 (n,), and each node's weight in its correction (n, nodes)."""
+        logs, index, weights, _ = self._table
+        return -NATURAL_POWER_LAW / 2 * logs, _dense(index, weights, self.n_nodes).T
 
     def power_law(self, power: float, logarithms: NDArray[np.float64]) -> Power:
         """Power of every frequency, (height, width // 2 + 1): a power law times the nodes' correction of it."""
@@ -142,8 +158,15 @@ class DirectionalBands:
         return np.stack(places), np.stack(weights)
 
 
+def _dense(index: NDArray[np.intp], weights: NDArray[np.floating], n: int) -> NDArray[np.float64]:
+    """Weights (4, points) of nodes as a matrix (n, points)."""
+    matrix = np.zeros((n, index.shape[1]))
+    np.add.at(matrix, (index, np.arange(index.shape[1])), weights)
+    return matrix
+
+
 def _bounded(step: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+    return np.clip(step, -SCORING_LONGEST_STEP, SCORING_LONGEST_STEP)
 
 
 def fit_directional_spectra(
@@ -170,13 +193,13 @@ def fit_directional_spectra(
     law = bands.squared_frequency ** (NATURAL_POWER_LAW / 2)
     power = np.stack([gradient_power, gradient_power])
     prior: Power = (power[..., None] / law).astype(np.float32)
-    for _ in range(_TURNS_POWER_LAW):
+    for _ in range(SCORING_TURNS_LAW):
         expected, left = moments(prior)
         excess, told = (expected / prior - 1) @ bands.share, (1 - left / prior) ** 2 @ bands.share
-        power = power * np.exp(_bounded(excess / np.maximum(told, _LEAST_TOLD)))
+        power = power * np.exp(_bounded(excess / np.maximum(told, SCORING_LEAST_TOLD)))
         prior = (power[..., None] / law).astype(np.float32)
     logarithms = np.zeros((*power.shape, bands.n_nodes))
-    for _ in range(_TURNS_NODES):
+    for _ in range(SCORING_TURNS_NODES):
         expected, left = moments(prior)
         for where in np.ndindex(power.shape):
             step = bands.step(expected[where] / prior[where], 1 - left[where] / prior[where])

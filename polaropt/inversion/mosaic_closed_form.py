@@ -35,11 +35,11 @@ from priors.natural_image import in_basis
 Images = NDArray[np.float32]
 
 # Frequencies that the spectra are fitted to, as many as for four full photographs.
-_SAMPLED = 6144
+SAMPLED_ALIASES = 6144
 # Blur before colours are seen to vary together, in pixels: what is finer was interpolated. By trial: 4 does as well.
-_BLUR_PX = 2.0
+COLORS_BLUR_PX = 2.0
 # Share of a power that remains open at least, and of a determinant: rounding leaves no less. Set by hand.
-_LEAST_LEFT = np.float32(1e-6)
+LEAST_LEFT_OPEN = np.float32(1e-6)
 
 
 def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> ClosedForm:
@@ -60,7 +60,7 @@ def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> C
         raise ValueError("the capture has no samples of a mosaic")
     seen = plate_entries(capture, pse)
     # Colours that are not told are told from the others by how they vary together.
-    basis = principal_colors(seen[0] + seen[1], _BLUR_PX)
+    basis = principal_colors(seen[0] + seen[1], COLORS_BLUR_PX)
     entries = in_basis(basis.astype(np.float32), seen, np)
     level = entries.mean(axis=(-1, -2), keepdims=True)
     mixture = _Mixture(samples, pse, canvas, noise, basis)
@@ -121,7 +121,7 @@ class _Mixture:
 
     def fitted(self, data: Spectrum, power: NDArray[np.float64]) -> tuple[FittedSpectra, DirectionalBands, Knowledge]:
         """Spectra under which the samples are likeliest, and what is known of the layers under them."""
-        members, counts = self.groups.sample(_SAMPLED // self.groups.period**2)
+        members, counts = self.groups.sample(SAMPLED_ALIASES // self.groups.period**2)
         height, width = self._canvas.shape
         shares = np.broadcast_to(counts, members.index.shape).ravel()
         bands = DirectionalBands(height, width, members.index.ravel(), shares)
@@ -144,7 +144,7 @@ class _Mixture:
             mean = power * np.einsum("elag,ceag->lcag", transfer.conj(), found.mean)
             told = np.einsum("elag,cefag,flag->lcag", transfer.conj(), found.information, transfer, optimize=True).real
             # What remains is positive but for rounding.
-            left = np.maximum(power - power * told * power, _LEAST_LEFT * power)
+            left = np.maximum(power - power * told * power, LEAST_LEFT_OPEN * power)
             expected = np.square(mean.real) + np.square(mean.imag) + left
             return expected.reshape(prior.shape), left.reshape(prior.shape)
 
@@ -159,10 +159,10 @@ class _Mixture:
         found = explained_groups(self.combs, _covariance(transfer, power), self._noise_power, samples, information=True)
         told = np.einsum("elag,cefag,fmag->clmag", transfer.conj(), found.information, transfer, optimize=True)
         p_t, p_r = power
-        v_t = np.maximum(p_t - p_t * told[:, 0, 0].real * p_t, _LEAST_LEFT * p_t)
-        v_r = np.maximum(p_r - p_r * told[:, 1, 1].real * p_r, _LEAST_LEFT * p_r)
+        v_t = np.maximum(p_t - p_t * told[:, 0, 0].real * p_t, LEAST_LEFT_OPEN * p_t)
+        v_r = np.maximum(p_r - p_r * told[:, 1, 1].real * p_r, LEAST_LEFT_OPEN * p_r)
         v_x = p_t * np.abs(told[:, 0, 1]) * p_r
-        determinant = np.maximum(v_t * v_r - v_x**2, _LEAST_LEFT * v_t * v_r)
+        determinant = np.maximum(v_t * v_r - v_x**2, LEAST_LEFT_OPEN * v_t * v_r)
         of_both = [np.maximum(v_r / determinant - 1 / p_t, 0), np.maximum(v_t / determinant - 1 / p_r, 0)]
         cross = np.minimum(np.square(v_x / determinant), of_both[0] * of_both[1])
         n_colors = prior.shape[1]

@@ -85,6 +85,14 @@ class FrequencyBands:
         return np.asarray(np.exp(correction + np.log(power) - NATURAL_POWER_LAW / 2 * logs), dtype=np.float32)
 
     @cached_property
+    def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The logarithm of a `table` of power 1 without correction (n,), and each band's weight in it (n, bands)."""
+        of_bands = [np.interp(np.linspace(0, N_BANDS - 1, _TABLE), np.arange(N_BANDS), row) for row in np.eye(N_BANDS)]
+        return -NATURAL_POWER_LAW / 2 * np.linspace(float(self._span[0]), float(self._span[1]), _TABLE), np.stack(
+            of_bands, axis=1
+        )
+
+    @cached_property
     def weights(self) -> Power:
         """Of each sampled frequency in each band, (bands, n): those of `at_sample` and `smoothed_logarithm`."""
         weights = np.zeros((N_BANDS, self._lower.size), dtype=np.float32)

@@ -1,5 +1,7 @@
 __all__ = [
+    "ALWAYS_OPPONENT",
     "GAP_STRIP",
+    "LEAST_ENERGY",
     "MAD_TO_SIGMA",
     "MUCH_VALUES",
     "NATURAL_POWER_LAW",
@@ -73,6 +75,8 @@ from .blocks import middle_part as middle_part
 from .blocks import smoothly_filled as smoothly_filled
 from .blocks import strips as strips
 from .blocks import whole_blocks as whole_blocks
+from .color import ALWAYS_OPPONENT as ALWAYS_OPPONENT
+from .color import LEAST_ENERGY as LEAST_ENERGY
 from .color import Basis as Basis
 from .color import in_color as in_color
 from .color import opponent_basis as opponent_basis

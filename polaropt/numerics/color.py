@@ -10,7 +10,7 @@ Image = NDArray[np.float32]
 
 # Share of the edges' energy that is taken to lie as in the opponent basis, so that grey pictures have chroma; and that
 # of a picture without edges. Set by hand.
-_ALWAYS_OPPONENT, _LEAST_ENERGY = 1e-4, 1e-12
+ALWAYS_OPPONENT, LEAST_ENERGY = 1e-4, 1e-12
 
 
 def opponent_basis(n_channels: int) -> Basis:
@@ -44,7 +44,7 @@ def principal_colors(image: Image, blur_px: float) -> Basis:
     smooth = gaussian_filter(image, (0, blur_px, blur_px))
     edges = [np.diff(smooth, axis=axis).reshape(n, -1).astype(np.float64) for axis in (1, 2)]
     energy = sum(edge @ edge.T for edge in edges) / smooth[0].size
-    always = _ALWAYS_OPPONENT * np.trace(energy) + _LEAST_ENERGY
+    always = ALWAYS_OPPONENT * np.trace(energy) + LEAST_ENERGY
     rows = np.linalg.eigh(energy + always * basis.T @ np.diag(np.arange(n, 0, -1)) @ basis)[1].T[::-1]
     largest = np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
     return np.asarray(rows * np.sign(largest))

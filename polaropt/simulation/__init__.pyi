@@ -1,4 +1,5 @@
 __all__ = [
+    "DARKEST",
     "MARGIN",
     "Camera",
     "Panes",
@@ -36,6 +37,7 @@ from .pictures import cut as cut
 from .pictures import photographs_in as photographs_in
 from .pictures import read_photograph as read_photograph
 from .pictures import shipped_photograph as shipped_photograph
+from .simulator import DARKEST as DARKEST
 from .simulator import MARGIN as MARGIN
 from .simulator import Camera as Camera
 from .simulator import digitized as digitized

@@ -26,7 +26,7 @@ from polaropt.errors import InputError
 from polaropt.numerics import in_color, strips
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, vertical_reach
 
-_DARKEST = 0.9 * MOST_NEGATIVE
+DARKEST = 0.9 * MOST_NEGATIVE
 """Noise below black (white = 1) is kept down to here, as by a camera whose black level is that much above its lowest
 level; set by hand, and all figures of the studies are of it."""
 
@@ -140,9 +140,9 @@ def digitized(photographs: NDArray[np.float64], bits: int | None) -> NDArray[np.
     0.4 % where it is 2 %, as a camera's black level does that is no farther above its lowest level.
     """
     if bits is None:
-        return np.clip(photographs, _DARKEST, 1)
+        return np.clip(photographs, DARKEST, 1)
     white = 2**bits - 1
-    steps = np.clip(np.round(photographs * white), np.ceil(_DARKEST * white), white)
+    steps = np.clip(np.round(photographs * white), np.ceil(DARKEST * white), white)
     return np.asarray(steps / white, dtype=np.float64)
 
 

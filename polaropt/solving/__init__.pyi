@@ -1,4 +1,5 @@
 __all__ = [
+    "BatchPanes",
     "ComponentStrip",
     "Coordinates",
     "Frame",
@@ -7,6 +8,7 @@ __all__ = [
     "Initializer",
     "Memory",
     "Misfit",
+    "Mosaic",
     "Piece",
     "Problem",
     "Settings",
@@ -28,6 +30,9 @@ __all__ = [
     "kinds_of_pixels",
     "n_at_once",
     "n_values",
+    "observed_photographs",
+    "observed_samples",
+    "placed",
     "plain_observation",
     "plate_views",
     "solve",
@@ -77,3 +82,8 @@ from .starts import check_start as check_start
 from .starts import initializers as initializers
 from .starts import start_names as start_names
 from .starts import take_start as take_start
+from .tensors import BatchPanes as BatchPanes
+from .tensors import Mosaic as Mosaic
+from .tensors import observed_photographs as observed_photographs
+from .tensors import observed_samples as observed_samples
+from .tensors import placed as placed

@@ -39,7 +39,7 @@ Spectrum = NDArray[np.complex64]
 
 REACH_PX = 16.0
 """Shift of ghosts up to which windows tell them: of 12 px both layers gain, of 30 px the reflection loses 2 dB."""
-_FIRST_LENGTH, _LENGTHS = 0.6, (0.1, 2.0)
+_FIRST_LENGTH, LENGTHS = 0.6, (0.1, 2.0)
 """Of steps where there is more than one turn: of the first, and between which others lie. Set by hand."""
 
 
@@ -247,7 +247,7 @@ def next_length(length: float, square: float, left: float) -> float:
     square, left : float
         Products of that change with itself and with the one now.
     """
-    least, most = _LENGTHS
+    least, most = LENGTHS
     return min(max(length * square / (square - left), least), most) if square > left else most
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # trained with these.
 _CANDIDATES_DEG = (8.0, 88.0)
 # What is told of a layer where nothing is, in parts of a photograph's share: keeps what divides by it finite.
-_LEAST_TOLD = 1e-3
+LEAST_TOLD = 1e-3
 Images = NDArray[np.float32]
 Matrix = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def told_in_place(observed: Capture, pse: PSE | VaryingPSE) -> Images:
     """
     squares = np.square(_shares(pse, *observed.shape[-2:])).astype(np.float32)
     valid = observed.valid.reshape(len(squares), -1, *observed.shape[-2:])
-    least = np.float32(_LEAST_TOLD) * squares.mean()
+    least = np.float32(LEAST_TOLD) * squares.mean()
     return np.asarray(np.tensordot(squares.T, valid.astype(np.float32), axes=1) + least)
 
 

@@ -46,7 +46,7 @@ FILLINGS = 2
 # Share of values without trust that the closed form suffers from: set by hand.
 _MUCH = 2e-3
 
-_SLOW_IS_TOLD_DEG = 30.0
+SLOW_IS_TOLD_DEG = 30.0
 """Incidence from which on slow changes of what a flat pane mirrors are told. Known panes before photographs that no
 figure is taken of (45 random windows): beyond it both layers gain 0.04 and 0.03 dB, below they lose 0.01 and 0.03."""
 
@@ -356,7 +356,7 @@ class Problem:
         """
         if not isinstance(self.pse, PSE):
             return True
-        oblique = self.scene.values()[0] > _SLOW_IS_TOLD_DEG
+        oblique = self.scene.values()[0] > SLOW_IS_TOLD_DEG
         return oblique and self.capture.samples is None and not worth_filling(self.capture)
 
     def _varying_information(self) -> VaryingInformation | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache, partial
 from multiprocessing import get_context
@@ -23,13 +23,17 @@ FROM_SKIMAGE = ("hubble_deep_field", "camera", "coins", "brick", "grass", "grave
 FROM_SKLEARN = ("china.jpg", "flower.jpg")
 # Generated images and their side in pixels; scales at which pictures are cut. Set by hand.
 N_LEAVES, _LEAVES_PX = 64, 448
-_SCALES = (0.45, 1.0)
+SCALES = (0.45, 1.0)
 # Share of pictures with grain, its standard deviation (white = 1), equally likely in its logarithm, how far it reaches,
 # and how alike it is in all colours: what sensors and films leave in photographs that are seen as they were taken.
-_GRAINY = 0.5
-_GRAIN = (0.003, 0.03)
-_GRAIN_PX = (0.0, 0.8)
-_GRAIN_IN_COLOR = (0.2, 0.7)
+GRAINY = 0.5
+GRAIN = (0.003, 0.03)
+GRAIN_PX = (0.0, 0.8)
+GRAIN_IN_COLOR = (0.2, 0.7)
+
+
+LEAST_SPREAD = 0.03
+"""Standard deviation of a picture that shows anything (white = 1)."""
 
 
 class Pictures:
@@ -69,15 +73,23 @@ class Pictures:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
             self._drawn = dict(enumerate(pool.map(_leaves, range(self._leaves), chunksize=4)))
 
+    def all(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
+        """Every picture (h, w, 3), and how often it is taken."""
+        of_photographs = (1 - self._leaves_share * bool(self._leaves)) / len(self._photographs)
+        for number in range(len(self._photographs)):
+            yield self._picture(leaves=False, number=number), of_photographs
+        for number in range(self._leaves):
+            yield self._picture(leaves=True, number=number), self._leaves_share / self._leaves
+
     def frame(self, size: int, random: np.random.Generator) -> Image:
         """A square part (size, size, 3) of a picture, reduced, turned, mirrored, and with grain at random."""
         picture = np.asarray(self._picture(*self._draw(random)), dtype=np.float32) / np.float32(255)
-        scale = random.uniform(*_SCALES)
+        scale = random.uniform(*SCALES)
         wanted = min(int(np.ceil(size / scale)), *(2 * side for side in picture.shape[:2]))
         part = cut(picture, (wanted, wanted), (random.random(), random.random()))
         part = np.rot90(part, int(random.integers(4)))[..., random.permutation(3)]
         frame = _resized(part[:, ::-1] if random.random() < 0.5 else part, size)
-        return _with_grain(frame, random) if random.random() < _GRAINY else frame
+        return _with_grain(frame, random) if random.random() < GRAINY else frame
 
     def _draw(self, random: np.random.Generator) -> tuple[bool, int]:
         leaves = bool(random.random() < self._leaves_share)
@@ -102,10 +114,10 @@ def _leaves(number: int) -> NDArray[np.uint8]:
 
 def _with_grain(image: Image, random: np.random.Generator) -> Image:
     """A picture with grain as fine as its pixels or a little coarser."""
-    in_color = random.uniform(*_GRAIN_IN_COLOR)
+    in_color = random.uniform(*GRAIN_IN_COLOR)
     grey, color = random.standard_normal(image.shape[:2])[..., None], random.standard_normal(image.shape)
-    grain = gaussian_filter(np.sqrt(1 - in_color**2) * grey + in_color * color, random.uniform(*_GRAIN_PX), axes=(0, 1))
-    strength = np.exp(random.uniform(*np.log(_GRAIN))) / grain.std()
+    grain = gaussian_filter(np.sqrt(1 - in_color**2) * grey + in_color * color, random.uniform(*GRAIN_PX), axes=(0, 1))
+    strength = np.exp(random.uniform(*np.log(GRAIN))) / grain.std()
     return np.asarray(np.clip(image + strength * grain, 0, 1), dtype=np.float32)
 
 

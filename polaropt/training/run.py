@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import polaropt
-from polaropt.capture import result_folder
+from polaropt.capture import SMALLEST_SIDE, result_folder
 from polaropt.errors import InputError
 from polaropt.solving import check_device
 from polaropt.training.pictures import Pictures
-from polaropt.training.samples import TrainingData
+from polaropt.training.samples import PATTERN_PX, TrainingData
 from polaropt.training.store import SampleStore
 
 if TYPE_CHECKING:
@@ -57,6 +57,8 @@ class TrainingJob:
         Go on from the folder's last state.
     store : SampleStore, optional
         Train on these and make none; what is said of data, leaves and workers then says nothing.
+    makes_there : bool
+        Make samples where they are trained on, see `SamplePool`: of the conditioned form alone.
     """
 
     folder: Path
@@ -72,6 +74,7 @@ class TrainingJob:
     features: str = "auto"
     resume: bool = False
     store: SampleStore | None = None
+    makes_there: bool = False
 
 
 def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
@@ -152,7 +155,18 @@ def _source(job: TrainingJob) -> tuple[SampleSource, str]:
     if job.workers and job.leaves_share:
         pictures.draw(job.workers)
     source = TrainingData(pictures, job.architecture.form, job.side_px, job.options.seed, workers=job.workers)
-    return source, pictures.source
+    if not job.makes_there:
+        return source, pictures.source
+    if not source.takes_mosaics:
+        raise InputError(
+            f"--device-samples needs the conditioned form and frames of {SMALLEST_SIDE * PATTERN_PX} px or more, "
+            f"a multiple of {PATTERN_PX}; give --form conditioned and --size 128, or leave it out"
+        )
+    if job.options.weights.pse:
+        raise InputError("--device-samples simulates no photographs for the loss pse; leave one of both out")
+    from polaropt.training.pool import SamplePool
+
+    return SamplePool(source, job.options.device), pictures.source
 
 
 def _network(job: TrainingJob) -> SeparationNetwork:

@@ -25,7 +25,7 @@ from polaropt.optics import (
 )
 from polaropt.simulation import digitized, exact_engine, simulated_mosaic
 from polaropt.solving import Problem, Weights, conditioned_observation, plain_observation, plate_views
-from polaropt.training.pictures import Pictures
+from polaropt.training.pictures import LEAST_SPREAD, Pictures
 
 if TYPE_CHECKING:
     from priors.networks.fusionnet import Form
@@ -92,20 +92,18 @@ Images = NDArray[np.float32]
 
 PAPER_INCIDENCES_DEG = (10.0, 40.0, 60.0, 70.0, 80.0, 85.0)
 # Pixels around a frame from which ghosts bring light. What follows was set by hand.
-_MARGIN = 56
-_OTHER_ANGLES_DEG = ((0.0, 60.0, 120.0), (20.0, 65.0, 110.0, 155.0), (0.0, 30.0, 60.0, 90.0, 120.0, 150.0))
-# Standard deviation of a picture that shows anything (white = 1).
-_LEAST_SPREAD = 0.03
+MARGIN = 56
+OTHER_ANGLES_DEG = ((0.0, 60.0, 120.0), (20.0, 65.0, 110.0, 155.0), (0.0, 30.0, 60.0, 90.0, 120.0, 150.0))
 # Depth of the photographs, as of a camera's raw file.
-_BITS = 12
+BITS = 12
 # Share of the first ghost, below which ghosts are put to the last one that is kept.
 _FAINT_GHOST = 0.01
 # Errors of a raw mosaic's blind scene in those of four photographs, and the most in those at usual noise: set by hand.
-_OF_MOSAIC, _WORST = 2.5, 3.0
+OF_MOSAIC, _WORST = 2.5, 3.0
 # Incidences at the middle of a wide lens's frame.
 _WIDE_DEG = (30.0, 65.0)
 # Share of sensors without colour; side of the larger pattern, that of colours.
-_MONO_MOSAICS, _PATTERN_PX = 0.5, 4
+_MONO_MOSAICS, PATTERN_PX = 0.5, 4
 
 
 @dataclass(frozen=True)
@@ -155,6 +153,9 @@ class Variety:
     view_deg: tuple[float, float] = (15.0, 50.0)
 
 
+_NONE = Pictures(leaves=0, leaves_share=0.0)
+
+
 class TrainingData:
     """Samples by number.
 
@@ -183,41 +184,49 @@ class TrainingData:
     ) -> None:
         if size < 32:
             raise InputError(f"training frames of {size} px; give 32 or more")
-        self._pictures, self._form, self._size, self._seed = pictures, form, size, seed
-        self._variety, self._workers = variety or Variety(), workers
-        whole = size % _PATTERN_PX == 0 and size >= SMALLEST_SIDE * _PATTERN_PX
-        self._takes_mosaics = form == "conditioned" and whole
+        self.pictures, self._form, self.side_px, self.seed = pictures, form, size, seed
+        self.variety, self.workers = variety or Variety(), workers
+        whole = size % PATTERN_PX == 0 and size >= SMALLEST_SIDE * PATTERN_PX
+        self.takes_mosaics = form == "conditioned" and whole
+
+    def alone(self) -> TrainingData:
+        """The same, without its pictures and processes: to draw scenes with."""
+        return TrainingData(_NONE, self._form, self.side_px, self.seed, variety=self.variety)
+
+    def of(self, variety: Variety) -> TrainingData:
+        """The same, of another variety."""
+        return TrainingData(self.pictures, self._form, self.side_px, self.seed, variety=variety, workers=self.workers)
 
     def samples(self, numbers: Sequence[int]) -> Iterator[Sample]:
         """Samples in the order of these numbers."""
-        if self._workers:
-            return in_processes(self.sample, numbers, self._workers)
+        if self.workers:
+            return in_processes(self.sample, numbers, self.workers)
         return map(self.sample, numbers)
 
     def sample(self, number: int) -> Sample:
         """Sample `number`, always the same."""
-        random = np.random.default_rng([self._seed, number])
-        mosaic = self._takes_mosaics and random.random() < self._variety.mosaics
-        layers = self._layers(random, _MONO_MOSAICS if mosaic else self._variety.grey)
+        random = np.random.default_rng([self.seed, number])
+        mosaic = self.takes_mosaics and random.random() < self.variety.mosaics
+        layers = self._layers(random, _MONO_MOSAICS if mosaic else self.variety.grey)
         scene = self._scene(random)
         if mosaic:
-            layers = gaussian_filter(layers, random.uniform(*self._variety.lens_blur_px), axes=(-2, -1))
+            layers = gaussian_filter(layers, random.uniform(*self.variety.lens_blur_px), axes=(-2, -1))
         angles_deg = ANGLES_DEG if mosaic else self._angles(random)
-        noise = float(np.exp(random.uniform(*np.log(self._variety.noise))))
+        noise = float(np.exp(random.uniform(*np.log(self.variety.noise))))
         components = exact_engine(scene, angles_deg).components(layers)
         light = components[0] + components[1]
-        if random.random() < self._variety.overexposed:
+        if random.random() < self.variety.overexposed:
             gain = np.float32(1 / np.quantile(light, random.uniform(0.95, 0.995)))
             layers, components, light = layers * gain, components * gain, light * gain
         truth, parts, light = self._inside(layers), self._inside(components), self._inside(light)
         if mosaic:
             capture = _mosaic_of(light, noise, random)
         else:
-            photographs = digitized(light + noise * random.standard_normal(light.shape), _BITS)
+            photographs = digitized(light + noise * random.standard_normal(light.shape), BITS)
             capture = Capture.of_planes(photographs, angles_deg)
         if self._form == "paper":
             return _plain_sample(capture, noise, scene, truth, parts)
-        seen = blind_scene(scene, noise * (_OF_MOSAIC if mosaic else 1.0), random)
+        seen = blind_scene(scene, noise * (OF_MOSAIC if mosaic else 1.0), random)
         return _conditioned_sample(capture, noise * float(np.exp(random.normal(0, 0.02))), (scene, seen), truth, parts)
 
     def _layers(self, random: np.random.Generator, grey_share: float) -> Images:
@@ -226,7 +235,7 @@ class TrainingData:
         encoded = random.random() < 0.6
         for _ in range(2):
             frame = self._frame(random)
-            low, high = np.log(self._variety.exposure)
+            low, high = np.log(self.variety.exposure)
             frames.append(np.exp(random.uniform(low, high)) * (frame if encoded else frame**2.2))
         layers = np.moveaxis(np.stack(frames), -1, 1).astype(np.float32)
         grey = random.random() < grey_share
@@ -234,51 +243,55 @@ class TrainingData:
 
     def _frame(self, random: np.random.Generator) -> Images:
         """A frame in which there is something to see."""
-        size = self._size + 2 * _MARGIN
-        frame = self._pictures.frame(size, random)
+        size = self.side_px + 2 * MARGIN
+        frame = self.pictures.frame(size, random)
         for _ in range(3):
-            if frame.std() >= _LEAST_SPREAD:
+            if frame.std() >= LEAST_SPREAD:
                 break
-            frame = self._pictures.frame(size, random)
+            frame = self.pictures.frame(size, random)
         return frame
 
     def _scene(self, random: np.random.Generator) -> SceneParameters:
-        low, high = self._variety.incidences_deg
+        low, high = self.variety.incidences_deg
         paper = random.random() < 0.5
         incidence = float(random.choice(PAPER_INCIDENCES_DEG) if paper else random.uniform(low, high))
-        index = float(random.uniform(1.33, 1.7)) if random.random() < self._variety.other_index else 1.5
-        thickness = 10.0 if paper and random.random() < 0.5 else random.uniform(*self._variety.thickness_px)
+        index = float(random.uniform(1.33, 1.7)) if random.random() < self.variety.other_index else 1.5
+        thickness = 10.0 if paper and random.random() < 0.5 else random.uniform(*self.variety.thickness_px)
         kind: Any = "paper" if random.random() < 0.7 else "plate"
         shift = float(random.choice([-1, 1])) * ghost_step(incidence, index, float(thickness), kind)
         azimuth = float(random.uniform(0, 180))
         scene = SceneParameters(incidence, azimuth, 0.0 if random.random() < 0.2 else shift, index)
         scene = self._in_other_light(scene, random)
-        if random.random() >= self._variety.several_panes:
+        if random.random() >= self.variety.several_panes:
             return scene
-        gap = float(np.copysign(random.uniform(*self._variety.gap_px), shift))
+        gap = float(np.copysign(random.uniform(*self.variety.gap_px), shift))
         return scene.replace(n_panes=int(random.choice([2, 2, 3])), gap_shift=gap, focal_px=None)
 
     def _in_other_light(self, scene: SceneParameters, random: np.random.Generator) -> SceneParameters:
         """The same with polarized light, or through a wide lens."""
         drawn, angle_deg = random.random(), float(random.uniform(0, 180))
-        if drawn < self._variety.polarized:
+        if drawn < self.variety.polarized:
             light = (float(random.uniform(0.1, 0.6)), angle_deg)
             if random.random() < 0.5:
                 return scene.replace(transmission_polarization=light)
             return scene.replace(reflection_polarization=light)
         # Of a wide lens the incidence varies: that at the middle leaves room for both sides.
-        if drawn < self._variety.polarized + self._variety.wide and _WIDE_DEG[0] <= scene.values()[0] <= _WIDE_DEG[1]:
-            view = math.radians(float(random.uniform(*self._variety.view_deg)))
-            return scene.replace(focal_px=self._size / (2 * math.tan(view / 2)))
+        if drawn < self.variety.polarized + self.variety.wide and _WIDE_DEG[0] <= scene.values()[0] <= _WIDE_DEG[1]:
+            view = math.radians(float(random.uniform(*self.variety.view_deg)))
+            return scene.replace(focal_px=self.side_px / (2 * math.tan(view / 2)))
         return scene
 
+    def flat_scene(self, random: np.random.Generator) -> SceneParameters:
+        """A scene of the variety, but seen from far."""
+        return self._scene(random).replace(focal_px=None)
+
     def _angles(self, random: np.random.Generator) -> tuple[float, ...]:
-        if random.random() >= self._variety.other_angles:
+        if random.random() >= self.variety.other_angles:
             return ANGLES_DEG
-        return _OTHER_ANGLES_DEG[int(random.integers(len(_OTHER_ANGLES_DEG)))]
+        return OTHER_ANGLES_DEG[int(random.integers(len(OTHER_ANGLES_DEG)))]
 
     def _inside(self, images: NDArray[Any]) -> NDArray[Any]:
-        return np.ascontiguousarray(images[..., _MARGIN:-_MARGIN, _MARGIN:-_MARGIN])
+        return np.ascontiguousarray(images[..., MARGIN:-MARGIN, MARGIN:-MARGIN])
 
 
 def _mosaic_of(light: Images, noise: float, random: np.random.Generator) -> Capture:
@@ -286,7 +299,7 @@ def _mosaic_of(light: Images, noise: float, random: np.random.Generator) -> Capt
     color = light.shape[1] > 1
     sampling, _ = sampling_of(color)
     raw = sampling.sample(light)
-    raw = digitized(raw + noise * random.standard_normal(raw.shape), _BITS).astype(np.float32)
+    raw = digitized(raw + noise * random.standard_normal(raw.shape), BITS).astype(np.float32)
     return simulated_mosaic(raw, color)
 
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -61,6 +61,14 @@ class SampleSource(Protocol):
 
     def samples(self, numbers: Sequence[int]) -> Iterator[Sample]:
         """Samples in the order of these numbers."""
+
+
+@runtime_checkable
+class BatchSource(SampleSource, Protocol):
+    """Samples that are where they are trained on, a batch at a time."""
+
+    def batch(self, step: int, size: int) -> Batch:
+        """So many samples for a step."""
 
 
 @dataclass(frozen=True)
@@ -253,8 +261,11 @@ class Training:
         return {"discriminator": loss.detach()}
 
     def batch(self, step: int) -> Batch:
-        """The batch of a step, always the same: drawn from the newest samples."""
+        """The batch of a step, drawn from the newest samples: always the same, if its source has it always the same."""
         options = self.options
+        if isinstance(self._source, BatchSource):
+            whole = self._source.batch(step, options.batch_size)
+            return turned(whole, _turn(np.random.default_rng([options.seed, 7, step])))
         newest = options.newest(step)
         first = max(0, newest - options.window)
         if not self._kept:
@@ -266,7 +277,7 @@ class Training:
         random = np.random.default_rng([options.seed, 7, step])
         drawn = random.integers(first, newest, size=options.batch_size)
         batch = _batch([self._kept[int(number)] for number in drawn])
-        return turned(batch, Turn(*(bool(random.integers(2)) for _ in range(3))))
+        return turned(batch, _turn(random))
 
     def _begin(self, numbers: range) -> None:
         """Let the samples of these numbers come, those for tests before them: processes that make them start once."""
@@ -390,6 +401,10 @@ class Turn:
         """Vectors (..., 2) to the right and down."""
         signs = constant([-1.0 if self.left_right else 1.0, -1.0 if self.up_down else 1.0], vectors)
         return (vectors.flip(-1) if self.transposes else vectors) * signs
+
+
+def _turn(random: np.random.Generator) -> Turn:
+    return Turn(*(bool(random.integers(2)) for _ in range(3)))
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,9 @@ def test_the_closed_form_of_a_device_is_that_of_the_processor(color):
     np.testing.assert_allclose(numpy_of(there.told), here.told, rtol=1e-4)
     np.testing.assert_allclose(numpy_of(there.prior), here.prior, rtol=1e-3)
     np.testing.assert_allclose(numpy_of(batch.in_colors(there.layers)), here.layers, atol=1e-4)
-    np.testing.assert_allclose(there.each[0].variance, here.variance, rtol=1e-4)
-    np.testing.assert_allclose(there.each[0].sampled.uncertainty(), here.sampled.uncertainty(), rtol=1e-3)
+    (form,) = there.each(batch.basis)
+    np.testing.assert_allclose(form.variance, here.variance, rtol=1e-4)
+    np.testing.assert_allclose(form.sampled.uncertainty(), here.sampled.uncertainty(), rtol=1e-3)
 
 
 @pytest.mark.parametrize("incidence_deg", [57.0, 29.0])

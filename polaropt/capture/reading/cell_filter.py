@@ -13,7 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.mosaic import MARGIN, StokesPrior, fitted_prior, frame_sides, framed_samples, mirrored_patterns
+from polaropt.capture.mosaic import (
+    MIRRORED_PX,
+    StokesPrior,
+    fitted_prior,
+    frame_sides,
+    framed_samples,
+    mirrored_patterns,
+)
 from polaropt.numerics import filter_of_groups, mixed_spectra
 from polaropt.optics import Sampling, analyzer_matrix
 from solvers.kernels import in_blocks
@@ -68,7 +75,7 @@ class CellFilter:
         mixed = mixed_spectra(self.gains, self._spectra(values, self.analyzer @ level))
         height, width = (side // period for side in values.shape)
         framed = tuple(mirrored_patterns(side, period).size for side in (height, width))
-        margin = MARGIN // period
+        margin = MIRRORED_PX // period
         stokes = np.empty((sampling.n_channels, 3, height, width), np.float32)
         flat = stokes.reshape(-1, height, width)
 

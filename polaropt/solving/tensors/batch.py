@@ -39,8 +39,8 @@ class CaptureBatch:
         From the light along and across the plane of incidence, and what is polarized in between, to the photographs.
     transfer : Tensor of complex64, shape (capture, entry, 2, H, W // 2 + 1)
         From the layers to these entries.
-    basis : Tensor, shape (channel, channel)
-        The colour basis.
+    basis : Tensor, shape (channel, channel) or (capture, 1, channel, channel)
+        The colour basis, the same for all or of each capture.
     """
 
     canvas: Canvas
@@ -75,12 +75,11 @@ class CaptureBatch:
         colour basis."""
         t, r = spectra[:, None, 0], spectra[:, None, 1]
         entries = self.images(self.transfer[:, :, 0, None] * t + self.transfer[:, :, 1, None] * r)
-        colors = in_basis(self.basis.T, self.canvas.crop(entries), torch)
-        return _mixed(self.mixing, colors)
+        return _mixed(self.mixing, self.in_colors(self.canvas.crop(entries)))
 
     def spread(self, slopes: Tensor) -> Tensor:
         """Transpose of `simulated`: half spectra in the colour basis of slopes (capture, k, channel, h, w)."""
-        entries = in_basis(self.basis, _mixed(self.mixing.mT, slopes), torch)
+        entries = self.opponent(_mixed(self.mixing.mT, slopes))
         data = self.transformed(self.pad_zeros(entries))
         back = self.transfer.conj()
         layers = [sum(back[:, e, i, None] * data[:, e] for e in range(data.shape[1])) for i in (0, 1)]
@@ -88,11 +87,11 @@ class CaptureBatch:
 
     def opponent(self, layers: Tensor) -> Tensor:
         """Images (..., channel, h, w) in the colour basis."""
-        return torch.as_tensor(in_basis(self.basis, layers, torch))
+        return _turned(self.basis, layers)
 
     def in_colors(self, layers: Tensor) -> Tensor:
         """Images (..., channel, h, w) of the colour basis in the colours of the photographs."""
-        return torch.as_tensor(in_basis(self.basis.T, layers, torch))
+        return _turned(self.basis.mT, layers)
 
 
 def batch_of(
@@ -161,6 +160,13 @@ def _mixed(matrix: Tensor, images: Tensor) -> Tensor:
     """A matrix (capture, m, n) for each pixel of images (capture, n, ...)."""
     mixed = torch.matmul(matrix, images.flatten(2))
     return mixed.reshape(*mixed.shape[:2], *images.shape[2:])
+
+
+def _turned(basis: Tensor, images: Tensor) -> Tensor:
+    """Images (capture, image, channel, h, w) in another basis of the colours."""
+    if basis.ndim == 2:
+        return torch.as_tensor(in_basis(basis, images, torch))
+    return images if basis.shape[-1] == 1 else torch.matmul(basis, images.flatten(-2)).reshape(images.shape)
 
 
 def mirrored(images: Tensor, before: Frame, after: Frame) -> Tensor:

@@ -176,22 +176,23 @@ def _found_there(
         expected = expected_layers(batch, known, believed_slope, precision, fast_alone)
         layers = expected.layers
         slope = misfit.gradient(layers)
-    each = zip(problems, known.each, strict=True)
+    forms = known.each(batch.basis)
+    each = zip(problems, forms, strict=True)
     within = [layer_penalties(own, p.mean_noise, mosaic=False, expects=expected is not None) for p, own in each]
     prior = spectral_prior(batch, known, expected, within, slope)
     others = [
         {**own_penalties(own, p.mean_noise), **plugged_penalties(weights, own, p.mean_noise)}
-        for p, own in zip(problems, known.each, strict=True)
+        for p, own in zip(problems, forms, strict=True)
     ]
     if expected is None:
         frames = batch.canvas.crop(batch.in_colors(layers)).cpu().numpy()
-        unknown = [own.sampled.unknown_detail(frame[1]) for own, frame in zip(known.each, frames, strict=True)]
+        unknown = [own.sampled.unknown_detail(frame[1]) for own, frame in zip(forms, frames, strict=True)]
         layers = placed(np.stack([batch.canvas.continued(frame) for frame in frames]), batch.device)
         layers = batch.opponent(layers)
     else:
         unknown = _unknown_detail(batch, expected.variance, layers)
     objective = BatchObjective(batch, misfit, (known.told, known.cross), within, prior, weights, others, layers)
-    return BatchProblem(objective, objective.coordinates(layers), known.each, tuple(unknown))
+    return BatchProblem(objective, objective.coordinates(layers), forms, tuple(unknown))
 
 
 def _found_before(

@@ -15,12 +15,13 @@ from polaropt.inversion import RESOLUTION, Canvas, left_open
 from polaropt.solving.local_spectra import (
     BESIDE,
     LEAST_POWER,
+    LENGTHS,
     OF_LIGHT,
     OPEN,
     TOWARDS_LARGEST,
     TURNS,
+    TURNS_OF_SAMPLES,
     first_length,
-    next_length,
 )
 from polaropt.solving.tensors.batch import CaptureBatch, mirrored, placed
 from polaropt.solving.tensors.closed_form import BatchClosedForm
@@ -49,6 +50,8 @@ def expected_layers(
     misfit_gradient: Callable[[Tensor], Tensor],
     precision: Tensor,
     fast_alone: Sequence[bool],
+    *,
+    sampled: bool = False,
 ) -> BatchExpectation:
     """Layers under spectra of their own in each window, from the closed form on.
 
@@ -62,24 +65,32 @@ def expected_layers(
         What a pixel's photographs tell, beside what `known` takes for it.
     fast_alone : sequence of bool
         Of which captures windows are shown what is fast alone.
+    sampled : bool
+        Whether the photographs are samples of a mosaic.
     """
     layers, share, last = known.layers, None, None
-    for size, times in TURNS:
-        last = BatchWindows(batch, known, size, fast_alone)
+    for size, times in TURNS_OF_SAMPLES if sampled else TURNS:
+        last = BatchWindows(batch, known, size, fast_alone, sampled=sampled)
         of_windows = last.sure_precision(precision)
-        lengths, before = [first_length(times)] * len(layers), None
+        length, before = layers.new_full((len(layers),), first_length(times)), None
         for _ in range(times):
             change, share = last.step(layers, misfit_gradient(layers), of_windows)
             if before is not None:
-                products = ((before * other).flatten(1).sum(dim=1).tolist() for other in (before, change))
-                lengths = [next_length(*each) for each in zip(lengths, *products, strict=True)]
+                length = _next_lengths(length, *((before * other).flatten(1).sum(dim=1) for other in (before, change)))
             before = change
             layers = layers.clone()
-            batch.canvas.crop(layers).add_(layers.new_tensor(lengths)[:, None, None, None, None] * change)
+            batch.canvas.crop(layers).add_(length[:, None, None, None, None] * change)
     assert last is not None
     assert share is not None
     left = _left_open(known.told[:, :, None], known.cross[:, None], known.prior)
     return BatchExpectation(layers, left * last.on_canvas(share))
+
+
+def _next_lengths(length: Tensor, square: Tensor, left: Tensor) -> Tensor:
+    """`next_length` of each capture, (capture,)."""
+    least, most = LENGTHS
+    stepped = (length * square / (square - left)).clamp(least, most)
+    return torch.where(square > left, stepped, most)
 
 
 class BatchWindows:
@@ -92,10 +103,18 @@ class BatchWindows:
     size : WindowSize
     fast_alone : sequence of bool
         Of which captures windows are shown what is fast alone.
+    sampled : bool
+        Whether the photographs are samples of a mosaic.
     """
 
     def __init__(
-        self, batch: CaptureBatch, known: BatchClosedForm, size: WindowSize, fast_alone: Sequence[bool]
+        self,
+        batch: CaptureBatch,
+        known: BatchClosedForm,
+        size: WindowSize,
+        fast_alone: Sequence[bool],
+        *,
+        sampled: bool = False,
     ) -> None:
         self._batch, self._canvas, self._size = batch, batch.canvas, size
         device = batch.device
@@ -110,6 +129,7 @@ class BatchWindows:
         self._fast, self._along = placed(size.fast, device), placed(size.along, device)
         spectra = torch.cat([known.told.to(known.cross.dtype), known.cross[:, None]], dim=1)
         through = _through_window(spectra, size, batch.canvas)
+        self._of_pattern = _of_pattern(size, device) if sampled else None
         # Axes for the colours and for the windows down and across.
         self._told_t, self._told_r = (through[:, i, None, None, None].real for i in (0, 1))
         self._cross = through[:, 2, None, None, None]
@@ -150,7 +170,7 @@ class BatchWindows:
             spectra = (self._batch.transformed(images) * self._shown for images in (layers, gradient))
             layers, gradient = map(self._batch.images, spectra)
         here, down = self._spectra(self._canvas.crop(layers) - self._mean), self._spectra(-self._canvas.crop(gradient))
-        power = self._shared(here.real.square() + here.imag.square())
+        power = self._bounded(self._shared(here.real.square() + here.imag.square()))
         stiff_t, stiff_r = (1 / (power[:, i] + self._counted[:, i]).clamp(min=LEAST_POWER) for i in (0, 1))
         slope_t, slope_r = down[:, 0] - stiff_t * here[:, 0], down[:, 1] - stiff_r * here[:, 1]
         p = precision[:, None, :, :, None, None]
@@ -173,6 +193,15 @@ class BatchWindows:
         light, others = shared[:, :, :1], shared[:, :, 1:]
         shared = torch.cat([light, (1 - OF_LIGHT) * others + OF_LIGHT * light], dim=2)
         return (shared * self._prior - self._counted).clamp(min=0)
+
+    def _bounded(self, power: Tensor) -> Tensor:
+        """Power of a mosaic's layers where it is like that of others of its direction, see `limit_power`."""
+        if self._of_pattern is None:
+            return power
+        means, bounded = self._of_pattern
+        most = ((power + self._counted) / self._prior).flatten(-2) @ means
+        most = most.reshape(power.shape) * self._prior - self._counted
+        return torch.where(bounded, torch.minimum(power, most).clamp(min=0), power)
 
     def on_canvas(self, share: Tensor) -> Tensor:
         """A share at the frequencies of a window (..., side, side // 2 + 1) at those of the canvas."""
@@ -214,6 +243,16 @@ class BatchWindows:
         canvas = self._canvas
         inside: Tensor = total[..., step : step + canvas.height, step : step + canvas.width]
         return inside
+
+
+def _of_pattern(size: WindowSize, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Weights of frequencies in the mean of each one's direction (n, n), and which are bounded by it, (side, ...)."""
+    weight, direction = size.of_pattern
+    alike = (direction[:, None] == direction) & (direction >= 0)
+    of_each = weight[:, None] * alike
+    means = of_each / np.maximum(of_each.sum(axis=0), np.float32(LEAST_POWER))
+    bounded = ((weight == 0) & (direction >= 0)).reshape(size.fast.shape)
+    return placed(means.astype(np.float32), device), placed(bounded, device)
 
 
 def _left_open(told: Tensor, cross: Tensor, prior: Tensor) -> Tensor:

@@ -1,0 +1,135 @@
+"""The newest samples of a training on its device, of which each batch takes some."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from polaropt.training.batches import N_SCENES, BatchMaker, Kind, MadeSamples
+from polaropt.training.samples import TrainingData
+from priors.observation import Observation, placed
+from priors.training.trainer import Batch, Sample
+
+# How often each kind is made; samples that are made at a time, those that are kept, and batches that each takes part
+# in on average: set by hand.
+_KINDS: dict[Kind, float] = {"photographs": 0.46, "grey": 0.04, "mono": 0.25, "color": 0.25}
+_AT_A_TIME, _N_KEPT, _USES = 64, 2048, 2.0
+# Of a batch, those that processes make; how many of them are kept, and wait to be taken; and of them those that the
+# device does not make, clipped ones and those through wide lenses.
+_OF_PROCESSES, _N_KEPT_OF_PROCESSES, _WAITING = 0.12, 2048, 64
+_OVEREXPOSED, _WIDE = 0.6, 0.2
+
+# Brightest that layers in closed form are at (white = 1): those of an estimate that is far off may be without bounds.
+_BRIGHTEST = 8.0
+
+_OBSERVED = ("views", "view_errors", "trusted", "layers", "errors", "mixing", "step", "unexplained", "told")
+
+
+class SamplePool:
+    """Samples that are made where they are trained on, and some of other processes among them.
+
+    Parameters
+    ----------
+    data : TrainingData
+        For the conditioned form, frames of whole patterns. Its processes draw the scenes, and make samples
+        of their own; with none there are only those that the device makes.
+    device : str
+    n_scenes : int
+        As of `BatchMaker`.
+    at_a_time : int
+        Samples that the device makes together.
+    """
+
+    def __init__(
+        self, data: TrainingData, device: str, *, n_scenes: int = N_SCENES, at_a_time: int = _AT_A_TIME
+    ) -> None:
+        variety = replace(data.variety, overexposed=_OVEREXPOSED, wide=_WIDE)
+        self._data, self._device = data.of(variety), device
+        self._maker = BatchMaker(data, device, n_scenes)
+        self._made, self._others = Kept(_N_KEPT, device), Kept(_N_KEPT_OF_PROCESSES, device)
+        self._waiting: queue.Queue[Sample] = queue.Queue(_WAITING)
+        self._next, self._at_a_time = 0.0, at_a_time
+        if data.workers:
+            threading.Thread(target=self._take_others, daemon=True).start()
+
+    def samples(self, numbers: Any) -> Iterator[Sample]:
+        """Those of the processes, in the order of these numbers: for tests."""
+        return map(self._data.sample, numbers)
+
+    def batch(self, step: int, size: int) -> Batch:
+        """Samples for a step: not the same again, as processes take as long as they take."""
+        random = np.random.default_rng([self._data.seed, 17, step])
+        self._next += size / (_USES * self._at_a_time) if self._made.count else 4.0
+        while self._next >= 1:
+            self._next -= 1
+            kind = random.choice(len(_KINDS), p=list(_KINDS.values()))
+            self._made.put(_tensors_of(self._maker.make(list(_KINDS)[kind], self._at_a_time, random)))
+        while not self._waiting.empty():
+            sample = self._waiting.get()
+            seen = placed(sample.observation, self._device)
+            truth, parts = sample.layers.to(self._device), sample.parts.to(self._device)
+            self._others.put(_tensors_of(MadeSamples(seen, truth, parts)))
+        n_others = random.binomial(size, _OF_PROCESSES) if self._others.count else 0
+        drawn = self._made.drawn(size - n_others, random)
+        if n_others:
+            others = self._others.drawn(n_others, random)
+            drawn = {name: torch.cat([drawn[name], others[name]]) for name in drawn}
+        truth, parts = drawn.pop("truth"), drawn.pop("parts")
+        return Batch(Observation(**drawn), truth, parts, _no_engine)
+
+    def _take_others(self) -> None:
+        for sample in self._data.samples(range(1 << 40)):
+            self._waiting.put(sample)
+
+
+def _no_engine(_: Tensor) -> Tensor:
+    raise ValueError("samples of a pool are for losses that simulate nothing: leave the term pse out")
+
+
+def _tensors_of(samples: MadeSamples) -> dict[str, Tensor]:
+    seen = {name: getattr(samples.observation, name) for name in _OBSERVED}
+    return {**seen, "truth": samples.layers, "parts": samples.parts}
+
+
+@dataclass
+class Kept:
+    """The newest samples, so many."""
+
+    size: int
+    device: str
+    count: int = 0
+
+    def __post_init__(self) -> None:
+        self._tensors: dict[str, Tensor] = {}
+        self._place = 0
+
+    def put(self, tensors: dict[str, Tensor]) -> None:
+        """Put a batch of samples in the place of the oldest; those without sense are left out."""
+        usable = torch.stack([x.flatten(1).isfinite().all(dim=1) for x in tensors.values()]).all(dim=0)
+        usable &= tensors["layers"].flatten(1).abs().amax(dim=1) < _BRIGHTEST
+        n = len(usable)
+        if not self._tensors:
+            self._tensors = {
+                name: torch.zeros((self.size, *x.shape[1:]), device=self.device) for name, x in tensors.items()
+            }
+        # Others take their place, so that nothing waits for the device to tell how many there are.
+        order = torch.argsort(~usable, stable=True)
+        chosen = order[torch.arange(n, device=order.device) % usable.sum().clamp(min=1)]
+        there = (self._place + np.arange(n)) % self.size
+        places = torch.from_numpy(there).to(self.device)
+        for name, x in tensors.items():
+            self._tensors[name][places] = x[chosen].float()
+        self._place = (self._place + n) % self.size
+        self.count = min(self.size, self.count + n)
+
+    def drawn(self, n: int, random: np.random.Generator) -> dict[str, Tensor]:
+        """So many of them."""
+        places = torch.from_numpy(random.integers(self.count, size=n)).to(self.device)
+        return {name: x[places] for name, x in self._tensors.items()}
