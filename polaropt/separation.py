@@ -567,7 +567,7 @@ def _case_of(
     stages.advance(_SCENE_FOUND)
     # An index that is told fits badly where the incidence is, too.
     index = None
-    if asked.refractive_index is not None and asked.incidence_deg is None:
+    if asked.refractive_index is not None and asked.incidence_deg is None and of_cells.things is None:
         index = likelier_index(source, of_cells.scene, of_source)
         if mosaic is not None:
             index = likelier_index_of_mosaic(mosaic, found.scene.scaled(mosaic.period / scale), index)
@@ -640,6 +640,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         likelier_index=case.likelier_index,
         loss=scene_loss(capture, noise, found.scene, case.near_errors, solution.variance, still.growth, rivals),
         finite=solution.solver.status is not Status.NOT_FINITE,
+        polarized_things=found.things is not None,
         before=judged,
     )
     stages.end()

@@ -10,7 +10,7 @@ import dataclasses
 import math
 import time
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import Literal
 
 import numpy as np
@@ -25,6 +25,8 @@ from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_ti
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
 from polaropt.estimation.flat.samples.tiles import REACH_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
+from polaropt.estimation.motion import without_moving
+from polaropt.estimation.polarized_things import PolarizedThings, polarized_things
 from polaropt.estimation.refractive_index import IndexFit, with_index
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
@@ -76,7 +78,8 @@ class LadderResult:
     """A complete scene, how it was estimated (None where it was given) and the rungs that were looked at.
 
     Where all but the index was given, `index_error` is its standard error; else it is one of the estimate's. `of_gains`
-    are the standard errors of incidence and azimuth, in degrees, by gains that photographs which do not add up tell of.
+    are the standard errors of incidence and azimuth, in degrees, by gains that photographs which do not add up tell of,
+    `things` is what was left out of the photographs, as it is polarized by itself.
     """
 
     scene: SceneParameters
@@ -84,6 +87,7 @@ class LadderResult:
     tried: tuple[RungReport, ...]
     index_error: float | None = None
     of_gains: tuple[float, float] = (0.0, 0.0)
+    things: PolarizedThings | None = dataclasses.field(default=None, compare=False)
 
     @property
     def errors(self) -> SceneErrors:
@@ -111,6 +115,16 @@ class LadderResult:
             return dataclasses.replace(self, index_error=fit.error)
         errors = dataclasses.replace(self.estimate.errors, refractive_index=fit.error)
         return dataclasses.replace(self, estimate=dataclasses.replace(self.estimate, errors=errors))
+
+    def with_shift(self, ghost_shift: float | None, error: float | None) -> LadderResult:
+        """The same with double images, and the standard error of their distance."""
+        if not ghost_shift or self.estimate is None:
+            return self
+        scene = self.scene.replace(ghost_shift=ghost_shift)
+        errors = dataclasses.replace(self.estimate.errors, ghost_shift=error)
+        estimate = dataclasses.replace(self.estimate, scene=scene, errors=errors)
+        tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in self.tried)
+        return dataclasses.replace(self, scene=scene, estimate=estimate, tried=tried)
 
     @property
     def unexplained(self) -> float:
@@ -193,6 +207,42 @@ def _completed(
             mosaic=tiles,
         )
         return in_full(found, capture, asked, noise, model, mosaic=tiles, sense_only=thickness_px is not None)
+    of_photographs = partial(
+        _of_photographs,
+        asked=asked,
+        noise=noise,
+        model=model,
+        thickness_px=thickness_px,
+        thickness_kind=thickness_kind,
+    )
+    found, evidence = of_photographs(capture, mosaic=mosaic)
+    things = None if evidence is None else _things_beside(found, evidence)
+    if things is None:
+        return found
+    # What is filled in, and the low pass of cells, pass for far double images.
+    near = asked.replace(ghost_shift=0.0) if asked.ghost_shift is None and capture.low_passed else asked
+    beside, _ = of_photographs(without_moving(capture, things.where), asked=near, climbs=False)
+    taken = _likelier_beside(found, beside, things)
+    if taken is found or asked.ghost_shift is not None or beside.scene.has_ghosts:
+        return taken
+    # Double images are everywhere, and show in detail, of which the whole frame has more.
+    told = asked.replace(**{name: getattr(beside.scene, name) for name in ("incidence_deg", "azimuth_deg")})
+    everywhere, _ = of_photographs(capture, asked=told, climbs=False)
+    return taken.with_shift(everywhere.scene.ghost_shift, everywhere.errors.ghost_shift)
+
+
+def _of_photographs(
+    capture: Capture,
+    asked: SceneParameters,
+    noise: float,
+    model: str,
+    *,
+    thickness_px: float | None,
+    thickness_kind: Literal["paper", "plate"],
+    mosaic: SampledTiles | None = None,
+    climbs: bool = True,
+) -> tuple[LadderResult, Evidence | None]:
+    """The scene of photographs, or of a mosaic's cells, and what it was found by; on the lowest rungs, or on all."""
     if asked.focal_px is not None and model == "auto":
         model = "perspective"
     if asked.stacked and model not in ("auto", "ghosts"):
@@ -223,12 +273,15 @@ def _completed(
     seconds = time.perf_counter() - began
     unpolarized = not estimate.polarized and asked.incidence_deg is None
     if unpolarized or model == "none":
-        return _unseparated(estimate, seconds, "There is no polarization beyond the noise." if unpolarized else _ASKED)
+        reason = "There is no polarization beyond the noise." if unpolarized else _ASKED
+        return _unseparated(estimate, seconds, reason), None
     # Ghosts that mean spectra have at half their distance tell another index.
     open_ghosts = is_of_two_faces(asked) and flat.ghost_shift is None
     open_window = open_ghosts or None in (asked.n_panes, asked.absorption)
     # The low pass of a mosaic's cells, and what aliases there, passes for a second pane.
     open_window &= thickness_px is None and not stokes.aliased
+    # What was filled in, too.
+    open_window &= climbs
     # Beyond the angles that are searched any number of panes is a mirror.
     open_window &= estimate.scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]
     if shifted or (open_window and model in ("auto", "ghosts") and is_flat):
@@ -237,11 +290,41 @@ def _completed(
     remark = window_remark(estimate.scene) if asked.n_panes is None and not estimate.scene.has_ghosts else ""
     window = {name: getattr(estimate.scene, name) for name in ("n_panes", "gap_shift", "gap_azimuth_deg", "absorption")}
     of_window = asked.replace(**window)
-    found = _climbed(Evidence(capture, noise, stokes, blocks, of_window, estimate, misfit, model), seconds, remark)
+    evidence = Evidence(capture, noise, stokes, blocks, of_window, estimate, misfit, model)
+    found = _climbed(evidence, seconds, remark, climbs=climbs)
     # Of a mosaic's cells the samples tell it; a thickness ties it to the ghosts.
     if not (stokes.aliased or thickness_px is not None or asked.incidence_deg is not None):
         found = _with_all_told(found, stokes, asked)
-    return _with_errors_of_gains(found, capture, blocks)
+    return _with_errors_of_gains(found, capture, blocks), evidence
+
+
+def _things_beside(found: LadderResult, evidence: Evidence) -> PolarizedThings | None:
+    """Things that may be polarized by themselves, where no rung explains the polarized light and none was asked for."""
+    asked = evidence.asked
+    is_open = evidence.wanted == "auto" and not (asked.polarized or asked.focal_px) and asked.azimuth_deg is None
+    if not is_open or asked.stacked or not found.scene.signal or evidence.gains_explain:
+        return None
+    blocks, left = evidence.blocks, found.unexplained
+    if evidence.stokes.aliased and not (found.scene.polarized or found.scene.varies):
+        # What aliases is fine: in larger blocks it is less of what they show.
+        blocks = PolarizedBlocks(evidence.stokes, _BLOCKS_OF_CELLS)
+        left = blocks.constant_misfit(found.scene.values()[1])
+    return polarized_things(evidence.capture, blocks) if left > evidence.most_unexplained else None
+
+
+def _likelier_beside(found: LadderResult, beside: LadderResult, things: PolarizedThings) -> LadderResult:
+    """What is found beside things that are polarized by themselves, if that explains the rest of the frame."""
+    left = 1 + _LEFT_BESIDE * (found.unexplained - 1)
+    if beside.estimate is None or not beside.scene.signal or beside.unexplained > max(left, _MOST_BESIDE):
+        return found
+    reason = (
+        f"Things in {100 * things.share:.0f} % of the frame are polarized by themselves; the rest tells the pane, and "
+        "it leaves no polarized light there."
+    )
+    tried = tuple(dataclasses.replace(one, taken=False, reason=_NOT_TAKEN) for one in found.tried if one.taken)
+    others = tuple(one for one in found.tried if not one.taken)
+    taken = tuple(dataclasses.replace(one, reason=reason) for one in beside.tried if one.taken)
+    return dataclasses.replace(beside, tried=(*others, *tried, *taken), things=things)
 
 
 def _with_errors_of_gains(found: LadderResult, capture: Capture, blocks: PolarizedBlocks) -> LadderResult:
@@ -303,6 +386,9 @@ def in_full(
         Whether the distance of the ghosts is given, and only their side is to be told.
     """
     whole = found.scaled(capture.scale)
+    if found.things is not None:
+        # Samples of these things tell other panes.
+        return whole
     open_shift, open_incidence = asked.ghost_shift is None, asked.incidence_deg is None
     estimate = whole.estimate
     if estimate is None or model not in ("auto", "ghosts") or not (open_shift or open_incidence):
@@ -384,6 +470,12 @@ def _error_of_cells(found: LadderResult) -> float:
 
 
 _ASKED = "It is the one asked for."
+_BLOCKS_OF_CELLS = 24
+"""Blocks along the longer side of a mosaic's cells at most, in which things are looked for; by trial."""
+_NOT_TAKEN = "Beside things that are polarized by themselves a plain pane explains all."
+_LEFT_BESIDE, _MOST_BESIDE = 0.3, 1.3
+"""Polarized light beyond the noise that a plain pane may leave beside such things, as a part of what no rung explained,
+and, noise included, in units of it. Set by hand."""
 
 
 def _unseparated(estimate: SceneEstimate, seconds: float, reason: str) -> LadderResult:
@@ -408,12 +500,12 @@ class _Step:
         return RungReport(self.rung, *parts, taken, " ".join(filter(None, (reason, self.attempt.remark))))
 
 
-def _climbed(evidence: Evidence, seconds: float, remark: str) -> LadderResult:
+def _climbed(evidence: Evidence, seconds: float, remark: str, *, climbs: bool = True) -> LadderResult:
     """Rung by rung up to the first that leaves nothing but noise, or the best of all; a remark is of the lowest."""
     wanted, plain = evidence.wanted, evidence.estimate.scene
     first = RungFit(plain, evidence.misfit, 1, True, remark, errors=evidence.estimate.errors)
     steps = [_Step(plain.rung, first, seconds)]
-    for rung in RUNGS:
+    for rung in RUNGS if climbs else ():
         if wanted not in ("auto", rung.name) or not rung.may_help(evidence):
             continue
         if rung.name == "polarized" and _second_choices(evidence, steps):

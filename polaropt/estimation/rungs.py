@@ -9,7 +9,6 @@ import math
 from dataclasses import replace
 from functools import partial
 
-from polaropt.capture import closure_share
 from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.polarized.lens import fit_polarized_perspective
 from polaropt.estimation.polarized.mixing import OBLIQUE_DEG, Mixture, looks_polarized
@@ -45,10 +44,6 @@ _LEAST_GAIN, _LEAST_GAIN_OF_EDGES = 0.004, 0.03
 _DOUBLED_DEG = 1.6
 # Standard error of an incidence in degrees below which spectra of parts of the frame have nothing to add. Set by hand.
 _SURER_DEG = 0.5
-# How many times the share of the light that does not add up may be polarized at 45 degrees to the plane of incidence
-# for wrong gains. Gains of equal spread leave sqrt(2) times as much there, and of what is told by one number Student's
-# distribution has 85 % below 4.2. Of ten random windows to fit on with wrong gains nine stay below 1.3, one has 4.7.
-_OF_GAINS = 6.0
 
 
 def _may_vary(evidence: Evidence) -> bool:
@@ -209,7 +204,7 @@ def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -
     # Polarized light explains what a wrong azimuth leaves, and makes it worse.
     if asked.polarized or asked.focal_px is not None or asked.azimuth_deg is not None:
         return False
-    if _gains_explain(evidence):
+    if evidence.gains_explain:
         return False
     if evidence.explained:
         # Frontal glass polarizes so little that a slight polarization of either layer would do as well, and the
@@ -217,16 +212,6 @@ def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -
         oblique = evidence.estimate.scene.values()[0] > OBLIQUE_DEG
         return oblique and first and looks_polarized(evidence.stokes, evidence.estimate.scene)
     return off[0] <= (Mixture(evidence.stokes).misfit - 1) / (evidence.misfit - 1) < off[1]
-
-
-def _gains_explain(evidence: Evidence) -> bool:
-    """Whether photographs that do not add up tell of gains that leave as much as the plain pane does.
-
-    Wrong gains tilt the plane of the Stokes vectors just as polarized light does.
-    """
-    capture = evidence.capture
-    apart = closure_share(capture.intensities, capture.angles_deg, capture.mask)
-    return apart > 0 and evidence.polarized_share <= _OF_GAINS * apart
 
 
 def _polarized(evidence: Evidence) -> RungFit:
@@ -245,7 +230,7 @@ def _polarized(evidence: Evidence) -> RungFit:
 def _may_be_polarized_and_vary(evidence: Evidence) -> bool:
     """Whether light may be polarized and incidence vary: both are for us to find, and something is left to explain."""
     open_light = not evidence.asked.polarized and not evidence.explained
-    return _may_vary(evidence) and open_light and (evidence.wanted == "polarized" or not _gains_explain(evidence))
+    return _may_vary(evidence) and open_light and (evidence.wanted == "polarized" or not evidence.gains_explain)
 
 
 def _polarized_perspective(evidence: Evidence) -> RungFit:

@@ -110,8 +110,8 @@ class SeparationWarning(Enum):
         "The photographs look gamma-encoded: pairs do not add up. Give linear files, or tell the encoding (gamma)."
     )
     POLARIZED_SOURCE = (
-        "The light of a layer looks polarized before it meets the glass (a screen behind it, blue sky in the "
-        "reflection): check the layers for parts that belong to the other one."
+        "The light of a layer, or of things in it, looks polarized before it meets the glass (a screen behind it, blue "
+        "sky in the reflection, water, leaves): check the layers for parts that belong to the other one."
     )
     INCIDENCE_DOUBTFUL = (
         "The photographs speak against the incidence that was given: with it the reflection would be taken off by a "
@@ -215,6 +215,7 @@ def diagnose(
     likelier_index: LikelierIndex | None = None,
     loss: SceneLoss | None = None,
     finite: bool = True,
+    polarized_things: bool = False,
     before: Diagnostics | None = None,
 ) -> Diagnostics:
     """Collect the warnings that a capture and its solution deserve.
@@ -242,6 +243,8 @@ def diagnose(
         As the attributes of `Diagnostics`.
     finite : bool
         Whether the solver met nothing but finite values.
+    polarized_things : bool
+        Whether the scene was found beside things that are polarized by themselves.
     before : Diagnostics, optional
         Of a frame before: what is wrong with the camera's analyzers is so in every frame.
     """
@@ -275,7 +278,7 @@ def diagnose(
         **_of_mistakes(mistakes),
         SeparationWarning.CELL_ORDER_FOUND: capture.origin is not None and capture.origin.cell_order_found,
         **_of_angles(mistake),
-        SeparationWarning.POLARIZED_SOURCE: _found_polarized(scene, estimate),
+        SeparationWarning.POLARIZED_SOURCE: polarized_things or _found_polarized(scene, estimate),
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
         SeparationWarning.COATED: coated,
         SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import math
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ class PolarizedBlocks:
     def __init__(self, stokes: StokesImages, most: int = _BLOCKS) -> None:
         height, width = stokes.images.shape[-2:]
         size = max(1, math.ceil(max(height, width) / most))
-        self._source, self._size = stokes, size
+        self._source, self._size, self._frame = stokes, size, (height, width)
         means = stokes.means(size)[1:]
         self._of_blocks = stokes.block_noise(size)
         self.noise = self._of_blocks * math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
@@ -121,6 +122,26 @@ class PolarizedBlocks:
         """The same for one azimuth all over the frame."""
         double = 2 * math.radians(azimuth_deg)
         return float(np.mean(np.square(math.cos(double) * self._s2 - math.sin(double) * self._s1))) / self._trust
+
+    def squares_across(self, azimuth_deg: float) -> Values:
+        """Mean square over the colours of what is polarized across one azimuth in each block, (m,)."""
+        double = 2 * math.radians(azimuth_deg)
+        s11, s12, s22 = self.moments / len(self._s1)
+        cos, sin = math.cos(double), math.sin(double)
+        return np.asarray(cos * cos * s22 - 2 * cos * sin * s12 + sin * sin * s11)
+
+    def laid_out(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values (m,) of the blocks where they lie, (rows, columns); zeros where nothing was seen."""
+        rows, columns = (side // self._size for side in self._frame)
+        grid = np.zeros(rows * columns, dtype=values.dtype)
+        grid[self._seen] = values
+        return grid.reshape(rows, columns)
+
+    def in_pixels(self, grid: NDArray[Any]) -> NDArray[Any]:
+        """What is laid out by blocks, of each pixel of the frame (h, w); beyond the last blocks as in them."""
+        whole = np.repeat(np.repeat(grid, self._size, axis=0), self._size, axis=1)
+        lack = [(0, side - extent) for side, extent in zip(self._frame, whole.shape, strict=True)]
+        return np.pad(whole, lack, mode="edge")
 
     def least_constant_misfit(self) -> float:
         """The same for the azimuth that leaves least."""
