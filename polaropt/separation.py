@@ -576,7 +576,8 @@ def _case_of(
         found = in_whole(find(source, fit.scene).with_index(fit))
         asked, index = asked.replace(refractive_index=None), None
     stages.advance(_INDEX_CHECKED)
-    if asked.ghost_shift is None:
+    # Edges of things that are polarized by themselves tell no side; the scene found beside them has it by spectra.
+    if asked.ghost_shift is None and of_cells.things is None:
         edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
         found = with_likelier_side(found, source, edges)
     return Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)

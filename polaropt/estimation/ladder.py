@@ -18,7 +18,7 @@ import numpy as np
 from polaropt.capture import Capture, StokesImages, closure_share, plate_frame, registered_noise, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
-from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene
+from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene, likelier_side
 from polaropt.estimation.flat.ghosts import cross_spectra, is_of_two_faces
 from polaropt.estimation.flat.gradients import incidence_by_gradients
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
@@ -223,9 +223,11 @@ def _completed(
     near = asked.replace(ghost_shift=0.0) if asked.ghost_shift is None and capture.low_passed else asked
     beside, _ = of_photographs(without_moving(capture, things.where), asked=near, climbs=False)
     taken = _likelier_beside(found, beside, things)
-    if taken is found or asked.ghost_shift is not None or beside.scene.has_ghosts:
+    if taken is found or asked.ghost_shift is not None:
         return taken
     # Double images are everywhere, and show in detail, of which the whole frame has more.
+    if beside.scene.has_ghosts:
+        return taken.with_shift(likelier_side(capture, beside.scene, noise), beside.errors.ghost_shift)
     told = asked.replace(**{name: getattr(beside.scene, name) for name in ("incidence_deg", "azimuth_deg")})
     everywhere, _ = of_photographs(capture, asked=told, climbs=False)
     return taken.with_shift(everywhere.scene.ghost_shift, everywhere.errors.ghost_shift)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, median_filter
 
 from polaropt.capture import Capture, closure_share
 from polaropt.estimation.wide.blocks import PolarizedBlocks
@@ -70,6 +69,8 @@ def polarized_things(capture: Capture, blocks: PolarizedBlocks) -> PolarizedThin
     S. Geman, D. McClure, Statistical methods for tomographic image reconstruction, Bulletin of the International
     Statistical Institute 52, 1987 (the loss).
     """
+    from scipy.ndimage import binary_dilation, median_filter
+
     share = max(_LEAST_SHARE, closure_share(capture.intensities, capture.angles_deg, capture.mask))
     allowed = _UNLIKE + np.square(share * blocks.stokes[0]).mean(axis=0)
     azimuth_deg = _agreed_azimuth(blocks, allowed)

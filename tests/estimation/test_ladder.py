@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from polaropt import InputError, SceneParameters
-from polaropt.estimation import ladder, rungs
+from polaropt.estimation import ladder, rung, rungs
 from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.samples.ghosts import SampledPane
@@ -342,10 +342,10 @@ def test_when_polarized_light_is_looked_for(name: str, monkeypatch: pytest.Monke
     asked, misfit, wanted, off, expected = LIGHTS[name]
     monkeypatch.setattr(rungs, "Mixture", lambda stokes: SimpleNamespace(misfit=off))
     monkeypatch.setattr(rungs, "looks_polarized", lambda stokes, scene: True)
-    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: False)
+    monkeypatch.setattr(Evidence, "gains_explain", False)
     given = evidence(misfit, wanted, asked)
     assert tuple(rungs._may_be_polarized(given, part) for part in (rungs._ALL_BUT, rungs._MOST_BUT)) == expected
-    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: True)
+    monkeypatch.setattr(Evidence, "gains_explain", True)
     told = tuple(rungs._may_be_polarized(given, part) for part in (rungs._ALL_BUT, rungs._MOST_BUT))
     assert told == (expected if wanted == "polarized" else (False, False))
 
@@ -355,7 +355,7 @@ def test_frontal_glass_is_not_asked_for_polarized_light(
     incidence_deg: float, seen: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rungs, "looks_polarized", lambda stokes, scene: True)
-    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: False)
+    monkeypatch.setattr(Evidence, "gains_explain", False)
     estimate = Estimated(PLAIN.replace(incidence_deg=incidence_deg))
     assert rungs._may_be_polarized(replace(evidence(1.1, asked=OPEN), estimate=estimate)) == seen
 
@@ -376,10 +376,10 @@ PANES_THAT_VARY = {
 @pytest.mark.parametrize("name", PANES_THAT_VARY)
 def test_when_a_pane_that_varies_is_looked_for(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     asked, misfit, wanted, start_unknown, expected = PANES_THAT_VARY[name]
-    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: False)
+    monkeypatch.setattr(Evidence, "gains_explain", False)
     given = replace(evidence(misfit, wanted, asked), capture=SimpleNamespace(start_unknown=start_unknown))
     assert (rungs._may_vary(given), rungs._may_be_polarized_and_vary(given)) == expected
-    monkeypatch.setattr(rungs, "_gains_explain", lambda evidence: True)
+    monkeypatch.setattr(Evidence, "gains_explain", True)
     assert not rungs._may_be_polarized_and_vary(given)
     assert rungs._may_be_polarized_and_vary(replace(given, wanted="polarized")) == expected[1]
 
@@ -388,10 +388,10 @@ def test_when_a_pane_that_varies_is_looked_for(name: str, monkeypatch: pytest.Mo
 def test_gains_that_are_wrong_leave_no_more_than_six_times_what_does_not_add_up(
     apart: float, explains: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rungs, "closure_share", lambda *given: apart)
+    monkeypatch.setattr(rung, "closure_share", lambda *given: apart)
     blocks = SimpleNamespace(n=800, stokes=[np.full((2, 2), 10.0)])
     capture = SimpleNamespace(intensities=None, angles_deg=None, mask=None)
-    assert rungs._gains_explain(replace(evidence(10.0), blocks=blocks, capture=capture)) == explains
+    assert replace(evidence(10.0), blocks=blocks, capture=capture).gains_explain == explains
 
 
 GRADIENTS, SPECTRA = (39.0, 0.36), (40.0, 0.36)

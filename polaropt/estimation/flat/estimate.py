@@ -183,6 +183,24 @@ def estimate_scene(
     )
 
 
+def likelier_side(capture: Capture, scene: SceneParameters, noise: float) -> float:
+    """The ghost shift of a scene, on the side on which the spectra of a capture have it.
+
+    Parameters
+    ----------
+    capture : Capture
+    scene : SceneParameters
+        Complete, of a single pane.
+    noise : float
+        Standard deviation of the noise of one photograph.
+    """
+    incidence, azimuth, shift = scene.values()
+    frame = plate_frame(stokes_images(capture, noise), azimuth)
+    search = SceneSearch(evidence(frame), scene.replace(ghost_shift=None), None)
+    here, across = np.interp([shift, -shift], *search.shift_curve(Trial(incidence, shift, 0.0)))
+    return shift if here <= across else -shift
+
+
 @dataclass(frozen=True)
 class _Taken:
     """The frame at the azimuth taken, its search and best trial; margin as in `SceneEstimate`."""
