@@ -28,7 +28,7 @@ _LEAST_SHARE = 0.003
 """Error of a photograph's gain, as a share of the light, that is always allowed for: set by hand."""
 _SHOWS = 25.0
 """Mean square of polarized light, in units of its noise, that tells an axis at all: set by hand."""
-_FEWEST_AGREE, _LEAST_LEFT = 0.2, 0.3
+_FEWEST_AGREE, _LEAST_LEFT = 0.2, 0.15
 """Share of the blocks that tell an axis which agree at least, and of the frame that is left: set by hand."""
 _AROUND = 3
 """Blocks over which single ones are outvoted, an odd number; what is found is then widened by one. Set by hand."""
