@@ -306,12 +306,15 @@ def _things_beside(found: LadderResult, evidence: Evidence) -> PolarizedThings |
     is_open = evidence.wanted == "auto" and not (asked.polarized or asked.focal_px) and asked.azimuth_deg is None
     if not is_open or asked.stacked or not found.scene.signal or evidence.gains_explain:
         return None
-    blocks, left = evidence.blocks, found.unexplained
-    if evidence.stokes.aliased and not (found.scene.polarized or found.scene.varies):
+    things = None
+    if found.unexplained > evidence.most_unexplained:
+        things = polarized_things(evidence.capture, evidence.blocks)
+    if things is None and evidence.stokes.aliased and not (found.scene.polarized or found.scene.varies):
         # What aliases is fine: in larger blocks it is less of what they show.
         blocks = PolarizedBlocks(evidence.stokes, _BLOCKS_OF_CELLS)
-        left = blocks.constant_misfit(found.scene.values()[1])
-    return polarized_things(evidence.capture, blocks) if left > evidence.most_unexplained else None
+        if blocks.constant_misfit(found.scene.values()[1]) > evidence.most_unexplained:
+            things = polarized_things(evidence.capture, blocks)
+    return things
 
 
 def _likelier_beside(found: LadderResult, beside: LadderResult, things: PolarizedThings) -> LadderResult:
