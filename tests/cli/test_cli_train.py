@@ -136,6 +136,7 @@ def test_the_perceptual_loss_compares_features_of_the_shipped_encoder(photograph
         (("--seconds", "0"), "give more than 0"),
         (("--fusionnet", "compact", "--begin-with", str(WEIGHTS / "conditioned.safetensors")), "--fusionnet"),
         (("--without", "pixelwise", "--without", "decibel"), "leaves no term"),
+        (("--device-samples",), "--device-samples needs the conditioned form and frames of"),
     ],
 )
 def test_what_cannot_be_is_told_in_one_line(
