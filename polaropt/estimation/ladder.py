@@ -15,10 +15,10 @@ from typing import Literal
 
 import numpy as np
 
-from polaropt.capture import Capture, StokesImages, closure_share, plate_frame, registered_noise, stokes_images
+from polaropt.capture import Capture, StokesImages, plate_frame, registered_noise, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
-from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene, likelier_side
+from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene, shift_by_spectra
 from polaropt.estimation.flat.ghosts import cross_spectra, is_of_two_faces
 from polaropt.estimation.flat.gradients import incidence_by_gradients
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
@@ -120,10 +120,13 @@ class LadderResult:
         """The same with double images, and the standard error of their distance."""
         if not ghost_shift or self.estimate is None:
             return self
-        scene = self.scene.replace(ghost_shift=ghost_shift)
         errors = dataclasses.replace(self.estimate.errors, ghost_shift=error)
-        estimate = dataclasses.replace(self.estimate, scene=scene, errors=errors)
+        return self.with_scene(self.scene.replace(ghost_shift=ghost_shift), self.estimate, errors)
+
+    def with_scene(self, scene: SceneParameters, estimate: SceneEstimate, errors: SceneErrors) -> LadderResult:
+        """The same with another scene of an estimate, and its errors."""
         tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in self.tried)
+        estimate = dataclasses.replace(estimate, scene=scene, errors=errors)
         return dataclasses.replace(self, scene=scene, estimate=estimate, tried=tried)
 
     @property
@@ -217,7 +220,7 @@ def _completed(
     )
     found, evidence = of_photographs(capture, mosaic=mosaic)
     things = None if evidence is None else _things_beside(found, evidence)
-    if things is None:
+    if evidence is None or things is None:
         return found
     # What is filled in, and the low pass of cells, pass for far double images.
     near = asked.replace(ghost_shift=0.0) if asked.ghost_shift is None and capture.low_passed else asked
@@ -227,7 +230,7 @@ def _completed(
         return taken
     # Double images are everywhere, and show in detail, of which the whole frame has more.
     if beside.scene.has_ghosts:
-        return taken.with_shift(likelier_side(capture, beside.scene, noise), beside.errors.ghost_shift)
+        return taken.with_shift(shift_by_spectra(evidence.stokes, beside.scene), beside.errors.ghost_shift)
     told = asked.replace(**{name: getattr(beside.scene, name) for name in ("incidence_deg", "azimuth_deg")})
     everywhere, _ = of_photographs(capture, asked=told, climbs=False)
     return taken.with_shift(everywhere.scene.ghost_shift, everywhere.errors.ghost_shift)
@@ -297,24 +300,23 @@ def _of_photographs(
     # Of a mosaic's cells the samples tell it; a thickness ties it to the ghosts.
     if not (stokes.aliased or thickness_px is not None or asked.incidence_deg is not None):
         found = _with_all_told(found, stokes, asked)
-    return _with_errors_of_gains(found, capture, blocks), evidence
+    return _with_errors_of_gains(found, evidence), evidence
 
 
 def _things_beside(found: LadderResult, evidence: Evidence) -> PolarizedThings | None:
     """Things that may be polarized by themselves, where no rung explains the polarized light and none was asked for."""
     asked = evidence.asked
     is_open = evidence.wanted == "auto" and not (asked.polarized or asked.focal_px) and asked.azimuth_deg is None
-    if not is_open or asked.stacked or not found.scene.signal or evidence.gains_explain:
+    if not is_open or asked.stacked or not found.scene.signal:
         return None
-    things = None
-    if found.unexplained > evidence.most_unexplained:
-        things = polarized_things(evidence.capture, evidence.blocks)
-    if things is None and evidence.stokes.aliased and not (found.scene.polarized or found.scene.varies):
+    unexplained = [evidence.blocks] if found.unexplained > evidence.most_unexplained else []
+    if evidence.stokes.aliased and not (found.scene.polarized or found.scene.varies):
         # What aliases is fine: in larger blocks it is less of what they show.
-        blocks = PolarizedBlocks(evidence.stokes, _BLOCKS_OF_CELLS)
-        if blocks.constant_misfit(found.scene.values()[1]) > evidence.most_unexplained:
-            things = polarized_things(evidence.capture, blocks)
-    return things
+        large = PolarizedBlocks(evidence.stokes, _BLOCKS_OF_CELLS)
+        unexplained += [large] if large.constant_misfit(found.scene.values()[1]) > evidence.most_unexplained else []
+    if not unexplained or evidence.gains_explain:
+        return None
+    return next(filter(None, (polarized_things(blocks, evidence.apart) for blocks in unexplained)), None)
 
 
 def _likelier_beside(found: LadderResult, beside: LadderResult, things: PolarizedThings) -> LadderResult:
@@ -332,16 +334,15 @@ def _likelier_beside(found: LadderResult, beside: LadderResult, things: Polarize
     return dataclasses.replace(beside, tried=(*others, *tried, *taken), things=things)
 
 
-def _with_errors_of_gains(found: LadderResult, capture: Capture, blocks: PolarizedBlocks) -> LadderResult:
+def _with_errors_of_gains(found: LadderResult, evidence: Evidence) -> LadderResult:
     """The same with what photographs that do not add up tell of the errors of incidence and azimuth."""
     scene = found.scene
     # What polarized layers show depends on gains in other ways, and their errors are wide.
     if scene.polarized:
         return found
-    apart = closure_share(capture.intensities, capture.angles_deg, capture.mask)
-    light, *polarized = np.square(blocks.stokes).mean(axis=(1, 2))
+    light, *polarized = np.square(evidence.blocks.stokes).mean(axis=(1, 2))
     share = math.sqrt(float(sum(polarized) / light)) if light > 0 else 0.0
-    return dataclasses.replace(found, of_gains=errors_of_gains(apart, share, scene))
+    return dataclasses.replace(found, of_gains=errors_of_gains(evidence.apart, share, scene))
 
 
 def _with_all_told(found: LadderResult, stokes: StokesImages, asked: SceneParameters) -> LadderResult:
@@ -464,9 +465,7 @@ def _with_incidence(
     if errors.incidence_deg is not None and told is not None:
         mean, error = weighted_incidence((found.scene.values()[0], _error_of_cells(found)), told)
         scene, errors = scene.replace(incidence_deg=mean), dataclasses.replace(errors, incidence_deg=error)
-    tried = tuple(dataclasses.replace(one, rung=scene.rung) if one.taken else one for one in found.tried)
-    estimate = dataclasses.replace(estimate, scene=scene, errors=errors)
-    return dataclasses.replace(found, scene=scene, estimate=estimate, tried=tried)
+    return found.with_scene(scene, estimate, errors)
 
 
 def _error_of_cells(found: LadderResult) -> float:

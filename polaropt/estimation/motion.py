@@ -25,7 +25,7 @@ from polaropt.capture import (
     noise_of_blocks,
     redundancy_residual,
 )
-from polaropt.numerics import MAD_TO_SIGMA, block_mean, fill_gaps, strips
+from polaropt.numerics import MAD_TO_SIGMA, block_mean, fill_gaps, spread_blocks, strips
 from polaropt.optics import analyzer_matrix
 
 Images = NDArray[np.float32]
@@ -146,7 +146,7 @@ def moving_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask | 
         found = None if closure is None else _regions(closure)
         if found is None or not found.any() or found.mean() > _MOST_MOVING:
             return None
-        moving = _in_pixels(found, capture.shape[-2:])
+        moving = spread_blocks(found, _BLOCK, capture.shape[-2:])
     return moving
 
 
@@ -359,9 +359,3 @@ def _regions(closure: _Closure) -> Mask:
 def _disk(radius: int) -> Mask:
     down, across = np.mgrid[-radius : radius + 1, -radius : radius + 1]
     return np.asarray(np.hypot(down, across) <= radius + 0.5)
-
-
-def _in_pixels(blocks: Mask, shape: tuple[int, ...]) -> Mask:
-    """Blocks as pixels (h, w); those beyond the last whole block are as it is."""
-    row, column = (np.minimum(np.arange(side) // _BLOCK, n - 1) for side, n in zip(shape, blocks.shape, strict=True))
-    return blocks[np.ix_(row, column)]

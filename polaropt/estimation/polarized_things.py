@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, closure_share
 from polaropt.estimation.wide.blocks import PolarizedBlocks
 
 Mask = NDArray[np.bool_]
@@ -54,15 +53,15 @@ class PolarizedThings:
         return float(self.where.mean())
 
 
-def polarized_things(capture: Capture, blocks: PolarizedBlocks) -> PolarizedThings | None:
+def polarized_things(blocks: PolarizedBlocks, apart: float) -> PolarizedThings | None:
     """Where things are polarized by themselves; None where hardly anything agrees on a pane.
 
     Parameters
     ----------
-    capture : Capture
-        Full photographs, or a mosaic's cells.
     blocks : PolarizedBlocks
-        Of it.
+        Of full photographs, or of a mosaic's cells.
+    apart : float
+        Share of the light by which these do not add up, see `closure_share`.
 
     References
     ----------
@@ -71,8 +70,7 @@ def polarized_things(capture: Capture, blocks: PolarizedBlocks) -> PolarizedThin
     """
     from scipy.ndimage import binary_dilation, median_filter
 
-    share = max(_LEAST_SHARE, closure_share(capture.intensities, capture.angles_deg, capture.mask))
-    allowed = _UNLIKE + np.square(share * blocks.stokes[0]).mean(axis=0)
+    allowed = _UNLIKE + np.square(max(_LEAST_SHARE, apart) * blocks.stokes[0]).mean(axis=0)
     azimuth_deg = _agreed_azimuth(blocks, allowed)
     unlike = blocks.squares_across(azimuth_deg) > allowed
     shows = blocks.brightness > np.maximum(_SHOWS, allowed)

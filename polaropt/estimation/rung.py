@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -88,9 +89,13 @@ class Evidence:
 
         Wrong gains tilt the plane of the Stokes vectors just as polarized light does.
         """
+        return self.apart > 0 and self.polarized_share <= _OF_GAINS * self.apart
+
+    @cached_property
+    def apart(self) -> float:
+        """Share of the light by which photographs do not add up, see `closure_share`: of all pixels, looked at once."""
         capture = self.capture
-        apart = closure_share(capture.intensities, capture.angles_deg, capture.mask)
-        return apart > 0 and self.polarized_share <= _OF_GAINS * apart
+        return closure_share(capture.intensities, capture.angles_deg, capture.mask)
 
     def shown(self, misfit: float) -> bool:
         """Whether a rung that leaves this much polarized light explains more than chance would."""

@@ -47,6 +47,7 @@ __all__ = [
     "robust_spread",
     "second_differences",
     "smoothly_filled",
+    "spread_blocks",
     "squared_frequencies",
     "strips",
     "tukey_window",
@@ -73,6 +74,7 @@ from .blocks import fill_gaps as fill_gaps
 from .blocks import gap_values as gap_values
 from .blocks import middle_part as middle_part
 from .blocks import smoothly_filled as smoothly_filled
+from .blocks import spread_blocks as spread_blocks
 from .blocks import strips as strips
 from .blocks import whole_blocks as whole_blocks
 from .color import ALWAYS_OPPONENT as ALWAYS_OPPONENT

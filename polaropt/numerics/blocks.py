@@ -181,6 +181,12 @@ def enlarged(planes: Images, block: int, shape: tuple[int, ...]) -> Images:
     return planes
 
 
+def spread_blocks(values: NDArray[Any], size: int, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Values of blocks (rows, columns) in each of their pixels (h, w), beyond the last whole block as in it."""
+    row, column = (np.minimum(np.arange(side) // size, n - 1) for side, n in zip(shape, values.shape, strict=True))
+    return values[np.ix_(row, column)]
+
+
 def block_shares(valid: Mask, size: int) -> Images:
     """Shares of valid pixels (..., h, w) in blocks, as `block_mean` would have them."""
     parts = strips(valid.shape[-2], valid.size // valid.shape[-2], size)

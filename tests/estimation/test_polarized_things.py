@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from polaropt import Capture, SceneParameters, separate
-from polaropt.capture import ANGLES_DEG, stokes_images
-from polaropt.estimation.polarized_things import polarized_things
+from polaropt.capture import ANGLES_DEG, closure_share, stokes_images
+from polaropt.estimation.polarized_things import PolarizedThings, polarized_things
 from polaropt.estimation.wide.blocks import PolarizedBlocks
 from polaropt.judging import SeparationWarning
 from polaropt.numerics import turn_between
@@ -50,11 +50,16 @@ def with_things(incidence_deg: float, dolp: float, direction_deg: float = 20.0, 
     return Blend(Capture.of_planes(photographs, ANGLES_DEG), scene, layers, things)
 
 
+def things_of(blend: Blend) -> PolarizedThings | None:
+    capture = blend.capture
+    return polarized_things(blend.blocks, closure_share(capture.intensities, capture.angles_deg, capture.mask))
+
+
 @pytest.mark.parametrize("incidence_deg", [40.0, 55.0, 70.0])
 @pytest.mark.parametrize("dolp", [0.05, 0.15])
 def test_the_frame_agrees_on_the_axis_beside_the_things(incidence_deg: float, dolp: float) -> None:
     blend = with_things(incidence_deg, dolp)
-    found = polarized_things(blend.capture, blend.blocks)
+    found = things_of(blend)
     assert found is not None
     assert abs(turn_between(found.azimuth_deg, blend.scene.values()[1], 90.0)) < 0.5
     assert np.mean(found.where[blend.things]) > 0.7
@@ -63,12 +68,12 @@ def test_the_frame_agrees_on_the_axis_beside_the_things(incidence_deg: float, do
 
 def test_without_things_nothing_is_left_out() -> None:
     blend = with_things(55.0, 0.0)
-    assert polarized_things(blend.capture, blend.blocks) is None
+    assert things_of(blend) is None
 
 
 def test_where_nearly_all_is_polarized_nothing_is_left_out() -> None:
     blend = with_things(55.0, 0.2, share=0.95)
-    assert polarized_things(blend.capture, blend.blocks) is None
+    assert things_of(blend) is None
 
 
 @pytest.mark.parametrize(("incidence_deg", "dolp"), [(45.0, 0.1), (60.0, 0.06)])

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from polaropt.capture import Capture, PlateFrame, noise_level, plate_frame, stokes_images
+from polaropt.capture import Capture, PlateFrame, StokesImages, noise_level, plate_frame, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.azimuth import AxisCandidate, AxisChoice, choose_axis, principal_axis, weighed_axis
 from polaropt.estimation.flat.errors import ShiftErrors, widened_incidence
@@ -183,20 +183,17 @@ def estimate_scene(
     )
 
 
-def likelier_side(capture: Capture, scene: SceneParameters, noise: float) -> float:
-    """The ghost shift of a scene, on the side on which the spectra of a capture have it.
+def shift_by_spectra(stokes: StokesImages, scene: SceneParameters) -> float:
+    """The ghost shift of a scene, on the side on which the spectra of photographs have it.
 
     Parameters
     ----------
-    capture : Capture
+    stokes : StokesImages
     scene : SceneParameters
         Complete, of a single pane.
-    noise : float
-        Standard deviation of the noise of one photograph.
     """
     incidence, azimuth, shift = scene.values()
-    frame = plate_frame(stokes_images(capture, noise), azimuth)
-    search = SceneSearch(evidence(frame), scene.replace(ghost_shift=None), None)
+    search = SceneSearch(evidence(plate_frame(stokes, azimuth)), scene.replace(ghost_shift=None), None)
     here, across = np.interp([shift, -shift], *search.shift_curve(Trial(incidence, shift, 0.0)))
     return shift if here <= across else -shift
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.gradients import seen_blocks
+from polaropt.numerics import spread_blocks
 from polaropt.optics import FLAT, Bend, bent_normal, pixel_grid, plane_normal, viewing_angles
 
 Values = NDArray[np.float64]
@@ -120,15 +121,16 @@ class PolarizedBlocks:
 
     def constant_misfit(self, azimuth_deg: float) -> float:
         """The same for one azimuth all over the frame."""
-        double = 2 * math.radians(azimuth_deg)
-        return float(np.mean(np.square(math.cos(double) * self._s2 - math.sin(double) * self._s1))) / self._trust
+        return float(np.mean(np.square(self._across_one(azimuth_deg)))) / self._trust
 
     def squares_across(self, azimuth_deg: float) -> Values:
         """Mean square over the colours of what is polarized across one azimuth in each block, (m,)."""
+        return np.asarray(np.square(self._across_one(azimuth_deg)).mean(axis=0))
+
+    def _across_one(self, azimuth_deg: float) -> Values:
         double = 2 * math.radians(azimuth_deg)
-        s11, s12, s22 = self.moments / len(self._s1)
-        cos, sin = math.cos(double), math.sin(double)
-        return np.asarray(cos * cos * s22 - 2 * cos * sin * s12 + sin * sin * s11)
+        across: Values = math.cos(double) * self._s2 - math.sin(double) * self._s1
+        return across
 
     def laid_out(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (m,) of the blocks where they lie, (rows, columns); zeros where nothing was seen."""
@@ -139,9 +141,7 @@ class PolarizedBlocks:
 
     def in_pixels(self, grid: NDArray[Any]) -> NDArray[Any]:
         """What is laid out by blocks, of each pixel of the frame (h, w); beyond the last blocks as in them."""
-        whole = np.repeat(np.repeat(grid, self._size, axis=0), self._size, axis=1)
-        lack = [(0, side - extent) for side, extent in zip(self._frame, whole.shape, strict=True)]
-        return np.pad(whole, lack, mode="edge")
+        return spread_blocks(grid, self._size, self._frame)
 
     def least_constant_misfit(self) -> float:
         """The same for the azimuth that leaves least."""
