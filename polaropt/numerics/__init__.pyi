@@ -11,6 +11,7 @@ __all__ = [
     "BitMask",
     "Box",
     "Members",
+    "alias_steps",
     "arrays_apart",
     "bilinear_transfer",
     "block_mean",
@@ -59,6 +60,7 @@ __all__ = [
 
 from .aliases import AliasGroups as AliasGroups
 from .aliases import Members as Members
+from .aliases import alias_steps as alias_steps
 from .aliases import explained_groups as explained_groups
 from .aliases import filter_of_groups as filter_of_groups
 from .aliases import mixed_spectra as mixed_spectra

@@ -116,9 +116,14 @@ class AliasGroups:
         pattern = weights.reshape(*weights.shape[:-1], self.period, self.period)
         lines = np.fft.fft2(pattern) / self.period**2
         flat = lines.reshape(*weights.shape[:-1], -1)
-        down, across = np.divmod(np.arange(self.period**2), self.period)
-        steps = ((down[:, None] - down) % self.period) * self.period + (across[:, None] - across) % self.period
-        return np.ascontiguousarray(flat[..., steps], dtype=np.complex64)
+        return np.ascontiguousarray(flat[..., alias_steps(self.period)], dtype=np.complex64)
+
+
+def alias_steps(period: int) -> NDArray[np.intp]:
+    """Which line of a pattern's spectrum, flat, brings each alias to each measured one, (measured, true)."""
+    down, across = np.divmod(np.arange(period**2), period)
+    steps = ((down[:, None] - down) % period) * period + (across[:, None] - across) % period
+    return np.asarray(steps)
 
 
 @dataclass(frozen=True)

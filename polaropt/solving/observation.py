@@ -94,7 +94,7 @@ def conditioned_observation(problem: Problem) -> Observation:
         view_errors=view_errors(frame_matrix(0.0)[:2], capture, problem.noise),
         trusted=_trusted(capture),
         layers=problem.canvas.crop(layers),
-        errors=_layer_errors(problem.known.variance),
+        errors=layer_errors(problem.known.variance),
         mixing=mixing_in_place(pse, *capture.shape[-2:]),
         step=np.array([shift * math.cos(azimuth), -shift * math.sin(azimuth)]),
         unexplained=-problem.canvas.crop(problem.slope_of_misfit(layers)) / usual,
@@ -158,12 +158,16 @@ def view_errors(to_views: Matrix, capture: Capture, noise: float) -> NDArray[np.
     return np.asarray(errors, dtype=np.float32)
 
 
-def _layer_errors(variance: Matrix) -> NDArray[np.float32]:
-    """Standard errors (2, 3) in the networks' colour basis: luminance, and the same for both differences of colours."""
+def layer_errors(variance: Any) -> Any:
+    """Standard errors (..., 3) in the networks' colour basis, of the layers' variance in colours (..., channel).
+
+    Luminance, and the same for both differences of colours; numpy arrays or tensors.
+    """
+    xp, is_grey = array_namespace(variance), variance.shape[-1] == 1
     # Grey is shown as three equal channels, whose luminance is larger by the root of three.
-    luminance = variance[:, :1] * (3 if variance.shape[1] == 1 else 1)
-    chroma = variance[:, 1:].mean(axis=1, keepdims=True) if variance.shape[1] > 1 else np.zeros((2, 1))
-    return np.asarray(np.sqrt(np.concatenate([luminance, chroma, chroma], axis=1)), dtype=np.float32)
+    luminance = variance[..., :1] * (3 if is_grey else 1)
+    chroma = xp.zeros_like(luminance) if is_grey else xp.mean(variance[..., 1:], axis=-1, keepdims=True)
+    return xp.sqrt(xp.concat([luminance, chroma, chroma], axis=-1))
 
 
 def _trusted(capture: Capture) -> Images:

@@ -19,25 +19,29 @@ from torch import Tensor
 
 from polaropt.capture import ANGLES_DEG, sampling_of
 from polaropt.inversion import Canvas
-from polaropt.numerics import frequencies
 from polaropt.optics import PSE, engine_for
 from polaropt.simulation import DARKEST
 from polaropt.solving import BatchPanes, Mosaic, observed_photographs, observed_samples, placed
-from polaropt.training.picture_bank import PictureBank
+from polaropt.training.picture_bank import PictureBank, blur_response
 from polaropt.training.samples import (
     BITS,
+    ENCODED,
+    GAMMA,
     MARGIN,
+    NOISE_ERROR,
     OF_MOSAIC,
     OTHER_ANGLES_DEG,
     TrainingData,
     blind_scene,
     in_processes,
+    log_uniform,
 )
 from priors.observation import Observation, in_color
+from priors.training.trainer import Batch
 
 # Double images that are kept of a pane, the strongest; pixels around a frame that layers are found in; the error of
 # the noise that a mosaic's photographs are interpolated with: set by hand.
-_N_IMAGES, _MARGIN_PX, _NOISE_ERROR = 48, 32, 0.05
+_N_IMAGES, _MARGIN_PX, _OWN_NOISE_ERROR = 48, 32, 0.05
 # Scenes that are drawn once, of which each batch takes some.
 N_SCENES = 12000
 
@@ -67,10 +71,9 @@ class _SceneDraw:
         """Scenes of raw mosaics have even numbers, those of photographs odd ones."""
         random = np.random.default_rng([self.data.seed, 11, number])
         scene = self.data.flat_scene(random)
-        low, high = np.log(self.data.variety.noise)
-        noise = float(np.exp(random.uniform(low, high)))
+        noise = float(log_uniform(self.data.variety.noise, random))
         seen = blind_scene(scene, noise * (1.0 if number % 2 else OF_MOSAIC), random)
-        known = noise * float(np.exp(random.normal(0, 0.02)))
+        known = noise * float(np.exp(random.normal(0, NOISE_ERROR)))
         there = engine_for(seen, ANGLES_DEG, known, (self.data.side_px, self.data.side_px))
         arrays: dict[str, Any] = {"noise": noise, "known_noise": known}
         for name, engine in (("true", PSE(scene, ANGLES_DEG)), ("seen", there)):
@@ -130,13 +133,9 @@ class Taken:
     parts: Tensor
 
 
-@dataclass(frozen=True)
-class MadeSamples:
-    """Samples of a batch: what is seen, the layers (frame, 2, 3, h, w) and the parts (frame, view, 2, 3, h, w)."""
-
-    observation: Observation
-    layers: Tensor
-    parts: Tensor
+def no_engine(_: Tensor) -> Tensor:
+    """In the place of engines of samples that are made together."""
+    raise ValueError("samples of a pool are for losses that simulate nothing: leave the term pse out")
 
 
 class BatchMaker:
@@ -160,10 +159,10 @@ class BatchMaker:
             kind: Mosaic(sampling_of(kind == "color")[0], self._side, self._side, device) for kind in ("mono", "color")
         }
 
-    def make(self, kind: Kind, n: int, random: np.random.Generator) -> MadeSamples:
+    def make(self, kind: Kind, n: int, random: np.random.Generator) -> Batch:
         """So many samples."""
         taken = self.photographed(kind, n, random)
-        return MadeSamples(self.observed(taken), in_color(taken.layers), in_color(taken.parts))
+        return Batch(self.observed(taken), in_color(taken.layers), in_color(taken.parts), no_engine)
 
     def photographed(self, kind: Kind, n: int, random: np.random.Generator) -> Taken:
         """Pictures behind and before panes, and what a camera makes of them."""
@@ -184,7 +183,7 @@ class BatchMaker:
             return observed_photographs(taken.seen, panes, noise, taken.angles_deg, self._canvas)
         # As exactly as a mosaic tells its noise.
         off = torch.randn(noise.shape, device=self._device, generator=self._noise)
-        own_noise = taken.scenes.noise * torch.exp(_NOISE_ERROR * off)
+        own_noise = taken.scenes.noise * torch.exp(_OWN_NOISE_ERROR * off)
         return observed_samples(taken.seen, self._mosaics[taken.kind], panes, noise, own_noise, self._canvas)
 
     def _through_panes(
@@ -193,20 +192,17 @@ class BatchMaker:
         """Layers, parts and exact photographs of pictures behind and before the panes."""
         n = len(scenes.noise)
         frames = torch.unflatten(self._bank.frames(2 * n, random, self._noise), 0, (n, 2))
-        encoded = random.random(n) < 0.6
-        low, high = np.log(self._data.variety.exposure)
-        brightness = np.exp(random.uniform(low, high, (n, 2))).astype(np.float32)
-        layers = torch.where(placed(encoded, self._device)[:, None, None, None, None], frames, frames**2.2)
+        encoded = random.random(n) < ENCODED
+        brightness = log_uniform(self._data.variety.exposure, random, (n, 2)).astype(np.float32)
+        layers = torch.where(placed(encoded, self._device)[:, None, None, None, None], frames, frames**GAMMA)
         layers = layers * placed(brightness, self._device)[..., None, None, None]
         if kind in ("grey", "mono"):
             layers = layers.mean(dim=2, keepdim=True)
         spectra = torch.fft.rfft2(layers)
         side = layers.shape[-1]
         if kind in self._mosaics:
-            rows, columns = frequencies(side, side)
-            squared = placed((rows**2 + columns**2).astype(np.float32), self._device)
             blur = placed(random.uniform(*self._data.variety.lens_blur_px, n).astype(np.float32), self._device)
-            spectra = spectra * torch.exp(-0.5 * blur.square()[:, None, None] * squared)[:, None, None]
+            spectra = spectra * blur_response(blur[:, None, None], side)[:, None, None]
             layers = torch.fft.irfft2(spectra, s=(side, side))
         transfer = scenes.true.transfer(side, side)
         each = self._inside(torch.fft.irfft2(transfer[:, :, :, None] * spectra[:, None], s=(side, side)))

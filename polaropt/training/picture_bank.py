@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
 from polaropt.numerics import frequencies
+from polaropt.solving import placed
 from polaropt.training.pictures import (
     GRAIN,
     GRAIN_IN_COLOR,
@@ -20,6 +18,7 @@ from polaropt.training.pictures import (
     SCALES,
     Pictures,
 )
+from polaropt.training.samples import log_uniform
 
 # Sizes that each picture is reduced to once, and parts that are drawn beyond those wanted, since in some there is
 # nothing to see: set by hand.
@@ -75,29 +74,31 @@ class PictureBank:
         down, across = (top[:, None] + rows) * width[:, None], left[:, None] + columns
         first, second = np.where(is_transposed, across, down), np.where(is_transposed, down, across)
         colors = random.permuted(np.tile(np.arange(3), (n, 1)), axis=1) * (height * width)[:, None]
-        there: list[Any] = [
-            torch.from_numpy(part).to(self._device) for part in (self._first[chosen][:, None] + colors, first, second)
-        ]
+        there = [placed(part, self._device) for part in (self._first[chosen][:, None] + colors, first, second)]
         index = there[0][:, :, None, None] + there[1][:, None, :, None] + there[2][:, None, None, :]
         return self._values[index].float() / 255
 
     def _with_grain(self, frames: Tensor, random: np.random.Generator, noise: torch.Generator) -> Tensor:
         n, channels, side = frames.shape[:3]
         grainy = random.random(n) < GRAINY
-        strength = np.where(grainy, np.exp(random.uniform(math.log(GRAIN[0]), math.log(GRAIN[1]), n)), 0)
+        strength = np.where(grainy, log_uniform(GRAIN, random, n), 0)
         in_color, reach = random.uniform(*GRAIN_IN_COLOR, n), random.uniform(*GRAIN_PX, n)
-        rows, columns = frequencies(side, side)
         numbers = np.stack([strength, in_color, reach]).astype(np.float32)
-        strength, in_color, reach = torch.from_numpy(numbers).to(self._device)[..., None, None, None]
-        squared = torch.from_numpy((rows**2 + columns**2).astype(np.float32)).to(self._device)
+        strength, in_color, reach = placed(numbers, self._device)[..., None, None, None]
         grey, color = (
             torch.randn((n, count, side, side), device=self._device, generator=noise) for count in (1, channels)
         )
         grain = (1 - in_color.square()).sqrt() * grey + in_color * color
-        spectra = torch.fft.rfft2(grain) * torch.exp(-0.5 * reach.square() * squared)
+        spectra = torch.fft.rfft2(grain) * blur_response(reach, side)
         grain = torch.fft.irfft2(spectra, s=(side, side))
         spread = grain.flatten(1).std(dim=1)[:, None, None, None]
         return torch.where(strength > 0, (frames + strength / spread * grain).clamp(0, 1), frames)
+
+
+def blur_response(sigma_px: Tensor, side: int) -> Tensor:
+    """What Gaussians (..., 1, 1) do to the frequencies of square images, (..., side, side // 2 + 1)."""
+    rows, columns = frequencies(side, side)
+    return torch.exp(-0.5 * sigma_px.square() * placed((rows**2 + columns**2).astype(np.float32), sigma_px.device))
 
 
 def _reduced(whole: Tensor, scale: float, least: int) -> Tensor:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from polaropt.training.batches import N_SCENES, BatchMaker, Kind, MadeSamples
+from polaropt.training.batches import N_SCENES, BatchMaker, Kind, no_engine
 from polaropt.training.samples import TrainingData
-from priors.observation import Observation, placed
-from priors.training.trainer import Batch, Sample
+from priors.observation import Observation
+from priors.training.trainer import Batch, Sample, placed_sample
 
 # How often each kind is made; samples that are made at a time, those that are kept, and batches that each takes part
-# in on average: set by hand.
+# in on average; times that samples are made before the first batch, so that it has some of several kinds. Set by hand.
 _KINDS: dict[Kind, float] = {"photographs": 0.46, "grey": 0.04, "mono": 0.25, "color": 0.25}
-_AT_A_TIME, _N_KEPT, _USES = 64, 2048, 2.0
+_AT_A_TIME, _N_KEPT, _USES, _FIRST = 64, 2048, 2.0, 4.0
 # Of a batch, those that processes make; how many of them are kept, and wait to be taken; and of them those that the
 # device does not make, clipped ones and those through wide lenses.
 _OF_PROCESSES, _N_KEPT_OF_PROCESSES, _WAITING = 0.12, 2048, 64
@@ -59,41 +58,34 @@ class SamplePool:
         if data.workers:
             threading.Thread(target=self._take_others, daemon=True).start()
 
-    def samples(self, numbers: Any) -> Iterator[Sample]:
+    def samples(self, numbers: Sequence[int]) -> Iterator[Sample]:
         """Those of the processes, in the order of these numbers: for tests."""
         return map(self._data.sample, numbers)
 
     def batch(self, step: int, size: int) -> Batch:
         """Samples for a step: not the same again, as processes take as long as they take."""
         random = np.random.default_rng([self._data.seed, 17, step])
-        self._next += size / (_USES * self._at_a_time) if self._made.count else 4.0
+        self._next += size / (_USES * self._at_a_time) if self._made.count else _FIRST
         while self._next >= 1:
             self._next -= 1
             kind = random.choice(len(_KINDS), p=list(_KINDS.values()))
             self._made.put(_tensors_of(self._maker.make(list(_KINDS)[kind], self._at_a_time, random)))
         while not self._waiting.empty():
-            sample = self._waiting.get()
-            seen = placed(sample.observation, self._device)
-            truth, parts = sample.layers.to(self._device), sample.parts.to(self._device)
-            self._others.put(_tensors_of(MadeSamples(seen, truth, parts)))
+            self._others.put(_tensors_of(placed_sample(self._waiting.get(), self._device)))
         n_others = random.binomial(size, _OF_PROCESSES) if self._others.count else 0
         drawn = self._made.drawn(size - n_others, random)
         if n_others:
             others = self._others.drawn(n_others, random)
             drawn = {name: torch.cat([drawn[name], others[name]]) for name in drawn}
         truth, parts = drawn.pop("truth"), drawn.pop("parts")
-        return Batch(Observation(**drawn), truth, parts, _no_engine)
+        return Batch(Observation(**drawn), truth, parts, no_engine)
 
     def _take_others(self) -> None:
         for sample in self._data.samples(range(1 << 40)):
             self._waiting.put(sample)
 
 
-def _no_engine(_: Tensor) -> Tensor:
-    raise ValueError("samples of a pool are for losses that simulate nothing: leave the term pse out")
-
-
-def _tensors_of(samples: MadeSamples) -> dict[str, Tensor]:
+def _tensors_of(samples: Sample | Batch) -> dict[str, Tensor]:
     seen = {name: getattr(samples.observation, name) for name in _OBSERVED}
     return {**seen, "truth": samples.layers, "parts": samples.parts}
 

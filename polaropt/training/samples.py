@@ -94,8 +94,9 @@ PAPER_INCIDENCES_DEG = (10.0, 40.0, 60.0, 70.0, 80.0, 85.0)
 # Pixels around a frame from which ghosts bring light. What follows was set by hand.
 MARGIN = 56
 OTHER_ANGLES_DEG = ((0.0, 60.0, 120.0), (20.0, 65.0, 110.0, 155.0), (0.0, 30.0, 60.0, 90.0, 120.0, 150.0))
-# Depth of the photographs, as of a camera's raw file.
-BITS = 12
+# Depth of the photographs, as of a camera's raw file; share of the pictures whose values are taken for light as they
+# are, and the gamma by which the others are linearized; error of a noise that is measured, as a share.
+BITS, ENCODED, GAMMA, NOISE_ERROR = 12, 0.6, 2.2, 0.02
 # Share of the first ghost, below which ghosts are put to the last one that is kept.
 _FAINT_GHOST = 0.01
 # Errors of a raw mosaic's blind scene in those of four photographs, and the most in those at usual noise: set by hand.
@@ -151,6 +152,12 @@ class Variety:
     gap_px: tuple[float, float] = (2.0, 14.0)
     lens_blur_px: tuple[float, float] = (0.0, 0.9)
     view_deg: tuple[float, float] = (15.0, 50.0)
+
+
+def log_uniform(limits: tuple[float, float], random: np.random.Generator, size: Any = None) -> Any:
+    """Numbers that are equally likely in their logarithm between two limits."""
+    low, high = np.log(limits)
+    return np.exp(random.uniform(low, high, size))
 
 
 _NONE = Pictures(leaves=0, leaves_share=0.0)
@@ -212,7 +219,7 @@ class TrainingData:
         if mosaic:
             layers = gaussian_filter(layers, random.uniform(*self.variety.lens_blur_px), axes=(-2, -1))
         angles_deg = ANGLES_DEG if mosaic else self._angles(random)
-        noise = float(np.exp(random.uniform(*np.log(self.variety.noise))))
+        noise = float(log_uniform(self.variety.noise, random))
         components = exact_engine(scene, angles_deg).components(layers)
         light = components[0] + components[1]
         if random.random() < self.variety.overexposed:
@@ -227,16 +234,16 @@ class TrainingData:
         if self._form == "paper":
             return _plain_sample(capture, noise, scene, truth, parts)
         seen = blind_scene(scene, noise * (OF_MOSAIC if mosaic else 1.0), random)
-        return _conditioned_sample(capture, noise * float(np.exp(random.normal(0, 0.02))), (scene, seen), truth, parts)
+        measured = noise * float(np.exp(random.normal(0, NOISE_ERROR)))
+        return _conditioned_sample(capture, measured, (scene, seen), truth, parts)
 
     def _layers(self, random: np.random.Generator, grey_share: float) -> Images:
         """Two pictures (2, channel, h, w) with margins, encoded or linear, of random brightness; a share is grey."""
         frames = []
-        encoded = random.random() < 0.6
+        encoded = random.random() < ENCODED
         for _ in range(2):
             frame = self._frame(random)
-            low, high = np.log(self.variety.exposure)
-            frames.append(np.exp(random.uniform(low, high)) * (frame if encoded else frame**2.2))
+            frames.append(log_uniform(self.variety.exposure, random) * (frame if encoded else frame**GAMMA))
         layers = np.moveaxis(np.stack(frames), -1, 1).astype(np.float32)
         grey = random.random() < grey_share
         return np.ascontiguousarray(layers.mean(axis=1, keepdims=True) if grey else layers)

@@ -272,7 +272,7 @@ class Training:
             self._begin(range(first, options.newest(options.steps)))
         while newest - 1 not in self._kept:
             number, sample = next(self._coming)
-            self._kept[number] = _placed(sample, options.device)
+            self._kept[number] = placed_sample(sample, options.device)
             self._kept.pop(number - options.window, None)
         random = np.random.default_rng([options.seed, 7, step])
         drawn = random.integers(first, newest, size=options.batch_size)
@@ -283,7 +283,7 @@ class Training:
         """Let the samples of these numbers come, those for tests before them: processes that make them start once."""
         tests = range(0) if self._tests else range(_FIRST_TEST, _FIRST_TEST + self.options.test_samples)
         coming = self._source.samples([*tests, *numbers])
-        self._tests += [_placed(next(coming), self.options.device) for _ in tests]
+        self._tests += [placed_sample(next(coming), self.options.device) for _ in tests]
         self._coming = zip(numbers, coming, strict=False)
 
     @torch.no_grad()
@@ -457,7 +457,8 @@ def psnr(found: Tensor, truth: Tensor) -> tuple[float, float]:
     return transmission, reflection
 
 
-def _placed(sample: Sample, device: str) -> Sample:
+def placed_sample(sample: Sample, device: str) -> Sample:
+    """On a device."""
     seen = placed(sample.observation, device)
     return Sample(seen, sample.layers.to(device), sample.parts.to(device), sample.engine)
 

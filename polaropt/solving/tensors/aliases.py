@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from polaropt.numerics import AliasGroups
+from polaropt.numerics import AliasGroups, alias_steps
 from polaropt.optics import Sampling
 from polaropt.solving.tensors.batch import placed
 
@@ -73,9 +73,7 @@ class Mosaic:
         )
         weights = mixing[:, photographs].mT[:, None] * basis[:, :, channels][:, :, None]
         lines = torch.fft.fft2(torch.unflatten(weights.double(), -1, (period, period))).flatten(-2) / period**2
-        down, across = np.divmod(np.arange(period**2), period)
-        steps = ((down[:, None] - down) % period) * period + (across[:, None] - across) % period
-        combs: Tensor = lines[..., placed(steps, self.device)]
+        combs: Tensor = lines[..., placed(alias_steps(period), self.device)]
         return combs
 
 
@@ -172,8 +170,10 @@ def _inverse_covariance(combs: Tensor, power: Tensor, noise: Tensor) -> Tensor:
 
 
 def _inverse(matrices: Tensor) -> Tensor:
-    """Inverse of positive definite matrices (..., n, n) by Gauss and Jordan, all at once a column at a time: the
-    libraries' own inverses of many small matrices take ten times as long."""
+    """Inverse of positive definite matrices (..., n, n) by Gauss and Jordan, all at once a column at a time.
+
+    With it and without Cholesky's factors an H200 makes 64 samples of mono mosaics in 0.2 s instead of 0.37 s.
+    """
     left = matrices.clone()
     for j in range(matrices.shape[-1]):
         pivot = 1 / left[..., j, j, None]

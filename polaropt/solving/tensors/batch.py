@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn.functional import conv2d
 
 from polaropt.capture import Capture, NoiseClasses
 from polaropt.inversion import Canvas, separable
@@ -167,6 +168,15 @@ def _turned(basis: Tensor, images: Tensor) -> Tensor:
     if basis.ndim == 2:
         return torch.as_tensor(in_basis(basis, images, torch))
     return images if basis.shape[-1] == 1 else torch.matmul(basis, images.flatten(-2)).reshape(images.shape)
+
+
+def blurred(images: Tensor, sigma_px: float, reach_px: int) -> Tensor:
+    """Images (capture, channel, h, w) through a Gaussian that is nothing beyond so many pixels, mirrored around."""
+    weights = np.exp(-0.5 * (np.arange(-reach_px, reach_px + 1) / sigma_px) ** 2)
+    kernel = placed((weights / weights.sum()).astype(np.float32), images.device)
+    planes = mirrored(images, (reach_px, reach_px), (reach_px, reach_px)).flatten(0, 1)[:, None]
+    smooth: Tensor = conv2d(conv2d(planes, kernel[None, None, :, None]), kernel[None, None, None, :])
+    return smooth.reshape(images.shape)
 
 
 def mirrored(images: Tensor, before: Frame, after: Frame) -> Tensor:

@@ -38,7 +38,7 @@ from polaropt.inversion import (
 from polaropt.numerics import ALWAYS_OPPONENT, LEAST_ENERGY, NATURAL_POWER_LAW, AliasGroups, opponent_basis
 from polaropt.optics import analyzer_matrix
 from polaropt.solving.tensors.aliases import Mosaic, explained, explained_with_information, groups_of
-from polaropt.solving.tensors.batch import CaptureBatch, mirrored, placed
+from polaropt.solving.tensors.batch import CaptureBatch, blurred, mirrored, placed
 from polaropt.solving.tensors.closed_form import (
     BatchClosedForm,
     Fit,
@@ -130,7 +130,7 @@ def principal_colors(total: Tensor) -> Tensor:
     basis = placed(opponent_basis(n), total.device).double()
     if n == 1:
         return basis.expand(len(total), 1, 1)
-    smooth = _blurred(total)
+    smooth = blurred(total, COLORS_BLUR_PX, round(_REACH * COLORS_BLUR_PX))
     edges = [smooth.diff(dim=axis).flatten(2).double() for axis in (-2, -1)]
     energy = (edges[0] @ edges[0].mT + edges[1] @ edges[1].mT) / smooth[0, 0].numel()
     always = ALWAYS_OPPONENT * energy.diagonal(dim1=1, dim2=2).sum(dim=1) + LEAST_ENERGY
@@ -138,15 +138,6 @@ def principal_colors(total: Tensor) -> Tensor:
     rows: Tensor = torch.linalg.eigh(energy + always[:, None, None] * (basis.T @ order @ basis))[1].mT.flip(1)
     largest = rows.gather(2, rows.abs().argmax(dim=2, keepdim=True))
     return rows * largest.sign()
-
-
-def _blurred(images: Tensor) -> Tensor:
-    reach = round(_REACH * COLORS_BLUR_PX)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / COLORS_BLUR_PX) ** 2)
-    kernel = placed((weights / weights.sum()).astype(np.float32), images.device)[None, None]
-    planes = mirrored(images, (reach, reach), (reach, reach)).flatten(0, 1)[:, None]
-    blurred: Tensor = conv2d(conv2d(planes, kernel[..., None]), kernel[:, :, None]).reshape(images.shape)
-    return blurred
 
 
 def mosaic_layers(

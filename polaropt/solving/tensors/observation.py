@@ -17,7 +17,7 @@ from polaropt.inversion import Canvas
 from polaropt.numerics import frequencies, opponent_basis
 from polaropt.optics import analyzer_matrix, frame_matrix
 from polaropt.solving.local_spectra import REACH_PX
-from polaropt.solving.observation import LEAST_TOLD
+from polaropt.solving.observation import LEAST_TOLD, layer_errors
 from polaropt.solving.problem import SLOW_IS_TOLD_DEG
 from polaropt.solving.tensors.aliases import Mosaic
 from polaropt.solving.tensors.batch import CaptureBatch, placed
@@ -30,7 +30,7 @@ from priors.observation import Observation, in_color
 
 @dataclass(frozen=True)
 class BatchPanes:
-    """BatchPanes of a batch of frames.
+    """Panes of a batch of frames.
 
     Attributes
     ----------
@@ -167,6 +167,7 @@ def _observed(
     ones = torch.ones((len(noise), 1, 1), device=noise.device)
     slow_is_known = (panes.numbers[:, 0] > SLOW_IS_TOLD_DEG) & (not sampled)
     form = known.closed_form
+    share = placed(form.bands.share, noise.device)
     expected = expected_layers(batch, form, misfit.gradient, ones, slow_is_known.tolist(), sampled=sampled)
     near = panes.numbers[:, 2].abs() <= REACH_PX
     layers = torch.where(near[:, None, None, None, None], expected.layers, form.layers)
@@ -181,19 +182,9 @@ def _observed(
         view_errors=noise[:, None] * of_views,
         trusted=torch.ones_like(views[:, :1, :1]),
         layers=in_color(batch.canvas.crop(batch.in_colors(layers))),
-        errors=_layer_errors(form),
+        errors=layer_errors((form.fit.uncertainty @ share).transpose(0, 1)),
         mixing=panes.sums[:, :2].float(),
         step=panes.numbers[:, 2, None] * torch.stack([azimuth.cos(), -azimuth.sin()], dim=1),
         unexplained=in_color(-slope / usual[..., None, None, None]),
         told=in_color(known.share_told),
     )
-
-
-def _layer_errors(known: BatchClosedForm) -> Tensor:
-    """Standard errors (frame, 2, 3) in the networks' colour basis, as of `conditioned_observation`."""
-    share = placed(known.bands.share, known.layers.device)
-    variance = (known.fit.uncertainty @ share).transpose(0, 1)
-    n_channels = variance.shape[2]
-    luminance = variance[:, :, :1] * (3 if n_channels == 1 else 1)
-    chroma = variance[:, :, 1:].mean(dim=2, keepdim=True) if n_channels > 1 else torch.zeros_like(luminance)
-    return torch.cat([luminance, chroma, chroma], dim=2).sqrt()

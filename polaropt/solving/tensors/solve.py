@@ -11,7 +11,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.functional import conv2d
 
 from polaropt.inversion import DETAIL_CUT, DETAIL_PX, ClosedForm, detail_power, open_part
 from polaropt.numerics import column_multiplicity, squared_frequencies
@@ -19,7 +18,7 @@ from polaropt.optics import PSE
 from polaropt.solving.objective import layer_penalties, own_penalties, plugged_penalties
 from polaropt.solving.problem import Problem, worth_filling
 from polaropt.solving.starts import take_start
-from polaropt.solving.tensors.batch import CaptureBatch, batch_of, mirrored, placed
+from polaropt.solving.tensors.batch import CaptureBatch, batch_of, blurred, placed
 from polaropt.solving.tensors.closed_form import closed_form
 from polaropt.solving.tensors.objective import BatchMisfit, BatchObjective, SpectralPrior, spectral_prior
 from polaropt.solving.tensors.windows import expected_layers
@@ -222,16 +221,6 @@ def _unknown_detail(batch: CaptureBatch, variance: Tensor, layers: Tensor) -> li
     )
     left = (variance[:, 1] * weights).flatten(1).sum(dim=1, dtype=torch.float64)
     reflection = batch.canvas.crop(batch.in_colors(layers)[:, 1])
-    fine = reflection - _blurred(reflection)
+    fine = reflection - blurred(reflection, DETAIL_PX, round(DETAIL_CUT * DETAIL_PX))
     power = fine.square().mean(dim=(-1, -2), dtype=torch.float64).sum(dim=1)
     return [open_part(*numbers) for numbers in torch.stack([left, power], dim=1).tolist()]
-
-
-def _blurred(images: Tensor) -> Tensor:
-    """Images (capture, channel, h, w) without their detail."""
-    reach = round(DETAIL_CUT * DETAIL_PX)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / DETAIL_PX) ** 2)
-    kernel = placed((weights / weights.sum()).astype(np.float32), images.device)
-    planes = mirrored(images, (reach, reach), (reach, reach)).flatten(0, 1)[:, None]
-    blurred = conv2d(conv2d(planes, kernel[None, None, :, None]), kernel[None, None, None, :])
-    return blurred.reshape(images.shape)
