@@ -136,6 +136,7 @@ def separate(
     start: NDArray[np.float32] | None = None,
     progress: Progress | None = None,
     index_known: bool = False,
+    match_photographs: bool = True,
 ) -> Separation:
     """Separate the transmitted from the reflected scene.
 
@@ -184,6 +185,10 @@ def separate(
     index_known : bool
         Whether an index of 1.5 is known. Otherwise it is what glass usually has, and where one clear pane of another
         index explains the photographs clearly better, that is taken. Any other index is kept as it is.
+    match_photographs : bool
+        Four or more photographs taken one after the other that lie up to a pixel beside each other, or of which some
+        are less sharp, are moved onto the first one and made as sharp as the sharpest before anything else;
+        `Separation.matching` tells of it.
 
     Returns
     -------
@@ -232,6 +237,7 @@ def separate(
         scene_errors=scene_errors,
         start=start,
         index_known=index_known,
+        match_photographs=match_photographs,
     )
     if found.diagnostics.warnings:
         told = "; ".join(warning.value.rstrip(".") for warning in found.diagnostics.warnings)
@@ -435,6 +441,7 @@ def estimate(
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
     index_known: bool = False,
+    match_photographs: bool = True,
     progress: Progress | None = None,
 ) -> LadderResult:
     """Estimate how the pane stands, without separating.
@@ -444,7 +451,7 @@ def estimate(
     capture : Capture
     scene : SceneParameters or path, optional
         As for `separate`. Default: a pane of glass of which nothing else is known.
-    refractive_index, single_surface, model, thickness_px, thickness_kind, index_known, progress
+    refractive_index, single_surface, model, thickness_px, thickness_kind, index_known, match_photographs, progress
         As for `separate`.
 
     Returns
@@ -476,6 +483,7 @@ def estimate(
         thickness_px=thickness_px,
         thickness_kind=thickness_kind,
         index_known=index_known,
+        match_photographs=match_photographs,
         progress=progress,
     )
     return _FoundScene(**vars(case.found), asked=case.asked, from_thickness=thickness_px is not None)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, planes_last, registered_noise
+from polaropt.capture import Capture, Matching, match_photographs, planes_last, registered_noise
 from polaropt.errors import InputError
 from polaropt.estimation import (
     IndexFit,
@@ -73,7 +73,15 @@ from solvers.registry import get_solver
 
 Images = NDArray[np.float32]
 Tell = Callable[[float], None]
-_OF_SCENE = ("refractive_index", "single_surface", "model", "thickness_px", "thickness_kind", "index_known")
+_OF_SCENE = (
+    "refractive_index",
+    "single_surface",
+    "model",
+    "thickness_px",
+    "thickness_kind",
+    "index_known",
+    "match_photographs",
+)
 
 # Share by which the noise of a film may change before what was fitted to a frame is fitted anew: set by hand.
 _SAME_NOISE = 0.1
@@ -115,6 +123,8 @@ class Separation:
     moving : ndarray of bool, shape (h, w), or None
         Where something moves between the photographs: it was left out when the scene was estimated, and the layers are
         those of one photograph, with the reflection around. None where nothing does, or nothing could tell.
+    matching : Matching or None
+        The photographs as they were separated, where they had to be moved onto each other or made equally sharp.
     parts : callable
         Makes `components`.
     judge : callable
@@ -134,6 +144,7 @@ class Separation:
     seconds: dict[str, float]
     cpu_seconds: dict[str, float]
     moving: NDArray[np.bool_] | None = field(repr=False)
+    matching: Matching | None = field(repr=False)
     parts: Callable[[], Iterator[ComponentStrip]] = field(repr=False)
     judge: Callable[..., Iterator[UncertaintyStrip]] = field(repr=False)
 
@@ -210,6 +221,7 @@ def separate(
     start: Images | None = None,
     progress: Progress | None = None,
     index_known: bool = False,
+    match_photographs: bool = True,
 ) -> Separation:
     """`polaropt.separate`, which adds what shows the result; the scene is given as parameters, never as a file."""
     settings = Settings(
@@ -219,6 +231,7 @@ def separate(
         init=init,
         keep_start=keep_start,
         robust=robust,
+        match_photographs=match_photographs,
         weights=weights,
         stopping=stopping,
         thickness_px=thickness_px,
@@ -313,20 +326,28 @@ def scene_case(
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
     index_known: bool = False,
+    match_photographs: bool = True,
     progress: Progress | None = None,
 ) -> Case:
     """A capture with all that `separate` finds before it solves.
 
     Parameters
     ----------
-    capture, scene, refractive_index, single_surface, model, thickness_px, thickness_kind, index_known, progress
+    capture, scene, refractive_index, single_surface, model, thickness_px, thickness_kind, index_known
+        As of `separate`.
+    match_photographs, progress
         As of `separate`.
 
     Returns
     -------
     Case
     """
-    settings = Settings(model=model, thickness_px=thickness_px, thickness_kind=thickness_kind)
+    settings = Settings(
+        model=model,
+        thickness_px=thickness_px,
+        thickness_kind=thickness_kind,
+        match_photographs=match_photographs,
+    )
     _check(settings)
     asked = scene or _blind(refractive_index, single_surface)
     stages = Stages(progress)
@@ -530,6 +551,10 @@ def _case_of(
     """All that is known of a capture before it is solved."""
     stages.begin("Measuring the noise", 0.0)
     still = still_photographs(capture)
+    matching = _matched(capture, still) if settings.match_photographs else None
+    if matching is not None:
+        capture = matching.capture
+        still = still_photographs(capture)
     noise, mistakes = still.noise, still.mistakes
     # A scene is estimated from the cells of a mosaic, in their pixels.
     registered, scale = still.capture.registered, capture.scale
@@ -580,7 +605,18 @@ def _case_of(
     if asked.ghost_shift is None and of_cells.things is None:
         edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
         found = with_likelier_side(found, source, edges)
-    return Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found)
+    return Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found, matching=matching)
+
+
+def _matched(capture: Capture, still: StillPhotographs) -> Matching | None:
+    """The photographs made to agree, by what stands still; None where they do."""
+    matching = match_photographs(still.capture, still.noise)
+    if matching is None or still.moving is None:
+        return matching
+    # What moves is seen by each photograph elsewhere, and stays as each saw it.
+    kept = np.where(still.moving, capture.intensities, matching.capture.intensities)
+    valid = np.where(still.moving, capture.valid, matching.capture.valid)
+    return replace(matching, capture=capture.replace(intensities=kept, valid=valid))
 
 
 @dataclass(frozen=True)
@@ -596,6 +632,7 @@ class Case:
     likelier_index: LikelierIndex | None
     found: LadderResult
     given_errors: SceneErrors | None = None
+    matching: Matching | None = None
 
     @property
     def unpolarized(self) -> bool:
@@ -659,6 +696,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         moving=still.moving,
+        matching=case.matching,
         parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
         judge=partial(
             estimate_uncertainty,
@@ -709,6 +747,7 @@ def _unseparated(case: Case, stages: Stages) -> Separation:
         seconds=stages.seconds,
         cpu_seconds=stages.cpu_seconds,
         moving=still.moving,
+        matching=case.matching,
         parts=partial(_halves, capture),
         judge=partial(uncertainty_without_polarization, capture, noise),
     )

@@ -23,6 +23,7 @@ __all__ = [
     "FrameReader",
     "GammaFit",
     "JpegFacts",
+    "Matching",
     "Mistakes",
     "NoiseClasses",
     "NoiseModel",
@@ -31,6 +32,7 @@ __all__ = [
     "RawSamples",
     "RegisteredCells",
     "StokesImages",
+    "Transfer",
     "align",
     "angles_of",
     "blocks_of",
@@ -47,6 +49,7 @@ __all__ = [
     "least_squares_entries",
     "linearize",
     "low_pass",
+    "match_photographs",
     "measured_noise",
     "mirrored_patterns",
     "mosaic_capture",
@@ -128,6 +131,8 @@ from .files.write import write_picture as write_picture
 from .files.write import write_png as write_png
 from .files.write import write_png_view as write_png_view
 from .files.write import write_tiff as write_tiff
+from .match import Matching as Matching
+from .match import match_photographs as match_photographs
 from .mosaic import LEAST_STOKES_POWER as LEAST_STOKES_POWER
 from .mosaic import MIRRORED_PX as MIRRORED_PX
 from .mosaic import SONY_CELL as SONY_CELL
@@ -162,6 +167,7 @@ from .read import read_capture as read_capture
 from .reading.fields import field_means as field_means
 from .reading.frames import FrameReader as FrameReader
 from .reading.frames import mosaic_capture as mosaic_capture
+from .sharpness.transfer import Transfer as Transfer
 from .validity import MOST_NEGATIVE as MOST_NEGATIVE
 from .validity import SMALLEST_SIDE as SMALLEST_SIDE
 from .validity import FloatImages as FloatImages

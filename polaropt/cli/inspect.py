@@ -77,6 +77,8 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         estimate_sentences,
         json_values,
         marked,
+        matching_report,
+        matching_sentences,
         motion_attention,
         scene_report,
     )
@@ -96,6 +98,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
             thickness_px=pane.thickness_px,
             thickness_kind=pane.thickness_kind,
             index_known=pane.index is not None,
+            match_photographs=ladder.match,
             progress=stages.part(0.3, 1.0),
         )
     found, scene = case.found, case.asked
@@ -103,10 +106,11 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         photographs.focal_px,
         [*cell_order_attention(photographs), *motion_attention(case.still.moving_share)],
     )
+    matching = None if case.matching is None else matching_report(case.matching.transfer)
     if output.json:
         polarized = found.estimate is None or found.estimate.polarized
         basis = {"errors": json_values(found.errors), "rungs": json_values(found.tried), "polarized": polarized}
-        say_json({**scene_report(found.scene, scene, hint), **basis, "attention": doubts})
+        say_json({"matching": matching, **scene_report(found.scene, scene, hint), **basis, "attention": doubts})
         return
     sentences = estimate_sentences(found, scene, hint, from_thickness=pane.thickness_px is not None)
-    say(*capture.preparation(photographs), *sentences, *marked(doubts))
+    say(*capture.preparation(photographs), *matching_sentences(matching), *sentences, *marked(doubts))

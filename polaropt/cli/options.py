@@ -253,6 +253,14 @@ class LadderOptions:
             rich_help_panel=_PANE,
         ),
     ] = "auto"
+    match: Annotated[
+        bool,
+        typer.Option(
+            help="Photographs that lie up to a pixel beside each other, or are not equally sharp, are made to agree "
+            "before anything else, and it is said.",
+            rich_help_panel=_FILES,
+        ),
+    ] = True
 
     def check(self) -> None:
         """InputError where there is no such model."""

@@ -238,6 +238,7 @@ def separating(pane: PaneOptions, ladder: LadderOptions, solving: SolveOptions) 
         "robust": solving.robust,
         "device": solving.device,
         "index_known": pane.index is not None,
+        "match_photographs": ladder.match,
     }
     ladder.check()
     solving.check_names()

@@ -17,6 +17,8 @@ __all__ = [
     "inspection_sentences",
     "json_values",
     "marked",
+    "matching_report",
+    "matching_sentences",
     "motion_attention",
     "motion_sentences",
     "page_template",
@@ -58,6 +60,7 @@ from .pictures import side_by_side as side_by_side
 from .pictures import thumbnail_strip as thumbnail_strip
 from .pictures import viewing_exposure as viewing_exposure
 from .report import json_values as json_values
+from .report import matching_report as matching_report
 from .report import scene_report as scene_report
 from .words import alignment_sentence as alignment_sentence
 from .words import capture_findings as capture_findings
@@ -66,6 +69,7 @@ from .words import estimate_sentences as estimate_sentences
 from .words import explained_attention as explained_attention
 from .words import inspection_sentences as inspection_sentences
 from .words import marked as marked
+from .words import matching_sentences as matching_sentences
 from .words import motion_attention as motion_attention
 from .words import motion_sentences as motion_sentences
 from .words import report_attention as report_attention

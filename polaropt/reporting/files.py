@@ -122,9 +122,11 @@ def _write_separation(
         write_png_view(folder / f"{name}.png", layer, exposures[name], camera, note)
         stages.advance((1 - judged) * _LAYER_WRITTEN * len(exposures))
     give_back_freed()
-    inspection = inspect_still(capture, result.moving)
+    # What a person must look at is what is left once the photographs agree.
+    solved = capture if result.matching is None else result.matching.capture
+    inspection = inspect_still(solved, result.moving)
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
-    misfit = misfit_map(result, capture) if unexplained and not layers_only else None
+    misfit = misfit_map(result, solved) if unexplained and not layers_only else None
     if result.moving is not None and not layers_only:
         picture = moving_picture(capture, result.moving)
         write_picture(folder / "moving.png", picture, note=_note("moving", result))

@@ -14,7 +14,7 @@ import polaropt
 from polaropt.optics import FIELDS, Field, SceneParameters
 
 if TYPE_CHECKING:
-    from polaropt.capture import Capture
+    from polaropt.capture import Capture, Transfer
     from polaropt.separation import Separation
     from polaropt.solving import Term
     from solvers.base import SolverResult
@@ -45,6 +45,7 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
 
     return {
         "input": capture_report(capture),
+        "matching": None if result.matching is None else matching_report(result.matching.transfer),
         **scene_report(result.scene, given, capture.focal_px),
         "errors": json_values(result.errors),
         "n_bounces_kept": result.n_bounces,
@@ -104,6 +105,11 @@ def capture_report(capture: Capture) -> dict[str, Any]:
         "angles_deg": list(capture.angles_deg),
         **origin,
     }
+
+
+def matching_report(transfer: Transfer) -> dict[str, Any]:
+    """How far each photograph lay beside the first, and how much less sharp than the sharpest it was, in pixels."""
+    return {"shifts_px": json_values(transfer.shifts_px), "blurs_px": json_values(transfer.blurs_px)}
 
 
 def solver_report(solver: SolverResult) -> dict[str, Any]:

@@ -510,8 +510,13 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
 
 
 def result_sentences(report: dict[str, Any]) -> list[str]:
-    """The pane, the solve and the time that all took, of ``report.json``."""
-    return [pane_sentence(report), f"Solver: {solver_sentence(report['solver'])}", time_sentence(report["seconds"])]
+    """How the photographs were made to agree, the pane, the solve and the time that all took, of ``report.json``."""
+    return [
+        *matching_sentences(report["matching"]),
+        pane_sentence(report),
+        f"Solver: {solver_sentence(report['solver'])}",
+        time_sentence(report["seconds"]),
+    ]
 
 
 # Share of the whole from which a stage is told by itself; set by hand.
@@ -542,6 +547,25 @@ def time_sentence(seconds: Mapping[str, float]) -> str:
     total = sum(seconds.values())
     notable = [(name, value) for name, value in seconds.items() if value >= _NOTABLE_STAGE * total]
     return f"{total:.1f} s altogether: {', '.join(f'{name.lower()} {value:.1f}' for name, value in notable)}."
+
+
+# Shifts and blurs below which nobody asks, in pixels; set by hand.
+_SAID_PX = 0.02
+
+
+def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
+    """How photographs were made to agree, of ``report.json``; nothing where they did."""
+    if matching is None:
+        return []
+    told = []
+    largest = max(math.hypot(*shift) for shift in matching["shifts_px"])
+    if largest > _SAID_PX:
+        told.append(f"moved onto the first by up to {largest:.2f} px")
+    blurs = [(number, blur) for number, blur in enumerate(matching["blurs_px"], 1) if blur > _SAID_PX]
+    if blurs:
+        listed = ", ".join(f"{number} (a Gaussian of {blur:.2f} px)" for number, blur in blurs)
+        told.append(f"made as sharp as the sharpest, which these were not: {listed}")
+    return [f"The photographs were {' and '.join(told)}."] if told else []
 
 
 def motion_sentences(report: dict[str, Any]) -> list[str]:

@@ -153,6 +153,9 @@ class Settings:
     keep_start : float
         Share of the way back to the start that the layers are pulled once the solve has ended, 0..1.
     robust : bool
+    match_photographs : bool
+        Whether photographs that lie a fraction of a pixel beside each other, or are not equally sharp, are made to
+        agree.
     weights : Weights
     stopping : StoppingRule
     thickness_px : float or None
@@ -166,6 +169,7 @@ class Settings:
     init: str = "closed-form"
     keep_start: float = 0.0
     robust: bool = False
+    match_photographs: bool = True
     weights: Weights = field(default_factory=Weights)
     stopping: StoppingRule = field(default_factory=StoppingRule)
     thickness_px: float | None = None

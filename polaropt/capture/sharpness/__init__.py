@@ -1,0 +1,1 @@
+"""How sharply each photograph shows the scene, and photographs made equally sharp."""

@@ -1,0 +1,132 @@
+"""Which photographs are less sharp than the others, and by how much.
+
+Four photographs of unpolarized scenes through a flat pane are mixtures of two pictures: at every frequency two
+combinations of them are nothing but noise, ``I0 + I90 - I45 - I135`` and the light polarized across the plane of
+incidence. A photograph that is less sharp leaves detail in both. What the third difference tells, of light along the
+plane, is the scene's own: many blurs explain the same, and that of the fewest photographs is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture.sharpness.spectra import DetailSpectra
+from polaropt.optics import analyzer_matrix
+
+Floats = NDArray[np.float64]
+
+_GAIN = 0.05
+"""Share of the misfit by which a photograph must be better explained to count as blurred: without any blur noise gains
+less than 0.5 %. By trial."""
+_MOST_STEPS, _LONGEST_PX2, _ENDS = 12, 0.5, 1e-3
+"""Steps of a fit, the longest step, and the share of the misfit that the last one gains; set by hand."""
+_SLACK, _TIGHTER, _LOOSER, _MOST_SLACK = 1e-3, 8.0, 8.0, 1e3
+"""Damping of Levenberg and Marquardt: where it starts, how it changes, and where the fit ends; set by hand."""
+_MOST_EXPONENT = 4.0
+"""Of what a blur takes or gives: frequencies of which so much is gone tell nothing."""
+
+
+class BlurFit:
+    """The two combinations of photographs that a flat pane leaves empty, as functions of their blurs.
+
+    Parameters
+    ----------
+    detail : DetailSpectra
+        With shifts taken out.
+    azimuth_deg : float
+        Direction along which, or across which, the pane polarizes.
+    """
+
+    def __init__(self, detail: DetailSpectra, azimuth_deg: float) -> None:
+        matrix = analyzer_matrix(detail.angles_deg)
+        double = np.radians(2 * azimuth_deg)
+        of_pane = np.stack([matrix[:, 0], matrix[:, 1] * np.cos(double) + matrix[:, 2] * np.sin(double)], axis=1)
+        self._empty = np.linalg.svd(of_pane)[0][:, 2:].T
+        self._values = detail.values
+        rows, columns = detail.rows, detail.columns
+        self._slopes = -2 * np.pi**2 * np.stack([rows**2, 2 * rows * columns, columns**2])
+
+    def found(self) -> tuple[Floats, float, float]:
+        """Blurs of the fewest photographs that explain the detail.
+
+        Returns
+        -------
+        blurs : ndarray, shape (k, 3)
+            Covariances in squared pixels: of rows, of rows and columns, of columns.
+        before, after : float
+            Mean square of what is left without and with them, in units of the noise.
+        """
+        count = len(self._values)
+        blurs: Floats = np.zeros((count, 3))
+        blurred: list[int] = []
+        misfit = before = self.misfit(blurs)
+        while len(blurred) < count - 1:
+            tried = [(self._fitted(blurs, [*blurred, k]), k) for k in range(count) if k not in blurred]
+            able = [((value, k), fitted) for (fitted, value), k in tried if fitted[k, 0] + fitted[k, 2] > 0]
+            if not able:
+                break
+            (value, k), fitted = min(able, key=lambda one: one[0])
+            if value > misfit * (1 - _GAIN):
+                break
+            blurs, misfit = fitted, value
+            blurred.append(k)
+        return blurs, before, misfit
+
+    def misfit(self, blurs: Floats) -> float:
+        """Mean square of what is left in both combinations, in units of the noise."""
+        return self._least_squares(blurs)[0]
+
+    def _least_squares(self, blurs: Floats) -> tuple[float, Floats, Floats]:
+        """The misfit, half its gradient and its Gauss-Newton matrix, of all blurs (3k) in one row."""
+        count = len(blurs)
+        exponents = np.clip(blurs @ self._slopes, -_MOST_EXPONENT, _MOST_EXPONENT)
+        sharper = np.exp(-exponents)
+        gradient, matrix, total = np.zeros(3 * count), np.zeros((3 * count, 3 * count)), 0.0
+        for weights in self._empty:
+            amplified = weights[:, None] * sharper
+            scale = 1 / np.sqrt(np.square(amplified).sum(axis=0))
+            # In units of its noise: a blur must gain nothing by making noise less.
+            share = amplified * scale
+            parts = share[:, None] * self._values
+            left = parts.sum(axis=0)
+            slopes = (np.square(share)[:, None] * left - parts)[:, None] * self._slopes[:, None]
+            slopes = slopes.reshape(3 * count, -1)
+            gradient += (slopes @ left.conj().ravel()).real
+            matrix += (slopes @ slopes.conj().T).real
+            total += float(np.square(np.abs(left)).sum())
+        values = self._values[0].size * len(self._empty)
+        return total / values, gradient / values, matrix / values
+
+    def _fitted(self, start: Floats, blurred: Sequence[int]) -> tuple[Floats, float]:
+        """Blurs of some photographs, the others as sharp as each other, and the misfit that they leave."""
+        free = np.concatenate([np.arange(3 * k, 3 * k + 3) for k in blurred])
+        blurs, slack = start, _SLACK
+        misfit, gradient, matrix = self._least_squares(blurs)
+        for _ in range(_MOST_STEPS):
+            inner = matrix[np.ix_(free, free)]
+            damped = inner + np.diag(slack * np.diag(inner) + 1e-12)
+            step = np.zeros(blurs.size)
+            step[free] = np.clip(np.linalg.solve(damped, -gradient[free]), -_LONGEST_PX2, _LONGEST_PX2)
+            further = blurs + step.reshape(blurs.shape)
+            value, *curve = self._least_squares(further)
+            if value < misfit:
+                ends = misfit - value < _ENDS * misfit
+                blurs, misfit, (gradient, matrix) = further, value, curve
+                slack /= _LOOSER
+                if ends:
+                    break
+            else:
+                slack *= _TIGHTER
+                if slack > _MOST_SLACK:
+                    break
+        return blurs, misfit
+
+
+def covariances(blurs: Floats) -> Floats:
+    """Covariances (k, 2, 2) of blurs (k, 3), none of them negative in any direction."""
+    matrices = np.stack([blurs[:, :2], blurs[:, 1:]], axis=1)
+    spread, directions = np.linalg.eigh(matrices)
+    return np.asarray((directions * np.maximum(spread, 0)[:, None]) @ directions.swapaxes(1, 2))

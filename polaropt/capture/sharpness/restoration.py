@@ -1,0 +1,128 @@
+"""Photographs moved onto each other and made as sharp as the sharpest of them.
+
+At each frequency k photographs measure two or three numbers: the light, and what of it is polarized. These are found
+from all photographs together, each weighed by how much of the frequency it still shows, and the photographs are what
+ideal ones would show of them. What the others tell fills in what one has lost, so that nothing is amplified beyond it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture.capture import Capture
+from polaropt.capture.sharpness.spectra import RINGS, DetailSpectra
+from polaropt.capture.sharpness.transfer import Floats, Spectrum, Transfer
+from polaropt.capture.validity import MOST_NEGATIVE
+from polaropt.optics import analyzer_matrix
+
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+_TILE_PX, _PAD_PX = 512, 16
+"""Side of the tiles that are restored at a time, and what is looked at around each; set by hand."""
+_POLARIZED = 0.3
+"""Standard deviation of the detail of polarized light, as a share of all light's, that is assumed where photographs
+tell too little of it: behind glass; set by hand."""
+_LEAST_KNOWN = 0.03
+"""Share of what sharp photographs tell that this assumption counts at most; set by hand."""
+
+
+def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None) -> Capture:
+    """The photographs with their shifts and blurs undone.
+
+    Parameters
+    ----------
+    capture : Capture
+        Photographs, no mosaic.
+    transfer : Transfer
+    detail : DetailSpectra, optional
+        The scene's spectrum and the noise; needed where a photograph is blurred.
+
+    Returns
+    -------
+    Capture
+        Pixels that touch one that is not valid are not valid.
+    """
+    k, (height, width) = len(capture.angles_deg), capture.shape[-2:]
+    images = capture.intensities.reshape(k, -1, height, width)
+    made = np.empty_like(images)
+    operators: dict[tuple[int, int], Spectrum] = {}
+    for top in range(0, height, _TILE_PX):
+        for left in range(0, width, _TILE_PX):
+            rows, columns = _mirrored(top, height), _mirrored(left, width)
+            shape = rows.size, columns.size
+            if shape not in operators:
+                operators[shape] = _operator(shape, transfer, detail, capture.angles_deg)
+            part = np.s_[top : top + _TILE_PX, left : left + _TILE_PX]
+            tile = images[:, :, rows[:, None], columns]
+            made[:, :, *part] = _applied(operators[shape], tile)[..., _PAD_PX:-_PAD_PX, _PAD_PX:-_PAD_PX]
+    np.clip(made, min(0.9 * MOST_NEGATIVE, float(images.min())), max(1.0, float(images.max())), out=made)
+    valid = _untouched(capture, transfer)
+    return capture.replace(intensities=made.reshape(capture.intensities.shape), valid=valid)
+
+
+def _mirrored(start: int, length: int) -> Indices:
+    """Indices of a tile and what lies around it, mirrored beyond both ends."""
+    stop = min(start + _TILE_PX, length)
+    around = np.arange(start - _PAD_PX, stop + _PAD_PX) % (2 * length)
+    return np.minimum(around, 2 * length - 1 - around)
+
+
+def _applied(operator: Spectrum, tile: NDArray[np.float32]) -> NDArray[np.float32]:
+    from scipy.fft import irfft2, rfft2
+
+    spectra = np.einsum("klyx,lcyx->kcyx", operator, rfft2(tile))
+    return np.asarray(irfft2(spectra, s=tile.shape[-2:]), dtype=np.float32)
+
+
+def _operator(
+    shape: tuple[int, int], transfer: Transfer, detail: DetailSpectra | None, angles_deg: tuple[float, ...]
+) -> Spectrum:
+    """What makes spectra of ideal photographs of those of a tile, (k, k, h, w)."""
+    rows, columns = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]).astype(np.float64)
+    seen = transfer.at(rows, columns)
+    turned = np.exp(-1j * np.angle(seen))
+    if detail is None or transfer.azimuth_deg is None:
+        # Shifts alone: each photograph by itself.
+        identity: Any = np.eye(len(seen))[:, :, None, None]
+        return np.asarray(identity * turned, dtype=np.complex64)
+    matrix, double = analyzer_matrix(angles_deg), math.radians(2 * transfer.azimuth_deg)
+    of_pane = np.stack([matrix[:, 0], matrix[:, 1] * math.cos(double) + matrix[:, 2] * math.sin(double)], axis=1)
+    share = np.square(np.abs(seen))
+    known = np.einsum("ka,kyx,kb->yxab", of_pane, share, of_pane)
+    light = _light(rows, columns, detail, int(np.argmin(transfer.blurs_px)))
+    assumed = np.minimum(1 / (_POLARIZED**2 * light), _LEAST_KNOWN * float(np.square(of_pane[:, 1]).sum()))
+    # Nothing is assumed where all photographs are sharp.
+    known[..., 1, 1] += assumed * (1 - share.min(axis=0))
+    told = np.einsum("yxab,kb,kyx->yxak", np.linalg.inv(known), of_pane, seen.conj())
+    # What a pane does not explain stays as it is, so that it can be seen, and noise be measured.
+    beside = np.eye(len(seen)) - of_pane @ np.linalg.pinv(of_pane)
+    explained = np.einsum("kyx,ka,yxal->klyx", seen, of_pane, told)
+    unexplained = np.eye(len(seen))[:, :, None, None] - explained
+    made = np.einsum("ka,yxal->klyx", of_pane, told) + np.einsum("km,myx,mlyx->klyx", beside, turned, unexplained)
+    return np.asarray(made, dtype=np.complex64)
+
+
+def _light(rows: Floats, columns: Floats, detail: DetailSpectra, sharpest: int) -> Floats:
+    """Power of the light (twice a photograph's amplitude) at frequencies, in units of a photograph's noise."""
+    ring = np.minimum((np.hypot(rows, columns) * 2 * RINGS).astype(int), RINGS - 1)
+    return np.asarray(4 * np.maximum(detail.power[sharpest] - 1, 1e-3)[ring])
+
+
+def _untouched(capture: Capture, transfer: Transfer) -> Mask:
+    """Pixels that no pixel around them spoils which is not valid."""
+    from scipy.ndimage import binary_erosion
+
+    valid = capture.valid
+    if valid.all():
+        return valid
+    if transfer.blurred:
+        # Each photograph is made of all.
+        valid = np.broadcast_to(valid.all(axis=0), valid.shape)
+    reach = 1 + math.ceil(2 * max(transfer.blurs_px))
+    square = np.ones((1,) * (valid.ndim - 3) + (2 * reach + 1,) * 2, dtype=bool)
+    return np.stack([binary_erosion(one, square, border_value=1) for one in valid])
