@@ -3,6 +3,7 @@ __all__ = [
     "FARTHEST_SHIFT_PX",
     "FIELDS",
     "FLAT",
+    "FOCAL_RANGE_PX",
     "GHOST_SHIFT_SEARCH_PX",
     "GLASS_INDEX",
     "INCIDENCE_LIMITS_DEG",
@@ -100,6 +101,7 @@ from .sampling import Sampling as Sampling
 from .scene import DARKEST_TINT as DARKEST_TINT
 from .scene import FARTHEST_SHIFT_PX as FARTHEST_SHIFT_PX
 from .scene import FIELDS as FIELDS
+from .scene import FOCAL_RANGE_PX as FOCAL_RANGE_PX
 from .scene import GHOST_SHIFT_SEARCH_PX as GHOST_SHIFT_SEARCH_PX
 from .scene import GLASS_INDEX as GLASS_INDEX
 from .scene import INCIDENCE_LIMITS_DEG as INCIDENCE_LIMITS_DEG

@@ -13,6 +13,7 @@ from polaropt import SceneParameters, estimate, separate, simulate
 from polaropt.capture.polarization import stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.ladder import find_scene
+from polaropt.estimation.wide import fits
 from polaropt.estimation.wide.blocks import PolarizedBlocks
 from polaropt.estimation.wide.edges import VaryingOverlap, negative_light
 from polaropt.estimation.wide.fits import fit_curved
@@ -168,6 +169,17 @@ def test_the_edges_overlap_least_at_the_true_incidence():
 def test_a_pane_seen_from_far_has_no_focal_length(azimuth_deg):
     # Polarized light makes its view come out a little beyond that of parallel rays.
     example = blend(55, 64, azimuth_deg=azimuth_deg, ghost_shift=0.0, transmission_polarization=(0.3, 20.0))
+    fit = fit_curved(stokes_images(example.capture, 0.005), example.scene, enough=math.inf)
+    assert fit.focal_px is None
+
+
+def test_a_view_as_narrow_as_no_lens_has_no_focal_length(monkeypatch):
+    # A search came upon a focal length of 2e10 px, which no scene may have.
+    def rough(*_):
+        return [np.array([0.9, 1.0, 1e-9, 0.0, 0.0, 0.0])]
+
+    monkeypatch.setattr(fits, "_rough", rough)
+    example = blend(55, 64, ghost_shift=0.0)
     fit = fit_curved(stokes_images(example.capture, 0.005), example.scene, enough=math.inf)
     assert fit.focal_px is None
 

@@ -18,9 +18,9 @@ from polaropt.optics import analyzer_matrix
 
 Floats = NDArray[np.float64]
 
-_GAIN = 0.05
-"""Share of the misfit by which a photograph must be better explained to count as blurred: without any blur noise gains
-less than 0.5 %. By trial."""
+_GAIN = 0.15
+"""Share of the misfit that a photograph's blur must explain to be believed: noise explains less than 0.5 %, and where
+more noise is left than is known, blurs of two photographs at once 5 %. By trial."""
 _MOST_STEPS, _LONGEST_PX2, _ENDS = 12, 0.5, 1e-3
 """Steps of a fit, the longest step, and the share of the misfit that the last one gains; set by hand."""
 _SLACK, _TIGHTER, _LOOSER, _MOST_SLACK = 1e-3, 8.0, 8.0, 1e3

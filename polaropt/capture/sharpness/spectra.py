@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.numerics import fill_gaps
+from polaropt.numerics import block_mean, fill_gaps, whole_blocks
 from polaropt.optics import analyzer_matrix
 
 Floats = NDArray[np.float64]
@@ -106,9 +106,9 @@ def polarized_axis(capture: Capture, block: int = 16) -> tuple[float, float]:
     beside : float
         Root mean square of the polarized light beside that line, as a share of that on it.
     """
-    means = capture.in_blocks(block)
-    stokes = np.tensordot(np.linalg.pinv(analyzer_matrix(capture.angles_deg)), means.intensities, axes=1)
-    polarized = stokes[1:, means.valid.all(axis=0)].astype(np.float64)
+    means = block_mean(capture.intensities, block)
+    stokes = np.tensordot(np.linalg.pinv(analyzer_matrix(capture.angles_deg)), means, axes=1)
+    polarized = stokes[1:, whole_blocks(np.asarray(capture.mask.all(axis=0)), block)].astype(np.float64)
     if polarized.shape[1] < 2:
         return 0.0, 1.0
     spread, directions = np.linalg.eigh(polarized @ polarized.T)

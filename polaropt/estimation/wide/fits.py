@@ -49,7 +49,7 @@ from polaropt.estimation.wide.pane import (
     Prior,
     fitted,
 )
-from polaropt.optics import FLAT, Pane, SceneParameters, plane_normal, viewing_angles
+from polaropt.optics import FLAT, FOCAL_RANGE_PX, Pane, SceneParameters, plane_normal, viewing_angles
 
 Values = NDArray[np.float64]
 
@@ -265,8 +265,7 @@ def fit_curved(
     rough = _rough(coarse, _starts_of_bend(stokes, plain, blocks.half_px, prior.mean[VIEW]), free, prior)
     left, plain_left = coarse.misfit(*named(rough[0], coarse)), coarse.least_constant_misfit()
     if plain_left - left < enough * (plain_left - 1) or not overlap.usable:
-        # A view beyond that of parallel rays has no focal length.
-        seen = rough[0] if rough[0][VIEW] > FROM_AFAR else _from_afar(rough[0])
+        seen = _from_afar(rough[0]) if _has_no_focal_length(rough[0], blocks) else rough[0]
         return _result(blocks, PaneFit(seen, np.full((N_NUMBERS, N_NUMBERS), math.inf)))
     found = _likeliest(blocks, rough, free, prior, plain)
     edges = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS))
@@ -277,8 +276,7 @@ def fit_curved(
         remote = candidate_near(blocks, best.prior, _OTHERS, _from_afar(best.fit.point))
         losses = [_chi_squared(blocks, one.fit.point, best.prior) for one in (remote, best)]
         as_likely = losses[0] - losses[1] <= _AS_LIKELY * max(1.0, losses[1] / blocks.n)
-        # A view beyond that of parallel rays has no focal length, however likely it is.
-        if as_likely or best.fit.point[VIEW] <= FROM_AFAR:
+        if as_likely or _has_no_focal_length(best.fit.point, blocks):
             best = edges.completed(replace(remote, directions=best.directions))
     return _result(blocks, best.fit)
 
@@ -354,6 +352,11 @@ def _starts_of_bend(stokes: StokesImages, plain: SceneParameters, half_px: float
 def _lens_shows(fit: PaneFit) -> bool:
     """Whether the focal length is known to be shorter than one that sees all from far."""
     return bool(fit.point[VIEW] - FROM_AFAR > _SHOWS * math.sqrt(fit.covariance[VIEW, VIEW]))
+
+
+def _has_no_focal_length(point: Values, blocks: PolarizedBlocks) -> bool:
+    """Whether a view is that of parallel rays, beyond it, or as near as no number tells, however likely it is."""
+    return bool(point[VIEW] <= max(FROM_AFAR, blocks.half_px / FOCAL_RANGE_PX[1]))
 
 
 def _from_afar(point: Values) -> Values:
