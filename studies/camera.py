@@ -28,6 +28,7 @@ DARKNESS = 0.1
 """Brightness of the light "dark hdr" beside its lamps."""
 _ANGLE_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 _SHIFTED = ((1, 1.0), (3, -1.0))
+_OUT_OF_FOCUS = 2
 # A shift of 5 px is 3 px down and 4 px to the right.
 _DIRECTION = (0.6, 0.8)
 _STEEPEST_DEG = 89.0
@@ -172,7 +173,7 @@ def photograph(
         still, photographs = photographs, _crossed(layers, scene, taking, pair, random)
         crossed = (np.abs(photographs - still) > _LEAST_CROSSED).any(axis=(0, 1))
     gains = np.reshape(taking.gains, (-1, 1, 1, 1)).astype(np.float32)
-    photographs = _moved(photographs * (exposure * gains), taking.shift_px)
+    photographs = _defocused(_moved(photographs * (exposure * gains), taking.shift_px), taking.defocus_px)
     light = pair.cropped(photographs + _deviation(photographs, taking) * noise.standard_normal(photographs.shape))
     seen_through = np.array([scene.tint, 1], dtype=np.float32)[:, None, None, None]
     layers = pair.cropped(layers) * (exposure * seen_through)
@@ -318,3 +319,13 @@ def _moved(photographs: Images, distance_px: float) -> Images:
         step = (0.0, *(part * sign * distance_px for part in _DIRECTION))
         moved[k] = np.fft.ifftn(fourier_shift(np.fft.fftn(photographs[k]), step)).real
     return moved
+
+
+def _defocused(photographs: Images, deviation_px: float) -> Images:
+    from scipy.ndimage import gaussian_filter
+
+    if not deviation_px:
+        return photographs
+    seen = photographs.copy()
+    seen[_OUT_OF_FOCUS] = gaussian_filter(photographs[_OUT_OF_FOCUS], deviation_px, axes=(-2, -1))
+    return seen

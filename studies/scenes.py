@@ -105,6 +105,8 @@ class Taking:
         Photographs are encoded as ``I^(1/gamma)``.
     shift_px : float
         How far the second and fourth photograph lie from the others, in opposite directions.
+    defocus_px : float
+        Standard deviation of a Gaussian by which the third photograph is less sharp than the others.
     angle_error_deg : float
         The filter's angles are off by this, +, -, +, - along the sequence.
     reflection_gain : float
@@ -136,6 +138,7 @@ class Taking:
     headroom: bool = False
     gamma: float = 1.0
     shift_px: float = 0.0
+    defocus_px: float = 0.0
     angle_error_deg: float = 0.0
     reflection_gain: float = 1.0
     light: Light = "photograph"
@@ -335,6 +338,7 @@ def _of_camera() -> Iterable[Scene]:
     yield from _along_taking("bits", (14, 12, 10, 8, 6, 5), "bits", noise=0.001)
     yield from _along_taking("gamma of the encoding", (1.0, 1.05, 1.1, 1.2, 1.5, 1.8, 2.2), "gamma")
     yield from _along_taking("misregistration (px)", (0, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0), "shift_px")
+    yield from _along_taking("one photograph out of focus (px)", (0, 0.3, 0.5, 0.8, 1.2, 2.0, 3.0), "defocus_px")
     yield from _along_taking("error of the filter's angles (deg)", (0, 0.5, 1.0, 2.0, 5.0, 10.0), "angle_error_deg")
 
 

@@ -1,4 +1,4 @@
-"""Photographs that lie a fraction of a pixel beside each other, or are not equally sharp, made to agree.
+"""Photographs that lie a little beside each other, or are not equally sharp, made to agree.
 
 A filter is turned between the photographs, the camera moves, focuses anew or is not held still. A tenth of a pixel, or
 one photograph a little out of focus, makes polarized light of every edge, in which panes are then found that are none.
@@ -24,8 +24,9 @@ _LOOKED_AT_PX = 512
 _SURE = 5.0
 """Standard errors that a shift must be larger than to be undone without being asked to: of 192 random windows one, in
 strong noise, had a shift of three. By trial."""
-_MOST_PX = 1.0
-"""Shift up to which photographs are moved without being asked to: what comes in at the edges is mirrored. By hand."""
+_MOST_PX = 5.0
+"""Distance between two photographs up to which they are moved without being asked to, in the frame as it is: what one
+of them does not show at the edges is not valid in it. Set by hand."""
 _MOST_BESIDE = 0.2
 """Polarized light beside one line, as a share of that on it, up to which the scene is one of a flat pane; by trial."""
 _BETTER = 0.7
@@ -49,7 +50,7 @@ class Matching:
 
 
 def match_photographs(capture: Capture, noise: float) -> Matching | None:
-    """Move photographs by fractions of a pixel onto the first one, and make them equally sharp.
+    """Move photographs by a few pixels at most onto the first one, and make them equally sharp.
 
     Parameters
     ----------

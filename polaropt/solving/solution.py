@@ -154,8 +154,7 @@ class Settings:
         Share of the way back to the start that the layers are pulled once the solve has ended, 0..1.
     robust : bool
     match_photographs : bool
-        Whether photographs that lie a fraction of a pixel beside each other, or are not equally sharp, are made to
-        agree.
+        Whether photographs that lie a little beside each other, or are not equally sharp, are made to agree.
     weights : Weights
     stopping : StoppingRule
     thickness_px : float or None

@@ -45,7 +45,7 @@ def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None)
     Returns
     -------
     Capture
-        Pixels that touch one that is not valid are not valid.
+        Pixels that touch one that is not valid are not valid, nor are those beyond a photograph's edge.
     """
     k, (height, width) = len(capture.angles_deg), capture.shape[-2:]
     images = capture.intensities.reshape(k, -1, height, width)
@@ -114,15 +114,24 @@ def _light(rows: Floats, columns: Floats, detail: DetailSpectra, sharpest: int) 
 
 
 def _untouched(capture: Capture, transfer: Transfer) -> Mask:
-    """Pixels that no pixel around them spoils which is not valid."""
+    """Valid pixels that no pixel around them spoils which is not valid, and that each photograph shows."""
     from scipy.ndimage import binary_erosion
 
     valid = capture.valid
-    if valid.all():
-        return valid
-    if transfer.blurred:
+    if transfer.blurred and not valid.all():
         # Each photograph is made of all.
         valid = np.broadcast_to(valid.all(axis=0), valid.shape)
     reach = 1 + math.ceil(2 * max(transfer.blurs_px))
     square = np.ones((1,) * (valid.ndim - 3) + (2 * reach + 1,) * 2, dtype=bool)
-    return np.stack([binary_erosion(one, square, border_value=1) for one in valid])
+    kept = [one if one.all() else binary_erosion(one, square, border_value=1) for one in valid]
+    shown = [_within(shift, valid.shape[-2:]) for shift in transfer.shifts_px]
+    return np.stack([one & within for one, within in zip(kept, shown, strict=True)])
+
+
+def _within(shift: Floats, shape: tuple[int, ...]) -> Mask:
+    """Pixels (h, w) whose place in a shifted photograph lies within its frame, to half a pixel."""
+    rows, columns = (
+        np.abs(np.arange(side) + offset - (side - 1) / 2) <= side / 2
+        for side, offset in zip(shape, shift.tolist(), strict=True)
+    )
+    return np.asarray(rows[:, None] & columns)
