@@ -186,8 +186,8 @@ def separate(
         Whether an index of 1.5 is known. Otherwise it is what glass usually has, and where one clear pane of another
         index explains the photographs clearly better, that is taken. Any other index is kept as it is.
     match_photographs : bool
-        Four or more photographs taken one after the other that lie up to five pixels beside each other, or of which
-        some are less sharp, are moved onto the first one and made as sharp as the sharpest before anything else;
+        Photographs taken one after the other that lie up to five pixels beside each other are moved onto the first one,
+        and of four and more those that are less sharp are made as sharp as the sharpest, before anything else;
         `Separation.matching` tells of it.
 
     Returns

@@ -61,18 +61,18 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     Returns
     -------
     Matching or None
-        None where nothing is to be done, and nothing could be told: of fewer than four photographs, and of mosaics,
-        which take all at once.
+        None where nothing is to be done, and of mosaics, which take all at once. Three photographs do not tell which of
+        them is less sharp.
     """
     mosaic = capture.origin is not None and "mosaic" in capture.origin.layout
     count = len(capture.angles_deg)
-    if count < 4 or capture.cells is not None or mosaic:
+    if capture.cells is not None or mosaic:
         return None
     shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
     believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
     moved = shifts.pixels if believed else np.zeros((count, 2))
     transfer = Transfer(moved, np.zeros((count, 2, 2)))
-    detail = detail_spectra(capture, noise)
+    detail = detail_spectra(capture, noise) if count > 3 else None
     if detail is not None:
         transfer = _with_blurs(transfer, capture, detail)
     if not (moved.any() or transfer.blurred):

@@ -53,7 +53,7 @@ def test_photographs_that_agree_are_left_as_they_are():
     assert match_photographs(taken()[0], NOISE) is None
 
 
-@pytest.mark.parametrize("n", [4, 5])
+@pytest.mark.parametrize("n", [3, 4, 5])
 def test_shifts_are_found_to_a_few_hundredths_of_a_pixel(n):
     shifts = np.array([[0.0, 0.0], [0.15, -0.1], [-0.2, 0.3], [0.05, 0.2], [-0.1, -0.1]])[:n]
     found = matched(taken(shifts, np.zeros(n), n=n)[0])
@@ -96,6 +96,21 @@ def test_layers_are_nearly_those_of_photographs_that_agree(shifts, blurs):
     assert psnr_db(result.layers[0], layers[0], 16) > max(aim - 2.5, left + 2)
 
 
+def test_what_a_photograph_does_not_show_at_the_edges_is_not_valid():
+    shifts = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.0], [0.0, -1.0]])
+    valid = matched(taken(shifts)[0]).capture.valid
+    assert valid[[0, 2]].all()
+    assert not valid[1, :, -2:].any()
+    assert valid[1, :, :-2].all()
+    assert not valid[3, :, :, 0].any()
+    assert valid[3, :, :, 1:].all()
+
+
+def test_photographs_that_lie_far_apart_are_left_to_be_aligned():
+    shifts = np.array([[0.0, 0.0], [9.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    assert match_photographs(taken(shifts)[0], NOISE) is None
+
+
 def test_pixels_beside_those_that_are_not_valid_are_not_valid():
     capture, _ = taken(np.array([[0.0, 0.0], [0.2, -0.1], [-0.2, 0.2], [0.1, 0.1]]))
     valid = np.ones(capture.intensities.shape, dtype=bool)
@@ -111,9 +126,8 @@ def test_light_that_is_polarized_by_itself_is_taken_for_no_blur():
     assert match_photographs(taken(scene=scene)[0], NOISE) is None
 
 
-def test_three_photographs_and_small_ones_are_left_as_they_are():
-    shifts = np.array([[0.0, 0.0], [0.2, -0.1], [-0.2, 0.2]])
-    assert match_photographs(taken(shifts, np.zeros(3), n=3)[0], NOISE) is None
+def test_three_photographs_and_small_ones_tell_no_blur():
+    assert match_photographs(taken(np.zeros((3, 2)), np.array([0.0, 0.8, 0.0]), n=3)[0], NOISE) is None
     small = taken(blurs=np.array([0.0, 0.8, 0.0, 0.0]))[0].part(slice(48), slice(48))
     assert match_photographs(small, NOISE) is None
 
