@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.ndimage import fourier_gaussian, fourier_shift
@@ -17,6 +19,7 @@ ALIKE = np.zeros((4, 2))
 SHARP = np.zeros(4)
 
 
+@cache
 def pictures() -> tuple[np.ndarray, np.ndarray]:
     """Detailed pictures (h, w, 3), larger than what is kept of them."""
     from skimage import data
@@ -25,13 +28,18 @@ def pictures() -> tuple[np.ndarray, np.ndarray]:
     return data.coffee()[60 : 60 + wide, 140 : 140 + wide] / 255, data.astronaut()[:wide, 100 : 100 + wide] / 255
 
 
+@cache
+def exact(scene: SceneParameters, n: int) -> Capture:
+    """Photographs without noise of the larger pictures."""
+    return simulate(*pictures(), scene, angles_deg=tuple(180 / n * np.arange(n)), bits=None, noise=0.0)
+
+
 def taken(
     shifts: np.ndarray = ALIKE, blurs: np.ndarray = SHARP, scene: SceneParameters = SCENE, n: int = 4
 ) -> tuple[Capture, np.ndarray]:
     """Photographs moved by shifts (k, 2) and blurred by Gaussians, with noise; the layers of the first one's place."""
-    behind, before = pictures()
-    exact = simulate(behind, before, scene, angles_deg=tuple(180 / n * np.arange(n)), bits=None, noise=0.0)
-    photographs = exact.intensities.astype(np.float64)
+    clean = exact(scene, n)
+    photographs = clean.intensities.astype(np.float64)
     for k in range(n):
         for channel in range(3):
             spectrum = np.fft.fft2(photographs[k, channel])
@@ -39,8 +47,8 @@ def taken(
             photographs[k, channel] = np.fft.ifft2(moved).real
     inside = (..., slice(KEPT, -KEPT), slice(KEPT, -KEPT))
     noisy = photographs[inside] + NOISE * np.random.default_rng(1).standard_normal(photographs[inside].shape)
-    layers = np.stack([np.moveaxis(picture, -1, 0)[inside] for picture in (behind, before)])
-    return Capture.of_planes(np.clip(noisy, 0, 1).astype(np.float32), exact.angles_deg), layers
+    layers = np.stack([np.moveaxis(picture, -1, 0)[inside] for picture in pictures()])
+    return Capture.of_planes(np.clip(noisy, 0, 1).astype(np.float32), clean.angles_deg), layers
 
 
 def matched(capture: Capture) -> Matching:
