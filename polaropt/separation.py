@@ -555,6 +555,7 @@ def _case_of(
     if matching is not None:
         capture = matching.capture
         still = still_photographs(capture)
+        still = still if matching.noise is None else still.with_noise(matching.noise)
     noise, mistakes = still.noise, still.mistakes
     # A scene is estimated from the cells of a mosaic, in their pixels.
     registered, scale = still.capture.registered, capture.scale

@@ -7,6 +7,7 @@ one photograph a little out of focus, makes polarized light of every edge, in wh
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,10 +44,14 @@ class Matching:
         In the place of the first photograph, and as sharp as the sharpest.
     transfer : Transfer
         What was undone.
+    noise : float or None
+        Standard deviation of one photograph's noise, where blurs were undone: photographs that are filled in by each
+        other say less of it than there is. None where they tell it themselves.
     """
 
     capture: Capture
     transfer: Transfer
+    noise: float | None = None
 
 
 def match_photographs(capture: Capture, noise: float) -> Matching | None:
@@ -73,20 +78,23 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     moved = shifts.pixels if believed else np.zeros((count, 2))
     transfer = Transfer(moved, np.zeros((count, 2, 2)))
     detail = detail_spectra(capture, noise) if count > 3 else None
-    if detail is not None:
-        transfer = _with_blurs(transfer, capture, detail)
-    if not (moved.any() or transfer.blurred):
-        return None
-    return Matching(restored(capture, transfer, detail if transfer.blurred else None), transfer)
+    blurred = None if detail is None else _with_blurs(transfer, capture, detail)
+    if detail is not None and blurred is not None:
+        transfer, left = blurred
+        return Matching(restored(capture, transfer, detail), transfer, noise * math.sqrt(left))
+    return Matching(restored(capture, transfer), transfer) if moved.any() else None
 
 
-def _with_blurs(transfer: Transfer, capture: Capture, detail: DetailSpectra) -> Transfer:
-    """The same with the blurs that explain what photographs of a flat pane leave unexplained."""
+def _with_blurs(transfer: Transfer, capture: Capture, detail: DetailSpectra) -> tuple[Transfer, float] | None:
+    """The same with the blurs that explain what photographs of a flat pane leave unexplained, and what is then left.
+
+    That is the variance of the noise, as a share of what it was taken for. None where no blurs do.
+    """
     azimuth, beside = polarized_axis(capture)
     if beside > _MOST_BESIDE:
-        return transfer
+        return None
     in_place = detail.values / transfer.at(detail.rows, detail.columns)[:, None]
     blurs, before, after = BlurFit(dataclasses.replace(detail, values=in_place), azimuth).found()
     if after > _BETTER * before:
-        return transfer
-    return Transfer(transfer.shifts_px, covariances(blurs), azimuth)
+        return None
+    return Transfer(transfer.shifts_px, covariances(blurs), azimuth), after

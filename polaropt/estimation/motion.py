@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -98,6 +98,12 @@ class StillPhotographs:
     mistakes: Mistakes
     noise: float
     growth: NoiseModel
+
+    def with_noise(self, noise: float) -> StillPhotographs:
+        """The same where another level of the noise is known, which grows with the light as it was measured to."""
+        more = noise / self.noise
+        growth = NoiseModel(more * self.growth.read, more**2 * self.growth.shot)
+        return replace(self, noise=noise, growth=growth)
 
     @property
     def moving_share(self) -> float:

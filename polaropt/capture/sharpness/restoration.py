@@ -8,6 +8,8 @@ ideal ones would show of them. What the others tell fills in what one has lost, 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from polaropt.capture.sharpness.transfer import Floats, Spectrum, Transfer
 from polaropt.capture.validity import MOST_NEGATIVE
 from polaropt.optics import analyzer_matrix
 
+Images = NDArray[np.float32]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
@@ -31,7 +34,7 @@ _LEAST_KNOWN = 0.03
 """Share of what sharp photographs tell that this assumption counts at most; set by hand."""
 
 
-def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None) -> Capture:
+def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None = None) -> Capture:
     """The photographs with their shifts and blurs undone.
 
     Parameters
@@ -45,10 +48,26 @@ def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None)
     Returns
     -------
     Capture
-        Pixels that touch one that is not valid are not valid, nor are those beyond a photograph's edge.
+        Pixels that touch one that is not valid are not valid, nor are those beyond a photograph's edge, nor at the
+        frame's edges those of a photograph into which a blur brought what lies beyond.
     """
     k, (height, width) = len(capture.angles_deg), capture.shape[-2:]
     images = capture.intensities.reshape(k, -1, height, width)
+    made = _moved(images, partial(_operator, transfer=transfer, detail=detail, angles_deg=capture.angles_deg))
+    if transfer.blurred:
+        # What came in over the edges would be spread over all photographs.
+        rim = _rim(transfer, (height, width))
+        shifted = Transfer(transfer.shifts_px, np.zeros_like(transfer.blurs_px2))
+        alone = _moved(images, partial(_operator, transfer=shifted, detail=None, angles_deg=capture.angles_deg))
+        np.copyto(made, alone, where=rim)
+    np.clip(made, min(0.9 * MOST_NEGATIVE, float(images.min())), max(1.0, float(images.max())), out=made)
+    valid = _untouched(capture, transfer)
+    return capture.replace(intensities=made.reshape(capture.intensities.shape), valid=valid)
+
+
+def _moved(images: Images, operator_of: Callable[[tuple[int, int]], Spectrum]) -> Images:
+    """Photographs (k, channel, h, w) on which an operator works, tile by tile."""
+    height, width = images.shape[-2:]
     made = np.empty_like(images)
     operators: dict[tuple[int, int], Spectrum] = {}
     for top in range(0, height, _TILE_PX):
@@ -56,13 +75,11 @@ def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None)
             rows, columns = _mirrored(top, height), _mirrored(left, width)
             shape = rows.size, columns.size
             if shape not in operators:
-                operators[shape] = _operator(shape, transfer, detail, capture.angles_deg)
+                operators[shape] = operator_of(shape)
             part = np.s_[top : top + _TILE_PX, left : left + _TILE_PX]
             tile = images[:, :, rows[:, None], columns]
             made[:, :, *part] = _applied(operators[shape], tile)[..., _PAD_PX:-_PAD_PX, _PAD_PX:-_PAD_PX]
-    np.clip(made, min(0.9 * MOST_NEGATIVE, float(images.min())), max(1.0, float(images.max())), out=made)
-    valid = _untouched(capture, transfer)
-    return capture.replace(intensities=made.reshape(capture.intensities.shape), valid=valid)
+    return made
 
 
 def _mirrored(start: int, length: int) -> Indices:
@@ -72,7 +89,7 @@ def _mirrored(start: int, length: int) -> Indices:
     return np.minimum(around, 2 * length - 1 - around)
 
 
-def _applied(operator: Spectrum, tile: NDArray[np.float32]) -> NDArray[np.float32]:
+def _applied(operator: Spectrum, tile: Images) -> Images:
     from scipy.fft import irfft2, rfft2
 
     spectra = np.einsum("klyx,lcyx->kcyx", operator, rfft2(tile))
@@ -121,11 +138,28 @@ def _untouched(capture: Capture, transfer: Transfer) -> Mask:
     if transfer.blurred and not valid.all():
         # Each photograph is made of all.
         valid = np.broadcast_to(valid.all(axis=0), valid.shape)
-    reach = 1 + math.ceil(2 * max(transfer.blurs_px))
+    reach = _reach(transfer)
     square = np.ones((1,) * (valid.ndim - 3) + (2 * reach + 1,) * 2, dtype=bool)
-    kept = [one if one.all() else binary_erosion(one, square, border_value=1) for one in valid]
-    shown = [_within(shift, valid.shape[-2:]) for shift in transfer.shifts_px]
-    return np.stack([one & within for one, within in zip(kept, shown, strict=True)])
+    kept = np.stack([one if one.all() else binary_erosion(one, square, border_value=1) for one in valid])
+    rim = _rim(transfer, valid.shape[-2:])
+    for one, shift, blur in zip(kept, transfer.shifts_px, transfer.blurs_px2, strict=True):
+        one &= _within(shift, valid.shape[-2:])
+        if blur.any():
+            one &= ~rim
+    return kept
+
+
+def _reach(transfer: Transfer) -> int:
+    """Pixels over which the widest blur brings in what lies beside."""
+    return 1 + math.ceil(2 * max(transfer.blurs_px))
+
+
+def _rim(transfer: Transfer, shape: tuple[int, ...]) -> Mask:
+    """Pixels (h, w) that a blur may have mixed with what lies beyond the frame."""
+    reach = _reach(transfer)
+    rim = np.ones(shape, dtype=bool)
+    rim[reach:-reach, reach:-reach] = False
+    return rim
 
 
 def _within(shift: Floats, shape: tuple[int, ...]) -> Mask:
