@@ -8,8 +8,7 @@ ideal ones would show of them. What the others tell fills in what one has lost, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -53,33 +52,23 @@ def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None 
     """
     k, (height, width) = len(capture.angles_deg), capture.shape[-2:]
     images = capture.intensities.reshape(k, -1, height, width)
-    made = _moved(images, partial(_operator, transfer=transfer, detail=detail, angles_deg=capture.angles_deg))
-    if transfer.blurred:
-        # What came in over the edges would be spread over all photographs.
-        rim = _rim(transfer, (height, width))
-        shifted = Transfer(transfer.shifts_px, np.zeros_like(transfer.blurs_px2))
-        alone = _moved(images, partial(_operator, transfer=shifted, detail=None, angles_deg=capture.angles_deg))
-        np.copyto(made, alone, where=rim)
-    np.clip(made, min(0.9 * MOST_NEGATIVE, float(images.min())), max(1.0, float(images.max())), out=made)
-    valid = _untouched(capture, transfer)
-    return capture.replace(intensities=made.reshape(capture.intensities.shape), valid=valid)
-
-
-def _moved(images: Images, operator_of: Callable[[tuple[int, int]], Spectrum]) -> Images:
-    """Photographs (k, channel, h, w) on which an operator works, tile by tile."""
-    height, width = images.shape[-2:]
+    operator = cache(partial(_operator, transfer=transfer, detail=detail, angles_deg=capture.angles_deg))
+    # What blurs brought in over the edges would be spread over all photographs: there each is moved by itself.
+    rim = _rim(transfer, (height, width)) if transfer.blurred else np.zeros((height, width), dtype=bool)
+    shifts = Transfer(transfer.shifts_px, np.zeros_like(transfer.blurs_px2))
+    alone = cache(partial(_operator, transfer=shifts, detail=None, angles_deg=capture.angles_deg))
     made = np.empty_like(images)
-    operators: dict[tuple[int, int], Spectrum] = {}
     for top in range(0, height, _TILE_PX):
         for left in range(0, width, _TILE_PX):
             rows, columns = _mirrored(top, height), _mirrored(left, width)
-            shape = rows.size, columns.size
-            if shape not in operators:
-                operators[shape] = operator_of(shape)
             part = np.s_[top : top + _TILE_PX, left : left + _TILE_PX]
-            tile = images[:, :, rows[:, None], columns]
-            made[:, :, *part] = _applied(operators[shape], tile)[..., _PAD_PX:-_PAD_PX, _PAD_PX:-_PAD_PX]
-    return made
+            tile, shape = images[:, :, rows[:, None], columns], (rows.size, columns.size)
+            made[:, :, *part] = _applied(operator(shape), tile)
+            if rim[part].any():
+                np.copyto(made[:, :, *part], _applied(alone(shape), tile), where=rim[part])
+    np.clip(made, min(0.9 * MOST_NEGATIVE, float(images.min())), max(1.0, float(images.max())), out=made)
+    valid = _untouched(capture, transfer)
+    return capture.replace(intensities=made.reshape(capture.intensities.shape), valid=valid)
 
 
 def _mirrored(start: int, length: int) -> Indices:
@@ -90,10 +79,12 @@ def _mirrored(start: int, length: int) -> Indices:
 
 
 def _applied(operator: Spectrum, tile: Images) -> Images:
+    """A tile on which an operator has worked, without what lies around it."""
     from scipy.fft import irfft2, rfft2
 
     spectra = np.einsum("klyx,lcyx->kcyx", operator, rfft2(tile))
-    return np.asarray(irfft2(spectra, s=tile.shape[-2:]), dtype=np.float32)
+    made = irfft2(spectra, s=tile.shape[-2:])
+    return np.asarray(made[..., _PAD_PX:-_PAD_PX, _PAD_PX:-_PAD_PX], dtype=np.float32)
 
 
 def _operator(
