@@ -558,7 +558,7 @@ def _case_of(
         still = still if matching.noise is None else still.with_noise(matching.noise)
     noise, mistakes = still.noise, still.mistakes
     # A scene is estimated from the cells of a mosaic, in their pixels.
-    registered, scale = still.capture.registered, capture.scale
+    registered, scale = (still.capture if matching is None else still.seen(matching.of_scene)).registered, capture.scale
     stages.begin("Estimating the scene", 0.02)
     of_registered = registered_noise(capture, noise)
     source, of_source = scene_source(registered, of_registered, mistakes)

@@ -15,7 +15,7 @@ import numpy as np
 from polaropt.capture.capture import Capture
 from polaropt.capture.registration import measure_shifts
 from polaropt.capture.sharpness.blur import BlurFit, covariances
-from polaropt.capture.sharpness.restoration import restored
+from polaropt.capture.sharpness.restoration import FOR_LAYERS, FOR_SCENE, restored
 from polaropt.capture.sharpness.spectra import DetailSpectra, detail_spectra, polarized_axis
 from polaropt.capture.sharpness.transfer import Transfer
 from polaropt.numerics import middle_part
@@ -44,6 +44,8 @@ class Matching:
         In the place of the first photograph, and as sharp as the sharpest.
     transfer : Transfer
         What was undone.
+    of_scene : Capture
+        The same for the estimation of the scene: without what no photograph tells.
     noise : float or None
         Standard deviation of one photograph's noise, where blurs were undone: photographs that are filled in by each
         other say less of it than there is. None where they tell it themselves.
@@ -51,6 +53,7 @@ class Matching:
 
     capture: Capture
     transfer: Transfer
+    of_scene: Capture
     noise: float | None = None
 
 
@@ -81,8 +84,12 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     blurred = None if detail is None else _with_blurs(transfer, capture, detail)
     if detail is not None and blurred is not None:
         transfer, left = blurred
-        return Matching(restored(capture, transfer, detail), transfer, noise * math.sqrt(left))
-    return Matching(restored(capture, transfer), transfer) if moved.any() else None
+        made, of_scene = (restored(capture, transfer, detail, stiffness) for stiffness in (FOR_LAYERS, FOR_SCENE))
+        return Matching(made, transfer, of_scene, noise * math.sqrt(left))
+    if not moved.any():
+        return None
+    made = restored(capture, transfer)
+    return Matching(made, transfer, made)
 
 
 def _with_blurs(transfer: Transfer, capture: Capture, detail: DetailSpectra) -> tuple[Transfer, float] | None:

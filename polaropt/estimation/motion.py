@@ -99,6 +99,10 @@ class StillPhotographs:
     noise: float
     growth: NoiseModel
 
+    def seen(self, capture: Capture) -> Capture:
+        """Other photographs of the same scene without what moves."""
+        return capture if self.moving is None else without_moving(capture, self.moving)
+
     def with_noise(self, noise: float) -> StillPhotographs:
         """The same where another level of the noise is known, which grows with the light as it was measured to."""
         more = noise / self.noise

@@ -171,6 +171,9 @@ def _reach(field: Field, scene: SceneParameters) -> _Reach:
     if field.name == "focal_px":
         focal = scene.focal_px or 0.0
         return _Reach(focal, 1.0, focal / 2)
+    if field.name == "absorption":
+        # Glass does not brighten what is seen through it.
+        return _Reach(largest, 1.0, min(largest, scene.absorption or 0.0))
     return _Reach(largest, 1.0, largest)
 
 

@@ -75,6 +75,14 @@ def test_errors_beyond_what_a_pane_can_have_stay_within_its_range(incidence_deg)
         assert doubt.above.ghost_shift - doubt.below.ghost_shift < 20
 
 
+def test_glass_whose_tint_is_hardly_known_does_not_brighten_what_is_behind_it():
+    # It ended with an error: an absorption of -0.25.
+    scene = SceneParameters(50.0, 20.0, 3.0, absorption=0.1)
+    moved = {doubt.number: doubt for doubt in doubts(scene, SceneErrors(absorption=0.35))}
+    assert moved["absorption"].below.absorption == pytest.approx(0)
+    assert moved["absorption"].above.absorption == pytest.approx(0.2)
+
+
 def test_each_number_of_a_bend_is_in_doubt_and_ghosts_are_left_out():
     example = blend(60, 48)
     scene = example.scene.replace(bend_deg_per_px=(0.02, 0.0, 0.01))

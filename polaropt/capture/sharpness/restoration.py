@@ -29,11 +29,17 @@ _TILE_PX, _PAD_PX = 512, 16
 _POLARIZED = 0.3
 """Standard deviation of the detail of polarized light, as a share of all light's, that is assumed where photographs
 tell too little of it: behind glass; set by hand."""
-_LEAST_KNOWN = 0.03
-"""Share of what sharp photographs tell that this assumption counts at most; set by hand."""
+FOR_LAYERS, FOR_SCENE = 0.1, 1.0
+"""Weights of the scene's spectrum. With all of it what photographs do not tell is left out, as noise that light and
+polarized light share passes for double images; with less of it layers keep detail and their solve deals with the noise.
+By trial."""
+_MOST_NOISE = 10.0
+"""Variance of the noise, over that of a photograph, up to which one that others tell is better than none; by hand."""
 
 
-def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None = None) -> Capture:
+def restored(
+    capture: Capture, transfer: Transfer, detail: DetailSpectra | None = None, stiffness: float = FOR_LAYERS
+) -> Capture:
     """The photographs with their shifts and blurs undone.
 
     Parameters
@@ -43,20 +49,23 @@ def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None 
     transfer : Transfer
     detail : DetailSpectra, optional
         The scene's spectrum and the noise; needed where a photograph is blurred.
+    stiffness : float
+        Weight of the scene's spectrum at frequencies that a photograph has lost: `FOR_LAYERS` or `FOR_SCENE`.
 
     Returns
     -------
     Capture
-        Pixels that touch one that is not valid are not valid, nor are those beyond a photograph's edge, nor at the
-        frame's edges those of a photograph into which a blur brought what lies beyond.
+        Pixels that touch one that is not valid are not valid, nor are those beyond a photograph's edge.
     """
     k, (height, width) = len(capture.angles_deg), capture.shape[-2:]
     images = capture.intensities.reshape(k, -1, height, width)
-    operator = cache(partial(_operator, transfer=transfer, detail=detail, angles_deg=capture.angles_deg))
-    # What blurs brought in over the edges would be spread over all photographs: there each is moved by itself.
+    of_angles = partial(_operator, angles_deg=capture.angles_deg)
+    operator = cache(partial(of_angles, transfer=transfer, detail=detail, stiffness=stiffness))
+    # What blurs brought in over the edges would be spread over all photographs: there sharp ones are moved by
+    # themselves, and tell the others.
     rim = _rim(transfer, (height, width)) if transfer.blurred else np.zeros((height, width), dtype=bool)
     shifts = Transfer(transfer.shifts_px, np.zeros_like(transfer.blurs_px2))
-    alone = cache(partial(_operator, transfer=shifts, detail=None, angles_deg=capture.angles_deg))
+    alone = cache(partial(of_angles, transfer=shifts, detail=None, stiffness=stiffness))
     made = np.empty_like(images)
     for top in range(0, height, _TILE_PX):
         for left in range(0, width, _TILE_PX):
@@ -65,10 +74,32 @@ def restored(capture: Capture, transfer: Transfer, detail: DetailSpectra | None 
             tile, shape = images[:, :, rows[:, None], columns], (rows.size, columns.size)
             made[:, :, *part] = _applied(operator(shape), tile)
             if rim[part].any():
-                np.copyto(made[:, :, *part], _applied(alone(shape), tile), where=rim[part])
+                by_sharp = np.einsum(
+                    "kl,lcyx->kcyx", _of_sharp(transfer, capture.angles_deg), _applied(alone(shape), tile)
+                )
+                np.copyto(made[:, :, *part], by_sharp, where=rim[part])
     np.clip(made, min(0.9 * MOST_NEGATIVE, float(images.min())), max(1.0, float(images.max())), out=made)
     valid = _untouched(capture, transfer)
     return capture.replace(intensities=made.reshape(capture.intensities.shape), valid=valid)
+
+
+def _of_sharp(transfer: Transfer, angles_deg: tuple[float, ...]) -> NDArray[np.float32]:
+    """What makes photographs (k) of sharp ones alone, in place, (k, k); where these do not tell one, it stays."""
+    made = np.eye(len(angles_deg))
+    blurred = transfer.blurs_px2.any(axis=(1, 2))
+    of_pane = _of_pane(transfer, angles_deg)
+    told = of_pane @ np.linalg.pinv(of_pane[~blurred])
+    for k in np.flatnonzero(blurred & (np.square(told).sum(axis=1) < _MOST_NOISE)):
+        made[k] = 0
+        made[k, ~blurred] = told[k]
+    return made.astype(np.float32)
+
+
+def _of_pane(transfer: Transfer, angles_deg: tuple[float, ...]) -> Floats:
+    """Photographs of the light and of what of it is polarized along the pane's direction, (k, 2)."""
+    matrix, double = analyzer_matrix(angles_deg), math.radians(2 * (transfer.azimuth_deg or 0.0))
+    along = matrix[:, 1] * math.cos(double) + matrix[:, 2] * math.sin(double)
+    return np.stack([matrix[:, 0], along], axis=1)
 
 
 def _mirrored(start: int, length: int) -> Indices:
@@ -88,7 +119,11 @@ def _applied(operator: Spectrum, tile: Images) -> Images:
 
 
 def _operator(
-    shape: tuple[int, int], transfer: Transfer, detail: DetailSpectra | None, angles_deg: tuple[float, ...]
+    shape: tuple[int, int],
+    transfer: Transfer,
+    detail: DetailSpectra | None,
+    angles_deg: tuple[float, ...],
+    stiffness: float,
 ) -> Spectrum:
     """What makes spectra of ideal photographs of those of a tile, (k, k, h, w)."""
     rows, columns = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]).astype(np.float64)
@@ -98,14 +133,14 @@ def _operator(
         # Shifts alone: each photograph by itself.
         identity: Any = np.eye(len(seen))[:, :, None, None]
         return np.asarray(identity * turned, dtype=np.complex64)
-    matrix, double = analyzer_matrix(angles_deg), math.radians(2 * transfer.azimuth_deg)
-    of_pane = np.stack([matrix[:, 0], matrix[:, 1] * math.cos(double) + matrix[:, 2] * math.sin(double)], axis=1)
+    of_pane = _of_pane(transfer, angles_deg)
     share = np.square(np.abs(seen))
     known = np.einsum("ka,kyx,kb->yxab", of_pane, share, of_pane)
     light = _light(rows, columns, detail, int(np.argmin(transfer.blurs_px)))
-    assumed = np.minimum(1 / (_POLARIZED**2 * light), _LEAST_KNOWN * float(np.square(of_pane[:, 1]).sum()))
     # Nothing is assumed where all photographs are sharp.
-    known[..., 1, 1] += assumed * (1 - share.min(axis=0))
+    lost = stiffness * (1 - share.min(axis=0)) / light
+    known[..., 0, 0] += lost
+    known[..., 1, 1] += lost / _POLARIZED**2
     told = np.einsum("yxab,kb,kyx->yxak", np.linalg.inv(known), of_pane, seen.conj())
     # What a pane does not explain stays as it is, so that it can be seen, and noise be measured.
     beside = np.eye(len(seen)) - of_pane @ np.linalg.pinv(of_pane)
@@ -132,11 +167,8 @@ def _untouched(capture: Capture, transfer: Transfer) -> Mask:
     reach = _reach(transfer)
     square = np.ones((1,) * (valid.ndim - 3) + (2 * reach + 1,) * 2, dtype=bool)
     kept = np.stack([one if one.all() else binary_erosion(one, square, border_value=1) for one in valid])
-    rim = _rim(transfer, valid.shape[-2:])
-    for one, shift, blur in zip(kept, transfer.shifts_px, transfer.blurs_px2, strict=True):
+    for one, shift in zip(kept, transfer.shifts_px, strict=True):
         one &= _within(shift, valid.shape[-2:])
-        if blur.any():
-            one &= ~rim
     return kept
 
 
