@@ -606,6 +606,9 @@ def _case_of(
     if asked.ghost_shift is None and of_cells.things is None:
         edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
         found = with_likelier_side(found, source, edges)
+    if matching is not None:
+        # The scene's own photographs are of no use any more, and much memory.
+        matching = replace(matching, of_scene=matching.capture)
     return Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found, matching=matching)
 
 

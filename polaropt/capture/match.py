@@ -28,6 +28,8 @@ strong noise, had a shift of three. By trial."""
 _MOST_PX = 5.0
 """Distance between two photographs up to which they are moved without being asked to, in the frame as it is: what one
 of them does not show at the edges is not valid in it. Set by hand."""
+_MOST_BLUR_PX = 5.0
+"""Widest blur that is undone: tiles are restored with 16 pixels around them. Set by hand."""
 _MOST_BESIDE = 0.2
 """Polarized light beside one line, as a share of that on it, up to which the scene is one of a flat pane; by trial."""
 _BETTER = 0.7
@@ -45,7 +47,7 @@ class Matching:
     transfer : Transfer
         What was undone.
     of_scene : Capture
-        The same for the estimation of the scene: without what no photograph tells.
+        The same for the estimation of the scene: without what no photograph tells. Of a result the same as `capture`.
     noise : float or None
         Standard deviation of one photograph's noise, where blurs were undone: photographs that are filled in by each
         other say less of it than there is. None where they tell it themselves.
@@ -102,6 +104,7 @@ def _with_blurs(transfer: Transfer, capture: Capture, detail: DetailSpectra) -> 
         return None
     in_place = detail.values / transfer.at(detail.rows, detail.columns)[:, None]
     blurs, before, after = BlurFit(dataclasses.replace(detail, values=in_place), azimuth).found()
-    if after > _BETTER * before:
+    blurred = Transfer(transfer.shifts_px, covariances(blurs), azimuth)
+    if after > _BETTER * before or max(blurred.blurs_px) > _MOST_BLUR_PX:
         return None
-    return Transfer(transfer.shifts_px, covariances(blurs), azimuth), after
+    return blurred, after
