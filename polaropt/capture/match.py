@@ -15,7 +15,7 @@ import numpy as np
 from polaropt.capture.capture import Capture
 from polaropt.capture.registration import measure_shifts
 from polaropt.capture.sharpness.blur import BlurFit, covariances
-from polaropt.capture.sharpness.restoration import FOR_LAYERS, FOR_SCENE, restored
+from polaropt.capture.sharpness.restoration import FOR_SCENE, restored
 from polaropt.capture.sharpness.spectra import DetailSpectra, detail_spectra, polarized_axis
 from polaropt.capture.sharpness.transfer import Transfer
 from polaropt.numerics import middle_part
@@ -47,7 +47,8 @@ class Matching:
     transfer : Transfer
         What was undone.
     of_scene : Capture
-        The same for the estimation of the scene: without what no photograph tells. Of a result the same as `capture`.
+        The same for the estimation of the scene: without what no photograph tells, and with noise like that of others.
+        Of a result the same as `capture`.
     noise : float or None
         Standard deviation of one photograph's noise, where blurs were undone: photographs that are filled in by each
         other say less of it than there is. None where they tell it themselves.
@@ -86,8 +87,9 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     blurred = None if detail is None else _with_blurs(transfer, capture, detail)
     if detail is not None and blurred is not None:
         transfer, left = blurred
-        made, of_scene = (restored(capture, transfer, detail, stiffness) for stiffness in (FOR_LAYERS, FOR_SCENE))
-        return Matching(made, transfer, of_scene, noise * math.sqrt(left))
+        noise *= math.sqrt(left)
+        of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
+        return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
     if not moved.any():
         return None
     made = restored(capture, transfer)

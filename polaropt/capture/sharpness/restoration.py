@@ -29,16 +29,23 @@ _TILE_PX, _PAD_PX = 512, 16
 _POLARIZED = 0.3
 """Standard deviation of the detail of polarized light, as a share of all light's, that is assumed where photographs
 tell too little of it: behind glass; set by hand."""
-FOR_LAYERS, FOR_SCENE = 0.1, 1.0
-"""Weights of the scene's spectrum. With all of it what photographs do not tell is left out, as noise that light and
-polarized light share passes for double images; with less of it layers keep detail and their solve deals with the noise.
-By trial."""
+_STIFFNESS = 0.1
+"""Weight of what is assumed of the scene at frequencies that a photograph has lost; by trial."""
+FOR_LAYERS, FOR_SCENE = 0.0, 10.0
+"""Where such frequencies fade, in powers of light over noise: layers keep them, their solve deals with the noise, but
+noise that light and polarized light share passes for double images. By trial."""
+_SEED = 2026
+"""Of the noise that is filled up."""
 _MOST_NOISE = 10.0
 """Variance of the noise, over that of a photograph, up to which one that others tell is better than none; by hand."""
 
 
 def restored(
-    capture: Capture, transfer: Transfer, detail: DetailSpectra | None = None, stiffness: float = FOR_LAYERS
+    capture: Capture,
+    transfer: Transfer,
+    detail: DetailSpectra | None = None,
+    fade: float = FOR_LAYERS,
+    noise: float = 0.0,
 ) -> Capture:
     """The photographs with their shifts and blurs undone.
 
@@ -49,8 +56,12 @@ def restored(
     transfer : Transfer
     detail : DetailSpectra, optional
         The scene's spectrum and the noise; needed where a photograph is blurred.
-    stiffness : float
-        Weight of the scene's spectrum at frequencies that a photograph has lost: `FOR_LAYERS` or `FOR_SCENE`.
+    fade : float
+        Power of the light, over the noise's, at which half of a frequency that a photograph has lost is kept:
+        `FOR_LAYERS` or `FOR_SCENE`.
+    noise : float
+        Standard deviation of one photograph's noise, where what has become less of it is to be filled up by chance, so
+        that it is the same at all frequencies and in each photograph its own. 0: it is left as it is.
 
     Returns
     -------
@@ -60,19 +71,22 @@ def restored(
     k, (height, width) = len(capture.angles_deg), capture.shape[-2:]
     images = capture.intensities.reshape(k, -1, height, width)
     of_angles = partial(_operator, angles_deg=capture.angles_deg)
-    operator = cache(partial(of_angles, transfer=transfer, detail=detail, stiffness=stiffness))
+    operator = cache(partial(of_angles, transfer=transfer, detail=detail, fade=fade))
     # What blurs brought in over the edges would be spread over all photographs: there sharp ones are moved by
     # themselves, and tell the others.
     rim = _rim(transfer, (height, width)) if transfer.blurred else np.zeros((height, width), dtype=bool)
     shifts = Transfer(transfer.shifts_px, np.zeros_like(transfer.blurs_px2))
-    alone = cache(partial(of_angles, transfer=shifts, detail=None, stiffness=stiffness))
-    made = np.empty_like(images)
+    alone = cache(partial(of_angles, transfer=shifts, detail=None, fade=fade))
+    made, random = np.empty_like(images), np.random.default_rng(_SEED)
     for top in range(0, height, _TILE_PX):
         for left in range(0, width, _TILE_PX):
             rows, columns = _mirrored(top, height), _mirrored(left, width)
             part = np.s_[top : top + _TILE_PX, left : left + _TILE_PX]
             tile, shape = images[:, :, rows[:, None], columns], (rows.size, columns.size)
             made[:, :, *part] = _applied(operator(shape), tile)
+            if noise:
+                chance = noise * random.standard_normal(tile.shape, dtype=np.float32)
+                made[:, :, *part] += _applied(_missing_noise(operator(shape)), chance)
             if rim[part].any():
                 by_sharp = np.einsum(
                     "kl,lcyx->kcyx", _of_sharp(transfer, capture.angles_deg), _applied(alone(shape), tile)
@@ -123,7 +137,7 @@ def _operator(
     transfer: Transfer,
     detail: DetailSpectra | None,
     angles_deg: tuple[float, ...],
-    stiffness: float,
+    fade: float,
 ) -> Spectrum:
     """What makes spectra of ideal photographs of those of a tile, (k, k, h, w)."""
     rows, columns = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]).astype(np.float64)
@@ -138,7 +152,7 @@ def _operator(
     known = np.einsum("ka,kyx,kb->yxab", of_pane, share, of_pane)
     light = _light(rows, columns, detail, int(np.argmin(transfer.blurs_px)))
     # Nothing is assumed where all photographs are sharp.
-    lost = stiffness * (1 - share.min(axis=0)) / light
+    lost = _STIFFNESS * (1 - share.min(axis=0)) / light
     known[..., 0, 0] += lost
     known[..., 1, 1] += lost / _POLARIZED**2
     told = np.einsum("yxab,kb,kyx->yxak", np.linalg.inv(known), of_pane, seen.conj())
@@ -147,7 +161,16 @@ def _operator(
     explained = np.einsum("kyx,ka,yxal->klyx", seen, of_pane, told)
     unexplained = np.eye(len(seen))[:, :, None, None] - explained
     made = np.einsum("ka,yxal->klyx", of_pane, told) + np.einsum("km,myx,mlyx->klyx", beside, turned, unexplained)
-    return np.asarray(made, dtype=np.complex64)
+    # Light and polarized light fade together, or the pane would look another.
+    fading = 1 / (1 + fade * (1 - share.min(axis=0)) / light)
+    return np.asarray(fading * made, dtype=np.complex64)
+
+
+def _missing_noise(operator: Spectrum) -> Spectrum:
+    """What makes of white noise that of which an operator leaves too little, (k, k, h, w)."""
+    left = np.square(np.abs(operator)).sum(axis=1)
+    each: Any = np.eye(len(operator))[:, :, None, None]
+    return np.asarray(each * np.sqrt(np.maximum(1 - left, 0)), dtype=np.complex64)
 
 
 def _light(rows: Floats, columns: Floats, detail: DetailSpectra, sharpest: int) -> Floats:
