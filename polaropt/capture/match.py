@@ -34,6 +34,9 @@ _MOST_BESIDE = 0.2
 """Polarized light beside one line, as a share of that on it, up to which the scene is one of a flat pane; by trial."""
 _BETTER = 0.7
 """Part of what photographs leave unexplained that is left at most where blurs are the reason; by trial."""
+_MOST_LEFT = 1.5
+"""The same in units of the noise as it is measured, of which blurs make more than there is: where more is left, the
+reason is another one. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,6 @@ def _with_blurs(transfer: Transfer, capture: Capture, detail: DetailSpectra) -> 
     in_place = detail.values / transfer.at(detail.rows, detail.columns)[:, None]
     blurs, before, after = BlurFit(dataclasses.replace(detail, values=in_place), azimuth).found()
     blurred = Transfer(transfer.shifts_px, covariances(blurs), azimuth)
-    if after > _BETTER * before or max(blurred.blurs_px) > _MOST_BLUR_PX:
+    if after > min(_BETTER * before, _MOST_LEFT) or max(blurred.blurs_px) > _MOST_BLUR_PX:
         return None
     return blurred, after

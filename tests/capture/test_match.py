@@ -134,6 +134,14 @@ def test_light_that_is_polarized_by_itself_is_taken_for_no_blur():
     assert match_photographs(taken(scene=scene)[0], NOISE) is None
 
 
+def test_what_no_blur_explains_is_taken_for_none():
+    # The negative of a part of one photograph: all others seemed blurred by several pixels.
+    capture = taken()[0]
+    photographs = capture.intensities.copy()
+    photographs[1, :, 30:60, 20:80] = 1 - photographs[1, :, 30:60, 20:80]
+    assert match_photographs(capture.replace(intensities=photographs), NOISE) is None
+
+
 def test_three_photographs_and_small_ones_tell_no_blur():
     assert match_photographs(taken(np.zeros((3, 2)), np.array([0.0, 0.8, 0.0]), n=3)[0], NOISE) is None
     small = taken(blurs=np.array([0.0, 0.8, 0.0, 0.0]))[0].part(slice(48), slice(48))
