@@ -485,6 +485,11 @@ class Capture:
         return None if self.origin is None else self.origin.camera
 
     @property
+    def of_mosaic(self) -> bool:
+        """Whether the files that it was read from are a mosaic's, which takes all photographs at once."""
+        return self.origin is not None and "mosaic" in self.origin.layout
+
+    @property
     def low_passed(self) -> bool:
         """Whether a mosaic's samples were filtered to make the photographs."""
         return self.origin is not None and self.origin.low_passed

@@ -267,7 +267,7 @@ def visible_shift(capture: Capture, least_px: float = _VISIBLE_PX) -> float:
     a hint of the size. `polaropt.capture.registration.measure_shifts` measures. The cells of a mosaic do not move
     against each other: 0.
     """
-    if capture.origin is not None and "mosaic" in capture.origin.layout:
+    if capture.of_mosaic:
         return 0.0
     block = 2 if min(capture.shape[-2:]) >= 1.5 * _LOOKED_AT_PX else 1
     rows, columns = middle_part(capture.shape, block * _LOOKED_AT_PX)
@@ -397,7 +397,7 @@ def identity_ratio(capture: Capture) -> float:
 
 def _measured_shift(capture: Capture) -> float:
     """The same by the slower but sharper look."""
-    if capture.origin is not None and "mosaic" in capture.origin.layout:
+    if capture.of_mosaic:
         return 0.0
     shifts = measure_shifts(capture)
     return shifts.largest if shifts.certain and shifts.largest > _BLIND_PX else 0.0

@@ -34,7 +34,7 @@ def uneven_gains(capture: Capture) -> tuple[tuple[float, float], ...]:
         Angle in degrees, and brightness relative to what the others tell; empty where nothing is wrong.
     """
     pairs = orthogonal_pairs(capture.angles_deg)
-    if pairs is None or (capture.origin is not None and "mosaic" in capture.origin.layout):
+    if pairs is None or capture.of_mosaic:
         return ()
     blocks = checked_blocks(capture)
     bright = blocks.mean(axis=0)

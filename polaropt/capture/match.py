@@ -78,9 +78,8 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
         None where nothing is to be done, and of mosaics, which take all at once. Three photographs do not tell which of
         them is less sharp.
     """
-    mosaic = capture.origin is not None and "mosaic" in capture.origin.layout
     count = len(capture.angles_deg)
-    if capture.cells is not None or mosaic:
+    if capture.cells is not None or capture.of_mosaic:
         return None
     shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
     believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX

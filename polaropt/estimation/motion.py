@@ -133,8 +133,7 @@ def still_photographs(capture: Capture) -> StillPhotographs:
 
 def motion_shows(capture: Capture) -> bool:
     """Whether it would show if something moved: a closure, and photographs taken one after the other."""
-    mosaic = capture.origin is not None and "mosaic" in capture.origin.layout
-    return len(capture.angles_deg) > 3 and capture.cells is None and not mosaic
+    return len(capture.angles_deg) > 3 and capture.cells is None and not capture.of_mosaic
 
 
 def moving_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask | None:

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.sharpness.spectra import DetailSpectra
-from polaropt.optics import analyzer_matrix
+from polaropt.capture.sharpness.transfer import pane_matrix
 
 Floats = NDArray[np.float64]
+Curve = tuple[float, Floats, Floats]
+"""Mean square of what is left in units of the noise, half its gradient, and its Gauss-Newton matrix."""
 
 _GAIN = 0.15
 """Share of the misfit that a photograph's blur must explain to be believed: noise explains less than 0.5 %, and where
@@ -41,10 +43,7 @@ class BlurFit:
     """
 
     def __init__(self, detail: DetailSpectra, azimuth_deg: float) -> None:
-        matrix = analyzer_matrix(detail.angles_deg)
-        double = np.radians(2 * azimuth_deg)
-        of_pane = np.stack([matrix[:, 0], matrix[:, 1] * np.cos(double) + matrix[:, 2] * np.sin(double)], axis=1)
-        self._empty = np.linalg.svd(of_pane)[0][:, 2:].T
+        self._empty = np.linalg.svd(pane_matrix(detail.angles_deg, azimuth_deg))[0][:, 2:].T
         self._values = detail.values
         rows, columns = detail.rows, detail.columns
         self._slopes = -2 * np.pi**2 * np.stack([rows**2, 2 * rows * columns, columns**2])
@@ -62,25 +61,22 @@ class BlurFit:
         count = len(self._values)
         blurs: Floats = np.zeros((count, 3))
         blurred: list[int] = []
-        misfit = before = self.misfit(blurs)
+        here = self._least_squares(blurs)
+        misfit = before = here[0]
         while len(blurred) < count - 1:
-            tried = [(self._fitted(blurs, [*blurred, k]), k) for k in range(count) if k not in blurred]
-            able = [((value, k), fitted) for (fitted, value), k in tried if fitted[k, 0] + fitted[k, 2] > 0]
+            tried = [(self._fitted(blurs, here, [*blurred, k]), k) for k in range(count) if k not in blurred]
+            able = [((there[0], k), fitted, there) for (fitted, there), k in tried if fitted[k, 0] + fitted[k, 2] > 0]
             if not able:
                 break
-            (value, k), fitted = min(able, key=lambda one: one[0])
+            (value, k), fitted, there = min(able, key=lambda one: one[0])
             if value > misfit * (1 - _GAIN):
                 break
-            blurs, misfit = fitted, value
+            blurs, here, misfit = fitted, there, value
             blurred.append(k)
         return blurs, before, misfit
 
-    def misfit(self, blurs: Floats) -> float:
-        """Mean square of what is left in both combinations, in units of the noise."""
-        return self._least_squares(blurs)[0]
-
-    def _least_squares(self, blurs: Floats) -> tuple[float, Floats, Floats]:
-        """The misfit, half its gradient and its Gauss-Newton matrix, of all blurs (3k) in one row."""
+    def _least_squares(self, blurs: Floats) -> Curve:
+        """What is left in both combinations, as a function of all blurs (3k) in one row."""
         count = len(blurs)
         exponents = np.clip(blurs @ self._slopes, -_MOST_EXPONENT, _MOST_EXPONENT)
         sharper = np.exp(-exponents)
@@ -100,29 +96,28 @@ class BlurFit:
         values = self._values[0].size * len(self._empty)
         return total / values, gradient / values, matrix / values
 
-    def _fitted(self, start: Floats, blurred: Sequence[int]) -> tuple[Floats, float]:
-        """Blurs of some photographs, the others as sharp as each other, and the misfit that they leave."""
+    def _fitted(self, start: Floats, at_start: Curve, blurred: Sequence[int]) -> tuple[Floats, Curve]:
+        """Blurs of some photographs, those of the others as at the start, and what is left with them."""
         free = np.concatenate([np.arange(3 * k, 3 * k + 3) for k in blurred])
-        blurs, slack = start, _SLACK
-        misfit, gradient, matrix = self._least_squares(blurs)
+        blurs, here, slack = start, at_start, _SLACK
         for _ in range(_MOST_STEPS):
+            misfit, gradient, matrix = here
             inner = matrix[np.ix_(free, free)]
             damped = inner + np.diag(slack * np.diag(inner) + 1e-12)
             step = np.zeros(blurs.size)
             step[free] = np.clip(np.linalg.solve(damped, -gradient[free]), -_LONGEST_PX2, _LONGEST_PX2)
             further = blurs + step.reshape(blurs.shape)
-            value, *curve = self._least_squares(further)
-            if value < misfit:
-                ends = misfit - value < _ENDS * misfit
-                blurs, misfit, (gradient, matrix) = further, value, curve
+            there = self._least_squares(further)
+            if there[0] < misfit:
+                blurs, here = further, there
                 slack /= _LOOSER
-                if ends:
+                if misfit - there[0] < _ENDS * misfit:
                     break
             else:
                 slack *= _TIGHTER
                 if slack > _MOST_SLACK:
                     break
-        return blurs, misfit
+        return blurs, here
 
 
 def covariances(blurs: Floats) -> Floats:

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.capture.sharpness.spectra import RINGS, DetailSpectra
-from polaropt.capture.sharpness.transfer import Floats, Spectrum, Transfer
+from polaropt.capture.sharpness.spectra import DetailSpectra, ring_of
+from polaropt.capture.sharpness.transfer import Floats, Spectrum, Transfer, pane_matrix
 from polaropt.capture.validity import MOST_NEGATIVE
-from polaropt.optics import analyzer_matrix
 
 Images = NDArray[np.float32]
 Indices = NDArray[np.intp]
@@ -101,19 +100,12 @@ def _of_sharp(transfer: Transfer, angles_deg: tuple[float, ...]) -> NDArray[np.f
     """What makes photographs (k) of sharp ones alone, in place, (k, k); where these do not tell one, it stays."""
     made = np.eye(len(angles_deg))
     blurred = transfer.blurs_px2.any(axis=(1, 2))
-    of_pane = _of_pane(transfer, angles_deg)
+    of_pane = pane_matrix(angles_deg, transfer.azimuth_deg or 0.0)
     told = of_pane @ np.linalg.pinv(of_pane[~blurred])
     for k in np.flatnonzero(blurred & (np.square(told).sum(axis=1) < _MOST_NOISE)):
         made[k] = 0
         made[k, ~blurred] = told[k]
     return made.astype(np.float32)
-
-
-def _of_pane(transfer: Transfer, angles_deg: tuple[float, ...]) -> Floats:
-    """Photographs of the light and of what of it is polarized along the pane's direction, (k, 2)."""
-    matrix, double = analyzer_matrix(angles_deg), math.radians(2 * (transfer.azimuth_deg or 0.0))
-    along = matrix[:, 1] * math.cos(double) + matrix[:, 2] * math.sin(double)
-    return np.stack([matrix[:, 0], along], axis=1)
 
 
 def _mirrored(start: int, length: int) -> Indices:
@@ -147,7 +139,7 @@ def _operator(
         # Shifts alone: each photograph by itself.
         identity: Any = np.eye(len(seen))[:, :, None, None]
         return np.asarray(identity * turned, dtype=np.complex64)
-    of_pane = _of_pane(transfer, angles_deg)
+    of_pane = pane_matrix(angles_deg, transfer.azimuth_deg)
     share = np.square(np.abs(seen))
     known = np.einsum("ka,kyx,kb->yxab", of_pane, share, of_pane)
     light = _light(rows, columns, detail, int(np.argmin(transfer.blurs_px)))
@@ -175,8 +167,7 @@ def _missing_noise(operator: Spectrum) -> Spectrum:
 
 def _light(rows: Floats, columns: Floats, detail: DetailSpectra, sharpest: int) -> Floats:
     """Power of the light (twice a photograph's amplitude) at frequencies, in units of a photograph's noise."""
-    ring = np.minimum((np.hypot(rows, columns) * 2 * RINGS).astype(int), RINGS - 1)
-    return np.asarray(4 * np.maximum(detail.power[sharpest] - 1, 1e-3)[ring])
+    return np.asarray(4 * np.maximum(detail.power[sharpest] - 1, 1e-3)[ring_of(rows, columns)])
 
 
 def _untouched(capture: Capture, transfer: Transfer) -> Mask:

@@ -12,7 +12,7 @@ from polaropt.capture.capture import Capture
 from polaropt.numerics import block_mean, fill_gaps, whole_blocks
 from polaropt.optics import analyzer_matrix
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 Spectrum = NDArray[np.complexfloating[Any, Any]]
 
 _SIDE_PX, _MOST_WINDOWS, _LEAST_PX = 256, 3, 64
@@ -70,7 +70,7 @@ def detail_spectra(capture: Capture, noise: float) -> DetailSpectra | None:
     rows, columns = np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)
     radius = np.hypot(rows, columns)
     told = (radius > _COARSEST_PERIODS / side) & (radius < _FINEST) & (columns > 0)
-    ring = np.minimum((radius * 2 * RINGS).astype(int), RINGS - 1)
+    ring = ring_of(rows, columns)
     members = np.bincount(ring.ravel(), minlength=RINGS)
     spectra, details, power = [], [], np.zeros((len(capture.angles_deg), RINGS))
     places = [(top, left) for top in _starts(height, side) for left in _starts(width, side)]
@@ -93,6 +93,11 @@ def detail_spectra(capture: Capture, noise: float) -> DetailSpectra | None:
     return DetailSpectra(
         repeated[chosen], across[chosen], values, capture.angles_deg, power / len(places), noise
     )  # fmt: skip
+
+
+def ring_of(rows: Floats, columns: Floats) -> NDArray[np.intp]:
+    """Ring of each frequency, in periods per pixel; those beyond half a period count to the last."""
+    return np.minimum((np.hypot(rows, columns) * 2 * RINGS).astype(np.intp), RINGS - 1)
 
 
 def polarized_axis(capture: Capture, block: int = 16) -> tuple[float, float]:

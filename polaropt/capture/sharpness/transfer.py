@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.optics import analyzer_matrix
+
 Floats = NDArray[np.floating[Any]]
 Spectrum = NDArray[np.complexfloating[Any, Any]]
+
+
+def pane_matrix(angles_deg: Sequence[float], azimuth_deg: float) -> Floats:
+    """Photographs of the light and of what of it is polarized along an azimuth, (k, 2): all that a pane shows.
+
+    Parameters
+    ----------
+    angles_deg : sequence of k floats
+    azimuth_deg : float
+    """
+    matrix, double = analyzer_matrix(angles_deg), np.radians(2 * azimuth_deg)
+    return np.stack([matrix[:, 0], matrix[:, 1] * np.cos(double) + matrix[:, 2] * np.sin(double)], axis=1)
 
 
 @dataclass(frozen=True)
