@@ -137,6 +137,7 @@ def separate(
     progress: Progress | None = None,
     index_known: bool = False,
     match_photographs: bool = True,
+    leave_out_unglazed: bool = True,
 ) -> Separation:
     """Separate the transmitted from the reflected scene.
 
@@ -189,6 +190,9 @@ def separate(
         Photographs taken one after the other that lie up to five pixels beside each other are moved onto the first one,
         and of four and more those that are less sharp are made as sharp as the sharpest, before anything else;
         `Separation.matching` tells of it.
+    leave_out_unglazed : bool
+        Where the frame shows no glass, as window frames and walls do, it is left out when the scene is estimated and in
+        the solve; the transmission is the light there, the reflection nothing. `Separation.unglazed` tells where.
 
     Returns
     -------
@@ -238,6 +242,7 @@ def separate(
         start=start,
         index_known=index_known,
         match_photographs=match_photographs,
+        leave_out_unglazed=leave_out_unglazed,
     )
     if found.diagnostics.warnings:
         told = "; ".join(warning.value.rstrip(".") for warning in found.diagnostics.warnings)
@@ -442,6 +447,7 @@ def estimate(
     thickness_kind: Literal["paper", "plate"] = "paper",
     index_known: bool = False,
     match_photographs: bool = True,
+    leave_out_unglazed: bool = True,
     progress: Progress | None = None,
 ) -> LadderResult:
     """Estimate how the pane stands, without separating.
@@ -451,7 +457,8 @@ def estimate(
     capture : Capture
     scene : SceneParameters or path, optional
         As for `separate`. Default: a pane of glass of which nothing else is known.
-    refractive_index, single_surface, model, thickness_px, thickness_kind, index_known, match_photographs, progress
+    refractive_index, single_surface, model, thickness_px, thickness_kind, index_known, match_photographs,
+    leave_out_unglazed, progress
         As for `separate`.
 
     Returns
@@ -484,6 +491,7 @@ def estimate(
         thickness_kind=thickness_kind,
         index_known=index_known,
         match_photographs=match_photographs,
+        leave_out_unglazed=leave_out_unglazed,
         progress=progress,
     )
     return _FoundScene(**vars(case.found), asked=case.asked, from_thickness=thickness_px is not None)

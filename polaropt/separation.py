@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.beside_glass import errors_beside, layers_beside, parts_beside
 from polaropt.capture import Capture, Matching, match_photographs, planes_last, registered_noise
 from polaropt.errors import InputError
 from polaropt.estimation import (
@@ -28,7 +29,9 @@ from polaropt.estimation import (
     model_names,
     scene_source,
     still_photographs,
+    surely_unglazed,
     tiles_of_mosaic,
+    unglazed_pixels,
     with_incidence_checked,
     with_index,
     with_likelier_side,
@@ -46,7 +49,7 @@ from polaropt.judging import (
     uncertainty_without_polarization,
 )
 from polaropt.kernels import KERNELS
-from polaropt.numerics import MUCH_VALUES, arrays_apart
+from polaropt.numerics import MUCH_VALUES, arrays_apart, spread_blocks
 from polaropt.optics import GLASS_INDEX, PSE, SceneErrors, SceneParameters, VaryingPSE
 from polaropt.progress import COMPILING, Progress, Stages
 from polaropt.solving import (
@@ -81,6 +84,7 @@ _OF_SCENE = (
     "thickness_kind",
     "index_known",
     "match_photographs",
+    "leave_out_unglazed",
 )
 
 # Share by which the noise of a film may change before what was fitted to a frame is fitted anew: set by hand.
@@ -125,6 +129,9 @@ class Separation:
         those of one photograph, with the reflection around. None where nothing does, or nothing could tell.
     matching : Matching or None
         The photographs as they were separated, where they had to be moved onto each other or made equally sharp.
+    unglazed : ndarray of bool, shape (h, w), or None
+        Where the frame shows no glass, as far as its light tells: it was left out, the transmission is the light there,
+        and the reflection nothing. None where no such place was found.
     parts : callable
         Makes `components`.
     judge : callable
@@ -145,6 +152,7 @@ class Separation:
     cpu_seconds: dict[str, float]
     moving: NDArray[np.bool_] | None = field(repr=False)
     matching: Matching | None = field(repr=False)
+    unglazed: NDArray[np.bool_] | None = field(repr=False)
     parts: Callable[[], Iterator[ComponentStrip]] = field(repr=False)
     judge: Callable[..., Iterator[UncertaintyStrip]] = field(repr=False)
 
@@ -222,6 +230,7 @@ def separate(
     progress: Progress | None = None,
     index_known: bool = False,
     match_photographs: bool = True,
+    leave_out_unglazed: bool = True,
 ) -> Separation:
     """`polaropt.separate`, which adds what shows the result; the scene is given as parameters, never as a file."""
     settings = Settings(
@@ -232,6 +241,7 @@ def separate(
         keep_start=keep_start,
         robust=robust,
         match_photographs=match_photographs,
+        leave_out_unglazed=leave_out_unglazed,
         weights=weights,
         stopping=stopping,
         thickness_px=thickness_px,
@@ -304,7 +314,7 @@ def separate_at_once(
 def _problem(case: Case) -> Problem:
     """A capture whose scene is known, to be solved in one piece."""
     still, settings = case.still, case.settings
-    scene, capture = case.found.scene, case.without_motion()
+    scene, capture = case.found.scene, case.of_pane()
     return Problem(capture, scene, still.noise, settings.weights, settings.robust, growth=still.growth)
 
 
@@ -327,6 +337,7 @@ def scene_case(
     thickness_kind: Literal["paper", "plate"] = "paper",
     index_known: bool = False,
     match_photographs: bool = True,
+    leave_out_unglazed: bool = True,
     progress: Progress | None = None,
 ) -> Case:
     """A capture with all that `separate` finds before it solves.
@@ -335,7 +346,7 @@ def scene_case(
     ----------
     capture, scene, refractive_index, single_surface, model, thickness_px, thickness_kind, index_known
         As of `separate`.
-    match_photographs, progress
+    match_photographs, leave_out_unglazed, progress
         As of `separate`.
 
     Returns
@@ -347,6 +358,7 @@ def scene_case(
         thickness_px=thickness_px,
         thickness_kind=thickness_kind,
         match_photographs=match_photographs,
+        leave_out_unglazed=leave_out_unglazed,
     )
     _check(settings)
     asked = scene or _blind(refractive_index, single_surface)
@@ -531,7 +543,7 @@ def _solved(
     """A capture whose scene is known, solved and judged."""
     capture, still, scene = case.capture, case.still, case.found.scene
     solution = solve(
-        case.without_motion(),
+        case.of_pane(),
         scene,
         still.noise,
         case.settings,
@@ -558,9 +570,12 @@ def _case_of(
         still = still if matching.noise is None else still.with_noise(matching.noise)
     noise, mistakes = still.noise, still.mistakes
     # A scene is estimated from the cells of a mosaic, in their pixels.
-    registered, scale = (still.capture if matching is None else still.seen(matching.of_scene)).registered, capture.scale
+    of_scene, scale = still.capture if matching is None else still.seen(matching.of_scene), capture.scale
     stages.begin("Estimating the scene", 0.02)
     of_registered = registered_noise(capture, noise)
+    unglazed = _unglazed(of_scene, still, of_registered) if settings.leave_out_unglazed else None
+    of_scene = of_scene if unglazed is None else of_scene.left_out(unglazed)
+    registered = of_scene.registered
     source, of_source = scene_source(registered, of_registered, mistakes)
     thickness_px = None if settings.thickness_px is None else settings.thickness_px / scale
     kind = settings.thickness_kind
@@ -568,7 +583,7 @@ def _case_of(
     stages.advance(_INDEX_KNOWN)
     checked = with_incidence_checked(source, fit.scene, of_source)
     stages.advance(_INCIDENCE_CHECKED)
-    mosaic = None if checked.scene.complete else tiles_of_mosaic(still.capture, noise)
+    mosaic = None if checked.scene.complete else tiles_of_mosaic(of_scene, noise)
     find = partial(
         find_scene,
         noise=of_source,
@@ -579,7 +594,7 @@ def _case_of(
     )
     in_whole = partial(
         in_full,
-        capture=still.capture,
+        capture=of_scene,
         asked=asked,
         noise=noise,
         model=settings.model,
@@ -609,7 +624,26 @@ def _case_of(
     if matching is not None:
         # The scene's own photographs are of no use any more, and much memory.
         matching = replace(matching, of_scene=matching.capture)
-    return Case(capture, still, asked, settings, checked.doubtful, fit.coated, index, found, matching=matching)
+    unglazed = None if unglazed is None else surely_unglazed(unglazed, found.scene)
+    return Case(
+        capture,
+        still,
+        asked,
+        settings,
+        checked.doubtful,
+        fit.coated,
+        index,
+        found,
+        matching=matching,
+        unglazed=unglazed,
+    )
+
+
+def _unglazed(capture: Capture, still: StillPhotographs, of_registered: float) -> NDArray[np.bool_] | None:
+    """Pixels (h, w) that show no glass, of a capture whose registered photographs have so much noise."""
+    growth = still.growth.scaled(of_registered / still.noise)
+    found = unglazed_pixels(capture.registered, of_registered, growth)
+    return None if found is None else spread_blocks(found, capture.scale, capture.shape[-2:])
 
 
 def _matched(capture: Capture, still: StillPhotographs) -> Matching | None:
@@ -637,16 +671,19 @@ class Case:
     found: LadderResult
     given_errors: SceneErrors | None = None
     matching: Matching | None = None
+    unglazed: NDArray[np.bool_] | None = None
 
     @property
     def unpolarized(self) -> bool:
         """Whether a scene was looked for and nothing is polarized."""
         return self.found.estimate is not None and not self.found.scene.signal
 
-    def without_motion(self) -> Capture:
-        """The capture as it is solved: what moves is filled."""
-        moving = self.still.moving
-        return self.capture if moving is None else inpainted(self.capture, moving, self.found.scene, self.still.noise)
+    def of_pane(self) -> Capture:
+        """The capture as it is solved: what moves is filled, and what shows no glass left out."""
+        capture, moving = self.capture, self.still.moving
+        if moving is not None:
+            capture = inpainted(capture, moving, self.found.scene, self.still.noise)
+        return capture if self.unglazed is None else capture.left_out(self.unglazed)
 
     @property
     def errors(self) -> SceneErrors:
@@ -686,8 +723,24 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         before=judged,
     )
     stages.end()
+    layers = solution.layers
+    parts = partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color)
+    judge: Callable[..., Iterator[UncertaintyStrip]] = partial(
+        estimate_uncertainty,
+        capture,
+        solution.layers,
+        noise,
+        solution.pieces,
+        still.growth,
+        of_scene=case.near_errors,
+        rivals=rivals,
+    )
+    if case.unglazed is not None:
+        layers = layers_beside(layers, case.capture, case.unglazed)
+        parts = partial(parts_beside, parts, case.unglazed)
+        judge = partial(errors_beside, judge, case.unglazed, noise, capture)
     return Separation(
-        layers=solution.layers if capture.color else solution.layers[:, 0],
+        layers=layers if capture.color else layers[:, 0],
         scene=found.scene,
         errors=case.errors,
         tried=found.tried,
@@ -701,17 +754,9 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         cpu_seconds=stages.cpu_seconds,
         moving=still.moving,
         matching=case.matching,
-        parts=partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color),
-        judge=partial(
-            estimate_uncertainty,
-            capture,
-            solution.layers,
-            noise,
-            solution.pieces,
-            still.growth,
-            of_scene=case.near_errors,
-            rivals=rivals,
-        ),
+        unglazed=case.unglazed,
+        parts=parts,
+        judge=judge,
     )
 
 
@@ -752,6 +797,7 @@ def _unseparated(case: Case, stages: Stages) -> Separation:
         cpu_seconds=stages.cpu_seconds,
         moving=still.moving,
         matching=case.matching,
+        unglazed=None,
         parts=partial(_halves, capture),
         judge=partial(uncertainty_without_polarization, capture, noise),
     )

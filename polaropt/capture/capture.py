@@ -30,7 +30,9 @@ from polaropt.numerics import (
     AnyMask,
     BitMask,
     block_mean,
+    block_shares,
     count_true,
+    fill_gaps,
     strips,
     whole_blocks,
 )
@@ -231,6 +233,10 @@ class RawSamples:
         corner = (rows.start or 0, columns.start or 0)
         return RawSamples(self.values[rows, columns], self.valid[rows, columns], self.sampling.moved(*corner))
 
+    def left_out(self, where: NDArray[np.bool_]) -> RawSamples:
+        """The same, of which some (h, w) are not valid."""
+        return replace(self, valid=self.valid & ~where)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RegisteredCells:
@@ -268,9 +274,18 @@ class RegisteredCells:
         """The same cells with what `change` makes of their capture."""
         return replace(self, make=partial(_changed_cells, self, change))
 
+    def left_out(self, where: NDArray[np.bool_]) -> RegisteredCells:
+        """The same without the pixels (h, w) of the sensor, and the cells that hold some."""
+        return replace(self, make=partial(_cells_left_out, self, where))
+
 
 def _changed_cells(cells: RegisteredCells, change: Callable[[Capture], Capture]) -> tuple[Capture, RawSamples]:
     return change(cells.capture), cells.samples
+
+
+def _cells_left_out(cells: RegisteredCells, where: NDArray[np.bool_]) -> tuple[Capture, RawSamples]:
+    of_cells = block_shares(where[None], cells.scale)[0] > 0
+    return cells.capture.left_out(of_cells), cells.samples.left_out(where)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -544,6 +559,18 @@ class Capture:
         height = self.shape[-2]
         for rows in strips(height, self.intensities.size // height, multiple):
             yield rows, stokes_from_intensities(self.intensities[..., rows, :], self.angles_deg)[0]
+
+    def left_out(self, where: NDArray[np.bool_]) -> Capture:
+        """The same without some pixels (h, w): they are not valid, and their photographs hold what lies around them.
+
+        Of a mosaic their samples and cells are left out, too.
+        """
+        planes = self.intensities.reshape(len(self.angles_deg), -1, *self.shape[-2:])
+        kept = np.broadcast_to(~where, (planes.shape[1], *where.shape))
+        around = fill_gaps(planes, kept).reshape(self.intensities.shape)
+        samples = None if self.samples is None else self.samples.left_out(where)
+        cells = None if self.cells is None else self.cells.left_out(where)
+        return self._with(intensities=around, mask=self.valid & ~where, samples=samples, cells=cells)
 
     def part(self, rows: slice, columns: slice) -> Capture:
         """A part of the frame, which need not be a capture that makes sense by itself (all clipped, all black)."""

@@ -323,6 +323,10 @@ class NoiseModel:
     read: float
     shot: float = 0.0
 
+    def scaled(self, factor: float) -> NoiseModel:
+        """That of values whose noise is so many times as large."""
+        return NoiseModel(factor * self.read, factor**2 * self.shot)
+
     def variance(self, intensity: NDArray[np.float32]) -> NDArray[np.float32]:
         """Variance at each intensity; below black as at black."""
         light = np.maximum(intensity, np.float32(0))

@@ -81,6 +81,8 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         matching_sentences,
         motion_attention,
         scene_report,
+        unglazed_sentences,
+        unglazed_share,
     )
 
     pane.scene()  # its checks, before anything is read
@@ -99,6 +101,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
             thickness_kind=pane.thickness_kind,
             index_known=pane.index is not None,
             match_photographs=ladder.match,
+            leave_out_unglazed=ladder.unglazed,
             progress=stages.part(0.3, 1.0),
         )
     found, scene = case.found, case.asked
@@ -107,10 +110,13 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         [*cell_order_attention(photographs), *motion_attention(case.still.moving_share)],
     )
     matching = None if case.matching is None else matching_report(case.matching.transfer)
+    share = unglazed_share(case.unglazed)
     if output.json:
         polarized = found.estimate is None or found.estimate.polarized
         basis = {"errors": json_values(found.errors), "rungs": json_values(found.tried), "polarized": polarized}
-        say_json({"matching": matching, **scene_report(found.scene, scene, hint), **basis, "attention": doubts})
+        beside = {"matching": matching, "unglazed_share": share}
+        say_json({**beside, **scene_report(found.scene, scene, hint), **basis, "attention": doubts})
         return
     sentences = estimate_sentences(found, scene, hint, from_thickness=pane.thickness_px is not None)
-    say(*capture.preparation(photographs), *matching_sentences(matching), *sentences, *marked(doubts))
+    left_out = (*matching_sentences(matching), *unglazed_sentences(share))
+    say(*capture.preparation(photographs), *left_out, *sentences, *marked(doubts))

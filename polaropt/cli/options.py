@@ -262,6 +262,15 @@ class LadderOptions:
             rich_help_panel=_FILES,
         ),
     ] = True
+    unglazed: Annotated[
+        bool,
+        typer.Option(
+            metavar="",
+            help="Places that show no glass, such as window frames and walls, are looked for and left out, and it is "
+            "said.",
+            rich_help_panel=_PANE,
+        ),
+    ] = True
 
     def check(self) -> None:
         """InputError where there is no such model."""

@@ -184,8 +184,9 @@ def separate_command(
     Writes into the folder: transmission.tiff and reflection.tiff (linear, 32-bit floating point), transmission.png and
     reflection.png (to look at: sRGB, each with the exposure that report.json tells), how well they are known
     (transmission_error.tiff, reflection_error.tiff, reflection_known.tiff, uncertainty.png), report.json and
-    report.html (all of it as a page, for a browser); moving.png, where something moves between the photographs. Files
-    of other names stay. A run that fails or is interrupted leaves the folder as it was.
+    report.html (all of it as a page, for a browser); moving.png, where something moves between the photographs, and
+    unglazed.png, where no glass is seen. Files of other names stay. A run that fails or is interrupted leaves the
+    folder as it was.
     """
     from polaropt.capture import result_folder
     from polaropt.reporting import RESULT_FILES
@@ -239,6 +240,7 @@ def separating(pane: PaneOptions, ladder: LadderOptions, solving: SolveOptions) 
         "device": solving.device,
         "index_known": pane.index is not None,
         "match_photographs": ladder.match,
+        "leave_out_unglazed": ladder.unglazed,
     }
     ladder.check()
     solving.check_names()

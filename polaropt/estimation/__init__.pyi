@@ -21,11 +21,12 @@ __all__ = [
     "moving_pixels",
     "scene_source",
     "still_photographs",
+    "surely_unglazed",
     "tiles_of_mosaic",
+    "unglazed_pixels",
     "with_incidence_checked",
     "with_index",
     "with_likelier_side",
-    "without_moving",
 ]
 
 from .angles import AngleMistake as AngleMistake
@@ -47,7 +48,6 @@ from .motion import StillPhotographs as StillPhotographs
 from .motion import motion_shows as motion_shows
 from .motion import moving_pixels as moving_pixels
 from .motion import still_photographs as still_photographs
-from .motion import without_moving as without_moving
 from .refractive_index import IndexFit as IndexFit
 from .refractive_index import clear_pane as clear_pane
 from .refractive_index import likelier_index as likelier_index
@@ -55,3 +55,5 @@ from .refractive_index import with_index as with_index
 from .safeguard import left_alone as left_alone
 from .safeguard import scene_source as scene_source
 from .safeguard import with_incidence_checked as with_incidence_checked
+from .unglazed import surely_unglazed as surely_unglazed
+from .unglazed import unglazed_pixels as unglazed_pixels

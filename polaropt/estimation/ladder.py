@@ -25,7 +25,6 @@ from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_ti
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
 from polaropt.estimation.flat.samples.tiles import REACH_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
-from polaropt.estimation.motion import without_moving
 from polaropt.estimation.polarized_things import PolarizedThings, polarized_things
 from polaropt.estimation.refractive_index import IndexFit, with_index
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
@@ -224,7 +223,7 @@ def _completed(
         return found
     # What is filled in, and the low pass of cells, pass for far double images.
     near = asked.replace(ghost_shift=0.0) if asked.ghost_shift is None and capture.low_passed else asked
-    beside, _ = of_photographs(without_moving(capture, things.where), asked=near, climbs=False)
+    beside, _ = of_photographs(capture.left_out(things.where), asked=near, climbs=False)
     taken = _likelier_beside(found, beside, things)
     if taken is found or asked.ghost_shift is not None:
         return taken

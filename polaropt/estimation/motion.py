@@ -25,7 +25,7 @@ from polaropt.capture import (
     noise_of_blocks,
     redundancy_residual,
 )
-from polaropt.numerics import MAD_TO_SIGMA, block_mean, fill_gaps, spread_blocks, strips
+from polaropt.numerics import MAD_TO_SIGMA, block_mean, spread_blocks, strips
 from polaropt.optics import analyzer_matrix
 
 Images = NDArray[np.float32]
@@ -101,13 +101,11 @@ class StillPhotographs:
 
     def seen(self, capture: Capture) -> Capture:
         """Other photographs of the same scene without what moves."""
-        return capture if self.moving is None else without_moving(capture, self.moving)
+        return capture if self.moving is None else capture.left_out(self.moving)
 
     def with_noise(self, noise: float) -> StillPhotographs:
         """The same where another level of the noise is known, which grows with the light as it was measured to."""
-        more = noise / self.noise
-        growth = NoiseModel(more * self.growth.read, more**2 * self.growth.shot)
-        return replace(self, noise=noise, growth=growth)
+        return replace(self, noise=noise, growth=self.growth.scaled(noise / self.noise))
 
     @property
     def moving_share(self) -> float:
@@ -124,7 +122,7 @@ def still_photographs(capture: Capture) -> StillPhotographs:
     noise, growth = measured_noise(capture)
     moving = moving_pixels(capture, noise, growth)
     if moving is not None:
-        still = without_moving(capture, moving)
+        still = capture.left_out(moving)
         mistakes = find_mistakes(still)
         if mistakes == Mistakes():
             return StillPhotographs(still, moving, mistakes, *measured_noise(still))
@@ -150,20 +148,13 @@ def moving_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask | 
     moving: Mask | None = None
     for _ in range(_ROUNDS):
         if moving is not None:
-            noise, growth = measured_noise(without_moving(capture, moving))
+            noise, growth = measured_noise(capture.left_out(moving))
         closure = _Closure.of(capture, noise, growth, moving)
         found = None if closure is None else _regions(closure)
         if found is None or not found.any() or found.mean() > _MOST_MOVING:
             return None
         moving = spread_blocks(found, _BLOCK, capture.shape[-2:])
     return moving
-
-
-def without_moving(capture: Capture, moving: Mask) -> Capture:
-    """The same photographs, in which what moves is not valid and holds what lies around it."""
-    still = np.broadcast_to(~moving, (len(_planes(capture)[0]), *moving.shape))
-    around = fill_gaps(_planes(capture), still).reshape(capture.intensities.shape)
-    return capture.replace(intensities=around, valid=capture.valid & ~moving)
 
 
 def _planes(capture: Capture) -> Images:

@@ -35,6 +35,8 @@ __all__ = [
     "start_sentence",
     "thumbnail_strip",
     "time_sentence",
+    "unglazed_sentences",
+    "unglazed_share",
     "viewing_exposure",
     "write_separation",
 ]
@@ -62,6 +64,7 @@ from .pictures import viewing_exposure as viewing_exposure
 from .report import json_values as json_values
 from .report import matching_report as matching_report
 from .report import scene_report as scene_report
+from .report import unglazed_share as unglazed_share
 from .words import alignment_sentence as alignment_sentence
 from .words import capture_findings as capture_findings
 from .words import cell_order_attention as cell_order_attention
@@ -77,3 +80,4 @@ from .words import report_sentences as report_sentences
 from .words import result_sentences as result_sentences
 from .words import start_sentence as start_sentence
 from .words import time_sentence as time_sentence
+from .words import unglazed_sentences as unglazed_sentences

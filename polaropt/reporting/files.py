@@ -33,8 +33,8 @@ from polaropt.reporting.pictures import (
     Image,
     UncertaintyPanels,
     UncertaintySummary,
+    marked_picture,
     misfit_map,
-    moving_picture,
     side_by_side,
     viewing_exposure,
 )
@@ -64,7 +64,7 @@ def write_separation(
     """Write the layers (TIFF linear, PNG to look at), their uncertainty, ``report.json`` and ``report.html``.
 
     Where the model does not explain the photographs, ``misfit.tiff`` and ``misfit.png`` show where; where something
-    moves between them, ``moving.png`` does.
+    moves between them, ``moving.png`` does; where no glass is seen, ``unglazed.png``.
 
     Parameters
     ----------
@@ -128,8 +128,11 @@ def _write_separation(
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
     misfit = misfit_map(result, solved) if unexplained and not layers_only else None
     if result.moving is not None and not layers_only:
-        picture = moving_picture(capture, result.moving)
+        picture = marked_picture(capture, result.moving)
         write_picture(folder / "moving.png", picture, note=_note("moving", result))
+    if result.unglazed is not None and not layers_only:
+        picture = marked_picture(capture, result.unglazed)
+        write_picture(folder / "unglazed.png", picture, note=_note("unglazed", result))
     misfit_told = None if misfit is None else _write_misfit(folder, misfit, _note("misfit", result))
     pictures = [] if layers_only else page_pictures(result, capture, exposures, errors, misfit)
     stages.end()

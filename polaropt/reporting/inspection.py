@@ -25,7 +25,7 @@ from polaropt.capture import (
     uneven_gains,
     visible_shift,
 )
-from polaropt.estimation import motion_shows, still_photographs, without_moving
+from polaropt.estimation import motion_shows, still_photographs
 from polaropt.numerics import quantization_step, strips, whole_blocks
 from polaropt.optics import stokes_from_intensities
 from polaropt.reporting.pictures import grey_strips
@@ -185,7 +185,7 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
     -------
     Inspection
     """
-    whole, photographs = capture, capture if moving is None else without_moving(capture, moving)
+    whole, photographs = capture, capture if moving is None else capture.left_out(moving)
     origin, capture = capture.origin, photographs.registered
     removed = 1.0 if origin is None else origin.pair_gain
     swapped = swapped_photographs(capture)

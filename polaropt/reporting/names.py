@@ -11,6 +11,7 @@ RESULT_FILES = (
     "misfit.tiff",
     "misfit.png",
     "moving.png",
+    "unglazed.png",
     "report.json",
     "report.html",
 )

@@ -26,7 +26,7 @@ from polaropt.reporting.pictures import (
     UncertaintyPanels,
     aolp_colors,
     dolp_colors,
-    moving_picture,
+    marked_picture,
     polarization_panels,
     reduced_intensity,
     viewing_exposure,
@@ -114,9 +114,11 @@ def page_pictures(
     """
     last = [] if misfit is None else [_misfit(misfit)]
     moving = [] if result.moving is None else [_moving(capture, result.moving)]
+    unglazed = [] if result.unglazed is None else [_unglazed(capture, result.unglazed)]
     return [
         *_layers(result, capture, exposures),
         *moving,
+        *unglazed,
         *([] if errors is None else _errors(errors)),
         *_polarization(capture),
         *last,
@@ -124,10 +126,17 @@ def page_pictures(
 
 
 def _moving(capture: Capture, moving: NDArray[np.bool_]) -> PagePicture:
-    pixels = moving_picture(capture, moving, _reduction(capture.shape))
+    pixels = marked_picture(capture, moving, _reduction(capture.shape))
     share = f"{100 * moving.mean():.2g} % of the picture"
     caption = f"In red, {share}: left out of the estimation, and shown as one photograph saw it."
     return _picture("moving", "What moves", caption, "What moves between the photographs, in red.", pixels)
+
+
+def _unglazed(capture: Capture, unglazed: NDArray[np.bool_]) -> PagePicture:
+    pixels = marked_picture(capture, unglazed, _reduction(capture.shape))
+    share = f"{100 * unglazed.mean():.2g} % of the picture"
+    caption = f"In red, {share}: left out of estimation and solve; the transmission is what is seen there."
+    return _picture("unglazed", "What shows no glass", caption, "Where the picture shows no glass, in red.", pixels)
 
 
 def _layers(result: Separation, capture: Capture, exposures: Mapping[str, float]) -> list[PagePicture]:

@@ -99,24 +99,24 @@ def misfit_map(result: Separation, capture: Capture) -> NDArray[np.float32]:
     return np.asarray(mean, dtype=np.float32)
 
 
-# Colour of what moves, and its share beside the photograph's own; set by hand.
-_MOVING, _MOVING_SHARE = (1.0, 0.3, 0.1), 0.6
+# Colour of what is marked, and its share beside the photograph's own; set by hand.
+_MARK, _MARK_SHARE = (1.0, 0.3, 0.1), 0.6
 
 
-def moving_picture(capture: Capture, moving: NDArray[np.bool_], block: int = 1) -> Picture:
-    """The light of all polarizations in grey, and in red what moves between the photographs, (h, w, 3).
+def marked_picture(capture: Capture, marked: NDArray[np.bool_], block: int = 1) -> Picture:
+    """The light of all polarizations in grey, and in red what is marked, such as what moves, (h, w, 3).
 
     Parameters
     ----------
     capture : Capture
-    moving : ndarray of bool, shape (h, w)
+    marked : ndarray of bool, shape (h, w)
     block : int
         Side in pixels of the blocks over which means are taken.
     """
     light = grey_means(capture, block).mean(axis=0)
     grey = encode_srgb(light / max(float(np.quantile(light, _WHITE_QUANTILE)), _LEAST_WHITE))[..., None]
-    share = np.float32(_MOVING_SHARE) * block_mean(moving.astype(np.float32), block)[..., None]
-    colors = (1 - share) * grey + share * np.array(_MOVING, dtype=np.float32)
+    share = np.float32(_MARK_SHARE) * block_mean(marked.astype(np.float32), block)[..., None]
+    colors = (1 - share) * grey + share * np.array(_MARK, dtype=np.float32)
     return np.round(255 * colors).astype(np.uint8)
 
 

@@ -14,6 +14,9 @@ import polaropt
 from polaropt.optics import FIELDS, Field, SceneParameters
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from polaropt.capture import Capture, Transfer
     from polaropt.separation import Separation
     from polaropt.solving import Term
@@ -23,7 +26,7 @@ if TYPE_CHECKING:
 _LIBRARIES = ("numpy", "scipy", "numba", "nlopt", "casadi", "torch")
 # Arrays of more entries are pictures, which stand in files of their own.
 _LONGEST_ARRAY = 16
-_SECONDS_DIGITS = 4
+_SECONDS_DIGITS, _SHARE_DIGITS = 4, 4
 
 
 def separation_report(result: Separation, capture: Capture, given: SceneParameters) -> dict[str, Any]:
@@ -46,6 +49,7 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
     return {
         "input": capture_report(capture),
         "matching": None if result.matching is None else matching_report(result.matching.transfer),
+        "unglazed_share": unglazed_share(result.unglazed),
         **scene_report(result.scene, given, capture.focal_px),
         "errors": json_values(result.errors),
         "n_bounces_kept": result.n_bounces,
@@ -110,6 +114,11 @@ def capture_report(capture: Capture) -> dict[str, Any]:
 def matching_report(transfer: Transfer) -> dict[str, Any]:
     """How far each photograph lay beside the first, and how much less sharp than the sharpest it was, in pixels."""
     return {"shifts_px": json_values(transfer.shifts_px), "blurs_px": json_values(transfer.blurs_px)}
+
+
+def unglazed_share(unglazed: NDArray[np.bool_] | None) -> float:
+    """Share of the frame that shows no glass, as far as that was found."""
+    return 0.0 if unglazed is None else round(float(unglazed.mean()), _SHARE_DIGITS)
 
 
 def solver_report(solver: SolverResult) -> dict[str, Any]:

@@ -503,6 +503,9 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
     if share and "moving.png" in report["written"]:
         moved = f"in red what moves between the photographs, {100 * share:.2g} % of the picture"
         lines.append(f"  moving.png                          {moved}")
+    if report["unglazed_share"] and "unglazed.png" in report["written"]:
+        share = f"{100 * report['unglazed_share']:.2g} % of the picture"
+        lines.append(f"  unglazed.png                        in red what shows no glass, {share}")
     lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
     if "report.html" in report["written"]:
         lines.append("  report.html                         the result as a page, with pictures and warnings")
@@ -510,9 +513,10 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
 
 
 def result_sentences(report: dict[str, Any]) -> list[str]:
-    """How the photographs were made to agree, the pane, the solve and the time that all took, of ``report.json``."""
+    """How photographs were made to agree, what was left out, pane, solve and the time of all, of ``report.json``."""
     return [
         *matching_sentences(report["matching"]),
+        *unglazed_sentences(report["unglazed_share"]),
         pane_sentence(report),
         f"Solver: {solver_sentence(report['solver'])}",
         time_sentence(report["seconds"]),
@@ -566,6 +570,13 @@ def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
         listed = ", ".join(f"{number} (a Gaussian of {blur:.2f} px)" for number, blur in blurs)
         told.append(f"made as sharp as the sharpest, which these were not: {listed}")
     return [f"The photographs were {' and '.join(told)}."] if told else []
+
+
+def unglazed_sentences(share: float) -> list[str]:
+    """That a share of the frame shows no glass; nothing where none does."""
+    if not share:
+        return []
+    return [f"{100 * share:.2g} % of the picture show no glass, and were left out: what is there is seen directly."]
 
 
 def motion_sentences(report: dict[str, Any]) -> list[str]:

@@ -155,6 +155,8 @@ class Settings:
     robust : bool
     match_photographs : bool
         Whether photographs that lie a little beside each other, or are not equally sharp, are made to agree.
+    leave_out_unglazed : bool
+        Whether places that show no glass are looked for, and left out.
     weights : Weights
     stopping : StoppingRule
     thickness_px : float or None
@@ -169,6 +171,7 @@ class Settings:
     keep_start: float = 0.0
     robust: bool = False
     match_photographs: bool = True
+    leave_out_unglazed: bool = True
     weights: Weights = field(default_factory=Weights)
     stopping: StoppingRule = field(default_factory=StoppingRule)
     thickness_px: float | None = None

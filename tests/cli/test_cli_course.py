@@ -100,7 +100,7 @@ def test_other_commands_tell_how_far_they_are(photographs: list[str], tmp_path: 
 def test_a_run_leaves_nothing_of_the_one_before(photographs: list[str], tmp_path: Path) -> None:
     tmp_path.joinpath("mine.txt").write_text("mine")
     assert main(["separate", *photographs, *PANE, "-o", str(tmp_path), *QUICK]) == 0
-    for stale in ("misfit.tiff", "misfit.png", "moving.png"):
+    for stale in ("misfit.tiff", "misfit.png", "moving.png", "unglazed.png"):
         tmp_path.joinpath(stale).write_bytes(b"of an earlier capture")
     assert main(["separate", *photographs, *PANE, "-o", str(tmp_path), *QUICK]) == 0
     assert {path.name for path in tmp_path.iterdir()} == RESULTS | {"mine.txt"}

@@ -273,7 +273,12 @@ def test_one_job_at_a_time_and_it_can_be_cancelled(running: Running, photographs
     assert running.ask("GET", f"{capture}results/transmission.tiff")[0] == 200
     for name in ("results/secret.txt", "results/..%2Flook.png", "0", "results/"):
         assert running.ask("GET", f"{capture}{name}")[0] == 404
-    assert {path.name for path in running.kept()} >= set(RESULT_FILES) - {"misfit.tiff", "misfit.png", "moving.png"}
+    assert {path.name for path in running.kept()} >= set(RESULT_FILES) - {
+        "misfit.tiff",
+        "misfit.png",
+        "moving.png",
+        "unglazed.png",
+    }
 
 
 @pytest.mark.parametrize(

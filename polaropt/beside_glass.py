@@ -1,0 +1,54 @@
+"""Layers, parts and errors where a frame shows no glass: the light is what is there, and nothing is mirrored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import Capture
+from polaropt.judging import Uncertainty, UncertaintyStrip
+from polaropt.optics import analyzer_matrix
+from polaropt.solving import ComponentStrip
+
+Images = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+def layers_beside(layers: Images, capture: Capture, unglazed: Mask) -> Images:
+    """Layers (2, channel, h, w) that are the light and nothing where `unglazed` (h, w)."""
+    layers = layers.copy()
+    layers[1][:, unglazed] = 0
+    for rows, light in capture.intensity_strips():
+        where = unglazed[rows]
+        layers[0][:, rows][:, where] = light.reshape(-1, *where.shape)[:, where]
+    return layers
+
+
+def parts_beside(parts_of: Callable[[], Iterator[ComponentStrip]], unglazed: Mask) -> Iterator[ComponentStrip]:
+    """Parts of the photographs, of which the first is all where `unglazed` (h, w)."""
+    for strip in parts_of():
+        parts, where = strip.components.copy(), unglazed[strip.rows]
+        parts[0][..., where] += parts[1][..., where]
+        parts[1][..., where] = 0
+        yield ComponentStrip(strip.rows, parts)
+
+
+def errors_beside(
+    judge: Callable[..., Iterator[UncertaintyStrip]],
+    unglazed: Mask,
+    noise: float,
+    capture: Capture,
+    tell: Callable[[float], None] | None = None,
+) -> Iterator[UncertaintyStrip]:
+    """Errors as `judge` makes them that are the light's noise and none where `unglazed` (h, w): no reflection is."""
+    of_light = noise * float(np.linalg.norm(np.linalg.pinv(analyzer_matrix(capture.angles_deg))[0]))
+    for strip in judge(tell=tell):
+        error, known = strip.uncertainty.standard_error.copy(), strip.uncertainty.reflection_known.copy()
+        where = unglazed[strip.rows]
+        error[0][..., where] = of_light
+        error[1][..., where] = 0
+        known[where] = 1
+        yield replace(strip, uncertainty=Uncertainty(error, known))
