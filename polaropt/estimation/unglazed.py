@@ -9,7 +9,7 @@ the two.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ _AROUND = 3
 """Blocks over which polarized light is averaged, and which a region is wide at least, an odd number; set by hand."""
 _LEAST_SHARE = 0.003
 """Error of a photograph's gain, as a share of the light, that is always allowed for; as where things are polarized."""
+_WEAK = 0.012
 _SURE = 3.0
 """Standard errors of a mean from which on light is polarized."""
 _MOST = 8.0
@@ -46,14 +47,14 @@ _DIM, _LEAST_SHOWN = 0.1, 0.5
 that so much would at least be in a region: a dark one tells nothing. Set by hand."""
 _OF_STEPS = 3.0
 """Variance of a step's square, in units of the square of its variance, with what neighbouring steps share."""
-_UNPOLARIZED, _ERRORS, _OTHERWISE = 0.005, 2.0, 4.0
+_UNPOLARIZED, _WEAKLY, _ERRORS, _OTHERWISE = 0.005, 0.014, 2.0, 4.0
 """Degree of polarization below which detail is hardly behind glass, where it has 0.005 at 12 degrees of incidence and
 more beyond; standard errors by which it must be so, and beyond which it is not. By trial."""
 _MOST_BETWEEN, _SLOWLY, _LEAST_BEYOND = 0.25, 0.5, 0.25
 """Share of what is polarized beyond a region's rim that may be so a little only, as where the layers hold the balance
 and polarized light grows slowly; the same where detail tells, too; and share of all beyond a rim that is clearly
 polarized at least. By trial: 0 to 0.25 and 0.5 to 1 around frames and walls, 0.3 to 1 and 0 to 0.6 in glass."""
-_LEAST_INCIDENCE_DEG = 22.0
+_LEAST_INCIDENCE_DEG = 26.0
 """Closer to normal incidence glass and none hardly differ. By trial on random windows."""
 
 
@@ -74,7 +75,10 @@ def unglazed_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask 
     unglazed = np.zeros(frame, dtype=np.bool_)
     for side in (least * scale for scale in _SCALES):
         if min(frame) >= side * _AROUND**2:
-            regions = _Blocks.of(stokes, side, growth, white, share).unglazed()
+            blocks = _Blocks.of(stokes, side, growth, white, share)
+            regions = blocks.unglazed()
+            weak = blocks.weakly_polarized()
+            regions = regions if weak is None else regions | weak.unglazed(weakly=True)
             unglazed |= spread_blocks(regions, side, frame)
     return unglazed if unglazed.any() else None
 
@@ -135,6 +139,29 @@ class _Blocks:
         variance = of_means * growth.variance((means[0] / 2).astype(np.float32)).astype(np.float64)
         return cls(means[0], means[1:], variance, share, stokes.shares(side).min(axis=0) > _SEEN)
 
+    def weakly_polarized(self) -> _Blocks | None:
+        """The same without the weak polarization that most blocks share, which gains and paint leave of none."""
+        light = self.light.mean(axis=0)
+        noise = np.sqrt(self.variance.mean(axis=0) / len(self.light)) / np.maximum(light, 1e-9)
+        degrees = self.polarized.mean(axis=1) / np.maximum(light, 1e-9)
+        told = self.seen & (noise < _WEAK / 3) & (np.abs(degrees).max(axis=0) < 1.5 * _WEAK)
+        if np.count_nonzero(told) < max(_FEWEST_BLOCKS, _LEAST_REGION * told.size):
+            return None
+        bins = np.linspace(-1.5 * _WEAK, 1.5 * _WEAK, 31)
+        counts, *_ = np.histogram2d(*degrees[:, told], bins=(bins, bins))
+        from scipy.ndimage import gaussian_filter
+
+        best = np.unravel_index(np.argmax(gaussian_filter(counts, 2.0, mode="constant")), counts.shape)
+        mode = np.array([(bins[i] + bins[i + 1]) / 2 for i in best])
+        for _ in range(3):
+            near = told & (np.hypot(*(degrees - mode[:, None, None])) < 2 * noise + 0.001)
+            if not near.any():
+                return None
+            mode = degrees[:, near].mean(axis=1)
+        if not self.share < np.hypot(*mode) < _WEAK:
+            return None
+        return replace(self, polarized=self.polarized - mode[:, None, None, None] * self.light)
+
     def part(self, place: Any) -> _Blocks:
         """Those of some rows and columns."""
         light, polarized, variance = (image[(..., *place)] for image in (self.light, self.polarized, self.variance))
@@ -150,8 +177,8 @@ class _Blocks:
         """Mean square of s1 and s2 in units of it, over the colours, (rows, columns)."""
         return np.asarray((np.square(self.polarized).mean(axis=0) / self.allowed).mean(axis=0))
 
-    def unglazed(self) -> Mask:
-        """Regions (rows, columns) that show no glass, with their rims."""
+    def unglazed(self, *, weakly: bool = False) -> Mask:
+        """Regions (rows, columns) that show no glass, with their rims; what is weakly polarized by its detail alone."""
         from scipy.ndimage import binary_dilation, binary_opening, find_objects, label, uniform_filter
 
         squares = self.squares
@@ -174,7 +201,7 @@ class _Blocks:
                 continue
             rim = binary_dilation(region, near)
             beyond = binary_dilation(rim, near) & ~rim & blocks.seen
-            if blocks.ends_at_once(region, beyond, glass[place], between[place]):
+            if blocks.ends_at_once(region, beyond, glass[place], between[place], weakly):
                 found[place] |= rim
         return found
 
@@ -194,19 +221,23 @@ class _Blocks:
         within_noise = left < _SURE * math.sqrt(1 / light.size) + _MOST_LEFT
         return bool(shown > _LEAST_SHOWN and within_gains and within_noise)
 
-    def ends_at_once(self, region: Mask, beyond: Mask, glass: Mask, between: Mask) -> bool:
+    def ends_at_once(self, region: Mask, beyond: Mask, glass: Mask, between: Mask, weakly: bool) -> bool:
         """Whether there is clearly polarized light beyond a region's rim, as no detail in it has."""
         from scipy.ndimage import binary_erosion
 
         n_glass, n_between = np.count_nonzero(beyond & glass), np.count_nonzero(beyond & between)
         if n_glass < _LEAST_BEYOND * np.count_nonzero(beyond):
             return False
+        slow = n_between / (n_glass + n_between)
         # Blocks at its border are partly glass.
         inside = binary_erosion(region, np.ones((_AROUND, _AROUND)), border_value=1)
         detail, error = self._polarized_detail(inside)
+        if weakly:
+            return bool(slow <= _MOST_BETWEEN and detail + _ERRORS * error < _WEAKLY**2)
         surely_none = abs(detail) + _ERRORS * error < _UNPOLARIZED**2
-        slow = n_between / (n_glass + n_between)
-        return slow <= _SLOWLY if surely_none else bool(slow <= _MOST_BETWEEN and detail <= _OTHERWISE * error)
+        if surely_none:
+            return bool(slow <= _SLOWLY)
+        return bool(slow <= _MOST_BETWEEN and detail <= _OTHERWISE * error)
 
     def _polarized_detail(self, region: Mask) -> tuple[float, float]:
         """Square of the degree of polarization of detail, steps from block to block, and its standard error."""
