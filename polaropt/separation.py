@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.beside_glass import errors_beside, layers_beside, parts_beside
 from polaropt.capture import Capture, Matching, match_photographs, planes_last, registered_noise
 from polaropt.errors import InputError
 from polaropt.estimation import (
@@ -36,7 +35,6 @@ from polaropt.estimation import (
     with_index,
     with_likelier_side,
 )
-from polaropt.inversion import Canvas
 from polaropt.judging import (
     Diagnostics,
     Uncertainty,
@@ -50,7 +48,8 @@ from polaropt.judging import (
 )
 from polaropt.kernels import KERNELS
 from polaropt.numerics import MUCH_VALUES, arrays_apart, spread_blocks
-from polaropt.optics import GLASS_INDEX, PSE, SceneErrors, SceneParameters, VaryingPSE
+from polaropt.optics import GLASS_INDEX, SceneErrors, SceneParameters
+from polaropt.parts import errors_beside, halves, layers_beside, parts_beside, solved_parts
 from polaropt.progress import COMPILING, Progress, Stages
 from polaropt.solving import (
     ComponentStrip,
@@ -62,7 +61,6 @@ from polaropt.solving import (
     Weights,
     check_device,
     check_start,
-    component_strips,
     edges_of_layers,
     inpainted,
     solve,
@@ -723,8 +721,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         before=judged,
     )
     stages.end()
-    layers = solution.layers
-    parts = partial(_components, solution.pse, solution.canvas, solution.canvas_layers, capture.color)
+    layers, parts = solution.layers, partial(solved_parts, solution, capture.color)
     judge: Callable[..., Iterator[UncertaintyStrip]] = partial(
         estimate_uncertainty,
         capture,
@@ -798,17 +795,6 @@ def _unseparated(case: Case, stages: Stages) -> Separation:
         moving=still.moving,
         matching=case.matching,
         unglazed=None,
-        parts=partial(_halves, capture),
+        parts=partial(halves, capture),
         judge=partial(uncertainty_without_polarization, capture, noise),
     )
-
-
-def _components(pse: PSE | VaryingPSE, canvas: Canvas, layers: Images, color: bool) -> Iterator[ComponentStrip]:
-    for strip in component_strips(pse, canvas, layers):
-        yield strip if color else ComponentStrip(strip.rows, strip.components[:, :, 0])
-
-
-def _halves(capture: Capture) -> Iterator[ComponentStrip]:
-    for rows, intensity in capture.intensity_strips():
-        half = np.broadcast_to(intensity / 2, (len(capture.angles_deg), *intensity.shape))
-        yield ComponentStrip(rows, np.stack([half, np.zeros_like(half)]))

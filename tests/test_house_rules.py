@@ -29,7 +29,8 @@ _CAPTURES = {"errors", "numerics", "optics", "progress"}
 _INVERSION = _CAPTURES | {"capture"}
 _SOLVING = _INVERSION | {"inversion", "progress"}
 _JUDGING = _SOLVING | {"estimation", "solving"}
-_SEPARATION = _JUDGING | {"judging", "kernels"}
+_PARTS = _JUDGING | {"judging"}
+_SEPARATION = _PARTS | {"kernels", "parts"}
 BELOW = {
     "errors": set(),
     "progress": set(),
@@ -42,6 +43,7 @@ BELOW = {
     "estimation": _INVERSION | {"inversion"},
     "solving": _SOLVING,
     "judging": _JUDGING,
+    "parts": _PARTS,
     "separation": _SEPARATION,
     "reporting": _SEPARATION | {"separation"},
     "batch": _SEPARATION | {"separation", "reporting"},

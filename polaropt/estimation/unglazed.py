@@ -29,9 +29,14 @@ _AROUND = 3
 """Blocks over which polarized light is averaged, and which a region is wide at least, an odd number; set by hand."""
 _LEAST_SHARE = 0.003
 """Error of a photograph's gain, as a share of the light, that is always allowed for; as where things are polarized."""
-_WEAK = 0.012
 _SURE = 3.0
 """Standard errors of a mean from which on light is polarized."""
+_WEAK, _TOLD = 0.012, 0.004
+"""Degree of polarization that what shows no glass may have all over, and standard error of a block's that tells it:
+what is behind glass has more beyond 20 degrees of incidence, where nothing is mirrored. By trial."""
+_BIN, _BINS, _SMOOTH, _ROUNDS = 0.001, 36, 2.0, 3
+"""Width of the bins in which degrees are counted, how many, over how many counts are smoothed, and rounds of the mean
+about the fullest; set by hand."""
 _MOST = 8.0
 """Mean square, in units of its noise, that one block counts at most, so that edges stay where they are; set by hand."""
 _CLEARLY = 2.0
@@ -49,7 +54,8 @@ _OF_STEPS = 3.0
 """Variance of a step's square, in units of the square of its variance, with what neighbouring steps share."""
 _UNPOLARIZED, _WEAKLY, _ERRORS, _OTHERWISE = 0.005, 0.014, 2.0, 4.0
 """Degree of polarization below which detail is hardly behind glass, where it has 0.005 at 12 degrees of incidence and
-more beyond; standard errors by which it must be so, and beyond which it is not. By trial."""
+more beyond; the same of what is weakly polarized; standard errors by which it must be so, and beyond which it is not.
+By trial."""
 _MOST_BETWEEN, _SLOWLY, _LEAST_BEYOND = 0.25, 0.5, 0.25
 """Share of what is polarized beyond a region's rim that may be so a little only, as where the layers hold the balance
 and polarized light grows slowly; the same where detail tells, too; and share of all beyond a rim that is clearly
@@ -77,7 +83,7 @@ def unglazed_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask 
         if min(frame) >= side * _AROUND**2:
             blocks = _Blocks.of(stokes, side, growth, white, share)
             regions = blocks.unglazed()
-            weak = blocks.weakly_polarized()
+            weak = blocks.without_weak_polarization()
             regions = regions if weak is None else regions | weak.unglazed(weakly=True)
             unglazed |= spread_blocks(regions, side, frame)
     return unglazed if unglazed.any() else None
@@ -139,28 +145,31 @@ class _Blocks:
         variance = of_means * growth.variance((means[0] / 2).astype(np.float32)).astype(np.float64)
         return cls(means[0], means[1:], variance, share, stokes.shares(side).min(axis=0) > _SEEN)
 
-    def weakly_polarized(self) -> _Blocks | None:
-        """The same without the weak polarization that most blocks share, which gains and paint leave of none."""
-        light = self.light.mean(axis=0)
-        noise = np.sqrt(self.variance.mean(axis=0) / len(self.light)) / np.maximum(light, 1e-9)
-        degrees = self.polarized.mean(axis=1) / np.maximum(light, 1e-9)
-        told = self.seen & (noise < _WEAK / 3) & (np.abs(degrees).max(axis=0) < 1.5 * _WEAK)
-        if np.count_nonzero(told) < max(_FEWEST_BLOCKS, _LEAST_REGION * told.size):
-            return None
-        bins = np.linspace(-1.5 * _WEAK, 1.5 * _WEAK, 31)
-        counts, *_ = np.histogram2d(*degrees[:, told], bins=(bins, bins))
+    def without_weak_polarization(self) -> _Blocks | None:
+        """The same without the weak polarization that most of them share, as paint or wrong gains make it of none.
+
+        None where too few share any, or it is within what is allowed for gains.
+        """
         from scipy.ndimage import gaussian_filter
 
-        best = np.unravel_index(np.argmax(gaussian_filter(counts, 2.0, mode="constant")), counts.shape)
-        mode = np.array([(bins[i] + bins[i + 1]) / 2 for i in best])
-        for _ in range(3):
-            near = told & (np.hypot(*(degrees - mode[:, None, None])) < 2 * noise + 0.001)
+        light = np.maximum(self.light.mean(axis=0), 1e-9)
+        noise = np.sqrt(self.variance.mean(axis=0) / len(self.light)) / light
+        degrees = self.polarized.mean(axis=1) / light
+        edges = np.linspace(-_BINS / 2, _BINS / 2, _BINS + 1) * _BIN
+        told = self.seen & (noise < _TOLD) & (np.abs(degrees).max(axis=0) < edges[-1])
+        if np.count_nonzero(told) < max(_FEWEST_BLOCKS, _LEAST_REGION * told.size):
+            return None
+        counts = np.histogram2d(degrees[0][told], degrees[1][told], bins=[edges, edges])[0]
+        most = np.unravel_index(np.argmax(gaussian_filter(counts, _SMOOTH, mode="constant")), counts.shape)
+        shared = (edges[:-1] + _BIN / 2)[list(most)]
+        for _ in range(_ROUNDS):
+            near = told & (np.hypot(*(degrees - shared[:, None, None])) < _BIN + _ERRORS * noise)
             if not near.any():
                 return None
-            mode = degrees[:, near].mean(axis=1)
-        if not self.share < np.hypot(*mode) < _WEAK:
+            shared = degrees[:, near].mean(axis=1)
+        if not self.share < np.hypot(*shared) < _WEAK:
             return None
-        return replace(self, polarized=self.polarized - mode[:, None, None, None] * self.light)
+        return replace(self, polarized=self.polarized - shared[:, None, None, None] * self.light)
 
     def part(self, place: Any) -> _Blocks:
         """Those of some rows and columns."""

@@ -1,4 +1,7 @@
-"""Layers, parts and errors where a frame shows no glass: the light is what is there, and nothing is mirrored."""
+"""The parts of photographs, as they were solved and where nothing is separated: there is no glass, or it does not show.
+
+Where a frame shows no glass the transmission is the light, and nothing is mirrored.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,23 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture
 from polaropt.judging import Uncertainty, UncertaintyStrip
 from polaropt.optics import analyzer_matrix
-from polaropt.solving import ComponentStrip
+from polaropt.solving import ComponentStrip, Solution, component_strips
 
 Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+
+
+def solved_parts(solution: Solution, color: bool) -> Iterator[ComponentStrip]:
+    """Both parts of every photograph as a solve ended, of grey ones without a channel axis."""
+    for strip in component_strips(solution.pse, solution.canvas, solution.canvas_layers):
+        yield strip if color else ComponentStrip(strip.rows, strip.components[:, :, 0])
+
+
+def halves(capture: Capture) -> Iterator[ComponentStrip]:
+    """Those of a capture in which nothing is polarized: all is transmission."""
+    for rows, intensity in capture.intensity_strips():
+        half = np.broadcast_to(intensity / 2, (len(capture.angles_deg), *intensity.shape))
+        yield ComponentStrip(rows, np.stack([half, np.zeros_like(half)]))
 
 
 def layers_beside(layers: Images, capture: Capture, unglazed: Mask) -> Images:
