@@ -677,11 +677,14 @@ class Case:
         return self.found.estimate is not None and not self.found.scene.signal
 
     def of_pane(self) -> Capture:
-        """The capture as it is solved: what moves is filled, and what shows no glass left out."""
+        """The capture as it is solved: what moves is filled, and what shows no glass left out.
+
+        Not of a mosaic: what is filled in over large parts of its samples grows without bounds.
+        """
         capture, moving = self.capture, self.still.moving
         if moving is not None:
             capture = inpainted(capture, moving, self.found.scene, self.still.noise)
-        return capture if self.unglazed is None else capture.left_out(self.unglazed)
+        return capture if self.unglazed is None or capture.samples is not None else capture.left_out(self.unglazed)
 
     @property
     def errors(self) -> SceneErrors:

@@ -75,13 +75,14 @@ def unglazed_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask 
     """
     frame = capture.shape[-2:]
     least = max(_LEAST_PX, math.ceil(max(frame) / _MOST_BLOCKS))
-    stokes = stokes_images(capture, 1.0)
-    white = (noise_of_blocks(capture, noise) / noise) ** 2
+    stokes = stokes_images(capture, noise)
+    white = noise_of_blocks(capture, noise) / noise
     share = max(_LEAST_SHARE, closure_share(capture.intensities, capture.angles_deg, capture.mask))
     unglazed = np.zeros(frame, dtype=np.bool_)
     for side in (least * scale for scale in _SCALES):
         if min(frame) >= side * _AROUND**2:
-            blocks = _Blocks.of(stokes, side, growth, white, share)
+            of_blocks = max(white, stokes.block_noise(side)) / noise
+            blocks = _Blocks.of(stokes, side, growth, of_blocks, share)
             regions = blocks.unglazed()
             weak = blocks.without_weak_polarization()
             regions = regions if weak is None else regions | weak.unglazed(weakly=True)
@@ -124,6 +125,8 @@ class _Blocks:
         Of the noise of s1 and s2.
     share : float
         Of the light that wrong gains make polarized.
+    aliased : bool
+        Whether detail looks polarized, here and there, as a mosaic's does.
     seen : ndarray of bool, shape (rows, columns)
     """
 
@@ -131,19 +134,20 @@ class _Blocks:
     polarized: Values
     variance: Values
     share: float
+    aliased: bool
     seen: Mask
 
     @classmethod
-    def of(cls, stokes: StokesImages, side: int, growth: NoiseModel, white: float, share: float) -> _Blocks:
+    def of(cls, stokes: StokesImages, side: int, growth: NoiseModel, of_blocks: float, share: float) -> _Blocks:
         """Those of a side in pixels.
 
-        Stokes images have a covariance in units of a photograph's noise; variances of means over blocks are `white`
-        times those of white noise.
+        The noise of their means is `of_blocks` times what white noise of the Stokes images' covariance leaves, where a
+        photograph's is 1.
         """
         means = stokes.means(side).astype(np.float64)
-        of_means = white * float(np.trace(stokes.covariance[1:, 1:])) / 2 / side**2
+        of_means = of_blocks**2 * float(np.trace(stokes.covariance[1:, 1:])) / 2 / side**2
         variance = of_means * growth.variance((means[0] / 2).astype(np.float32)).astype(np.float64)
-        return cls(means[0], means[1:], variance, share, stokes.shares(side).min(axis=0) > _SEEN)
+        return cls(means[0], means[1:], variance, share, stokes.aliased, stokes.shares(side).min(axis=0) > _SEEN)
 
     def without_weak_polarization(self) -> _Blocks | None:
         """The same without the weak polarization that most of them share, as paint or wrong gains make it of none.
@@ -174,7 +178,7 @@ class _Blocks:
     def part(self, place: Any) -> _Blocks:
         """Those of some rows and columns."""
         light, polarized, variance = (image[(..., *place)] for image in (self.light, self.polarized, self.variance))
-        return _Blocks(light, polarized, variance, self.share, self.seen[place])
+        return replace(self, light=light, polarized=polarized, variance=variance, seen=self.seen[place])
 
     @property
     def allowed(self) -> Values:
@@ -238,6 +242,8 @@ class _Blocks:
         if n_glass < _LEAST_BEYOND * np.count_nonzero(beyond):
             return False
         slow = n_between / (n_glass + n_between)
+        if self.aliased:
+            return not weakly and bool(slow <= _MOST_BETWEEN)
         # Blocks at its border are partly glass.
         inside = binary_erosion(region, np.ones((_AROUND, _AROUND)), border_value=1)
         detail, error = self._polarized_detail(inside)
