@@ -43,11 +43,13 @@ def layers_beside(layers: Images, capture: Capture, unglazed: Mask) -> Images:
     return layers
 
 
-def parts_beside(parts_of: Callable[[], Iterator[ComponentStrip]], unglazed: Mask) -> Iterator[ComponentStrip]:
-    """Parts of the photographs, of which the first is all where `unglazed` (h, w)."""
+def parts_beside(
+    parts_of: Callable[[], Iterator[ComponentStrip]], capture: Capture, unglazed: Mask
+) -> Iterator[ComponentStrip]:
+    """Parts of the photographs, of which the first is the photograph where `unglazed` (h, w)."""
     for strip in parts_of():
         parts, where = strip.components.copy(), unglazed[strip.rows]
-        parts[0][..., where] += parts[1][..., where]
+        parts[0][..., where] = capture.intensities[..., strip.rows, :][..., where]
         parts[1][..., where] = 0
         yield ComponentStrip(strip.rows, parts)
 

@@ -737,7 +737,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
     )
     if case.unglazed is not None:
         layers = layers_beside(layers, case.capture, case.unglazed)
-        parts = partial(parts_beside, parts, case.unglazed)
+        parts = partial(parts_beside, parts, case.capture, case.unglazed)
         judge = partial(errors_beside, judge, case.unglazed, noise, capture)
     return Separation(
         layers=layers if capture.color else layers[:, 0],

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, NoiseModel, StokesImages, closure_share, noise_of_blocks, stokes_images
-from polaropt.numerics import spread_blocks
+from polaropt.capture import Capture, NoiseModel, closure_share, noise_of_blocks, stokes_images
+from polaropt.numerics import block_mean, spread_blocks
 from polaropt.optics import SceneParameters, pixel_grid, scene_angles
 
+Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Values = NDArray[np.float64]
 
@@ -43,8 +44,9 @@ _CLEARLY = 2.0
 """Times this limit light is clearly polarized: glass. Set by hand."""
 _LEAST_GLASS, _SEEN = 0.15, 0.5
 """Share of the frame at least that is clearly polarized, and of a block that is not clipped; set by hand."""
-_FEWEST_BLOCKS, _LEAST_REGION = 24, 0.01
-"""Blocks of a region, and its share of the frame, at least; set by hand."""
+_FEWEST_BLOCKS, _LEAST_REGION, _LEAST_OF_CELLS = 24, 0.01, 0.05
+"""Blocks of a region, and its share of the frame, at least; the same of a mosaic's cells, whose detail does not tell:
+on a real one a smooth pipe, polarized as the glass before it balances it, took 0.025. Set by hand."""
 _MOST_LEFT = 0.1
 """Mean square beyond the noise, in units of it, that is always allowed for in a region; set by hand."""
 _DIM, _LEAST_SHOWN = 0.1, 0.5
@@ -78,11 +80,17 @@ def unglazed_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask 
     stokes = stokes_images(capture, noise)
     white = noise_of_blocks(capture, noise) / noise
     share = max(_LEAST_SHARE, closure_share(capture.intensities, capture.angles_deg, capture.mask))
+    means, shares = stokes.means(least), stokes.shares(least).min(axis=0)
     unglazed = np.zeros(frame, dtype=np.bool_)
-    for side in (least * scale for scale in _SCALES):
+    for scale in _SCALES:
+        side = least * scale
         if min(frame) >= side * _AROUND**2:
-            of_blocks = max(white, stokes.block_noise(side)) / noise
-            blocks = _Blocks.of(stokes, side, growth, of_blocks, share)
+            of_means = max(white, stokes.block_noise(side)) / noise / side
+            variances = of_means**2 * np.diag(stokes.covariance)[1:]
+            of_blocks = block_mean(means, scale).astype(np.float64)
+            blocks = _Blocks.of(
+                of_blocks, float(variances.mean()), growth, share, block_mean(shares, scale), stokes.aliased
+            )
             regions = blocks.unglazed()
             weak = blocks.without_weak_polarization()
             regions = regions if weak is None else regions | weak.unglazed(weakly=True)
@@ -138,16 +146,15 @@ class _Blocks:
     seen: Mask
 
     @classmethod
-    def of(cls, stokes: StokesImages, side: int, growth: NoiseModel, of_blocks: float, share: float) -> _Blocks:
-        """Those of a side in pixels.
+    def of(
+        cls, means: Values, variance: float, growth: NoiseModel, share: float, shares: Images, aliased: bool
+    ) -> _Blocks:
+        """Those of mean Stokes images (3, channel, rows, columns), and of shares (rows, columns) that are not clipped.
 
-        The noise of their means is `of_blocks` times what white noise of the Stokes images' covariance leaves, where a
-        photograph's is 1.
+        `variance` is that of s1 and s2 in units of a photograph's.
         """
-        means = stokes.means(side).astype(np.float64)
-        of_means = of_blocks**2 * float(np.trace(stokes.covariance[1:, 1:])) / 2 / side**2
-        variance = of_means * growth.variance((means[0] / 2).astype(np.float32)).astype(np.float64)
-        return cls(means[0], means[1:], variance, share, stokes.aliased, stokes.shares(side).min(axis=0) > _SEEN)
+        of_light = variance * growth.variance((means[0] / 2).astype(np.float32)).astype(np.float64)
+        return cls(means[0], means[1:], of_light, share, aliased, shares > _SEEN)
 
     def without_weak_polarization(self) -> _Blocks | None:
         """The same without the weak polarization that most of them share, as paint or wrong gains make it of none.
@@ -205,7 +212,7 @@ class _Blocks:
         usual = self._usual_degree(squares, glass)
         near = np.ones((_AROUND, _AROUND), dtype=np.bool_)
         regions, _ = label(binary_opening(self.seen & (around < limit), near))
-        fewest = max(_FEWEST_BLOCKS, _LEAST_REGION * regions.size)
+        fewest = max(_FEWEST_BLOCKS, (_LEAST_OF_CELLS if self.aliased else _LEAST_REGION) * regions.size)
         for number, inside in enumerate(find_objects(regions), start=1):
             # With its rim and what lies beyond.
             place: Any = tuple(slice(max(0, side.start - 2), side.stop + 2) for side in inside)
