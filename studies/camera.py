@@ -15,6 +15,7 @@ from studies.photographs import SIZE_PX, Pair, pairs_of
 from studies.scenes import BLIND, Light, Scene, Taking, focal_px, random_bend
 
 Images = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 STABILITY_SEED = 1000
 """What is added to a pair's number for scenes whose chance is drawn by one generator."""
@@ -172,6 +173,8 @@ def photograph(
     if taking.moving_side:
         still, photographs = photographs, _crossed(layers, scene, taking, pair, random)
         crossed = (np.abs(photographs - still) > _LEAST_CROSSED).any(axis=(0, 1))
+    if taking.unglazed_side:
+        crossed |= _framed(photographs, layers, pair, taking.unglazed_side)
     gains = np.reshape(taking.gains, (-1, 1, 1, 1)).astype(np.float32)
     photographs = _defocused(_moved(photographs * (exposure * gains), taking.shift_px), taking.defocus_px)
     light = pair.cropped(photographs + _deviation(photographs, taking) * noise.standard_normal(photographs.shape))
@@ -319,6 +322,20 @@ def _moved(photographs: Images, distance_px: float) -> Images:
         step = (0.0, *(part * sign * distance_px for part in _DIRECTION))
         moved[k] = np.fft.ifftn(fourier_shift(np.fft.fftn(photographs[k]), step)).real
     return moved
+
+
+def _framed(photographs: Images, layers: Images, pair: Pair, side: float) -> Mask:
+    """Cover the sides of photographs (k, channel, h, w) with what shows no glass; which pixels (h, w) that are.
+
+    It looks like the mirrored scene half a frame away, by unpolarized light.
+    """
+    height, width = (length - 2 * pair.margin for length in photographs.shape[-2:])
+    edge = pair.margin + max(1, round(side * min(height, width)))
+    frame = np.ones(photographs.shape[-2:], dtype=np.bool_)
+    frame[edge:-edge, edge:-edge] = False
+    wall = np.roll(layers[1], (height // 2, width // 2), axis=(-2, -1)) / 2
+    photographs[..., frame] = wall[:, frame]
+    return frame
 
 
 def _defocused(photographs: Images, deviation_px: float) -> Images:

@@ -98,6 +98,8 @@ _SPOILT = 0.1
 # without, all of them loses up to 0.3 dB of the reflection on one capture at a noise of 0.5 %, half of them up to 0.1;
 # at 2 % half gains 0.13 and 0.17 dB, all 0.15 and 0.21.
 _SHARE_OF_OTHERS = 0.6
+# Double images of a layer that are strong beside the first: a pane mirrors two.
+_STRONG_GHOSTS = 2
 # Rows that are simulated at a time: bounds the memory, changes nothing.
 _STRIP_ROWS = 128
 
@@ -398,7 +400,24 @@ class Problem:
         if of_pixels is not None:
             weight *= of_pixels
         # Of a mosaic each pixel has one of all values, which the closed form knows.
-        return np.asarray(weight.mean(axis=(0, 1)) / np.float32(self._sampled_share))
+        told = np.asarray(weight.mean(axis=(0, 1)) / np.float32(self._sampled_share))
+        return told if valid.all() else self._told_by_ghosts(told)
+
+    def _told_by_ghosts(self, told: Images) -> Images:
+        """The same (h, w), no less than where a strong double image of a pixel is seen.
+
+        Where a pixel itself is not, steps that took it for untold would overshoot, the more with each turn.
+        """
+        from scipy.ndimage import shift
+
+        height, width = told.shape
+        pse = self.pse
+        places = pse.displacements if isinstance(pse, PSE) else pse.displacements(height, width)
+        most = told
+        for across, down in places[1 : 1 + _STRONG_GHOSTS]:
+            seen = shift(told, (-round(down), -round(across)), order=0, mode="nearest", prefilter=False)
+            most = np.maximum(most, seen)
+        return most
 
     def _photographed(self, layers: Images) -> Images:
         """Photographs (k, channel, h, w) of canvas layers."""
