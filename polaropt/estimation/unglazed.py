@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, NoiseModel, closure_share, noise_of_blocks, stokes_images
+from polaropt.capture import Capture, NoiseModel, closure_share, noise_of_blocks, registered_noise, stokes_images
 from polaropt.numerics import block_mean, spread_blocks
 from polaropt.optics import SceneParameters, pixel_grid, scene_angles
 
@@ -54,10 +54,13 @@ _DIM, _LEAST_SHOWN = 0.1, 0.5
 that so much would at least be in a region: a dark one tells nothing. Set by hand."""
 _OF_STEPS = 3.0
 """Variance of a step's square, in units of the square of its variance, with what neighbouring steps share."""
-_UNPOLARIZED, _WEAKLY, _ERRORS, _OTHERWISE = 0.005, 0.014, 2.0, 4.0
+_UNPOLARIZED, _WEAKLY, _HARDLY, _ERRORS, _OTHERWISE = 0.005, 0.014, 0.02, 2.0, 4.0
 """Degree of polarization below which detail is hardly behind glass, where it has 0.005 at 12 degrees of incidence and
-more beyond; the same of what is weakly polarized; standard errors by which it must be so, and beyond which it is not.
-By trial."""
+more beyond; the same of what is weakly polarized, and where there is no doubt beyond a rim; standard errors by which it
+must be so, and beyond which it is not. By trial."""
+_LARGE = 0.1
+"""Share of the frame from which on a region need not have detail: smooth ones whose layers hold the balance took up to
+0.08 behind glass. By trial."""
 _MOST_BETWEEN, _SLOWLY, _LEAST_BEYOND = 0.25, 0.5, 0.25
 """Share of what is polarized beyond a region's rim that may be so a little only, as where the layers hold the balance
 and polarized light grows slowly; the same where detail tells, too; and share of all beyond a rim that is clearly
@@ -67,7 +70,7 @@ _LEAST_INCIDENCE_DEG = 26.0
 
 
 def unglazed_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask | None:
-    """Pixels (h, w) of full photographs, or of a mosaic's cells, that show no glass; None where nothing tells of any.
+    """Pixels (h, w) that show no glass, of a mosaic by its cells; None where nothing tells of any.
 
     Parameters
     ----------
@@ -75,6 +78,10 @@ def unglazed_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask 
     noise, growth : float and NoiseModel
         `measured_noise` of the capture.
     """
+    if capture.cells is not None:
+        of_cells = registered_noise(capture, noise)
+        found = unglazed_pixels(capture.registered, of_cells, growth.scaled(of_cells / noise))
+        return None if found is None else spread_blocks(found, capture.scale, capture.shape[-2:])
     frame = capture.shape[-2:]
     least = max(_LEAST_PX, math.ceil(max(frame) / _MOST_BLOCKS))
     stokes = stokes_images(capture, noise)
@@ -202,7 +209,8 @@ class _Blocks:
         from scipy.ndimage import binary_dilation, binary_opening, find_objects, label, uniform_filter
 
         squares = self.squares
-        limit = 1 + _SURE * math.sqrt(2 / (2 * len(self.light))) / _AROUND
+        # Of the mean of a normal value's squares, two in each colour.
+        limit = 1 + _SURE * math.sqrt(1 / len(self.light)) / _AROUND
         around = uniform_filter(np.minimum(squares, _MOST), _AROUND, mode="nearest")
         glass: Mask = self.seen & (around > _CLEARLY * limit)
         found = np.zeros_like(glass)
@@ -221,7 +229,8 @@ class _Blocks:
                 continue
             rim = binary_dilation(region, near)
             beyond = binary_dilation(rim, near) & ~rim & blocks.seen
-            if blocks.ends_at_once(region, beyond, glass[place], between[place], weakly):
+            large = np.count_nonzero(region) >= _LARGE * regions.size
+            if blocks.ends_at_once(region, beyond, glass[place], between[place], weakly=weakly, large=large):
                 found[place] |= rim
         return found
 
@@ -241,12 +250,17 @@ class _Blocks:
         within_noise = left < _SURE * math.sqrt(1 / light.size) + _MOST_LEFT
         return bool(shown > _LEAST_SHOWN and within_gains and within_noise)
 
-    def ends_at_once(self, region: Mask, beyond: Mask, glass: Mask, between: Mask, weakly: bool) -> bool:
-        """Whether there is clearly polarized light beyond a region's rim, as no detail in it has."""
+    def ends_at_once(
+        self, region: Mask, beyond: Mask, glass: Mask, between: Mask, *, weakly: bool, large: bool
+    ) -> bool:
+        """Whether there is clearly polarized light beyond a region's rim, as no detail in it has.
+
+        A large region need not have any.
+        """
         from scipy.ndimage import binary_erosion
 
         n_glass, n_between = np.count_nonzero(beyond & glass), np.count_nonzero(beyond & between)
-        if n_glass < _LEAST_BEYOND * np.count_nonzero(beyond):
+        if not n_glass or n_glass < _LEAST_BEYOND * np.count_nonzero(beyond):
             return False
         slow = n_between / (n_glass + n_between)
         if self.aliased:
@@ -254,12 +268,13 @@ class _Blocks:
         # Blocks at its border are partly glass.
         inside = binary_erosion(region, np.ones((_AROUND, _AROUND)), border_value=1)
         detail, error = self._polarized_detail(inside)
+        most = max(detail, 0) + _ERRORS * error
         if weakly:
-            return bool(slow <= _MOST_BETWEEN and detail + _ERRORS * error < _WEAKLY**2)
-        surely_none = abs(detail) + _ERRORS * error < _UNPOLARIZED**2
-        if surely_none:
+            return bool(slow <= _MOST_BETWEEN and most < _WEAKLY**2)
+        if max(most, -detail) < _UNPOLARIZED**2:
             return bool(slow <= _SLOWLY)
-        return bool(slow <= _MOST_BETWEEN and detail <= _OTHERWISE * error)
+        told = large or most < _HARDLY**2
+        return bool(told and slow <= _MOST_BETWEEN and detail <= _OTHERWISE * error)
 
     def _polarized_detail(self, region: Mask) -> tuple[float, float]:
         """Square of the degree of polarization of detail, steps from block to block, and its standard error."""
