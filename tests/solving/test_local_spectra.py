@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polaropt import Capture, SceneParameters, Weights, simulate
+from polaropt import Capture, SceneParameters, Weights, separate, simulate
 from polaropt.capture.noise import NoiseModel
+from polaropt.simulation import psnr_db
 from polaropt.solving.kernels.windows import limit_power, share_power
 from polaropt.solving.local_spectra import TURNS, Windows, believed_share
 from polaropt.solving.problem import Problem
@@ -324,3 +325,14 @@ def test_what_repeats_with_a_mosaics_polarizers_is_bounded_by_its_direction(size
             np.testing.assert_array_equal(after[..., ~bounded.ravel()], before[..., ~bounded.ravel()])
         np.testing.assert_allclose(busy[..., 0, half], 3, rtol=1e-4)
         np.testing.assert_allclose(busy[..., half, 0], 3, rtol=1e-4)
+
+
+def test_layers_stay_bounded_where_double_images_reach_into_what_is_missing() -> None:
+    """Steps that took a pixel for untold whose double image is seen grew by factors of thousands."""
+    made = blend(60.0, 128, ghost_shift=8.2)
+    frame = np.ones((128, 128), dtype=np.bool_)
+    frame[16:-16, 16:-16] = False
+    result = separate(made.capture.left_out(frame), made.scene, leave_out_unglazed=False)
+    assert np.abs(result.layers).max() < 1.5
+    for layer, least_db in enumerate((45, 30)):
+        assert psnr_db(np.where(frame, 0, result.layers[layer]), np.where(frame, 0, made.layers[layer])) > least_db
