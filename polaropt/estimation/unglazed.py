@@ -118,12 +118,15 @@ def surely_unglazed(unglazed: Mask, scene: SceneParameters) -> Mask | None:
 
     if not scene.signal:
         return None
-    height, width = unglazed.shape
-    cosine, *_ = scene_angles(scene, *pixel_grid(height, width, ((width - 1) / 2, (height - 1) / 2)))
-    incidence = np.degrees(np.arccos(np.clip(np.broadcast_to(cosine, unglazed.shape), -1, 1)))
-    regions, n = label(unglazed)
+    # As fine as regions are.
+    step = math.ceil(max(unglazed.shape) / _MOST_BLOCKS)
+    regions, n = label(unglazed[::step, ::step])
+    height, width = regions.shape
+    x, y = pixel_grid(height, width, ((width - 1) / 2, (height - 1) / 2))
+    cosine, *_ = scene_angles(scene, step * x, step * y)
+    incidence = np.degrees(np.arccos(np.clip(np.broadcast_to(cosine, regions.shape), -1, 1)))
     steep = mean(incidence, regions, range(1, n + 1)) >= _LEAST_INCIDENCE_DEG
-    surely = np.array([False, *steep])[regions]
+    surely = unglazed & spread_blocks(np.array([False, *steep])[regions], step, unglazed.shape)
     return surely if surely.any() else None
 
 
