@@ -130,6 +130,8 @@ def test_close_to_normal_incidence_glass_and_none_hardly_differ() -> None:
     assert surely_unglazed(where, flat) is None
     assert surely_unglazed(where, flat.replace(signal=False, incidence_deg=60.0)) is None
     np.testing.assert_array_equal(surely_unglazed(where, flat.replace(incidence_deg=60.0)), where)
+    large = np.kron(where, np.ones((32, 32), dtype=np.bool_))
+    np.testing.assert_array_equal(surely_unglazed(large, flat.replace(incidence_deg=60.0)), large)
     # Before a wide lens one side of the frame is seen steeply, the other frontally.
     where[:, -10:] = True
     wide = surely_unglazed(where, SceneParameters(30.0, 0.0, 0.0, focal_px=25.0))
