@@ -531,6 +531,11 @@ class Capture:
         return self.intensities.shape[1:]
 
     @property
+    def planes(self) -> FloatImages:
+        """The photographs with a channel axis, grey ones too, (k, channel, h, w)."""
+        return self.intensities.reshape(len(self.angles_deg), -1, *self.shape[-2:])
+
+    @property
     def color(self) -> bool:
         """Whether there is a channel axis."""
         return self.intensities.ndim == 4
@@ -565,9 +570,8 @@ class Capture:
 
         Of a mosaic their samples and cells are left out, too.
         """
-        planes = self.intensities.reshape(len(self.angles_deg), -1, *self.shape[-2:])
-        kept = np.broadcast_to(~where, (planes.shape[1], *where.shape))
-        around = fill_gaps(planes, kept).reshape(self.intensities.shape)
+        kept = np.broadcast_to(~where, (self.planes.shape[1], *where.shape))
+        around = fill_gaps(self.planes, kept).reshape(self.intensities.shape)
         samples = None if self.samples is None else self.samples.left_out(where)
         cells = None if self.cells is None else self.cells.left_out(where)
         return self._with(intensities=around, mask=self.valid & ~where, samples=samples, cells=cells)

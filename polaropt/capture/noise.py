@@ -440,7 +440,7 @@ def noise_classes(capture: Capture, model: NoiseModel) -> NoiseClasses | None:
 
     if model.shot == 0:
         return None
-    photographs = capture.intensities.reshape(len(capture.angles_deg), -1, *capture.shape[-2:])
+    photographs = capture.planes
     intensity = uniform_filter(photographs.mean(axis=0), (0, 3, 3), mode="nearest")
     sigma = np.sqrt(model.variance(intensity))
     least, most = float(sigma.min()), float(sigma.max())

@@ -216,7 +216,7 @@ def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:
 
     From the trusted photographs of each pixel; what they do not tell is taken from the pixels around it.
     """
-    photographs = capture.intensities if capture.color else capture.intensities[:, None]
+    photographs = capture.planes
     entries = np.tensordot(np.linalg.pinv(mixing).astype(np.float32), photographs, axes=1)
     valid = capture.valid if capture.color else capture.valid[:, None]
     whole = np.asarray(valid.all(axis=0))
@@ -230,7 +230,7 @@ def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:
 
 def _mixed_in_strips(capture: Capture, mixing: Matrix, known: Mask) -> MixedImages:
     """The entries of `least_squares_entries`, with gaps filled once more where they are not `known` (channel, h, w)."""
-    photographs = capture.intensities if capture.color else capture.intensities[:, None]
+    photographs = capture.planes
     nowhere = np.zeros((3, 0), np.intp), np.zeros((mixing.shape[1], 0), np.float32)
     mixed = MixedImages(photographs, (np.asarray(np.linalg.pinv(mixing), dtype=np.float64),), *nowhere)
     if capture.n_valid == capture.mask.size:

@@ -157,11 +157,6 @@ def moving_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask | 
     return moving
 
 
-def _planes(capture: Capture) -> Images:
-    """The photographs with a channel axis, (k, channel, h, w)."""
-    return capture.intensities.reshape(len(capture.angles_deg), -1, *capture.shape[-2:])
-
-
 @dataclass(frozen=True)
 class _Closure:
     """How far the closure fails, in sums over blocks.
@@ -231,7 +226,7 @@ def _trusted(capture: Capture, growth: NoiseModel) -> Mask:
     """Pixels (h, w) whose noise is not cut off anywhere, at white or at the lowest value, away from such."""
     from scipy.ndimage import binary_erosion
 
-    photographs = _planes(capture)
+    photographs = capture.planes
     trusted = capture.valid_in_all
     if not trusted.all():
         far = _FROM_WHITE * math.sqrt(float(growth.variance(np.ones(1, np.float32))[0]))
@@ -277,7 +272,7 @@ class _Residuals:
         inverse = np.linalg.pinv(analyzer_matrix(capture.angles_deg))
         of_photographs = (self.gains @ inverse).astype(np.float32)
         height = capture.shape[-2] // _BLOCK * _BLOCK
-        planes = _planes(capture)[..., :height, :]
+        planes = capture.planes[..., :height, :]
         for rows in strips(height, planes.size // height, _BLOCK):
             photographs = planes[..., rows, :]
             residual = redundancy_residual(photographs, capture.angles_deg)

@@ -23,7 +23,7 @@ _UNLIKE = 4.0
 half of what a loss that saturates takes it for. By trial on photographs with things polarized by 5 and 15 %."""
 _STEP_DEG = 0.125
 """Of the azimuths that are tried."""
-_LEAST_SHARE = 0.003
+LEAST_SHARE = 0.003
 """Error of a photograph's gain, as a share of the light, that is always allowed for: set by hand."""
 _SHOWS = 25.0
 """Mean square of polarized light, in units of its noise, that tells an axis at all: set by hand."""
@@ -70,7 +70,7 @@ def polarized_things(blocks: PolarizedBlocks, apart: float) -> PolarizedThings |
     """
     from scipy.ndimage import binary_dilation, median_filter
 
-    allowed = _UNLIKE + np.square(max(_LEAST_SHARE, apart) * blocks.stokes[0]).mean(axis=0)
+    allowed = _UNLIKE + np.square(max(LEAST_SHARE, apart) * blocks.stokes[0]).mean(axis=0)
     azimuth_deg = _agreed_azimuth(blocks, allowed)
     unlike = blocks.squares_across(azimuth_deg) > allowed
     shows = blocks.brightness > np.maximum(_SHOWS, allowed)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseModel, closure_share, noise_of_blocks, registered_noise, stokes_images
+from polaropt.estimation.polarized_things import LEAST_SHARE
 from polaropt.numerics import block_mean, spread_blocks
 from polaropt.optics import SceneParameters, pixel_grid, scene_angles
 
@@ -28,8 +29,6 @@ _LEAST_PX, _MOST_BLOCKS, _SCALES = 2, 512, (1, 2, 4)
 units of theirs: small ones see thin window frames, large ones see through noise. Set by hand."""
 _AROUND = 3
 """Blocks over which polarized light is averaged, and which a region is wide at least, an odd number; set by hand."""
-_LEAST_SHARE = 0.003
-"""Error of a photograph's gain, as a share of the light, that is always allowed for; as where things are polarized."""
 _SURE = 3.0
 """Standard errors of a mean from which on light is polarized."""
 _WEAK, _TOLD = 0.012, 0.004
@@ -86,7 +85,7 @@ def unglazed_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask 
     least = max(_LEAST_PX, math.ceil(max(frame) / _MOST_BLOCKS))
     stokes = stokes_images(capture, noise)
     white = noise_of_blocks(capture, noise) / noise
-    share = max(_LEAST_SHARE, closure_share(capture.intensities, capture.angles_deg, capture.mask))
+    share = max(LEAST_SHARE, closure_share(capture.intensities, capture.angles_deg, capture.mask))
     means, shares = stokes.means(least), stokes.shares(least).min(axis=0)
     unglazed = np.zeros(frame, dtype=np.bool_)
     for scale in _SCALES:
@@ -99,7 +98,8 @@ def unglazed_pixels(capture: Capture, noise: float, growth: NoiseModel) -> Mask 
                 of_blocks, float(variances.mean()), growth, share, block_mean(shares, scale), stokes.aliased
             )
             regions = blocks.unglazed()
-            weak = blocks.without_weak_polarization()
+            # Of a mosaic no detail could tell it.
+            weak = None if stokes.aliased else blocks.without_weak_polarization()
             regions = regions if weak is None else regions | weak.unglazed(weakly=True)
             unglazed |= spread_blocks(regions, side, frame)
     return unglazed if unglazed.any() else None
@@ -226,7 +226,8 @@ class _Blocks:
         fewest = max(_FEWEST_BLOCKS, (_LEAST_OF_CELLS if self.aliased else _LEAST_REGION) * regions.size)
         for number, inside in enumerate(find_objects(regions), start=1):
             # With its rim and what lies beyond.
-            place: Any = tuple(slice(max(0, side.start - 2), side.stop + 2) for side in inside)
+            margin = 2 * (_AROUND // 2)
+            place: Any = tuple(slice(max(0, side.start - margin), side.stop + margin) for side in inside)
             blocks, region = self.part(place), regions[place] == number
             if np.count_nonzero(region) < fewest or not blocks.is_unpolarized(region, usual):
                 continue
@@ -267,7 +268,7 @@ class _Blocks:
             return False
         slow = n_between / (n_glass + n_between)
         if self.aliased:
-            return not weakly and bool(slow <= _MOST_BETWEEN)
+            return bool(slow <= _MOST_BETWEEN)
         # Blocks at its border are partly glass.
         inside = binary_erosion(region, np.ones((_AROUND, _AROUND)), border_value=1)
         detail, error = self._polarized_detail(inside)

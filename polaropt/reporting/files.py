@@ -127,12 +127,9 @@ def _write_separation(
     inspection = inspect_still(solved, result.moving)
     unexplained = SeparationWarning.MODEL_DOES_NOT_EXPLAIN in result.diagnostics.warnings
     misfit = misfit_map(result, solved) if unexplained and not layers_only else None
-    if result.moving is not None and not layers_only:
-        picture = marked_picture(capture, result.moving)
-        write_picture(folder / "moving.png", picture, note=_note("moving", result))
-    if result.unglazed is not None and not layers_only:
-        picture = marked_picture(capture, result.unglazed)
-        write_picture(folder / "unglazed.png", picture, note=_note("unglazed", result))
+    for name, where in (("moving", result.moving), ("unglazed", result.unglazed)):
+        if where is not None and not layers_only:
+            write_picture(folder / f"{name}.png", marked_picture(capture, where), note=_note(name, result))
     misfit_told = None if misfit is None else _write_misfit(folder, misfit, _note("misfit", result))
     pictures = [] if layers_only else page_pictures(result, capture, exposures, errors, misfit)
     stages.end()

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polaropt.capture import Capture, encode_srgb, planes_last
 from polaropt.numerics import block_mean
@@ -113,30 +112,31 @@ def page_pictures(
         Standard deviations of the noise.
     """
     last = [] if misfit is None else [_misfit(misfit)]
-    moving = [] if result.moving is None else [_moving(capture, result.moving)]
-    unglazed = [] if result.unglazed is None else [_unglazed(capture, result.unglazed)]
     return [
         *_layers(result, capture, exposures),
-        *moving,
-        *unglazed,
+        *_marked(result, capture),
         *([] if errors is None else _errors(errors)),
         *_polarization(capture),
         *last,
     ]
 
 
-def _moving(capture: Capture, moving: NDArray[np.bool_]) -> PagePicture:
-    pixels = marked_picture(capture, moving, _reduction(capture.shape))
-    share = f"{100 * moving.mean():.2g} % of the picture"
-    caption = f"In red, {share}: left out of the estimation, and shown as one photograph saw it."
-    return _picture("moving", "What moves", caption, "What moves between the photographs, in red.", pixels)
-
-
-def _unglazed(capture: Capture, unglazed: NDArray[np.bool_]) -> PagePicture:
-    pixels = marked_picture(capture, unglazed, _reduction(capture.shape))
-    share = f"{100 * unglazed.mean():.2g} % of the picture"
-    caption = f"In red, {share}: left out of estimation and solve; the transmission is what is seen there."
-    return _picture("unglazed", "What shows no glass", caption, "Where the picture shows no glass, in red.", pixels)
+def _marked(result: Separation, capture: Capture) -> list[PagePicture]:
+    """Where something moves, and where no glass is seen."""
+    of_motion = "the estimation, and shown as one photograph saw it."
+    of_light = "estimation and solve; the transmission is what is seen there."
+    moves, unglazed = "What moves between the photographs, in red.", "Where the picture shows no glass, in red."
+    marks = (
+        ("moving", "What moves", of_motion, moves, result.moving),
+        ("unglazed", "What shows no glass", of_light, unglazed, result.unglazed),
+    )
+    pictures = []
+    for name, title, left_out_of, alt, where in marks:
+        if where is not None:
+            caption = f"In red, {100 * where.mean():.2g} % of the picture: left out of {left_out_of}"
+            pixels = marked_picture(capture, where, _reduction(capture.shape))
+            pictures.append(_picture(name, title, caption, alt, pixels))
+    return pictures
 
 
 def _layers(result: Separation, capture: Capture, exposures: Mapping[str, float]) -> list[PagePicture]:

@@ -499,13 +499,13 @@ def report_sentences(report: dict[str, Any], folder: Path) -> list[str]:
         lines.append(
             "  misfit.tiff, misfit.png             where the pane does not explain the photographs, in units of noise"
         )
-    share = report["inspection"]["moving_share"]
-    if share and "moving.png" in report["written"]:
-        moved = f"in red what moves between the photographs, {100 * share:.2g} % of the picture"
-        lines.append(f"  moving.png                          {moved}")
-    if report["unglazed_share"] and "unglazed.png" in report["written"]:
-        share = f"{100 * report['unglazed_share']:.2g} % of the picture"
-        lines.append(f"  unglazed.png                        in red what shows no glass, {share}")
+    pictures = (
+        ("moving.png", "what moves between the photographs", report["inspection"]["moving_share"]),
+        ("unglazed.png", "what shows no glass", report["unglazed_share"]),
+    )
+    for name, what, share in pictures:
+        if share and name in report["written"]:
+            lines.append(f"  {name:<36}in red {what}, {100 * share:.2g} % of the picture")
     lines.append("  report.json                         scene, objective, solver, diagnostics, versions")
     if "report.html" in report["written"]:
         lines.append("  report.html                         the result as a page, with pictures and warnings")

@@ -47,7 +47,7 @@ def inpainted(capture: Capture, moving: Mask, scene: SceneParameters, noise: flo
     height, width = capture.shape[-2:]
     pse = engine_for(scene, capture.angles_deg, noise, (height, width))
     canvas = Canvas(height, width, 0, 0, 0, 0)
-    photographs = capture.intensities.reshape(len(capture.angles_deg), -1, *capture.shape[-2:])
+    photographs = capture.planes
     valid = capture.valid.reshape(photographs.shape)
 
     def parts(layers: Images) -> Images:

@@ -414,9 +414,9 @@ class Problem:
         pse = self.pse
         places = pse.displacements if isinstance(pse, PSE) else pse.displacements(height, width)
         most = told
-        for across, down in places[1 : 1 + _STRONG_GHOSTS]:
-            seen = shift(told, (-round(down), -round(across)), order=0, mode="nearest", prefilter=False)
-            most = np.maximum(most, seen)
+        steps = {(-round(down), -round(across)) for across, down in places[1 : 1 + _STRONG_GHOSTS]}
+        for step in steps - {(0, 0)}:
+            most = np.maximum(most, shift(told, step, order=0, mode="nearest", prefilter=False))
         return most
 
     def _photographed(self, layers: Images) -> Images:

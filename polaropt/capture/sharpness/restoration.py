@@ -67,8 +67,7 @@ def restored(
     Capture
         Pixels that touch one that is not valid are not valid, nor are those beyond a photograph's edge.
     """
-    k, (height, width) = len(capture.angles_deg), capture.shape[-2:]
-    images = capture.intensities.reshape(k, -1, height, width)
+    images, (height, width) = capture.planes, capture.shape[-2:]
     of_angles = partial(_operator, angles_deg=capture.angles_deg)
     operator = cache(partial(of_angles, transfer=transfer, detail=detail, fade=fade))
     # What blurs brought in over the edges would be spread over all photographs: there sharp ones are moved by
