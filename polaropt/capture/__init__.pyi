@@ -131,8 +131,9 @@ from .files.write import write_picture as write_picture
 from .files.write import write_png as write_png
 from .files.write import write_png_view as write_png_view
 from .files.write import write_tiff as write_tiff
-from .match import Matching as Matching
-from .match import match_photographs as match_photographs
+from .matching.match import Matching as Matching
+from .matching.match import match_photographs as match_photographs
+from .matching.transfer import Transfer as Transfer
 from .mosaic import LEAST_STOKES_POWER as LEAST_STOKES_POWER
 from .mosaic import MIRRORED_PX as MIRRORED_PX
 from .mosaic import SONY_CELL as SONY_CELL
@@ -167,7 +168,6 @@ from .read import read_capture as read_capture
 from .reading.fields import field_means as field_means
 from .reading.frames import FrameReader as FrameReader
 from .reading.frames import mosaic_capture as mosaic_capture
-from .sharpness.transfer import Transfer as Transfer
 from .validity import MOST_NEGATIVE as MOST_NEGATIVE
 from .validity import SMALLEST_SIDE as SMALLEST_SIDE
 from .validity import FloatImages as FloatImages

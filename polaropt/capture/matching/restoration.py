@@ -1,4 +1,4 @@
-"""Photographs moved onto each other and made as sharp as the sharpest of them.
+"""Photographs moved onto each other, or both layers of them, and made as sharp as the sharpest.
 
 At each frequency k photographs measure two or three numbers: the light, and what of it is polarized. These are found
 from all photographs together, each weighed by how much of the frequency it still shows, and the photographs are what
@@ -7,7 +7,6 @@ ideal ones would show of them. What the others tell fills in what one has lost, 
 
 from __future__ import annotations
 
-import math
 from functools import cache, partial
 from typing import Any
 
@@ -15,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.capture.sharpness.spectra import DetailSpectra, ring_of
-from polaropt.capture.sharpness.transfer import Floats, Spectrum, Transfer, pane_matrix
+from polaropt.capture.matching.spectra import DetailSpectra, ring_of
+from polaropt.capture.matching.transfer import Floats, LayerShifts, Spectrum, Transfer, pane_matrix, unmixing
 from polaropt.capture.validity import MOST_NEGATIVE
 
 Images = NDArray[np.float32]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-_TILE_PX, _PAD_PX = 512, 16
+_TILE_PX, _PAD_PX = 512, 32
 """Side of the tiles that are restored at a time, and what is looked at around each; set by hand."""
 _POLARIZED = 0.3
 """Standard deviation of the detail of polarized light, as a share of all light's, that is assumed where photographs
@@ -134,6 +133,8 @@ def _operator(
     rows, columns = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]).astype(np.float64)
     seen = transfer.at(rows, columns)
     turned = np.exp(-1j * np.angle(seen))
+    if transfer.layers is not None:
+        return _layers_in_place(rows, columns, transfer.layers, turned, angles_deg)
     if detail is None or transfer.azimuth_deg is None:
         # Shifts alone: each photograph by itself.
         identity: Any = np.eye(len(seen))[:, :, None, None]
@@ -157,6 +158,20 @@ def _operator(
     return np.asarray(fading * made, dtype=np.complex64)
 
 
+def _layers_in_place(
+    rows: Floats, columns: Floats, layers: LayerShifts, turned: Spectrum, angles_deg: tuple[float, ...]
+) -> Spectrum:
+    """What makes photographs of which both layers lie in place of such where they do not, (k, k, h, w).
+
+    What no two layers explain is moved with the first.
+    """
+    mixing = layers.at(rows, columns, angles_deg)
+    unmixed = unmixing(mixing)
+    beside = np.moveaxis(turned, 0, -1)[..., None] * (np.eye(len(angles_deg)) - mixing @ unmixed)
+    made = layers.in_place(angles_deg) @ unmixed + beside
+    return np.asarray(np.moveaxis(made, (-2, -1), (0, 1)), dtype=np.complex64)
+
+
 def _missing_noise(operator: Spectrum) -> Spectrum:
     """What makes of white noise that of which an operator leaves too little, (k, k, h, w)."""
     left = np.square(np.abs(operator)).sum(axis=1)
@@ -174,25 +189,20 @@ def _untouched(capture: Capture, transfer: Transfer) -> Mask:
     from scipy.ndimage import binary_erosion
 
     valid = capture.valid
-    if transfer.blurred and not valid.all():
-        # Each photograph is made of all.
+    if transfer.mixes and not valid.all():
         valid = np.broadcast_to(valid.all(axis=0), valid.shape)
-    reach = _reach(transfer)
-    square = np.ones((1,) * (valid.ndim - 3) + (2 * reach + 1,) * 2, dtype=bool)
+    square = np.ones((1,) * (valid.ndim - 3) + (2 * transfer.reach_px + 1,) * 2, dtype=bool)
     kept = np.stack([one if one.all() else binary_erosion(one, square, border_value=1) for one in valid])
+    if transfer.layers is not None:
+        return kept & ~_rim(transfer, valid.shape[-2:])
     for one, shift in zip(kept, transfer.shifts_px, strict=True):
         one &= _within(shift, valid.shape[-2:])
     return kept
 
 
-def _reach(transfer: Transfer) -> int:
-    """Pixels over which the widest blur brings in what lies beside."""
-    return 1 + math.ceil(2 * max(transfer.blurs_px))
-
-
 def _rim(transfer: Transfer, shape: tuple[int, ...]) -> Mask:
-    """Pixels (h, w) that a blur may have mixed with what lies beyond the frame."""
-    reach = _reach(transfer)
+    """Pixels (h, w) that may have been mixed with what lies beyond the frame."""
+    reach = transfer.reach_px
     rim = np.ones(shape, dtype=bool)
     rim[reach:-reach, reach:-reach] = False
     return rim

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.sharpness.spectra import DetailSpectra
-from polaropt.capture.sharpness.transfer import pane_matrix
+from polaropt.capture.matching.spectra import DetailSpectra
+from polaropt.capture.matching.transfer import pane_matrix
 
 Floats = NDArray[np.float64]
 Curve = tuple[float, Floats, Floats]

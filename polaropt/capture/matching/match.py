@@ -1,0 +1,141 @@
+"""Photographs that lie a little beside each other, as a whole or each layer by itself, or are not equally sharp.
+
+A filter is turned between the photographs, the camera moves, focuses anew or is not held still. A tenth of a pixel, or
+one photograph a little out of focus, makes polarized light of every edge, in which panes are then found that are none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from polaropt.capture.capture import Capture
+from polaropt.capture.matching.blur import BlurFit, covariances
+from polaropt.capture.matching.parallax import ParallaxFit
+from polaropt.capture.matching.restoration import FOR_SCENE, restored
+from polaropt.capture.matching.spectra import DetailSpectra, detail_spectra, polarized_axis
+from polaropt.capture.matching.transfer import Transfer
+from polaropt.capture.registration import measure_shifts
+from polaropt.numerics import middle_part
+
+_LOOKED_AT_PX = 512
+"""Side of the middle of a frame by which shifts are measured; set by hand, for the time it takes."""
+_SURE = 5.0
+"""Standard errors that a shift must be larger than to be undone without being asked to: of 192 random windows one, in
+strong noise, had a shift of three. By trial."""
+_MOST_PX = 5.0
+"""Distance between two photographs up to which they are moved without being asked to, in the frame as it is: what one
+of them does not show at the edges is not valid in it. Set by hand."""
+_MOST_BLUR_PX = 5.0
+"""Widest blur that is undone: tiles are restored with 16 pixels around them. Set by hand."""
+_MOST_BESIDE = 0.2
+"""Polarized light beside one line, as a share of that on it, up to which the scene is one of a flat pane; by trial."""
+_BETTER = 0.7
+"""Part of what photographs leave unexplained that is left at most where blurs are the reason; by trial."""
+_MOST_LEFT = 1.5
+"""The same in units of the noise as it is measured, of which blurs and layers that move make more than there is: where
+more is left, the reason is another one. Set by hand."""
+_LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.9
+"""What no two pictures in place explain, in units of the noise, from which on both layers may have moved by themselves,
+and the part of it that is left at most where they have: of 192 random windows, in which none has, the smallest part was
+1. By trial."""
+_MOST_OF_LAYERS_PX = 8.0
+"""Shift of a layer that is undone at most: tiles are restored with 32 pixels around them. Set by hand."""
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Photographs that were made to agree.
+
+    Attributes
+    ----------
+    capture : Capture
+        Both layers in the place of the first photograph, and as sharp as in the sharpest.
+    transfer : Transfer
+        What was undone.
+    of_scene : Capture
+        The same for the estimation of the scene: without what no photograph tells, and with noise like that of others.
+        Of a result the same as `capture`.
+    noise : float or None
+        Standard deviation of one photograph's noise, where blurs were undone: photographs that are filled in by each
+        other say less of it than there is. None where they tell it themselves.
+    """
+
+    capture: Capture
+    transfer: Transfer
+    of_scene: Capture
+    noise: float | None = None
+
+
+def match_photographs(capture: Capture, noise: float) -> Matching | None:
+    """Move photographs, or both layers of them, by a few pixels onto the first one, and make them equally sharp.
+
+    Parameters
+    ----------
+    capture : Capture
+    noise : float
+        Standard deviation of one photograph's noise.
+
+    Returns
+    -------
+    Matching or None
+        None where nothing is to be done, and of mosaics, which take all at once. Three photographs do not tell which of
+        them is less sharp, nor where each shows both layers.
+    """
+    count = len(capture.angles_deg)
+    if capture.cells is not None or capture.of_mosaic:
+        return None
+    shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
+    believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
+    moved = Transfer.of_shifts(shifts.pixels if believed else np.zeros((count, 2)))
+    detail = detail_spectra(capture, noise) if count > 3 else None
+    if detail is not None:
+        in_place = detail.in_place(moved.at(detail.rows, detail.columns))
+        axis = polarized_axis(capture)
+        blurred = _with_blurs(moved, in_place, axis)
+        if blurred is not None:
+            transfer, left = blurred
+            noise *= math.sqrt(left)
+            of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
+            return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
+        # Where layers move by themselves, a shift of the whole may explain nothing.
+        as_whole, as_it_is = in_place.besides_two(), detail.besides_two()
+        layers = _with_parallax(moved, detail, min(as_whole, as_it_is), axis)
+        if layers is not None:
+            moved = layers
+        elif as_whole >= as_it_is:
+            return None
+    if not moved.moves:
+        return None
+    made = restored(capture, moved)
+    return Matching(made, moved, made)
+
+
+def _with_blurs(moved: Transfer, in_place: DetailSpectra, axis: tuple[float, float]) -> tuple[Transfer, float] | None:
+    """Shifts with the blurs that explain what photographs of a flat pane leave unexplained, and what is then left.
+
+    That is the variance of the noise, as a share of what it was taken for. None where no blurs do.
+    """
+    azimuth, beside = axis
+    if beside > _MOST_BESIDE:
+        return None
+    blurs, before, after = BlurFit(in_place, azimuth).found()
+    blurred = Transfer(moved.shifts_px, covariances(blurs), azimuth)
+    if after > min(_BETTER * before, _MOST_LEFT) or max(blurred.blurs_px) > _MOST_BLUR_PX:
+        return None
+    return blurred, after
+
+
+def _with_parallax(
+    moved: Transfer, detail: DetailSpectra, before: float, axis: tuple[float, float]
+) -> Transfer | None:
+    """The shifts of both layers, where these explain what no two pictures in place do; None where they do not."""
+    azimuth, beside = axis
+    if beside > _MOST_BESIDE or before < _LEAST_BESIDES:
+        return None
+    layers, after = ParallaxFit(detail, azimuth).found(moved.shifts_px)
+    if after > min(_BETTER_BY_LAYERS * before, _MOST_LEFT) or np.abs(layers.shifts_px).max() > _MOST_OF_LAYERS_PX:
+        return None
+    return Transfer.of_layers(layers)

@@ -1,0 +1,158 @@
+"""Where each photograph of a camera that is held by hand shows both layers.
+
+A camera that moves between the photographs sees what is behind the glass and what the glass mirrors from another place.
+They lie at different distances, so that each layer moves by itself. At every frequency four photographs then hold two
+unknown numbers, one of each layer, and what no two numbers explain tells how both have moved.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture.matching.spectra import DetailSpectra
+from polaropt.capture.matching.transfer import LayerShifts, unmixing
+
+Floats = NDArray[np.floating[Any]]
+Spectrum = NDArray[np.complexfloating[Any, Any]]
+Curve = tuple[float, Floats, Floats]
+"""What a fit minimizes, half its gradient, and its Gauss-Newton matrix."""
+
+_MOST_FREQUENCIES = 1500
+"""Frequencies that are looked at, those with most detail; set by hand, for the time it takes."""
+_FINEST = (0.06, 0.12, 0.5)
+"""Frequencies in periods per pixel up to which a fit looks, one after the other: the first are turned by half a period
+where a layer has moved by eight pixels. Set by hand."""
+_FEWEST = 60
+"""Frequencies with which a fit is tried; set by hand."""
+_USUAL = (0.15, -0.65)
+"""Degrees of polarization of what passes and of what is mirrored at some 55 degrees, where a fit starts."""
+_SPREAD, _SPREAD_PX = 0.3, 5.0
+"""Standard deviations of these and of a layer's shifts that are assumed, so that what nothing tells stays where it
+starts; set by hand."""
+_LEAST_POLARIZED, _MOST_POLARIZED = np.array([0.0, -0.99]), np.array([0.99, -0.1])
+"""Degrees of polarization that are looked for: what passes is polarized along the plane of incidence, and what is
+mirrored across it, by a tenth at least from 20 degrees on. Layers that are polarized alike would explain anything."""
+_LONGEST_PX, _LONGEST = 1.0, 0.2
+"""Longest steps of shifts and of the other numbers; set by hand."""
+_MOST_STEPS, _ENDS = 15, 1e-4
+"""Steps of a fit, and the share of the misfit that the last one gains; set by hand."""
+_SLACK, _TIGHTER, _LOOSER, _MOST_SLACK = 1e-3, 8.0, 8.0, 1e4
+"""Damping of Levenberg and Marquardt: where it starts, how it changes, and where the fit ends; set by hand."""
+
+
+class ParallaxFit:
+    """What no two layers explain of photographs, as a function of where these show them.
+
+    A fit's numbers are the shifts (2, k - 1, 2) of both layers against the first photograph, the azimuth in radians,
+    twice, and the degree of polarization of both layers.
+
+    Parameters
+    ----------
+    detail : DetailSpectra
+        Of more than three photographs.
+    azimuth_deg : float
+        Direction along which, or across which, the pane polarizes.
+    """
+
+    def __init__(self, detail: DetailSpectra, azimuth_deg: float) -> None:
+        self._detail, self._azimuth = detail, np.radians(2 * azimuth_deg)
+        self._radius = np.hypot(detail.rows, detail.columns)
+        strength = np.square(np.abs(detail.values)).sum(axis=(0, 1)) * self._radius**2
+        self._kept = np.sort(np.argsort(strength)[-_MOST_FREQUENCIES:])
+
+    def found(self, shifts_px: Floats) -> tuple[LayerShifts, float]:
+        """The shifts of both layers that explain most.
+
+        Parameters
+        ----------
+        shifts_px : ndarray, shape (k, 2)
+            Where the photographs show the scene as a whole, as far as it is known.
+
+        Returns
+        -------
+        layers : LayerShifts
+        left : float
+            Mean square of what these leave, in units of the noise.
+        """
+        usual = self._start(shifts_px)
+        # Whether the plane of incidence lies along or across shows only where layers move much, or is left open.
+        across = usual.copy()
+        across[-3] += np.pi
+        starts = (usual, across)
+        start, numbers, left = min(((start, *self._fitted(start, start, _FINEST[0])) for start in starts), key=_misfit)
+        for finest in _FINEST[1:]:
+            numbers, left = self._fitted(numbers, start, finest)
+        return self._layers(numbers), left
+
+    def _start(self, shifts_px: Floats) -> Floats:
+        shifts = shifts_px[1:] - shifts_px[0]
+        return np.concatenate([shifts.ravel(), shifts.ravel(), [self._azimuth, *_USUAL]])
+
+    def _layers(self, numbers: Floats) -> LayerShifts:
+        shifts = np.zeros((2, len(self._detail.angles_deg), 2))
+        shifts[:, 1:] = numbers[:-3].reshape(2, -1, 2)
+        return LayerShifts(shifts, float(np.degrees(numbers[-3]) / 2), numbers[-2:])
+
+    def _chosen(self, finest: float) -> NDArray[np.intp]:
+        """Frequencies up to one; all where those are too few."""
+        chosen = self._kept[self._radius[self._kept] <= finest]
+        return chosen if chosen.size >= _FEWEST else self._kept
+
+    def _curve(self, numbers: Floats, usual: Floats, finest: float) -> Curve:
+        """What is left of frequencies up to one, and how far off the usual the numbers are, as a function of them."""
+        detail, chosen = self._detail, self._chosen(finest)
+        angles, layers = detail.angles_deg, self._layers(numbers)
+        rows, columns = detail.rows[chosen], detail.columns[chosen]
+        values = np.moveaxis(detail.values[..., chosen], -1, 0)
+        mixing = layers.at(rows, columns, angles)
+        unmixed = unmixing(mixing)
+        found = unmixed @ values
+        left = values - mixing @ found
+        shown = mixing[..., None] * found[:, None]
+        slopes = np.zeros((numbers.size, *values.shape), dtype=complex)
+        # A shift turns what one photograph shows of one layer, the last three change what all show.
+        turns = -2j * np.pi * np.stack([rows, columns])[..., None]
+        of_shifts = slopes[:-3].reshape(2, len(angles) - 1, 2, *values.shape)
+        for layer, photograph in np.ndindex(of_shifts.shape[:2]):
+            of_shifts[layer, photograph, :, :, photograph + 1] = turns * shown[:, photograph + 1, layer]
+        double = 2 * np.radians(np.asarray(angles) - layers.azimuth_deg)[:, None]
+        of_weights = shown / layers.in_place(angles)[..., None]
+        slopes[-3] = ((np.sin(double) * layers.polarized)[..., None] * of_weights).sum(axis=2)
+        slopes[-2:] = np.moveaxis(np.cos(double)[..., None] * of_weights, 2, 0)
+        apart = (slopes - mixing @ (unmixed @ slopes)).reshape(numbers.size, -1)
+        slopes = slopes.reshape(numbers.size, -1)
+        size = (len(angles) - 2) * values[:, 0].size
+        spread = np.concatenate([np.full(numbers.size - 3, _SPREAD_PX), np.full(3, _SPREAD)])
+        firmness, off = 1 / (2 * size * spread**2), numbers - usual
+        misfit = np.square(np.abs(left)).sum() / size + firmness @ off**2
+        gradient = firmness * off - (slopes.conj() @ left.ravel()).real / size
+        matrix = (slopes.conj() @ apart.T).real / size + np.diag(firmness)
+        return float(misfit), gradient, matrix
+
+    def _fitted(self, start: Floats, usual: Floats, finest: float) -> tuple[Floats, float]:
+        """Numbers that explain frequencies up to one, and what they leave."""
+        numbers, here, slack = start, self._curve(start, usual, finest), _SLACK
+        longest = np.concatenate([np.full(start.size - 3, _LONGEST_PX), np.full(3, _LONGEST)])
+        for _ in range(_MOST_STEPS):
+            misfit, gradient, matrix = here
+            step = np.linalg.solve(matrix + slack * np.diag(np.diag(matrix)), -gradient)
+            further = numbers + np.clip(step, -longest, longest)
+            further[-2:] = np.clip(further[-2:], _LEAST_POLARIZED, _MOST_POLARIZED)
+            there = self._curve(further, usual, finest)
+            if there[0] < misfit:
+                numbers, here = further, there
+                slack /= _LOOSER
+                if misfit - there[0] < _ENDS * misfit:
+                    break
+            else:
+                slack *= _TIGHTER
+                if slack > _MOST_SLACK:
+                    break
+        return numbers, here[0]
+
+
+def _misfit(fitted: tuple[Floats, Floats, float]) -> float:
+    return fitted[-1]

@@ -1,1 +1,0 @@
-"""How sharply each photograph shows the scene, and photographs made equally sharp."""
