@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Matching, match_photographs, planes_last, registered_noise
+from polaropt.capture import Capture, Matching, planes_last, registered_noise
 from polaropt.errors import InputError
 from polaropt.estimation import (
     IndexFit,
@@ -19,6 +19,7 @@ from polaropt.estimation import (
     LikelierIndex,
     RungReport,
     StillPhotographs,
+    agreeing_photographs,
     clear_pane,
     find_scene,
     in_full,
@@ -560,12 +561,9 @@ def _case_of(
 ) -> Case:
     """All that is known of a capture before it is solved."""
     stages.begin("Measuring the noise", 0.0)
-    still = still_photographs(capture)
-    matching = _matched(capture, still) if settings.match_photographs else None
-    if matching is not None:
-        capture = matching.capture
-        still = still_photographs(capture)
-        still = still if matching.noise is None else still.with_noise(matching.noise)
+    still, matching = still_photographs(capture), None
+    if settings.match_photographs:
+        capture, still, matching = agreeing_photographs(capture, still)
     noise, mistakes = still.noise, still.mistakes
     # A scene is estimated from the cells of a mosaic, in their pixels.
     of_scene, scale = still.capture if matching is None else still.seen(matching.of_scene), capture.scale
@@ -637,17 +635,6 @@ def _case_of(
     )
 
 
-def _matched(capture: Capture, still: StillPhotographs) -> Matching | None:
-    """The photographs made to agree, by what stands still; None where they do."""
-    matching = match_photographs(still.capture, still.noise)
-    if matching is None or still.moving is None:
-        return matching
-    # What moves is seen by each photograph elsewhere, and stays as each saw it.
-    kept = np.where(still.moving, capture.intensities, matching.capture.intensities)
-    valid = np.where(still.moving, capture.valid, matching.capture.valid)
-    return replace(matching, capture=capture.replace(intensities=kept, valid=valid))
-
-
 @dataclass(frozen=True)
 class Case:
     """A capture with what was asked of it, and all that is known before it is solved."""
@@ -708,6 +695,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         noise_share=noise_share(capture, solution.layers[0], float(solution.variance[0])),
         mistakes=still.mistakes,
         moving=still.moving,
+        valid_share=None if case.matching is None else case.matching.valid_share,
         doubtful_incidence=case.doubtful_incidence,
         coated=case.coated,
         likelier_index=case.likelier_index,
@@ -770,6 +758,7 @@ def _unseparated(case: Case, stages: Stages) -> Separation:
         estimate=estimate,
         mistakes=still.mistakes,
         moving=still.moving,
+        valid_share=None if case.matching is None else case.matching.valid_share,
         doubtful_incidence=case.doubtful_incidence,
         coated=case.coated,
     )

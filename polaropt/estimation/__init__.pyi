@@ -7,6 +7,7 @@ __all__ = [
     "RungReport",
     "SceneEstimate",
     "StillPhotographs",
+    "agreeing_photographs",
     "angle_mistake",
     "clear_pane",
     "estimate_scene",
@@ -45,6 +46,7 @@ from .ladder import find_scene as find_scene
 from .ladder import in_full as in_full
 from .ladder import model_names as model_names
 from .motion import StillPhotographs as StillPhotographs
+from .motion import agreeing_photographs as agreeing_photographs
 from .motion import motion_shows as motion_shows
 from .motion import moving_pixels as moving_pixels
 from .motion import still_photographs as still_photographs

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from polaropt.capture import (
     Capture,
+    Matching,
     Mistakes,
     NoiseModel,
     blocks_of,
     find_mistakes,
+    match_photographs,
     measured_noise,
     noise_of_blocks,
     redundancy_residual,
@@ -127,6 +129,24 @@ def still_photographs(capture: Capture) -> StillPhotographs:
         if mistakes == Mistakes():
             return StillPhotographs(still, moving, mistakes, *measured_noise(still))
     return StillPhotographs(capture, None, find_mistakes(capture.registered), noise, growth)
+
+
+def agreeing_photographs(
+    capture: Capture, still: StillPhotographs
+) -> tuple[Capture, StillPhotographs, Matching | None]:
+    """Photographs made to agree by what stands still, and what stands still of them; all as it was where they do.
+
+    What moves is seen by each photograph elsewhere, and stays as each saw it.
+    """
+    matching = match_photographs(still.capture, still.noise)
+    if matching is None:
+        return capture, still, None
+    if still.moving is not None:
+        kept = np.where(still.moving, capture.intensities, matching.capture.intensities)
+        valid = np.where(still.moving, capture.valid, matching.capture.valid)
+        matching = replace(matching, capture=capture.replace(intensities=kept, valid=valid))
+    agreeing = still_photographs(matching.capture)
+    return matching.capture, agreeing if matching.noise is None else agreeing.with_noise(matching.noise), matching
 
 
 def motion_shows(capture: Capture) -> bool:

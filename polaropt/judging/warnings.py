@@ -210,6 +210,7 @@ def diagnose(
     noise_share: float = 0.0,
     mistakes: Mistakes | None = None,
     moving: Mask | None = None,
+    valid_share: float | None = None,
     doubtful_incidence: bool = False,
     coated: bool = False,
     likelier_index: LikelierIndex | None = None,
@@ -235,6 +236,9 @@ def diagnose(
         What was found wrong with the photographs. Default: it is looked for.
     moving : ndarray of bool, shape (h, w), optional
         Pixels in which something moves between the photographs: not valid in the capture.
+    valid_share : float, optional
+        Share of the pixels, what moves among them, that could be trusted in the photographs as they were taken.
+        Default: that of the capture.
     doubtful_incidence : bool
         Whether the photographs speak against the incidence that was given.
     coated : bool
@@ -249,8 +253,9 @@ def diagnose(
         Of a frame before: what is wrong with the camera's analyzers is so in every frame.
     """
     moving_share = 0.0 if moving is None else float(moving.mean())
-    n_still = (1 - moving_share) * capture.mask.size
-    clipped = 1 - capture.n_valid / n_still
+    if valid_share is None:
+        valid_share = capture.n_valid / capture.mask.size
+    clipped = 1 - valid_share / (1 - moving_share)
     polarized = estimate is None or estimate.polarized
     if scene is None and estimate is not None:
         scene = estimate.scene

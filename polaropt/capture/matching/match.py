@@ -37,10 +37,10 @@ _BETTER = 0.7
 _MOST_LEFT = 1.5
 """The same in units of the noise as it is measured, of which blurs and layers that move make more than there is: where
 more is left, the reason is another one. Set by hand."""
-_LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.9
+_LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.95
 """What no two pictures in place explain, in units of the noise, from which on both layers may have moved by themselves,
 and the part of it that is left at most where they have: of 192 random windows, in which none has, the smallest part was
-1. By trial."""
+0.97. By trial."""
 _MOST_OF_LAYERS_PX = 8.0
 """Shift of a layer that is undone at most: tiles are restored with 32 pixels around them. Set by hand."""
 
@@ -58,6 +58,9 @@ class Matching:
     of_scene : Capture
         The same for the estimation of the scene: without what no photograph tells, and with noise like that of others.
         Of a result the same as `capture`.
+    valid_share : float
+        Share of the pixels that could be trusted before: what lies near the edges of a frame that was moved is not
+        clipped.
     noise : float or None
         Standard deviation of one photograph's noise, where blurs were undone: photographs that are filled in by each
         other say less of it than there is. None where they tell it themselves.
@@ -66,6 +69,7 @@ class Matching:
     capture: Capture
     transfer: Transfer
     of_scene: Capture
+    valid_share: float
     noise: float | None = None
 
 
@@ -90,6 +94,7 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
     believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
     moved = Transfer.of_shifts(shifts.pixels if believed else np.zeros((count, 2)))
+    valid_share = capture.n_valid / capture.mask.size
     detail = detail_spectra(capture, noise) if count > 3 else None
     if detail is not None:
         in_place = detail.in_place(moved.at(detail.rows, detail.columns))
@@ -99,7 +104,7 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
             transfer, left = blurred
             noise *= math.sqrt(left)
             of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
-            return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
+            return Matching(restored(capture, transfer, detail), transfer, of_scene, valid_share, noise)
         # Where layers move by themselves, a shift of the whole may explain nothing.
         as_whole, as_it_is = in_place.besides_two(), detail.besides_two()
         layers = _with_parallax(moved, detail, min(as_whole, as_it_is), axis)
@@ -110,7 +115,7 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     if not moved.moves:
         return None
     made = restored(capture, moved)
-    return Matching(made, moved, made)
+    return Matching(made, moved, made, valid_share)
 
 
 def _with_blurs(moved: Transfer, in_place: DetailSpectra, axis: tuple[float, float]) -> tuple[Transfer, float] | None:
@@ -128,12 +133,10 @@ def _with_blurs(moved: Transfer, in_place: DetailSpectra, axis: tuple[float, flo
     return blurred, after
 
 
-def _with_parallax(
-    moved: Transfer, detail: DetailSpectra, before: float, axis: tuple[float, float]
-) -> Transfer | None:
+def _with_parallax(moved: Transfer, detail: DetailSpectra, before: float, axis: tuple[float, float]) -> Transfer | None:
     """The shifts of both layers, where these explain what no two pictures in place do; None where they do not."""
     azimuth, beside = axis
-    if beside > _MOST_BESIDE or before < _LEAST_BESIDES:
+    if beside > _MOST_BESIDE or (before < _LEAST_BESIDES and not moved.moves):
         return None
     layers, after = ParallaxFit(detail, azimuth).found(moved.shifts_px)
     if after > min(_BETTER_BY_LAYERS * before, _MOST_LEFT) or np.abs(layers.shifts_px).max() > _MOST_OF_LAYERS_PX:

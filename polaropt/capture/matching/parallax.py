@@ -7,6 +7,7 @@ unknown numbers, one of each layer, and what no two numbers explain tells how bo
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,14 @@ _MOST_FREQUENCIES = 1500
 _FINEST = (0.06, 0.12, 0.5)
 """Frequencies in periods per pixel up to which a fit looks, one after the other: the first are turned by half a period
 where a layer has moved by eight pixels. Set by hand."""
-_FEWEST = 60
-"""Frequencies with which a fit is tried; set by hand."""
-_USUAL = (0.15, -0.65)
-"""Degrees of polarization of what passes and of what is mirrored at some 55 degrees, where a fit starts."""
-_SPREAD, _SPREAD_PX = 0.3, 5.0
-"""Standard deviations of these and of a layer's shifts that are assumed, so that what nothing tells stays where it
-starts; set by hand."""
+_FEWEST = 150
+"""Frequencies that a fit looks at, at least, the coarsest first; set by hand."""
+_USUAL, _SPREAD = (0.15, -0.7), (0.15, 0.25)
+"""Degrees of polarization of what passes and of what is mirrored by glass, and their standard deviations, of 30 to 75
+degrees; what nothing tells stays there."""
+_SPREAD_RAD, _SPREAD_PX = 0.1, 1.0
+"""The same of twice the azimuth, as it is known before, and of a layer's shifts: which a photograph that shows hardly
+any of it leaves open. Set by hand."""
 _LEAST_POLARIZED, _MOST_POLARIZED = np.array([0.0, -0.99]), np.array([0.99, -0.1])
 """Degrees of polarization that are looked for: what passes is polarized along the plane of incidence, and what is
 mirrored across it, by a tenth at least from 20 degrees on. Layers that are polarized alike would explain anything."""
@@ -60,8 +62,7 @@ class ParallaxFit:
     def __init__(self, detail: DetailSpectra, azimuth_deg: float) -> None:
         self._detail, self._azimuth = detail, np.radians(2 * azimuth_deg)
         self._radius = np.hypot(detail.rows, detail.columns)
-        strength = np.square(np.abs(detail.values)).sum(axis=(0, 1)) * self._radius**2
-        self._kept = np.sort(np.argsort(strength)[-_MOST_FREQUENCIES:])
+        self._strength = np.square(np.abs(detail.values)).sum(axis=(0, 1)) * self._radius**2
 
     def found(self, shifts_px: Floats) -> tuple[LayerShifts, float]:
         """The shifts of both layers that explain most.
@@ -81,11 +82,15 @@ class ParallaxFit:
         # Whether the plane of incidence lies along or across shows only where layers move much, or is left open.
         across = usual.copy()
         across[-3] += np.pi
-        starts = (usual, across)
-        start, numbers, left = min(((start, *self._fitted(start, start, _FINEST[0])) for start in starts), key=_misfit)
-        for finest in _FINEST[1:]:
-            numbers, left = self._fitted(numbers, start, finest)
+        numbers, left = min((self._found(start) for start in (usual, across)), key=lambda found: found[1])
         return self._layers(numbers), left
+
+    def _found(self, usual: Floats) -> tuple[Floats, float]:
+        """Numbers that explain most, of those near the usual ones, and what they leave."""
+        numbers, left = usual, math.inf
+        for finest in _FINEST:
+            numbers, left = self._fitted(numbers, usual, finest)
+        return numbers, left
 
     def _start(self, shifts_px: Floats) -> Floats:
         shifts = shifts_px[1:] - shifts_px[0]
@@ -97,9 +102,11 @@ class ParallaxFit:
         return LayerShifts(shifts, float(np.degrees(numbers[-3]) / 2), numbers[-2:])
 
     def _chosen(self, finest: float) -> NDArray[np.intp]:
-        """Frequencies up to one; all where those are too few."""
-        chosen = self._kept[self._radius[self._kept] <= finest]
-        return chosen if chosen.size >= _FEWEST else self._kept
+        """Frequencies up to one, those with most detail."""
+        chosen = np.flatnonzero(self._radius <= finest)
+        if chosen.size < _FEWEST:
+            chosen = np.argsort(self._radius)[:_FEWEST]
+        return chosen[np.argsort(self._strength[chosen])[-_MOST_FREQUENCIES:]]
 
     def _curve(self, numbers: Floats, usual: Floats, finest: float) -> Curve:
         """What is left of frequencies up to one, and how far off the usual the numbers are, as a function of them."""
@@ -125,7 +132,7 @@ class ParallaxFit:
         apart = (slopes - mixing @ (unmixed @ slopes)).reshape(numbers.size, -1)
         slopes = slopes.reshape(numbers.size, -1)
         size = (len(angles) - 2) * values[:, 0].size
-        spread = np.concatenate([np.full(numbers.size - 3, _SPREAD_PX), np.full(3, _SPREAD)])
+        spread = np.concatenate([np.full(numbers.size - 3, _SPREAD_PX), [_SPREAD_RAD, *_SPREAD]])
         firmness, off = 1 / (2 * size * spread**2), numbers - usual
         misfit = np.square(np.abs(left)).sum() / size + firmness @ off**2
         gradient = firmness * off - (slopes.conj() @ left.ravel()).real / size
@@ -152,7 +159,3 @@ class ParallaxFit:
                 if slack > _MOST_SLACK:
                     break
         return numbers, here[0]
-
-
-def _misfit(fitted: tuple[Floats, Floats, float]) -> float:
-    return fitted[-1]
