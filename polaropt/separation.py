@@ -127,7 +127,8 @@ class Separation:
         Where something moves between the photographs: it was left out when the scene was estimated, and the layers are
         those of one photograph, with the reflection around. None where nothing does, or nothing could tell.
     matching : Matching or None
-        The photographs as they were separated, where they had to be moved onto each other or made equally sharp.
+        The photographs as they were separated, where they, or both layers of them, had to be moved onto each other, or
+        they had to be made equally sharp.
     unglazed : ndarray of bool, shape (h, w), or None
         Where the frame shows no glass, as far as its light tells: it was left out, the transmission is the light there,
         and the reflection nothing. None where no such place was found.
@@ -618,8 +619,7 @@ def _case_of(
         edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
         found = with_likelier_side(found, source, edges)
     if matching is not None:
-        # The scene's own photographs are of no use any more, and much memory.
-        matching = replace(matching, of_scene=matching.capture)
+        matching = matching.before(found.scene.azimuth_deg)
     unglazed = None if unglazed is None else surely_unglazed(unglazed, found.scene)
     return Case(
         capture,

@@ -168,6 +168,8 @@ def photograph(
     noise = np.random.default_rng(pair.number) if noise is None else noise
     layers = _imaged(_lit(pair, taking, random), taking)
     photographs = _through(layers, scene, taking)
+    if taking.parallax_px:
+        photographs += _beside(layers, scene, taking, random)
     exposure = _exposure(photographs, layers[0], pair, taking)
     crossed = np.zeros(photographs.shape[-2:], bool)
     if taking.moving_side:
@@ -322,6 +324,19 @@ def _moved(photographs: Images, distance_px: float) -> Images:
         step = (0.0, *(part * sign * distance_px for part in _DIRECTION))
         moved[k] = np.fft.ifftn(fourier_shift(np.fft.fftn(photographs[k]), step)).real
     return moved
+
+
+def _beside(layers: Images, scene: SceneParameters, taking: Taking, random: np.random.Generator) -> Images:
+    """What becomes of photographs where the mirrored scene lies elsewhere in all but the first."""
+    from scipy.ndimage import fourier_shift
+
+    mirrored = _through(layers * np.array([0, 1], np.float32)[:, None, None, None], scene, taking)
+    moved = mirrored.copy()
+    for photograph in moved[1:]:
+        direction = random.uniform(0, 2 * np.pi)
+        step = (0.0, taking.parallax_px * math.sin(direction), taking.parallax_px * math.cos(direction))
+        photograph[:] = np.fft.ifftn(fourier_shift(np.fft.fftn(photograph), step)).real
+    return moved - mirrored
 
 
 def _framed(photographs: Images, layers: Images, pair: Pair, side: float) -> Mask:

@@ -107,6 +107,9 @@ class Taking:
         How far the second and fourth photograph lie from the others, in opposite directions.
     defocus_px : float
         Standard deviation of a Gaussian by which the third photograph is less sharp than the others.
+    parallax_px : float
+        How far the mirrored scene lies beside its first place in the other photographs, each in a direction of its own,
+        while what is behind the pane stays: what moving the camera leaves when the photographs are moved onto that.
     unglazed_side : float
         Width of a window frame on all four sides of the photograph, in its shorter side: it shows no glass, scores are
         of what lies within.
@@ -142,6 +145,7 @@ class Taking:
     gamma: float = 1.0
     shift_px: float = 0.0
     defocus_px: float = 0.0
+    parallax_px: float = 0.0
     unglazed_side: float = 0.0
     angle_error_deg: float = 0.0
     reflection_gain: float = 1.0
@@ -343,6 +347,7 @@ def _of_camera() -> Iterable[Scene]:
     yield from _along_taking("gamma of the encoding", (1.0, 1.05, 1.1, 1.2, 1.5, 1.8, 2.2), "gamma")
     yield from _along_taking("misregistration (px)", (0, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0), "shift_px")
     yield from _along_taking("one photograph out of focus (px)", (0, 0.3, 0.5, 0.8, 1.2, 2.0, 3.0), "defocus_px")
+    yield from _along_taking("parallax of the layers (px)", (0, 0.2, 0.5, 1.0, 2.0, 4.0, 6.0), "parallax_px")
     frames = (0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25)
     yield from _along_taking("frame that shows no glass (sides)", frames, "unglazed_side")
     yield from _along_taking("error of the filter's angles (deg)", (0, 0.5, 1.0, 2.0, 5.0, 10.0), "angle_error_deg")

@@ -23,6 +23,7 @@ __all__ = [
     "FrameReader",
     "GammaFit",
     "JpegFacts",
+    "LayerShifts",
     "Matching",
     "Mistakes",
     "NoiseClasses",
@@ -133,6 +134,7 @@ from .files.write import write_png_view as write_png_view
 from .files.write import write_tiff as write_tiff
 from .matching.match import Matching as Matching
 from .matching.match import match_photographs as match_photographs
+from .matching.transfer import LayerShifts as LayerShifts
 from .matching.transfer import Transfer as Transfer
 from .mosaic import LEAST_STOKES_POWER as LEAST_STOKES_POWER
 from .mosaic import MIRRORED_PX as MIRRORED_PX

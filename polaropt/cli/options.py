@@ -257,8 +257,9 @@ class LadderOptions:
         bool,
         typer.Option(
             metavar="",
-            help="Photographs that lie up to five pixels beside each other, or are not equally sharp, are made to "
-            "agree before anything else, and it is said.",
+            help="Photographs that lie up to five pixels beside each other, in which both layers have moved by "
+            "themselves (a camera held by hand), or that are not equally sharp, are made to agree before anything "
+            "else, and it is said.",
             rich_help_panel=_FILES,
         ),
     ] = True

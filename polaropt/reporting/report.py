@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import polaropt
 from polaropt.optics import FIELDS, Field, SceneParameters
+from polaropt.reporting.pictures import LAYERS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -112,8 +113,13 @@ def capture_report(capture: Capture) -> dict[str, Any]:
 
 
 def matching_report(transfer: Transfer) -> dict[str, Any]:
-    """How far each photograph lay beside the first, and how much less sharp than the sharpest it was, in pixels."""
-    return {"shifts_px": json_values(transfer.shifts_px), "blurs_px": json_values(transfer.blurs_px)}
+    """How far each photograph, or each layer in it, lay beside the first, and how much less sharp it was, in pixels."""
+    layers = transfer.layers
+    return {
+        "shifts_px": json_values(transfer.shifts_px),
+        "layer_shifts_px": None if layers is None else dict(zip(LAYERS, json_values(layers.shifts_px), strict=True)),
+        "blurs_px": json_values(transfer.blurs_px),
+    }
 
 
 def unglazed_share(unglazed: NDArray[np.bool_] | None) -> float:

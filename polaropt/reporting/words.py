@@ -563,7 +563,14 @@ def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
         return []
     told = []
     largest = max(math.hypot(*shift) for shift in matching["shifts_px"])
-    if largest > _SAID_PX:
+    if matching["layer_shifts_px"] is not None:
+        of_layers = matching["layer_shifts_px"].values()
+        behind, mirrored = (max(math.hypot(*shift) for shift in shifts) for shifts in of_layers)
+        told.append(
+            "moved onto the first, each layer by itself, as a camera held by hand sees them: "
+            f"what is behind the glass by up to {behind:.2f} px, what it mirrors by up to {mirrored:.2f} px"
+        )
+    elif largest > _SAID_PX:
         told.append(f"moved onto the first by up to {largest:.2f} px")
     blurs = [(number, blur) for number, blur in enumerate(matching["blurs_px"], 1) if blur > _SAID_PX]
     if blurs:

@@ -7,7 +7,7 @@ one photograph a little out of focus, makes polarized light of every edge, in wh
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,10 +37,13 @@ _BETTER = 0.7
 _MOST_LEFT = 1.5
 """The same in units of the noise as it is measured, of which blurs and layers that move make more than there is: where
 more is left, the reason is another one. Set by hand."""
-_LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.95
+_LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.96
 """What no two pictures in place explain, in units of the noise, from which on both layers may have moved by themselves,
 and the part of it that is left at most where they have: of 192 random windows, in which none has, the smallest part was
-0.97. By trial."""
+0.97 but for two of which no more than noise was left. By trial."""
+_NEARLY_ALL = 0.1
+"""Part of it that may be left where more than `_MOST_LEFT` is: at the edges of what is looked at layers that have moved
+far show what others do not. Set by hand."""
 _MOST_OF_LAYERS_PX = 8.0
 """Shift of a layer that is undone at most: tiles are restored with 32 pixels around them. Set by hand."""
 
@@ -54,7 +57,8 @@ class Matching:
     capture : Capture
         Both layers in the place of the first photograph, and as sharp as in the sharpest.
     transfer : Transfer
-        What was undone.
+        What was undone. Of a result its layers, where these have moved by themselves, are what is behind the pane and
+        what it mirrors.
     of_scene : Capture
         The same for the estimation of the scene: without what no photograph tells, and with noise like that of others.
         Of a result the same as `capture`.
@@ -71,6 +75,17 @@ class Matching:
     of_scene: Capture
     valid_share: float
     noise: float | None = None
+
+    def before(self, azimuth_deg: float | None) -> Matching:
+        """The same once the plane of incidence is known: layers in their order, without the scene's own photographs.
+
+        These are of no use any more, and much memory.
+        """
+        layers = self.transfer.layers
+        told = replace(self, of_scene=self.capture)
+        if layers is None or azimuth_deg is None:
+            return told
+        return replace(told, transfer=Transfer.of_layers(layers.seen_by(azimuth_deg)))
 
 
 def match_photographs(capture: Capture, noise: float) -> Matching | None:
@@ -105,9 +120,10 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
             noise *= math.sqrt(left)
             of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
             return Matching(restored(capture, transfer, detail), transfer, of_scene, valid_share, noise)
+        fit = ParallaxFit(detail, axis[0])
         # Where layers move by themselves, a shift of the whole may explain nothing.
-        as_whole, as_it_is = in_place.besides_two(), detail.besides_two()
-        layers = _with_parallax(moved, detail, min(as_whole, as_it_is), axis)
+        as_whole, as_it_is = fit.besides_two(in_place), fit.besides_two(detail)
+        layers = _with_parallax(fit, moved, min(as_whole, as_it_is))
         if layers is not None:
             moved = layers
         elif as_whole >= as_it_is:
@@ -133,12 +149,12 @@ def _with_blurs(moved: Transfer, in_place: DetailSpectra, axis: tuple[float, flo
     return blurred, after
 
 
-def _with_parallax(moved: Transfer, detail: DetailSpectra, before: float, axis: tuple[float, float]) -> Transfer | None:
+def _with_parallax(fit: ParallaxFit, moved: Transfer, before: float) -> Transfer | None:
     """The shifts of both layers, where these explain what no two pictures in place do; None where they do not."""
-    azimuth, beside = axis
-    if beside > _MOST_BESIDE or (before < _LEAST_BESIDES and not moved.moves):
+    if before < _LEAST_BESIDES and not moved.moves:
         return None
-    layers, after = ParallaxFit(detail, azimuth).found(moved.shifts_px)
-    if after > min(_BETTER_BY_LAYERS * before, _MOST_LEFT) or np.abs(layers.shifts_px).max() > _MOST_OF_LAYERS_PX:
+    layers, after = fit.found(moved.shifts_px)
+    most_left = min(_BETTER_BY_LAYERS * before, max(_MOST_LEFT, _NEARLY_ALL * before))
+    if after > most_left or np.abs(layers.shifts_px).max() > _MOST_OF_LAYERS_PX:
         return None
     return Transfer.of_layers(layers)

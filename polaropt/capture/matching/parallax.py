@@ -64,6 +64,21 @@ class ParallaxFit:
         self._radius = np.hypot(detail.rows, detail.columns)
         self._strength = np.square(np.abs(detail.values)).sum(axis=(0, 1)) * self._radius**2
 
+    def besides_two(self, in_place: DetailSpectra) -> float:
+        """Mean square of what no two pictures in place explain, however photographs mix them, in units of the noise.
+
+        Behind a flat pane that is all but noise of photographs that agree: polarized light, gains and angles that are
+        not what they should be only mix both layers otherwise.
+
+        Parameters
+        ----------
+        in_place : DetailSpectra
+            The detail as it is, or with shifts of the photographs as a whole taken out.
+        """
+        photographs = np.moveaxis(in_place.values[..., self._chosen(_FINEST[-1])], 1, 0)
+        powers = (photographs @ photographs.conj().swapaxes(-1, -2)).real / photographs.shape[-1]
+        return float(np.linalg.eigvalsh(powers)[:, :-2].mean())
+
     def found(self, shifts_px: Floats) -> tuple[LayerShifts, float]:
         """The shifts of both layers that explain most.
 

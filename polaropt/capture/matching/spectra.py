@@ -54,16 +54,6 @@ class DetailSpectra:
         """Those of photographs whose transfer functions (k, n) are undone."""
         return replace(self, values=self.values / transfer[:, None])
 
-    def besides_two(self) -> float:
-        """Mean square of what no two pictures explain, however each photograph mixes them, in units of the noise.
-
-        Behind a flat pane that is all but noise of photographs that agree: polarized light, gains and angles that are
-        not what they should be only mix both layers otherwise.
-        """
-        photographs = np.moveaxis(self.values, 1, 0)
-        powers = (photographs @ photographs.conj().swapaxes(-1, -2)).real / photographs.shape[-1]
-        return float(np.linalg.eigvalsh(powers)[:, :-2].mean())
-
 
 def detail_spectra(capture: Capture, noise: float) -> DetailSpectra | None:
     """Spectra of the photographs' detail; None where they hold too little of it.

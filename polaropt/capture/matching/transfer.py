@@ -49,6 +49,11 @@ class LayerShifts:
     azimuth_deg: float
     polarized: Floats
 
+    def seen_by(self, azimuth_deg: float) -> LayerShifts:
+        """The same, first the layer that is polarized along the plane of incidence: what is behind the pane."""
+        along = math.cos(2 * math.radians(azimuth_deg - self.azimuth_deg)) * (self.polarized[0] - self.polarized[1]) > 0
+        return self if along else LayerShifts(self.shifts_px[::-1], self.azimuth_deg, self.polarized[::-1])
+
     @property
     def parallax_px(self) -> Floats:
         """How far down and to the right of the first layer each photograph shows the second, (k, 2)."""
