@@ -136,12 +136,15 @@ def agreeing_photographs(
 ) -> tuple[Capture, StillPhotographs, Matching | None]:
     """Photographs made to agree by what stands still, and what stands still of them; all as it was where they do.
 
-    What moves is seen by each photograph elsewhere, and stays as each saw it.
+    What moves is seen by each photograph elsewhere, and stays as each saw it, unless both layers have moved: then that
+    may have been all that moved.
     """
     matching = match_photographs(still.capture, still.noise)
     if matching is None:
         return capture, still, None
-    if still.moving is not None:
+    if still.moving is not None and matching.transfer.layers is not None:
+        matching = matching.of(capture)
+    elif still.moving is not None:
         kept = np.where(still.moving, capture.intensities, matching.capture.intensities)
         valid = np.where(still.moving, capture.valid, matching.capture.valid)
         matching = replace(matching, capture=capture.replace(intensities=kept, valid=valid))

@@ -76,6 +76,11 @@ class Matching:
     valid_share: float
     noise: float | None = None
 
+    def of(self, capture: Capture) -> Matching:
+        """The same undone in photographs of which other pixels count; none of which is blurred."""
+        made = restored(capture, self.transfer)
+        return replace(self, capture=made, of_scene=made, valid_share=_valid_share(capture))
+
     def before(self, azimuth_deg: float | None) -> Matching:
         """The same once the plane of incidence is known: layers in their order, without the scene's own photographs.
 
@@ -109,7 +114,7 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
     believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
     moved = Transfer.of_shifts(shifts.pixels if believed else np.zeros((count, 2)))
-    valid_share = capture.n_valid / capture.mask.size
+    valid_share = _valid_share(capture)
     detail = detail_spectra(capture, noise) if count > 3 else None
     if detail is not None:
         in_place = detail.in_place(moved.at(detail.rows, detail.columns))
@@ -132,6 +137,10 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
         return None
     made = restored(capture, moved)
     return Matching(made, moved, made, valid_share)
+
+
+def _valid_share(capture: Capture) -> float:
+    return capture.n_valid / capture.mask.size
 
 
 def _with_blurs(moved: Transfer, in_place: DetailSpectra, axis: tuple[float, float]) -> tuple[Transfer, float] | None:

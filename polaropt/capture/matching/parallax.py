@@ -23,7 +23,7 @@ Curve = tuple[float, Floats, Floats]
 
 _MOST_FREQUENCIES = 1500
 """Frequencies that are looked at, those with most detail; set by hand, for the time it takes."""
-_FINEST = (0.06, 0.12, 0.5)
+_FINEST = (0.06, 0.12, 0.3)
 """Frequencies in periods per pixel up to which a fit looks, one after the other: the first are turned by half a period
 where a layer has moved by eight pixels. Set by hand."""
 _FEWEST = 150
