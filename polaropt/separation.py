@@ -695,7 +695,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         noise_share=noise_share(capture, solution.layers[0], float(solution.variance[0])),
         mistakes=still.mistakes,
         moving=still.moving,
-        valid_share=None if case.matching is None else case.matching.valid_share,
+        valid_share=still.valid_share,
         doubtful_incidence=case.doubtful_incidence,
         coated=case.coated,
         likelier_index=case.likelier_index,
@@ -758,7 +758,7 @@ def _unseparated(case: Case, stages: Stages) -> Separation:
         estimate=estimate,
         mistakes=still.mistakes,
         moving=still.moving,
-        valid_share=None if case.matching is None else case.matching.valid_share,
+        valid_share=still.valid_share,
         doubtful_incidence=case.doubtful_incidence,
         coated=case.coated,
     )

@@ -93,6 +93,9 @@ class StillPhotographs:
     noise : float
     growth : NoiseModel
         `measured_noise` of the capture.
+    valid_share : float
+        Share of the frame's pixels that stand still and can be trusted, as they were taken: what lies near the edges of
+        photographs that were moved onto each other is not valid, but not clipped.
     """
 
     capture: Capture
@@ -100,6 +103,7 @@ class StillPhotographs:
     mistakes: Mistakes
     noise: float
     growth: NoiseModel
+    valid_share: float
 
     def seen(self, capture: Capture) -> Capture:
         """Other photographs of the same scene without what moves."""
@@ -127,8 +131,10 @@ def still_photographs(capture: Capture) -> StillPhotographs:
         still = capture.left_out(moving)
         mistakes = find_mistakes(still)
         if mistakes == Mistakes():
-            return StillPhotographs(still, moving, mistakes, *measured_noise(still))
-    return StillPhotographs(capture, None, find_mistakes(capture.registered), noise, growth)
+            return StillPhotographs(still, moving, mistakes, *measured_noise(still), _valid_share(still, None))
+    return StillPhotographs(
+        capture, None, find_mistakes(capture.registered), noise, growth, _valid_share(capture, None)
+    )
 
 
 def agreeing_photographs(
@@ -149,7 +155,14 @@ def agreeing_photographs(
         valid = np.where(still.moving, capture.valid, matching.capture.valid)
         matching = replace(matching, capture=capture.replace(intensities=kept, valid=valid))
     agreeing = still_photographs(matching.capture)
+    agreeing = replace(agreeing, valid_share=_valid_share(capture, agreeing.moving))
     return matching.capture, agreeing if matching.noise is None else agreeing.with_noise(matching.noise), matching
+
+
+def _valid_share(capture: Capture, moving: Mask | None) -> float:
+    """Share of the pixels that can be trusted, without those that move."""
+    n_valid = capture.n_valid if moving is None else np.count_nonzero(capture.valid & ~moving)
+    return n_valid / capture.mask.size
 
 
 def motion_shows(capture: Capture) -> bool:

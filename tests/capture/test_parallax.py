@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import fourier_shift
 
-from polaropt import Capture, SceneParameters, separate, simulate
+from polaropt import Capture, SceneParameters, SeparationWarning, separate, simulate
 from polaropt.capture import LayerShifts, Matching, match_photographs, planes_last, write_tiff
 from polaropt.cli.app import main
 from polaropt.simulation.metrics import psnr_db
@@ -151,3 +151,12 @@ def test_the_command_tells_how_far_each_layer_was_moved(tmp_path, capsys):
     assert "each layer by itself" in capsys.readouterr().out
     assert main(["estimate", *files, "--no-match"]) == 0
     assert "each layer" not in capsys.readouterr().out
+
+
+def test_layers_that_move_are_taken_for_no_things_that_do():
+    # So far that the closure fails over whole regions.
+    result = separate(taken(BEHIND, 2.5 * MIRRORED)[0])
+    assert result.matching is not None
+    assert result.matching.transfer.layers is not None
+    assert result.moving is None
+    assert SeparationWarning.MOVING not in result.diagnostics.warnings

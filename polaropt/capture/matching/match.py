@@ -62,9 +62,6 @@ class Matching:
     of_scene : Capture
         The same for the estimation of the scene: without what no photograph tells, and with noise like that of others.
         Of a result the same as `capture`.
-    valid_share : float
-        Share of the pixels that could be trusted before: what lies near the edges of a frame that was moved is not
-        clipped.
     noise : float or None
         Standard deviation of one photograph's noise, where blurs were undone: photographs that are filled in by each
         other say less of it than there is. None where they tell it themselves.
@@ -73,13 +70,12 @@ class Matching:
     capture: Capture
     transfer: Transfer
     of_scene: Capture
-    valid_share: float
     noise: float | None = None
 
     def of(self, capture: Capture) -> Matching:
         """The same undone in photographs of which other pixels count; none of which is blurred."""
         made = restored(capture, self.transfer)
-        return replace(self, capture=made, of_scene=made, valid_share=_valid_share(capture))
+        return replace(self, capture=made, of_scene=made)
 
     def before(self, azimuth_deg: float | None) -> Matching:
         """The same once the plane of incidence is known: layers in their order, without the scene's own photographs.
@@ -114,7 +110,6 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
     believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
     moved = Transfer.of_shifts(shifts.pixels if believed else np.zeros((count, 2)))
-    valid_share = _valid_share(capture)
     detail = detail_spectra(capture, noise) if count > 3 else None
     if detail is not None:
         in_place = detail.in_place(moved.at(detail.rows, detail.columns))
@@ -124,7 +119,7 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
             transfer, left = blurred
             noise *= math.sqrt(left)
             of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
-            return Matching(restored(capture, transfer, detail), transfer, of_scene, valid_share, noise)
+            return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
         fit = ParallaxFit(detail, axis[0])
         # Where layers move by themselves, a shift of the whole may explain nothing.
         as_whole, as_it_is = fit.besides_two(in_place), fit.besides_two(detail)
@@ -136,11 +131,7 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     if not moved.moves:
         return None
     made = restored(capture, moved)
-    return Matching(made, moved, made, valid_share)
-
-
-def _valid_share(capture: Capture) -> float:
-    return capture.n_valid / capture.mask.size
+    return Matching(made, moved, made)
 
 
 def _with_blurs(moved: Transfer, in_place: DetailSpectra, axis: tuple[float, float]) -> tuple[Transfer, float] | None:
