@@ -37,9 +37,10 @@ _BETTER = 0.7
 _MOST_LEFT = 1.5
 """The same in units of the noise as it is measured, of which blurs and layers that move make more than there is: where
 more is left, the reason is another one. Set by hand."""
-_LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.96
+_LEAST_BESIDES, _BETTER_BY_LAYERS, _BETTER_THAN_WHOLE = 1.03, 0.96, 0.9
 """What no two pictures in place explain, in units of the noise, from which on both layers may have moved by themselves,
-and the part of it that is left at most where they have: of 192 random windows, in which none has, the smallest part was
+and the part of it that is left at most where they have, and where all has been moved as a whole before, which leaves
+something at the edges of what is looked at: of 192 random windows, in which none has, the smallest part was
 0.97 but for two of which no more than noise was left. By trial."""
 _NEARLY_ALL = 0.1
 """Part of it that may be left where more than `_MOST_LEFT` is: at the edges of what is looked at layers that have moved
@@ -154,7 +155,8 @@ def _with_parallax(fit: ParallaxFit, moved: Transfer, before: float) -> Transfer
     if before < _LEAST_BESIDES and not moved.moves:
         return None
     layers, after = fit.found(moved.shifts_px)
-    most_left = min(_BETTER_BY_LAYERS * before, max(_MOST_LEFT, _NEARLY_ALL * before))
+    better = _BETTER_THAN_WHOLE if moved.moves else _BETTER_BY_LAYERS
+    most_left = min(better * before, max(_MOST_LEFT, _NEARLY_ALL * before))
     if after > most_left or np.abs(layers.shifts_px).max() > _MOST_OF_LAYERS_PX:
         return None
     return Transfer.of_layers(layers)
