@@ -48,21 +48,21 @@ class BlurFit:
         rows, columns = detail.rows, detail.columns
         self._slopes = -2 * np.pi**2 * np.stack([rows**2, 2 * rows * columns, columns**2])
 
-    def found(self) -> tuple[Floats, float, float]:
+    def found(self) -> tuple[Floats, float]:
         """Blurs of the fewest photographs that explain the detail.
 
         Returns
         -------
         blurs : ndarray, shape (k, 3)
             Covariances in squared pixels: of rows, of rows and columns, of columns.
-        before, after : float
-            Mean square of what is left without and with them, in units of the noise.
+        left : float
+            Mean square of what is left with them, in units of the noise.
         """
         count = len(self._values)
         blurs: Floats = np.zeros((count, 3))
         blurred: list[int] = []
         here = self._least_squares(blurs)
-        misfit = before = here[0]
+        misfit = here[0]
         while len(blurred) < count - 1:
             tried = [(self._fitted(blurs, here, [*blurred, k]), k) for k in range(count) if k not in blurred]
             able = [((there[0], k), fitted, there) for (fitted, there), k in tried if fitted[k, 0] + fitted[k, 2] > 0]
@@ -73,7 +73,7 @@ class BlurFit:
                 break
             blurs, here, misfit = fitted, there, value
             blurred.append(k)
-        return blurs, before, misfit
+        return blurs, misfit
 
     def _least_squares(self, blurs: Floats) -> Curve:
         """What is left in both combinations, as a function of all blurs (3k) in one row."""

@@ -32,19 +32,19 @@ _MOST_BLUR_PX = 5.0
 """Widest blur that is undone: tiles are restored with 16 pixels around them. Set by hand."""
 _MOST_BESIDE = 0.2
 """Polarized light beside one line, as a share of that on it, up to which the scene is one of a flat pane; by trial."""
-_BETTER = 0.7
-"""Part of what photographs leave unexplained that is left at most where blurs are the reason; by trial."""
 _MOST_LEFT = 1.5
-"""The same in units of the noise as it is measured, of which blurs and layers that move make more than there is: where
+"""What is left at most where blurs, or layers that move, are the reason for what photographs leave unexplained, in units of the noise as it is measured, of which blurs and layers that move make more than there is: where
 more is left, the reason is another one. Set by hand."""
-_LEAST_BESIDES, _BETTER_BY_LAYERS, _BETTER_THAN_WHOLE = 1.03, 0.96, 0.9
+_LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.96
 """What no two pictures in place explain, in units of the noise, from which on both layers may have moved by themselves,
-and the part of it that is left at most where they have, and where all has been moved as a whole before, which leaves
-something at the edges of what is looked at: of 192 random windows, in which none has, the smallest part was
+and the part of it that is left at most where they have: of 192 random windows, in which none has, the smallest part was
 0.97 but for two of which no more than noise was left. By trial."""
 _NEARLY_ALL = 0.1
 """Part of it that may be left where more than `_MOST_LEFT` is: at the edges of what is looked at layers that have moved
 far show what others do not. Set by hand."""
+_LEAST_MIRRORED = -0.12
+"""Degree of polarization of what is mirrored, across the plane of incidence, from which on it is that of a pane: where
+another reason makes two layers look as if they had moved, they come out as alike as they are let. By trial."""
 _MOST_OF_LAYERS_PX = 8.0
 """Shift of a layer that is undone at most: tiles are restored with 32 pixels around them. Set by hand."""
 
@@ -111,41 +111,41 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
     believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
     moved = Transfer.of_shifts(shifts.pixels if believed else np.zeros((count, 2)))
-    detail = detail_spectra(capture, noise) if count > 3 else None
-    if detail is not None:
-        in_place = detail.in_place(moved.at(detail.rows, detail.columns))
-        axis = polarized_axis(capture)
-        blurred = _with_blurs(moved, in_place, axis)
-        if blurred is not None:
-            transfer, left = blurred
-            noise *= math.sqrt(left)
-            of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
-            return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
-        fit = ParallaxFit(detail, axis[0])
+    in_place = restored(capture, moved) if moved.moves else capture
+    detail = detail_spectra(in_place, noise) if count > 3 else None
+    if detail is None:
+        return Matching(in_place, moved, in_place) if moved.moves else None
+    azimuth, beside = polarized_axis(in_place)
+    blurred = None if beside > _MOST_BESIDE else _with_blurs(moved, detail, azimuth)
+    if blurred is not None:
+        transfer, left = blurred
+        noise *= math.sqrt(left)
+        of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
+        return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
+    fit = ParallaxFit(detail, azimuth)
+    before = fit.besides_two()
+    if moved.moves:
         # Where layers move by themselves, a shift of the whole may explain nothing.
-        as_whole, as_it_is = fit.besides_two(in_place), fit.besides_two(detail)
-        layers = _with_parallax(fit, moved, min(as_whole, as_it_is))
-        if layers is not None:
-            moved = layers
-        elif as_whole >= as_it_is:
-            return None
-    if not moved.moves:
-        return None
-    made = restored(capture, moved)
-    return Matching(made, moved, made)
+        as_it_was = detail_spectra(capture, noise)
+        if as_it_was is not None and ParallaxFit(as_it_was, azimuth).besides_two() <= before:
+            detail, in_place, moved = as_it_was, capture, Transfer.of_shifts(np.zeros((count, 2)))
+            fit = ParallaxFit(detail, azimuth)
+            before = fit.besides_two()
+    layers = _with_parallax(fit, moved, before)
+    if layers is not None:
+        made = restored(capture, layers)
+        return Matching(made, layers, made)
+    return Matching(in_place, moved, in_place) if moved.moves else None
 
 
-def _with_blurs(moved: Transfer, in_place: DetailSpectra, axis: tuple[float, float]) -> tuple[Transfer, float] | None:
+def _with_blurs(moved: Transfer, in_place: DetailSpectra, azimuth_deg: float) -> tuple[Transfer, float] | None:
     """Shifts with the blurs that explain what photographs of a flat pane leave unexplained, and what is then left.
 
     That is the variance of the noise, as a share of what it was taken for. None where no blurs do.
     """
-    azimuth, beside = axis
-    if beside > _MOST_BESIDE:
-        return None
-    blurs, before, after = BlurFit(in_place, azimuth).found()
-    blurred = Transfer(moved.shifts_px, covariances(blurs), azimuth)
-    if after > min(_BETTER * before, _MOST_LEFT) or max(blurred.blurs_px) > _MOST_BLUR_PX:
+    blurs, after = BlurFit(in_place, azimuth_deg).found()
+    blurred = Transfer(moved.shifts_px, covariances(blurs), azimuth_deg)
+    if not blurred.blurred or after > _MOST_LEFT or max(blurred.blurs_px) > _MOST_BLUR_PX:
         return None
     return blurred, after
 
@@ -154,9 +154,13 @@ def _with_parallax(fit: ParallaxFit, moved: Transfer, before: float) -> Transfer
     """The shifts of both layers, where these explain what no two pictures in place do; None where they do not."""
     if before < _LEAST_BESIDES and not moved.moves:
         return None
-    layers, after = fit.found(moved.shifts_px)
-    better = _BETTER_THAN_WHOLE if moved.moves else _BETTER_BY_LAYERS
-    most_left = min(better * before, max(_MOST_LEFT, _NEARLY_ALL * before))
-    if after > most_left or np.abs(layers.shifts_px).max() > _MOST_OF_LAYERS_PX:
+    beside, after = fit.found()
+    layers = replace(beside, shifts_px=beside.shifts_px + moved.shifts_px)
+    most_left = min(_BETTER_BY_LAYERS * before, max(_MOST_LEFT, _NEARLY_ALL * before))
+    if (
+        after > most_left
+        or np.abs(layers.shifts_px).max() > _MOST_OF_LAYERS_PX
+        or layers.polarized[1] > _LEAST_MIRRORED
+    ):
         return None
     return Transfer.of_layers(layers)

@@ -64,28 +64,18 @@ class ParallaxFit:
         self._radius = np.hypot(detail.rows, detail.columns)
         self._strength = np.square(np.abs(detail.values)).sum(axis=(0, 1)) * self._radius**2
 
-    def besides_two(self, in_place: DetailSpectra) -> float:
+    def besides_two(self) -> float:
         """Mean square of what no two pictures in place explain, however photographs mix them, in units of the noise.
 
         Behind a flat pane that is all but noise of photographs that agree: polarized light, gains and angles that are
         not what they should be only mix both layers otherwise.
-
-        Parameters
-        ----------
-        in_place : DetailSpectra
-            The detail as it is, or with shifts of the photographs as a whole taken out.
         """
-        photographs = np.moveaxis(in_place.values[..., self._chosen(_FINEST[-1])], 1, 0)
+        photographs = np.moveaxis(self._detail.values[..., self._chosen(_FINEST[-1])], 1, 0)
         powers = (photographs @ photographs.conj().swapaxes(-1, -2)).real / photographs.shape[-1]
         return float(np.linalg.eigvalsh(powers)[:, :-2].mean())
 
-    def found(self, shifts_px: Floats) -> tuple[LayerShifts, float]:
+    def found(self) -> tuple[LayerShifts, float]:
         """The shifts of both layers that explain most.
-
-        Parameters
-        ----------
-        shifts_px : ndarray, shape (k, 2)
-            Where the photographs show the scene as a whole, as far as it is known.
 
         Returns
         -------
@@ -93,7 +83,8 @@ class ParallaxFit:
         left : float
             Mean square of what these leave, in units of the noise.
         """
-        usual = self._start(shifts_px)
+        in_place = np.zeros(4 * (len(self._detail.angles_deg) - 1))
+        usual = np.concatenate([in_place, [self._azimuth, *_USUAL]])
         # Whether the plane of incidence lies along or across shows only where layers move much, or is left open.
         across = usual.copy()
         across[-3] += np.pi
@@ -106,10 +97,6 @@ class ParallaxFit:
         for finest in _FINEST:
             numbers, left = self._fitted(numbers, usual, finest)
         return numbers, left
-
-    def _start(self, shifts_px: Floats) -> Floats:
-        shifts = shifts_px[1:] - shifts_px[0]
-        return np.concatenate([shifts.ravel(), shifts.ravel(), [self._azimuth, *_USUAL]])
 
     def _layers(self, numbers: Floats) -> LayerShifts:
         shifts = np.zeros((2, len(self._detail.angles_deg), 2))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -49,10 +49,6 @@ class DetailSpectra:
     angles_deg: tuple[float, ...]
     power: Floats
     noise: float
-
-    def in_place(self, transfer: Spectrum) -> DetailSpectra:
-        """Those of photographs whose transfer functions (k, n) are undone."""
-        return replace(self, values=self.values / transfer[:, None])
 
 
 def detail_spectra(capture: Capture, noise: float) -> DetailSpectra | None:
