@@ -29,12 +29,13 @@ _MOST_PX = 5.0
 """Distance between two photographs up to which they are moved without being asked to, in the frame as it is: what one
 of them does not show at the edges is not valid in it. Set by hand."""
 _MOST_BLUR_PX = 5.0
-"""Widest blur that is undone: tiles are restored with 16 pixels around them. Set by hand."""
+"""Widest blur that is undone: tiles are restored with 32 pixels around them. Set by hand."""
 _MOST_BESIDE = 0.2
 """Polarized light beside one line, as a share of that on it, up to which the scene is one of a flat pane; by trial."""
 _MOST_LEFT = 1.5
-"""What is left at most where blurs, or layers that move, are the reason for what photographs leave unexplained, in units of the noise as it is measured, of which blurs and layers that move make more than there is: where
-more is left, the reason is another one. Set by hand."""
+"""What is left at most where blurs, or layers that move, are the reason for what photographs leave unexplained, in units
+of the noise as it is measured, of which these make more than there is: where more is left, the reason is another one.
+Set by hand."""
 _LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.96
 """What no two pictures in place explain, in units of the noise, from which on both layers may have moved by themselves,
 and the part of it that is left at most where they have: of 192 random windows, in which none has, the smallest part was
