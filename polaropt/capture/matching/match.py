@@ -33,9 +33,9 @@ _MOST_BLUR_PX = 5.0
 _MOST_BESIDE = 0.2
 """Polarized light beside one line, as a share of that on it, up to which the scene is one of a flat pane; by trial."""
 _MOST_LEFT = 1.5
-"""What is left at most where blurs, or layers that move, are the reason for what photographs leave unexplained, in units
-of the noise as it is measured, of which these make more than there is: where more is left, the reason is another one.
-Set by hand."""
+"""What is left at most where blurs, or layers that move, are why photographs leave something unexplained, in units of
+the noise as it is measured, of which these make more than there is: where more is left, the reason is another one. Set
+by hand."""
 _LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.96
 """What no two pictures in place explain, in units of the noise, from which on both layers may have moved by themselves,
 and the part of it that is left at most where they have: of 192 random windows, in which none has, the smallest part was
