@@ -619,7 +619,7 @@ def _case_of(
         edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
         found = with_likelier_side(found, source, edges)
     if matching is not None:
-        matching = matching.before(found.scene.azimuth_deg)
+        matching = matching.with_azimuth(found.scene.azimuth_deg)
     unglazed = None if unglazed is None else surely_unglazed(unglazed, found.scene)
     return Case(
         capture,

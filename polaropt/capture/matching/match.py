@@ -79,7 +79,7 @@ class Matching:
         made = restored(capture, self.transfer)
         return replace(self, capture=made, of_scene=made)
 
-    def before(self, azimuth_deg: float | None) -> Matching:
+    def with_azimuth(self, azimuth_deg: float | None) -> Matching:
         """The same once the plane of incidence is known: layers in their order, without the scene's own photographs.
 
         These are of no use any more, and much memory.
