@@ -65,8 +65,8 @@ class Matching:
         The same for the estimation of the scene: without what no photograph tells, and with noise like that of others.
         Of a result the same as `capture`.
     noise : float or None
-        Standard deviation of one photograph's noise, where blurs were undone: photographs that are filled in by each
-        other say less of it than there is. None where they tell it themselves.
+        Standard deviation of one photograph's noise, where blurs or layers that move were undone: photographs that are
+        made of each other say less of it than there is. None where they tell it themselves.
     """
 
     capture: Capture
@@ -76,8 +76,8 @@ class Matching:
 
     def of(self, capture: Capture) -> Matching:
         """The same undone in photographs of which other pixels count; none of which is blurred."""
-        made = restored(capture, self.transfer)
-        return replace(self, capture=made, of_scene=made)
+        of_scene = restored(capture, self.transfer, noise=self.noise or 0.0)
+        return replace(self, capture=restored(capture, self.transfer), of_scene=of_scene)
 
     def with_azimuth(self, azimuth_deg: float | None) -> Matching:
         """The same once the plane of incidence is known: layers in their order, without the scene's own photographs.
@@ -132,10 +132,11 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
             detail, in_place, moved = as_it_was, capture, Transfer.of_shifts(np.zeros((count, 2)))
             fit = ParallaxFit(detail, azimuth)
             before = fit.besides_two()
-    layers = _with_parallax(fit, moved, before)
-    if layers is not None:
-        made = restored(capture, layers)
-        return Matching(made, layers, made)
+    apart = _with_parallax(fit, moved, before)
+    if apart is not None:
+        transfer, left = apart
+        noise *= math.sqrt(left)
+        return Matching(restored(capture, transfer), transfer, restored(capture, transfer, noise=noise), noise)
     return Matching(in_place, moved, in_place) if moved.moves else None
 
 
@@ -151,8 +152,11 @@ def _with_blurs(moved: Transfer, in_place: DetailSpectra, azimuth_deg: float) ->
     return blurred, after
 
 
-def _with_parallax(fit: ParallaxFit, moved: Transfer, before: float) -> Transfer | None:
-    """The shifts of both layers, where these explain what no two pictures in place do; None where they do not."""
+def _with_parallax(fit: ParallaxFit, moved: Transfer, before: float) -> tuple[Transfer, float] | None:
+    """The shifts of both layers, where these explain what no two pictures in place do, and what is then left.
+
+    That is the variance of the noise, as for blurs. None where they do not.
+    """
     if before < _LEAST_BESIDES and not moved.moves:
         return None
     beside, after = fit.found()
@@ -164,4 +168,4 @@ def _with_parallax(fit: ParallaxFit, moved: Transfer, before: float) -> Transfer
         or layers.polarized[1] > _LEAST_MIRRORED
     ):
         return None
-    return Transfer.of_layers(layers)
+    return Transfer.of_layers(layers), after

@@ -59,7 +59,8 @@ def restored(
         `FOR_LAYERS` or `FOR_SCENE`.
     noise : float
         Standard deviation of one photograph's noise, where what has become less of it is to be filled up by chance, so
-        that it is the same at all frequencies and in each photograph its own. 0: it is left as it is.
+        that it is the same at all frequencies and in each photograph its own; where layers have made it more, all
+        fades. 0: it is left as it is.
 
     Returns
     -------
@@ -68,7 +69,14 @@ def restored(
     """
     images, (height, width) = capture.planes, capture.shape[-2:]
     of_angles = partial(_operator, angles_deg=capture.angles_deg)
-    operator = cache(partial(of_angles, transfer=transfer, detail=detail, fade=fade))
+    fill = _white_again if transfer.layers is not None else _missing_noise
+
+    @cache
+    def operator(shape: tuple[int, int]) -> tuple[Spectrum, Spectrum]:
+        """What undoes a tile's transfer, and what makes of white noise that which it leaves too little of."""
+        undone = of_angles(shape, transfer=transfer, detail=detail, fade=fade)
+        return fill(undone) if noise else (undone, undone)
+
     # What blurs brought in over the edges would be spread over all photographs: there sharp ones are moved by
     # themselves, and tell the others.
     rim = _rim(transfer, (height, width)) if transfer.blurred else np.zeros((height, width), dtype=bool)
@@ -80,10 +88,11 @@ def restored(
             rows, columns = _mirrored(top, height), _mirrored(left, width)
             part = np.s_[top : top + _TILE_PX, left : left + _TILE_PX]
             tile, shape = images[:, :, rows[:, None], columns], (rows.size, columns.size)
-            made[:, :, *part] = _applied(operator(shape), tile)
+            undone, filled = operator(shape)
+            made[:, :, *part] = _applied(undone, tile)
             if noise:
                 chance = noise * random.standard_normal(tile.shape, dtype=np.float32)
-                made[:, :, *part] += _applied(_missing_noise(operator(shape)), chance)
+                made[:, :, *part] += _applied(filled, chance)
             if rim[part].any():
                 by_sharp = np.einsum(
                     "kl,lcyx->kcyx", _of_sharp(transfer, capture.angles_deg), _applied(alone(shape), tile)
@@ -172,11 +181,25 @@ def _layers_in_place(
     return np.asarray(np.moveaxis(made, (-2, -1), (0, 1)), dtype=np.complex64)
 
 
-def _missing_noise(operator: Spectrum) -> Spectrum:
-    """What makes of white noise that of which an operator leaves too little, (k, k, h, w)."""
+def _missing_noise(operator: Spectrum) -> tuple[Spectrum, Spectrum]:
+    """An operator (k, k, h, w), and what makes of white noise that of which it leaves too little."""
     left = np.square(np.abs(operator)).sum(axis=1)
     each: Any = np.eye(len(operator))[:, :, None, None]
-    return np.asarray(each * np.sqrt(np.maximum(1 - left, 0)), dtype=np.complex64)
+    return operator, np.asarray(each * np.sqrt(np.maximum(1 - left, 0)), dtype=np.complex64)
+
+
+def _white_again(operator: Spectrum) -> tuple[Spectrum, Spectrum]:
+    """An operator (k, k, h, w) that fades where it makes noise more, and what makes noise the same everywhere again.
+
+    All photographs fade alike, so that the pane looks the same; their noise is then as it was, each photograph's its
+    own. Otherwise what layers that moved by themselves leave of it, which repeats at their distance, would pass for
+    double images.
+    """
+    mixing = np.moveaxis(operator, (0, 1), (-2, -1))
+    variance, axes = np.linalg.eigh(mixing @ mixing.conj().swapaxes(-1, -2))
+    share = 1 / np.maximum(variance[..., -1:], 1)
+    missing = (axes * np.sqrt(np.maximum(1 - share * variance, 0))[..., None, :]) @ axes.conj().swapaxes(-1, -2)
+    return operator * np.sqrt(share[..., 0]), np.moveaxis(missing, (-2, -1), (0, 1)).astype(np.complex64)
 
 
 def _light(rows: Floats, columns: Floats, detail: DetailSpectra, sharpest: int) -> Floats:
