@@ -9,24 +9,24 @@ plane, is the scene's own: many blurs explain the same, and that of the fewest p
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.capture.matching.least_squares import Curve, levenberg_marquardt
 from polaropt.capture.matching.spectra import DetailSpectra
 from polaropt.capture.matching.transfer import pane_matrix
 
-Floats = NDArray[np.float64]
-Curve = tuple[float, Floats, Floats]
-"""Mean square of what is left in units of the noise, half its gradient, and its Gauss-Newton matrix."""
+Floats = NDArray[np.floating[Any]]
 
 _GAIN = 0.15
 """Share of the misfit that a photograph's blur must explain to be believed: noise explains less than 0.5 %, and where
 more noise is left than is known, blurs of two photographs at once 5 %. By trial."""
 _MOST_STEPS, _LONGEST_PX2, _ENDS = 12, 0.5, 1e-3
 """Steps of a fit, the longest step, and the share of the misfit that the last one gains; set by hand."""
-_SLACK, _TIGHTER, _LOOSER, _MOST_SLACK = 1e-3, 8.0, 8.0, 1e3
-"""Damping of Levenberg and Marquardt: where it starts, how it changes, and where the fit ends; set by hand."""
+_MOST_SLACK = 1e3
+"""Damping at which a fit ends; set by hand."""
 _MOST_EXPONENT = 4.0
 """Of what a blur takes or gives: frequencies of which so much is gone tell nothing."""
 
@@ -61,17 +61,16 @@ class BlurFit:
         count = len(self._values)
         blurs: Floats = np.zeros((count, 3))
         blurred: list[int] = []
-        here = self._least_squares(blurs)
-        misfit = here[0]
+        misfit = self._least_squares(blurs)[0]
         while len(blurred) < count - 1:
-            tried = [(self._fitted(blurs, here, [*blurred, k]), k) for k in range(count) if k not in blurred]
-            able = [((there[0], k), fitted, there) for (fitted, there), k in tried if fitted[k, 0] + fitted[k, 2] > 0]
+            tried = [(*self._fitted(blurs, [*blurred, k]), k) for k in range(count) if k not in blurred]
+            able = [(left, k, fitted) for fitted, left, k in tried if fitted[k, 0] + fitted[k, 2] > 0]
             if not able:
                 break
-            (value, k), fitted, there = min(able, key=lambda one: one[0])
-            if value > misfit * (1 - _GAIN):
+            left, k, fitted = min(able, key=lambda one: one[:2])
+            if left > misfit * (1 - _GAIN):
                 break
-            blurs, here, misfit = fitted, there, value
+            blurs, misfit = fitted, left
             blurred.append(k)
         return blurs, misfit
 
@@ -96,28 +95,23 @@ class BlurFit:
         values = self._values[0].size * len(self._empty)
         return total / values, gradient / values, matrix / values
 
-    def _fitted(self, start: Floats, at_start: Curve, blurred: Sequence[int]) -> tuple[Floats, Curve]:
+    def _fitted(self, start: Floats, blurred: Sequence[int]) -> tuple[Floats, float]:
         """Blurs of some photographs, those of the others as at the start, and what is left with them."""
         free = np.concatenate([np.arange(3 * k, 3 * k + 3) for k in blurred])
-        blurs, here, slack = start, at_start, _SLACK
-        for _ in range(_MOST_STEPS):
-            misfit, gradient, matrix = here
-            inner = matrix[np.ix_(free, free)]
-            damped = inner + np.diag(slack * np.diag(inner) + 1e-12)
-            step = np.zeros(blurs.size)
-            step[free] = np.clip(np.linalg.solve(damped, -gradient[free]), -_LONGEST_PX2, _LONGEST_PX2)
-            further = blurs + step.reshape(blurs.shape)
-            there = self._least_squares(further)
-            if there[0] < misfit:
-                blurs, here = further, there
-                slack /= _LOOSER
-                if misfit - there[0] < _ENDS * misfit:
-                    break
-            else:
-                slack *= _TIGHTER
-                if slack > _MOST_SLACK:
-                    break
-        return blurs, here
+
+        def among(numbers: Floats) -> Floats:
+            every = start.ravel().copy()
+            every[free] = numbers
+            return every.reshape(start.shape)
+
+        def curve(numbers: Floats) -> Curve:
+            misfit, gradient, matrix = self._least_squares(among(numbers))
+            return misfit, gradient[free], matrix[np.ix_(free, free)]
+
+        numbers, left = levenberg_marquardt(
+            curve, start.ravel()[free], _LONGEST_PX2, most_steps=_MOST_STEPS, ends=_ENDS, most_slack=_MOST_SLACK
+        )
+        return among(numbers), left
 
 
 def covariances(blurs: Floats) -> Floats:

@@ -125,13 +125,12 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
         return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
     fit = ParallaxFit(detail, azimuth)
     before = fit.besides_two()
-    if moved.moves:
+    as_it_was = detail_spectra(capture, noise) if moved.moves else None
+    if as_it_was is not None:
         # Where layers move by themselves, a shift of the whole may explain nothing.
-        as_it_was = detail_spectra(capture, noise)
-        if as_it_was is not None and ParallaxFit(as_it_was, azimuth).besides_two() <= before:
-            detail, in_place, moved = as_it_was, capture, Transfer.of_shifts(np.zeros((count, 2)))
-            fit = ParallaxFit(detail, azimuth)
-            before = fit.besides_two()
+        unmoved = ParallaxFit(as_it_was, azimuth)
+        if (besides_two := unmoved.besides_two()) <= before:
+            fit, before, moved = unmoved, besides_two, Transfer.of_shifts(np.zeros((count, 2)))
     apart = _with_parallax(fit, moved, before)
     if apart is not None:
         transfer, left = apart

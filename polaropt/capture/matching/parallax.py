@@ -8,18 +8,18 @@ unknown numbers, one of each layer, and what no two numbers explain tells how bo
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polaropt.capture.matching.least_squares import Curve, levenberg_marquardt
 from polaropt.capture.matching.spectra import DetailSpectra
 from polaropt.capture.matching.transfer import LayerShifts, unmixing
 
 Floats = NDArray[np.floating[Any]]
 Spectrum = NDArray[np.complexfloating[Any, Any]]
-Curve = tuple[float, Floats, Floats]
-"""What a fit minimizes, half its gradient, and its Gauss-Newton matrix."""
 
 _MOST_FREQUENCIES = 1500
 """Frequencies that are looked at, those with most detail; set by hand, for the time it takes."""
@@ -41,8 +41,8 @@ _LONGEST_PX, _LONGEST = 1.0, 0.2
 """Longest steps of shifts and of the other numbers; set by hand."""
 _MOST_STEPS, _ENDS = 15, 1e-4
 """Steps of a fit, and the share of the misfit that the last one gains; set by hand."""
-_SLACK, _TIGHTER, _LOOSER, _MOST_SLACK = 1e-3, 8.0, 8.0, 1e4
-"""Damping of Levenberg and Marquardt: where it starts, how it changes, and where the fit ends; set by hand."""
+_MOST_SLACK = 1e4
+"""Damping at which a fit ends; set by hand."""
 
 
 class ParallaxFit:
@@ -94,8 +94,14 @@ class ParallaxFit:
     def _found(self, usual: Floats) -> tuple[Floats, float]:
         """Numbers that explain most, of those near the usual ones, and what they leave."""
         numbers, left = usual, math.inf
+        free = np.full(usual.size - 2, np.inf)
+        bounds = np.append(-free, _LEAST_POLARIZED), np.append(free, _MOST_POLARIZED)
+        longest = np.append(np.full(usual.size - 3, _LONGEST_PX), np.full(3, _LONGEST))
         for finest in _FINEST:
-            numbers, left = self._fitted(numbers, usual, finest)
+            curve = partial(self._curve, usual=usual, finest=finest)
+            numbers, left = levenberg_marquardt(
+                curve, numbers, longest, most_steps=_MOST_STEPS, ends=_ENDS, most_slack=_MOST_SLACK, bounds=bounds
+            )
         return numbers, left
 
     def _layers(self, numbers: Floats) -> LayerShifts:
@@ -140,24 +146,3 @@ class ParallaxFit:
         gradient = firmness * off - (slopes.conj() @ left.ravel()).real / size
         matrix = (slopes.conj() @ apart.T).real / size + np.diag(firmness)
         return float(misfit), gradient, matrix
-
-    def _fitted(self, start: Floats, usual: Floats, finest: float) -> tuple[Floats, float]:
-        """Numbers that explain frequencies up to one, and what they leave."""
-        numbers, here, slack = start, self._curve(start, usual, finest), _SLACK
-        longest = np.concatenate([np.full(start.size - 3, _LONGEST_PX), np.full(3, _LONGEST)])
-        for _ in range(_MOST_STEPS):
-            misfit, gradient, matrix = here
-            step = np.linalg.solve(matrix + slack * np.diag(np.diag(matrix)), -gradient)
-            further = numbers + np.clip(step, -longest, longest)
-            further[-2:] = np.clip(further[-2:], _LEAST_POLARIZED, _MOST_POLARIZED)
-            there = self._curve(further, usual, finest)
-            if there[0] < misfit:
-                numbers, here = further, there
-                slack /= _LOOSER
-                if misfit - there[0] < _ENDS * misfit:
-                    break
-            else:
-                slack *= _TIGHTER
-                if slack > _MOST_SLACK:
-                    break
-        return numbers, here[0]

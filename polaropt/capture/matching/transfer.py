@@ -54,15 +54,9 @@ class LayerShifts:
         along = math.cos(2 * math.radians(azimuth_deg - self.azimuth_deg)) * (self.polarized[0] - self.polarized[1]) > 0
         return self if along else LayerShifts(self.shifts_px[::-1], self.azimuth_deg, self.polarized[::-1])
 
-    @property
-    def parallax_px(self) -> Floats:
-        """How far down and to the right of the first layer each photograph shows the second, (k, 2)."""
-        return np.asarray(self.shifts_px[1] - self.shifts_px[0])
-
     def in_place(self, angles_deg: Sequence[float]) -> Floats:
         """What photographs show of both layers where these lie in place, (k, 2)."""
-        double = 2 * np.radians(np.asarray(angles_deg) - self.azimuth_deg)
-        return np.asarray(1 + np.cos(double)[:, None] * self.polarized)
+        return np.asarray(2 * pane_matrix(angles_deg, self.azimuth_deg) @ np.stack([np.ones(2), self.polarized]))
 
     def turns(self, rows: Floats, columns: Floats) -> Spectrum:
         """What shifts do to both layers at frequencies in periods per pixel, (..., k, 2)."""
