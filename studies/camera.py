@@ -315,27 +315,30 @@ def _exposure(photographs: Images, transmission: Images, pair: Pair, taking: Tak
 
 
 def _moved(photographs: Images, distance_px: float) -> Images:
-    from scipy.ndimage import fourier_shift
-
     if not distance_px:
         return photographs
     moved = photographs.copy()
     for k, sign in _SHIFTED:
-        step = (0.0, *(part * sign * distance_px for part in _DIRECTION))
-        moved[k] = np.fft.ifftn(fourier_shift(np.fft.fftn(photographs[k]), step)).real
+        down, across = (part * sign * distance_px for part in _DIRECTION)
+        moved[k] = _shifted(photographs[k], down, across)
     return moved
+
+
+def _shifted(photograph: Images, down: float, across: float) -> Images:
+    """A photograph (channel, h, w) moved by its phases."""
+    from scipy.ndimage import fourier_shift
+
+    return np.asarray(np.fft.ifftn(fourier_shift(np.fft.fftn(photograph), (0.0, down, across))).real)
 
 
 def _beside(layers: Images, scene: SceneParameters, taking: Taking, random: np.random.Generator) -> Images:
     """What becomes of photographs where the mirrored scene lies elsewhere in all but the first."""
-    from scipy.ndimage import fourier_shift
-
     mirrored = _through(layers * np.array([0, 1], np.float32)[:, None, None, None], scene, taking)
     moved = mirrored.copy()
     for photograph in moved[1:]:
         direction = random.uniform(0, 2 * np.pi)
-        step = (0.0, taking.parallax_px * math.sin(direction), taking.parallax_px * math.cos(direction))
-        photograph[:] = np.fft.ifftn(fourier_shift(np.fft.fftn(photograph), step)).real
+        down, across = taking.parallax_px * math.sin(direction), taking.parallax_px * math.cos(direction)
+        photograph[:] = _shifted(photograph, down, across)
     return moved - mirrored
 
 

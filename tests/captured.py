@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from polaropt.capture import SONY_CELL, mosaic_capture
+from polaropt.capture import SONY_CELL, mosaic_capture, planes_last, write_tiff
 from polaropt.capture.capture import Capture
 
 ANGLES = (0.0, 45.0, 90.0, 135.0)
@@ -68,3 +69,11 @@ def color_mosaic(images: np.ndarray) -> np.ndarray:
                 at = (slice(2 * cell_row + row, None, 4), slice(2 * cell_column + column, None, 4))
                 raw[at] = plane[at]
     return raw
+
+
+def written_photographs(capture: Capture, folder: Path) -> list[str]:
+    """Files in a folder, one for each photograph, named by its angle."""
+    files = [str(folder / f"p_{angle:03.0f}.tiff") for angle in capture.angles_deg]
+    for file, photograph in zip(files, capture.intensities, strict=True):
+        write_tiff(file, planes_last(photograph))
+    return files

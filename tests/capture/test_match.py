@@ -12,6 +12,7 @@ from polaropt import Capture, SceneParameters, separate, simulate
 from polaropt.capture import Matching, match_photographs
 from polaropt.cli.app import main
 from polaropt.simulation.metrics import psnr_db
+from tests.captured import written_photographs
 
 SIDE, KEPT, NOISE = 160, 24, 0.004
 SCENE = SceneParameters(60.0, 25.0, 4.0)
@@ -149,12 +150,8 @@ def test_three_photographs_and_small_ones_tell_no_blur():
 
 
 def test_the_command_says_so_and_can_be_told_not_to(tmp_path, capsys):
-    from polaropt.capture import planes_last, write_tiff
-
     capture, _ = taken(blurs=np.array([0.0, 0.9, 0.0, 0.0]))
-    files = [str(tmp_path / f"p_{angle:03.0f}.tiff") for angle in capture.angles_deg]
-    for file, photograph in zip(files, capture.intensities, strict=True):
-        write_tiff(file, planes_last(photograph))
+    files = written_photographs(capture, tmp_path)
     assert main(["estimate", *files]) == 0
     assert "made as sharp as the sharpest, which these were not: 2 (a Gaussian of 0.9" in capsys.readouterr().out
     assert main(["estimate", *files, "--no-match"]) == 0

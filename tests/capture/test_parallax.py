@@ -9,10 +9,11 @@ import pytest
 from scipy.ndimage import fourier_shift
 
 from polaropt import Capture, SceneParameters, SeparationWarning, separate, simulate
-from polaropt.capture import LayerShifts, Matching, match_photographs, planes_last, write_tiff
+from polaropt.capture import LayerShifts, Matching, match_photographs
 from polaropt.cli.app import main
 from polaropt.estimation import still_photographs
 from polaropt.simulation.metrics import psnr_db
+from tests.captured import written_photographs
 
 SIDE, KEPT, NOISE = 160, 24, 0.004
 SCENE = SceneParameters(70.0, 25.0, 0.0)
@@ -145,9 +146,7 @@ def test_what_moving_back_brings_in_from_beyond_the_frame_is_not_valid_and_not_c
 
 def test_the_command_tells_how_far_each_layer_was_moved(tmp_path, capsys):
     capture, _ = taken(STILL, MIRRORED)
-    files = [str(tmp_path / f"p_{angle:03.0f}.tiff") for angle in capture.angles_deg]
-    for file, photograph in zip(files, capture.intensities, strict=True):
-        write_tiff(file, planes_last(photograph))
+    files = written_photographs(capture, tmp_path)
     assert main(["estimate", *files]) == 0
     assert "each layer by itself" in capsys.readouterr().out
     assert main(["estimate", *files, "--no-match"]) == 0
