@@ -155,6 +155,8 @@ class Origin:
         Whether that is not the usual order, which was not asked for and whose orthogonal pairs do not add up.
     left_out_px : (int, int)
         Rows and columns at the far sides of a mosaic that make no whole pattern and were left out.
+    defects : int
+        Samples of a mosaic that stood out by themselves, and what lies around them took their place.
     shifts_px : tuple of pairs of float
         How far down and to the right each photograph lay from the first and was moved back; empty if none was.
     shift_error_px : float, optional
@@ -190,6 +192,7 @@ class Origin:
     cell_order: tuple[float, ...] | None = None
     cell_order_found: bool = False
     left_out_px: tuple[int, int] = (0, 0)
+    defects: int = 0
     shifts_px: tuple[tuple[float, float], ...] = ()
     shift_error_px: float | None = None
     rotations_deg: tuple[float, ...] = ()

@@ -35,6 +35,7 @@ def read_capture(
     analyzer: AnyPath | Analyzer | None = None,
     exposures: Sequence[float] | None = None,
     max_pixels: int = MAX_PIXELS,
+    keep_defects: bool = False,
     progress: Progress | None = None,
 ) -> Capture:
     """Read photographs taken through a polarizer.
@@ -90,6 +91,9 @@ def read_capture(
         time, aperture and speed); nothing is done where one of them tells nothing.
     max_pixels : int
         Pixels that a file may hold, all its photographs together: the header is asked before anything is decoded.
+    keep_defects : bool
+        Whether samples of a mosaic stay that stand out by themselves, as hot and dead pixels do. By default what the
+        nearest samples of their polarizer and colour have takes their place (`Origin.defects` counts them).
     progress : callable, optional
         Called with what is being done and the fraction done, 0..1.
 
@@ -133,6 +137,7 @@ def read_capture(
         analyzer=analyzer,
         exposures=exposures,
         max_pixels=max_pixels,
+        keep_defects=keep_defects,
     )
     content, told = content_of(files, shape, pixel_format, options.max_pixels, progress)
     tell(progress, OPENED)

@@ -460,6 +460,16 @@ class ReadingOptions:
             rich_help_panel=_FILES,
         ),
     ] = None
+    keep_defects: Annotated[
+        bool,
+        typer.Option(
+            "--keep-defects",
+            metavar="",
+            help="Keep samples of a mosaic that stand out by themselves, as hot and dead pixels do. Default: what lies "
+            "around them takes their place.",
+            rich_help_panel=_FILES,
+        ),
+    ] = False
     align: Annotated[
         bool,
         typer.Option(
@@ -498,6 +508,7 @@ class ReadingOptions:
             "pixel_format": self.pixel_format,
             "analyzer": self.analyzer,
             "exposures": None if self.exposures is None else numbers(self.exposures, "--exposures"),
+            "keep_defects": self.keep_defects,
             **({} if self.max_pixels is None else {"max_pixels": self.max_pixels}),
         }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,12 @@ from polaropt.capture import (
     EncodingHint,
     GammaFit,
     JpegFacts,
+    NoiseModel,
     Origin,
     exchanged_order,
     fit_gamma,
     grey_levels,
+    measured_noise,
     noise_level,
     orthogonal_pairs,
     pair_gain_of,
@@ -25,8 +27,8 @@ from polaropt.capture import (
     uneven_gains,
     visible_shift,
 )
-from polaropt.estimation import motion_shows, still_photographs
-from polaropt.numerics import quantization_step, strips, whole_blocks
+from polaropt.estimation import agreeing_photographs, motion_shows, still_photographs, unglazed_pixels
+from polaropt.numerics import middle_part, quantization_step, strips, whole_blocks
 from polaropt.optics import stokes_from_intensities
 from polaropt.reporting.pictures import grey_strips
 from polaropt.reporting.report import json_values
@@ -37,6 +39,8 @@ _SUMMARY_BLOCK = 2
 _DARKEST_SHARE = 1e-3
 # Values that a quantile is taken of, for its time's sake.
 _MOST_SAMPLES = 4e6
+# Side in pixels of the middle of a frame by which it is asked whether photographs agree, for its time's sake.
+_COMPARED_PX = 1024
 # Least light, white = 1, and least sums that are divided by: far below any noise.
 _NO_LIGHT, _NOTHING = 1e-9, 1e-30
 # Least length of the mean direction: its deviation is infinite at none.
@@ -95,6 +99,8 @@ class Inspection:
         Orders of the cell in which pairs would add up, where they do not; the nearest ones.
     left_out_px : (int, int)
         Rows and columns of a mosaic that make no whole pattern, and were left out.
+    defects : int
+        Samples of a mosaic that stood out by themselves and were replaced.
     exposures : tuple of float
         As the files tell them, in seconds at ISO 100, or as given; divided out where they differ.
     exposures_given : bool
@@ -114,6 +120,15 @@ class Inspection:
     moving_share : float or None
         Share of the frame in which something moves between the photographs; None where that would not show: of three
         angles, and of a mosaic, whose samples are taken at once.
+    layer_shifts_px : tuple of tuples of pairs of float
+        How far down and to the right of the first photograph each shows one layer and the other, where these lie in
+        places of their own; empty where the photographs show both layers together. Of the middle of large frames.
+    blurs_px : tuple of float
+        Standard deviation of the Gaussian by which each photograph is less sharp than the sharpest; empty where all
+        are equally sharp. Of the middle of large frames.
+    unglazed_share : float
+        Share of the frame that looks as if it showed no glass. How the pane stands decides: near normal incidence glass
+        looks the same.
     """
 
     width: int
@@ -145,6 +160,7 @@ class Inspection:
     cell_order_found: bool = False
     closing_orders: tuple[tuple[float, ...], ...] = ()
     left_out_px: tuple[int, int] = (0, 0)
+    defects: int = 0
     exposures: tuple[float, ...] = ()
     exposures_given: bool = False
     orientation: int = 1
@@ -154,6 +170,9 @@ class Inspection:
     jpeg: JpegFacts | None = None
     uneven_gains: tuple[tuple[float, float], ...] = ()
     moving_share: float | None = None
+    layer_shifts_px: tuple[tuple[tuple[float, float], ...], ...] = ()
+    blurs_px: tuple[float, ...] = ()
+    unglazed_share: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """The same as plain values, for JSON."""
@@ -164,12 +183,35 @@ class Inspection:
 def inspect_capture(capture: Capture) -> Inspection:
     """Measure what a capture is: size, noise, gain, saturation, polarization, motion, and signs of mistakes.
 
+    Whether the photographs agree, or show both layers in places of their own or not equally sharp, is asked in the
+    middle of large ones.
+
     Parameters
     ----------
     capture : Capture
         `capture.origin` adds what only the files tell.
     """
-    return inspect_still(capture, still_photographs(capture).moving if motion_shows(capture) else None)
+    if not motion_shows(capture):
+        return _with_unglazed(inspect_still(capture, None), capture, *measured_noise(capture))
+    still = still_photographs(capture)
+    inspection = inspect_still(capture, still.moving)
+    middle = capture.part(*middle_part(capture.shape, _COMPARED_PX))
+    whole = middle.shape == capture.shape
+    _, agreeing, matching = agreeing_photographs(middle, still if whole else still_photographs(middle))
+    if matching is None:
+        return _with_unglazed(inspection, still.capture, still.noise, still.growth)
+    layers = matching.transfer.layers
+    if layers is None:
+        return replace(inspection, blurs_px=matching.transfer.blurs_px if matching.transfer.blurred else ())
+    # That both layers move by themselves passes for motion of what they show.
+    shifts = tuple(tuple((float(down), float(right)) for down, right in of_layer) for of_layer in layers.shifts_px)
+    return replace(inspection, layer_shifts_px=shifts, visible_shift_px=0.0, moving_share=agreeing.moving_share)
+
+
+def _with_unglazed(inspection: Inspection, capture: Capture, noise: float, growth: NoiseModel) -> Inspection:
+    """The same with how much of the frame looks as if it showed no glass."""
+    unglazed = unglazed_pixels(capture, noise, growth)
+    return inspection if unglazed is None else replace(inspection, unglazed_share=float(unglazed.mean()))
 
 
 def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspection:
@@ -221,6 +263,7 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
         cell_order_found=origin is not None and origin.cell_order_found,
         closing_orders=() if cell_order is None else tuple(exchanged_order(cell_order, pair) for pair in swapped),
         left_out_px=(0, 0) if origin is None else origin.left_out_px,
+        defects=0 if origin is None else origin.defects,
         **_as_taken(origin or Origin()),
         uneven_gains=() if moved else uneven_gains(capture),
         moving_share=_moving_share(whole, moving),

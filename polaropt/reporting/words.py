@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -53,8 +53,11 @@ Subject = Literal[
     "jpeg",
     "encoding",
     "order",
+    "defects",
     "position",
+    "sharpness",
     "motion",
+    "unglazed",
 ]
 
 
@@ -93,8 +96,11 @@ def capture_findings(inspection: Inspection) -> tuple[Finding, ...]:
         _jpeg(inspection),
         _encoding(inspection),
         _order(inspection),
+        _defects(inspection),
         _position(inspection),
+        _sharpness(inspection),
         _motion(inspection),
+        _unglazed(inspection),
     )
     return tuple(finding for finding in findings if finding.sentence)
 
@@ -309,13 +315,54 @@ def _listed(angles: Iterable[float]) -> str:
     return ",".join(f"{angle:g}" for angle in angles)
 
 
+def _defects(it: Inspection) -> Finding:
+    if not it.defects:
+        return Finding("defects")
+    who, them, their = ("sample stands out by itself", "it", "its")
+    if it.defects > 1:
+        who, them, their = ("samples stand out by themselves", "them", "their")
+    return Finding(
+        "defects", f"{it.defects} {who}, as hot and dead pixels do: what lies around {them} took {their} place."
+    )
+
+
 def _position(it: Inspection) -> Finding:
+    if it.layer_shifts_px:
+        # Which of the layers is behind the pane is told by how this stands.
+        one, other = map(_farthest, it.layer_shifts_px)
+        return Finding(
+            "position",
+            attention="each layer lies elsewhere by itself, as a camera that is held by hand sees them: one by up to "
+            f"{one:.2f} px from where the first photograph shows it, the other by up to {other:.2f}; both are moved "
+            "back when they are separated.",
+        )
     if it.visible_shift_px == 0:
         return Finding("position")
     return Finding(
         "position",
         attention=f"photographs look shifted against each other, by about {it.visible_shift_px:.1f} px; up to five "
         "they are moved back when they are separated, beyond read them with align.",
+    )
+
+
+def _sharpness(it: Inspection) -> Finding:
+    blurred = _blurred(it.blurs_px)
+    if not blurred:
+        return Finding("sharpness")
+    return Finding(
+        "sharpness",
+        attention=f"photographs are not equally sharp, least so {blurred}; they are made so when they are separated.",
+    )
+
+
+def _unglazed(it: Inspection) -> Finding:
+    if not it.unglazed_share:
+        return Finding("unglazed")
+    share = f"{100 * it.unglazed_share:.2g} % of the picture"
+    return Finding(
+        "unglazed",
+        f"{share} look as if they showed no glass: unpolarized, up to a clear edge. Where the pane found would have "
+        "polarized them, they are left out when it is separated.",
     )
 
 
@@ -562,21 +609,31 @@ def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
     if matching is None:
         return []
     told = []
-    largest = max(math.hypot(*shift) for shift in matching["shifts_px"])
     if matching["layer_shifts_px"] is not None:
-        of_layers = matching["layer_shifts_px"].values()
-        behind, mirrored = (max(math.hypot(*shift) for shift in shifts) for shifts in of_layers)
         told.append(
             "moved onto the first, each layer by itself, as a camera held by hand sees them: "
-            f"what is behind the glass by up to {behind:.2f} px, what it mirrors by up to {mirrored:.2f} px"
+            + _layers_apart(list(matching["layer_shifts_px"].values()))
         )
-    elif largest > _SAID_PX:
+    elif (largest := _farthest(matching["shifts_px"])) > _SAID_PX:
         told.append(f"moved onto the first by up to {largest:.2f} px")
-    blurs = [(number, blur) for number, blur in enumerate(matching["blurs_px"], 1) if blur > _SAID_PX]
-    if blurs:
-        listed = ", ".join(f"{number} (a Gaussian of {blur:.2f} px)" for number, blur in blurs)
-        told.append(f"made as sharp as the sharpest, which these were not: {listed}")
+    if blurred := _blurred(matching["blurs_px"]):
+        told.append(f"made as sharp as the sharpest, which these were not: {blurred}")
     return [f"The photographs were {' and '.join(told)}."] if told else []
+
+
+def _farthest(shifts_px: Iterable[Iterable[float]]) -> float:
+    return max(math.hypot(*shift) for shift in shifts_px)
+
+
+def _layers_apart(shifts_px: Sequence[Iterable[Iterable[float]]]) -> str:
+    behind, mirrored = map(_farthest, shifts_px)
+    return f"what is behind the glass by up to {behind:.2f} px, what it mirrors by up to {mirrored:.2f} px"
+
+
+def _blurred(blurs_px: Iterable[float]) -> str:
+    """Which photographs are less sharp than others, and by how much."""
+    blurs = [(number, blur) for number, blur in enumerate(blurs_px, 1) if blur > _SAID_PX]
+    return ", ".join(f"{number} (a Gaussian of {blur:.2f} px)" for number, blur in blurs)
 
 
 def unglazed_sentences(share: float) -> list[str]:

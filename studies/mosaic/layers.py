@@ -37,14 +37,17 @@ SIZE_PX, MARGIN_PX = 384, 20
 """Side of the frame: patterns are 2 or 4 px; what is kept beyond it for ghosts to come from."""
 INCIDENCES_DEG, QUICK_INCIDENCES_DEG = (40.0, 60.0, 75.0), (60.0,)
 SHIFT_PX, NOISE, BITS = 4.0, 0.005, 16
-USUAL, POLARIZED = "lens blur 0.7 px", "lens blur 0.7 px, things polarized"
-BLURS_PX = {"sharp": 0.0, USUAL: 0.7, POLARIZED: 0.7}
+USUAL, DEFECTIVE = "lens blur 0.7 px", "lens blur 0.7 px, defective pixels"
+POLARIZED = "lens blur 0.7 px, things polarized"
+BLURS_PX = {"sharp": 0.0, USUAL: 0.7, DEFECTIVE: 0.7, POLARIZED: 0.7}
 """Standard deviations of the lens's blur; in the last scenes things behind the pane are polarized by themselves."""
+HOT_SHARE, HOT = 5e-4, (0.05, 0.6)
+"""Share of the defective sensor's pixels that are hot, and what these add (white = 1)."""
 THINGS_DOLP, THINGS_PX = 0.15, 12.0
 """How much, and how large the things are."""
 N_PAIRS = 6
 # Added to a pair's number for a generator of its own.
-_OF_THINGS = 1
+_OF_THINGS, _OF_DEFECTS = 1, 2
 SENSORS = ("mono", "color")
 BOUND, JOINT, CLOSED, LEARNED, FROM_LEARNED, CELL, BILINEAR, LMMSE = WAYS = (
     "four full photographs",
@@ -158,6 +161,9 @@ def take(pair: Pair, job: Job) -> Mosaic:
         light = _light_of_things(layers[0], pair.number)
         raw += sampling_of(color)[0].sample(light.reshape(len(light), -1, *raw.shape))
         larger = larger.replace(intensities=larger.intensities + light.reshape(larger.intensities.shape))
+    if job.lens == DEFECTIVE:
+        random = np.random.default_rng((pair.number, _OF_DEFECTS))
+        raw += (random.uniform(size=raw.shape) < HOT_SHARE) * random.uniform(*HOT, raw.shape).astype(np.float32)
     inside = (slice(pair.margin, -pair.margin),) * 2
     return Mosaic(
         np.ascontiguousarray(raw[inside]),

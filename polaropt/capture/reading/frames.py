@@ -36,8 +36,8 @@ class FrameReader:
     """Makes captures of a camera's raw frames, fast once it knows the camera.
 
     White level, kind of sensor, order of the cell and gain of the 45/135 pair are those of the first frame. At the
-    resolution of cells, so are the noise and the filter that makes photographs of the samples, until a frame shows
-    twice or half as strong edges.
+    resolution of cells, so are its defective pixels, the noise and the filter that makes photographs of the samples,
+    until a frame shows twice or half as strong edges.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class FrameReader:
         Depth of the frames' integers, where it is less than that of their type.
     **reading
         As of `read_capture`: sensor, cell_order, black_level, white_level, pair_gain, gamma, resolution, angle_sense,
-        field_of_view_deg, analyzer.
+        field_of_view_deg, analyzer, keep_defects.
 
     Examples
     --------

@@ -35,6 +35,7 @@ from polaropt.capture.mosaic import (
 from polaropt.capture.noise import noise_level, noise_of_color_samples
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
 from polaropt.capture.reading.cell_filter import CellFilter
+from polaropt.capture.reading.defects import defective_samples, without_defects
 from polaropt.capture.reading.levels import Levels
 from polaropt.capture.reading.options import ReaderOptions, origin_of
 from polaropt.capture.validity import SMALLEST_SIDE
@@ -44,6 +45,7 @@ from polaropt.optics import Analyzer, Sampling, analyzer_matrix
 
 Mask = NDArray[np.bool_]
 Images = NDArray[np.float32]
+_NO_PLACES: NDArray[np.intp] = np.empty(0, np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +63,8 @@ class Sensor:
         Standard deviation of a sample's noise (white = 1).
     cell_filter : CellFilter or None
         What makes photographs of the patterns; None where they are made at the sensor's resolution.
+    defects : ndarray of int
+        Places of its defective pixels in the flat frame.
     """
 
     origin: Origin
@@ -68,6 +72,7 @@ class Sensor:
     sampling: Sampling
     noise: float
     cell_filter: CellFilter | None
+    defects: NDArray[np.intp]
 
     def gains(self, analyzer: Analyzer | None) -> list[float]:
         """What each photograph's samples are divided by."""
@@ -110,7 +115,7 @@ def next_frame(content: FileContent, levels: Levels, options: ReaderOptions, sen
     intensities, below_white = levels.apply(single_plane(content.pixels))
     good = np.asarray(below_white)
     samples = _whole_patterns(intensities, good, sensor.sampling, options)
-    samples = _without_gains(samples, sensor.gains(options.analyzer))
+    samples = _without_gains(without_defects(samples, sensor.defects), sensor.gains(options.analyzer))
     cells = partial(_cells_of, samples, sensor, options)
     color, k = sensor.sampling.n_channels > 1, len(sensor.angles)
     if samples.valid.all():
@@ -152,6 +157,8 @@ def _of_samples(
     """The photographs of a mosaic whose values are linear, with what a scene is estimated from."""
     k, analyzer = len(angles), options.analyzer
     step = quantization_step(samples.values[None])
+    defects = _NO_PLACES if options.keep_defects else defective_samples(samples, step)
+    samples, origin = without_defects(samples, defects), replace(origin, defects=len(defects))
     if analyzer is not None:
         _check_angles_of(analyzer, angles)
         samples = _without_gains(samples, analyzer.gains)
@@ -163,7 +170,7 @@ def _of_samples(
     gain = options.pair_gain or _sensor_gain(photographs, angles, valid)
     photographs = divide_out_gain(photographs, angles, gain)
     origin = replace(origin, pair_gain=gain, grey_levels=grey_levels(step, origin))
-    sensor = Sensor(origin, angles, sampling, 0.0, None)
+    sensor = Sensor(origin, angles, sampling, 0.0, None, defects)
     samples = _without_gains(samples, sensor.gains(None))
     cells = _cells_capture(photographs, valid, sensor, options)
     color = sampling.n_channels > 1

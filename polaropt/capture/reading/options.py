@@ -45,6 +45,7 @@ class ReaderOptions:
     analyzer: Analyzer | None
     exposures: tuple[float, ...] | None = None
     max_pixels: int = MAX_PIXELS
+    keep_defects: bool = False
 
     def counted(self, angles_deg: Sequence[float]) -> tuple[float, ...]:
         """Angles counter-clockwise from the image's x axis, given in the sense that was asked for."""
@@ -66,6 +67,7 @@ def checked_options(
     analyzer: AnyPath | Analyzer | None = None,
     exposures: Sequence[float] | None = None,
     max_pixels: int = MAX_PIXELS,
+    keep_defects: bool = False,
 ) -> ReaderOptions:
     """Check every option of `polaropt.capture.read.read_capture` by itself; InputError with what to give instead."""
     if sensor not in SENSORS:
@@ -106,6 +108,7 @@ def checked_options(
         read_analyzer(analyzer),
         None if exposures is None else tuple(_exposure(value) for value in exposures),
         check_max_pixels(max_pixels),
+        bool(keep_defects),
     )
 
 
