@@ -118,11 +118,6 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
         return Matching(in_place, moved, in_place) if moved.moves else None
     azimuth, beside = polarized_axis(in_place)
     blurred = None if beside > _MOST_BESIDE else _with_blurs(moved, detail, azimuth)
-    if blurred is not None:
-        transfer, left = blurred
-        noise *= math.sqrt(left)
-        of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
-        return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
     fit = ParallaxFit(detail, azimuth)
     before = fit.besides_two()
     as_it_was = detail_spectra(capture, noise) if moved.moves else None
@@ -132,6 +127,12 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
         if (besides_two := unmoved.besides_two()) <= before:
             fit, before, moved = unmoved, besides_two, Transfer.of_shifts(np.zeros((count, 2)))
     apart = _with_parallax(fit, moved, before)
+    # Blurs are fewer numbers: layers in places of their own must explain more.
+    if blurred is not None and (apart is None or apart[1] > _BETTER_BY_LAYERS * blurred[1]):
+        transfer, left = blurred
+        noise *= math.sqrt(left)
+        of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
+        return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
     if apart is not None:
         transfer, left = apart
         noise *= math.sqrt(left)
