@@ -261,9 +261,13 @@ class Training:
         return {"loss": loss.detach(), **{name: term.detach() for name, term in terms.items()}}, found.layers.detach()
 
     def _recording(self) -> Recorded[tuple[dict[str, Tensor], Tensor]] | None:
-        """The gradients of a step as a GPU repeats them; None for losses that bring something of their own to it."""
+        """The gradients of a step as a GPU repeats them; None where each step brings numbers of its own to it.
+
+        So do the paper's losses, with their engines, kernels and critics, and the axes of the paper's form.
+        """
         weights = self.options.weights
-        if weights.pse or weights.adversarial:
+        others = (weights.perceptual, weights.pse, weights.edge_independence, weights.adversarial)
+        if any(others) or self.network.architecture.form != "conditioned":
             return None
         return Recorded(lambda tensors: self._gradients(_batch_of(tensors)))
 
