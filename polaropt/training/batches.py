@@ -37,7 +37,7 @@ from polaropt.training.samples import (
     log_uniform,
 )
 from priors.observation import Observation, in_color
-from priors.training.trainer import Batch
+from priors.training.trainer import Batch, no_engine
 
 # Double images that are kept of a pane, the strongest; pixels around a frame that layers are found in; the error of
 # the noise that a mosaic's photographs are interpolated with: set by hand.
@@ -131,11 +131,6 @@ class Taken:
     seen: Tensor
     layers: Tensor
     parts: Tensor
-
-
-def no_engine(_: Tensor) -> Tensor:
-    """In the place of engines of samples that are made together."""
-    raise ValueError("samples of a pool are for losses that simulate nothing: leave the term pse out")
 
 
 class BatchMaker:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import queue
 import threading
 from collections.abc import Iterator, Sequence
@@ -11,22 +12,27 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from polaropt.training.batches import N_SCENES, BatchMaker, Kind, no_engine
+from polaropt.training.batches import N_SCENES, BatchMaker, Kind
 from polaropt.training.samples import TrainingData
 from priors.observation import Observation
-from priors.training.trainer import Batch, Sample, placed_sample
+from priors.training.trainer import Batch, Sample, no_engine
 
-# How often each kind is made; samples that are made at a time, those that are kept, and batches that each takes part
-# in on average; times that samples are made before the first batch, so that it has some of several kinds. Set by hand.
+# How often each kind is made; samples that are made at a time, and batches that each takes part in on average; times
+# that samples are made before the first batch, so that it has some of several kinds. Set by hand.
 _KINDS: dict[Kind, float] = {"photographs": 0.46, "grey": 0.04, "mono": 0.25, "color": 0.25}
-_AT_A_TIME, _N_KEPT, _USES, _FIRST = 64, 2048, 2.0, 4.0
-# Of a batch, those that processes make; how many of them are kept, and wait to be taken; and of them those that the
-# device does not make, clipped ones and those through wide lenses.
-_OF_PROCESSES, _N_KEPT_OF_PROCESSES, _WAITING = 0.12, 2048, 64
+_AT_A_TIME, _USES, _FIRST = 64, 20.0, 16.0
+# Of a batch, those that processes make; how many of them are placed together, and how often as many wait for it; and
+# of them those that the device does not make, clipped ones and those through wide lenses.
+_OF_PROCESSES, _TOGETHER, _WAITING = 0.14, 16, 4
 _OVEREXPOSED, _WIDE = 0.6, 0.2
+# Samples that are kept, those of processes beside them: at least, at most, and in what share of a device's memory.
+_LEAST_KEPT, _MOST_KEPT, _OF_MEMORY, _KEPT_OF_PROCESSES = 2048, 16384, 0.35, 0.25
+# Planes of a sample: see `_OBSERVED`, and both layers and their parts in two views.
+_N_PLANES = 43
 
-# Brightest that layers in closed form are at (white = 1): those of an estimate that is far off may be without bounds.
-_BRIGHTEST = 8.0
+# Brightest that layers in closed form are at (white = 1), and largest that anything is: an estimate that is far off may
+# be without bounds.
+_BRIGHTEST, _LARGEST = 8.0, 1e3
 
 _OBSERVED = ("views", "view_errors", "trusted", "layers", "errors", "mixing", "step", "unexplained", "told")
 
@@ -52,8 +58,9 @@ class SamplePool:
         variety = replace(data.variety, overexposed=_OVEREXPOSED, wide=_WIDE)
         self._data, self._device = data.of(variety), device
         self._maker = BatchMaker(data, device, n_scenes)
-        self._made, self._others = Kept(_N_KEPT, device), Kept(_N_KEPT_OF_PROCESSES, device)
-        self._waiting: queue.Queue[Sample] = queue.Queue(_WAITING)
+        n_kept = _kept_on(device, data.side_px)
+        self._made, self._others = Kept(n_kept, device), Kept(round(_KEPT_OF_PROCESSES * n_kept), device)
+        self._waiting: queue.Queue[dict[str, Tensor]] = queue.Queue(_WAITING)
         self._next, self._at_a_time = 0.0, at_a_time
         if data.workers:
             threading.Thread(target=self._take_others, daemon=True).start()
@@ -71,7 +78,8 @@ class SamplePool:
             kind = random.choice(len(_KINDS), p=list(_KINDS.values()))
             self._made.put(_tensors_of(self._maker.make(list(_KINDS)[kind], self._at_a_time, random)))
         while not self._waiting.empty():
-            self._others.put(_tensors_of(placed_sample(self._waiting.get(), self._device)))
+            waiting = self._waiting.get()
+            self._others.put({name: x.to(self._device, non_blocking=True) for name, x in waiting.items()})
         n_others = random.binomial(size, _OF_PROCESSES) if self._others.count else 0
         drawn = self._made.drawn(size - n_others, random)
         if n_others:
@@ -81,8 +89,20 @@ class SamplePool:
         return Batch(Observation(**drawn), truth, parts, no_engine)
 
     def _take_others(self) -> None:
-        for sample in self._data.samples(range(1 << 40)):
-            self._waiting.put(sample)
+        coming = map(_tensors_of, self._data.samples(range(1 << 40)))
+        while some := list(itertools.islice(coming, _TOGETHER)):
+            joined = {name: torch.cat([each[name] for each in some]).float() for name in some[0]}
+            # Of memory that stays where it is, a device takes them while it does something else.
+            on_device = self._device.startswith("cuda")
+            self._waiting.put({name: x.pin_memory() if on_device else x for name, x in joined.items()})
+
+
+def _kept_on(device: str, side_px: int) -> int:
+    """How many samples a device has room for: the more there are, the less alike are the batches of a time."""
+    if not device.startswith("cuda"):
+        return _LEAST_KEPT
+    free = torch.cuda.mem_get_info(torch.device(device))[0]
+    return int(min(_MOST_KEPT, max(_LEAST_KEPT, _OF_MEMORY * free / (4 * _N_PLANES * side_px**2))))
 
 
 def _tensors_of(samples: Sample | Batch) -> dict[str, Tensor]:
@@ -104,7 +124,8 @@ class Kept:
 
     def put(self, tensors: dict[str, Tensor]) -> None:
         """Put a batch of samples in the place of the oldest; those without sense are left out."""
-        usable = torch.stack([x.flatten(1).isfinite().all(dim=1) for x in tensors.values()]).all(dim=0)
+        # No number is none of these.
+        usable = torch.stack([(x.flatten(1).abs() < _LARGEST).all(dim=1) for x in tensors.values()]).all(dim=0)
         usable &= tensors["layers"].flatten(1).abs().amax(dim=1) < _BRIGHTEST
         n = len(usable)
         if not self._tensors:

@@ -14,12 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, interpolate, leaky_relu, pad
 
-# Rows: luminance and two differences of the colours.
-_OPPONENT = (
-    (3**-0.5, 3**-0.5, 3**-0.5),
-    (2**-0.5, -(2**-0.5), 0.0),
-    (6**-0.5, 6**-0.5, -2 * 6**-0.5),
-)
+# Factors on luminance and on two differences of the colours.
+_GREY, _RED_GREEN, _BLUE = 3**-0.5, 2**-0.5, 6**-0.5
 # Side of the squares, in pixels, over which a mean counts as coarse: set by hand.
 _COARSE = 8
 LARGE = 4.0
@@ -28,12 +24,17 @@ LARGE = 4.0
 
 def opponent(images: Tensor) -> Tensor:
     """Images (..., 3, h, w) in an orthonormal basis of luminance and two differences of the colours."""
-    return torch.einsum("ij,...jhw->...ihw", constant(_OPPONENT, images), images)
+    red, green, blue = images.unbind(-3)
+    both = red + green
+    return torch.stack([_GREY * (both + blue), _RED_GREEN * (red - green), _BLUE * (both - 2 * blue)], dim=-3)
 
 
 def from_opponent(images: Tensor) -> Tensor:
     """Inverse of `opponent`."""
-    return torch.einsum("ij,...ihw->...jhw", constant(_OPPONENT, images), images)
+    grey, red_green, blue = images.unbind(-3)
+    both = _GREY * grey + _BLUE * blue
+    difference = _RED_GREEN * red_green
+    return torch.stack([both + difference, both - difference, _GREY * grey - 2 * _BLUE * blue], dim=-3)
 
 
 def constant(values: Any, like: Tensor) -> Tensor:
@@ -288,5 +289,6 @@ def _mixed(gates: Tensor, band: Tensor, n_sources: int) -> Tensor:
     """Gates (batch, 2, GROUPS, source, h, w) times a band (batch, 3 source, h, w), summed over the sources."""
     colors = torch.unflatten(band, 1, (n_sources, 3))
     luminance = (gates[:, :, 0] * colors[:, None, :, 0]).sum(2, keepdim=True)
-    chroma = torch.einsum("blshw,bschw->blchw", gates[:, :, 1], colors[:, :, 1:])
+    # As a product of matrices, which are small in each pixel, a GPU would take many times as long.
+    chroma = (gates[:, :, 1, :, None] * colors[:, None, :, 1:]).sum(2)
     return torch.cat([luminance, chroma], dim=2)

@@ -16,6 +16,9 @@ from priors.training.engines import Engine
 
 # Scales of Eq. (11), each half the one before.
 _SCALES = 3
+# Share that a pixel which a photograph clips has in the loss in decibels: what it shows is hardly to be told, and would
+# hide how well the others are told. Set by hand.
+_CLIPPED = 1e-3
 # Mean squares (white = 1) below which a root and a logarithm no longer follow them, which have no slope at 0.
 _LEAST = 1e-12
 _LEAST_SQUARE = 1e-8
@@ -119,11 +122,22 @@ def edge_independence(found: Tensor, truth: Tensor) -> Tensor:
     return 2 * total
 
 
-def decibel(found: Tensor, truth: Tensor) -> Tensor:
-    """Mean of ``log(mean squared error)`` of each layer, less what the border hides."""
+def decibel(found: Tensor, truth: Tensor, trusted: Tensor | None = None) -> Tensor:
+    """Mean of ``log(mean squared error)`` of each layer, less what the border hides, and what photographs clip.
+
+    Parameters
+    ----------
+    found, truth : Tensor, shape (batch, 2, 3, h, w)
+    trusted : Tensor, shape (batch, 1, 1, h, w), optional
+        Share of the photographs that are not clipped. Default: none is.
+    """
     inside = (..., slice(BORDER_PX, -BORDER_PX), slice(BORDER_PX, -BORDER_PX))
-    squares = (found - truth)[inside].square().mean(dim=(-1, -2, -3))
-    return torch.log(squares + _LEAST_SQUARE).mean()
+    squares = (found - truth)[inside].square().mean(dim=2)
+    if trusted is None:
+        return torch.log(squares.mean(dim=(-1, -2)) + _LEAST_SQUARE).mean()
+    counts = _CLIPPED + (1 - _CLIPPED) * (trusted[:, 0][inside] >= 1)
+    means = (counts * squares).sum(dim=(-1, -2)) / counts.sum(dim=(-1, -2))
+    return torch.log(means + _LEAST_SQUARE).mean()
 
 
 def adversarial(discriminator: nn.Module, views: Tensor, found: Tensor) -> Tensor:
@@ -176,7 +190,7 @@ def loss_terms(found: Separated, batch: Any, weights: LossWeights, critics: Crit
         ),
         "pse": lambda: pse_loss(layers, views, batch.engine),
         "edge_independence": lambda: edge_independence(layers, batch.layers),
-        "decibel": lambda: decibel(layers, batch.layers),
+        "decibel": lambda: decibel(layers, batch.layers, batch.observation.trusted),
     }
     if critics.discriminator is not None:
         judge = critics.discriminator

@@ -8,7 +8,7 @@ import math
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -24,6 +24,7 @@ from priors.networks.fusionnet import SeparationNetwork
 from priors.observation import Observation, collated, placed, turned_observation
 from priors.training.engines import BatchEngine, Engine
 from priors.training.losses import BORDER_PX, Critics, LossWeights, discriminator_loss, loss_terms
+from priors.training.recorded import Recorded
 
 # Steps in which the learning rate rises, and its last value in parts of the largest: set by hand.
 _WARM_UP = 50
@@ -181,6 +182,7 @@ class Training:
         judge = Discriminator().to(options.device) if options.weights.adversarial else None
         self._critics = Critics(features, judge)
         self._judge_optimizer = None if judge is None else _adam(judge.parameters(), _JUDGE_RATE, options.device)
+        self._recorded = self._recording() if options.device.startswith("cuda") else None
         self._kept: dict[int, Sample] = {}
         self._coming: Iterator[tuple[int, Sample]] = iter(())
         self._tests: list[Sample] = []
@@ -237,6 +239,18 @@ class Training:
         batch = self.batch(self.step)
         for group in self._optimizer.param_groups:
             group["lr"] = rate
+        if self._recorded is None:
+            values, layers = self._gradients(batch)
+        else:
+            values, layers = self._recorded(_tensors_of(batch))
+        nn.utils.clip_grad_norm_(self.network.parameters(), _LONGEST_GRADIENT)
+        self._optimizer.step()
+        self._averaged.update_parameters(self.network)
+        # What is recorded is written over by the next step.
+        return {**{name: value.clone() for name, value in values.items()}, **self._train_judge(batch, layers)}
+
+    def _gradients(self, batch: Batch) -> tuple[dict[str, Tensor], Tensor]:
+        """Loss, its terms and the layers of a batch; the gradients are left with the parameters."""
         kind = self.options.device.partition(":")[0]
         with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.options.mixed):
             found = self.network(batch.observation)
@@ -244,11 +258,18 @@ class Training:
         loss = sum(terms.values(), torch.zeros((), device=self.options.device))
         self._optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(self.network.parameters(), _LONGEST_GRADIENT)
-        self._optimizer.step()
-        self._averaged.update_parameters(self.network)
-        values = {name: term.detach() for name, term in terms.items()}
-        return {"loss": loss.detach(), **values, **self._train_judge(batch, found.layers.detach())}
+        return {"loss": loss.detach(), **{name: term.detach() for name, term in terms.items()}}, found.layers.detach()
+
+    def _recording(self) -> Recorded[tuple[dict[str, Tensor], Tensor]] | None:
+        """The gradients of a step as a GPU repeats them; None where each step brings numbers of its own to it.
+
+        So do the paper's losses, with their engines, kernels and critics, and the axes of the paper's form.
+        """
+        weights = self.options.weights
+        others = (weights.perceptual, weights.pse, weights.edge_independence, weights.adversarial)
+        if any(others) or self.network.architecture.form != "conditioned":
+            return None
+        return Recorded(lambda tensors: self._gradients(_batch_of(tensors)))
 
     def _train_judge(self, batch: Batch, found: Tensor) -> dict[str, Tensor]:
         judge = self._critics.discriminator
@@ -461,6 +482,24 @@ def placed_sample(sample: Sample, device: str) -> Sample:
     """On a device."""
     seen = placed(sample.observation, device)
     return Sample(seen, sample.layers.to(device), sample.parts.to(device), sample.engine)
+
+
+def no_engine(_: Tensor) -> Tensor:
+    """In the place of the engine of a batch whose losses simulate nothing."""
+    raise ValueError("this batch is for losses that simulate nothing: leave the term pse out")
+
+
+def _tensors_of(batch: Batch) -> dict[str, Tensor]:
+    """What is known of a batch, but for its engine."""
+    seen = {field.name: getattr(batch.observation, field.name) for field in fields(Observation)}
+    known = {name: x for name, x in seen.items() if x is not None}
+    return {"truth": batch.layers, "parts": batch.parts, **known}
+
+
+def _batch_of(tensors: dict[str, Tensor]) -> Batch:
+    """Inverse of `_tensors_of`."""
+    seen: dict[str, Any] = {name: x for name, x in tensors.items() if name not in ("truth", "parts")}
+    return Batch(Observation(**seen), tensors["truth"], tensors["parts"], no_engine)
 
 
 def _batch(samples: Sequence[Sample]) -> Batch:

@@ -46,6 +46,17 @@ def test_the_decibel_loss_falls_by_the_logarithm_of_the_squared_error() -> None:
     assert float(drop) == pytest.approx(math.log(4), rel=1e-3)
 
 
+def test_what_photographs_clip_hardly_counts_in_decibels() -> None:
+    truth, error = random_layers(0), 0.01 * random_layers(1)
+    trusted = torch.ones(2, 1, 1, 32, 32, dtype=torch.float64)
+    trusted[..., 14:18] = 0.75
+    without = float(decibel(truth + error, truth))
+    assert float(decibel(truth + error, truth, torch.ones_like(trusted))) == pytest.approx(without)
+    found = truth + error + 0.1 * (trusted < 1)
+    assert float(decibel(found, truth)) > without + 4
+    assert float(decibel(found, truth, trusted)) < without + 1
+
+
 def test_edges_are_compared_at_three_scales() -> None:
     truth = random_layers(0)
     # A constant has no gradient; a slope of 0.01 per pixel has the same at every scale, in one of two directions.

@@ -150,6 +150,18 @@ def test_a_training_ends_in_its_time(tmp_path: Path) -> None:
     assert options.done(training.step, log[-1]["seconds"]) == 1
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_step_that_is_recorded_is_the_step() -> None:
+    options = replace(OPTIONS, device="cuda", half_precision=False, test_samples=0)
+    plain, recorded = (Training(small_network(), Mixtures(), options) for _ in range(2))
+    assert recorded._recorded is not None
+    plain._recorded = None
+    for training in (plain, recorded):
+        for training.step in range(3):
+            training._train_step(1e-3)
+    torch.testing.assert_close(weights_of(recorded), weights_of(plain), rtol=1e-3, atol=1e-5)
+
+
 @pytest.mark.parametrize("ways", list(itertools.product([False, True], repeat=3)))
 def test_a_batch_that_is_turned_is_that_of_a_turned_camera(ways: tuple[bool, bool, bool]) -> None:
     """An engine with a ghost: its views of turned layers are the turned views, the ghost lies along the turned step."""

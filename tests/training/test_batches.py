@@ -107,9 +107,10 @@ def test_a_training_draws_from_the_newest_samples(tmp_path: Path) -> None:
 
 
 def test_samples_without_sense_are_left_out() -> None:
-    kept = Kept(4, "cpu")
-    layers = torch.tensor([0.5, float("nan"), 100.0, 0.25])[:, None]
-    kept.put({"layers": layers, "truth": torch.zeros(4, 1)})
+    kept = Kept(5, "cpu")
+    layers = torch.tensor([0.5, float("nan"), 100.0, 0.25, 0.75])[:, None]
+    errors = torch.tensor([0.1, 0.1, 0.1, 0.1, 1e6])[:, None]
+    kept.put({"layers": layers, "errors": errors})
     drawn = kept.drawn(64, np.random.default_rng(0))["layers"]
     assert set(drawn.flatten().tolist()) == {0.5, 0.25}
 
