@@ -156,3 +156,5 @@ def test_the_command_says_so_and_can_be_told_not_to(tmp_path, capsys):
     assert "made as sharp as the sharpest, which these were not: 2 (a Gaussian of 0.9" in capsys.readouterr().out
     assert main(["estimate", *files, "--no-match"]) == 0
     assert "sharp" not in capsys.readouterr().out
+    assert main(["inspect", *files]) == 0
+    assert "not equally sharp, least so 2 (a Gaussian of 0.9" in capsys.readouterr().out

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import fourier_shift
 
-from polaropt import Capture, SceneParameters, SeparationWarning, separate, simulate
+from polaropt import Capture, SceneParameters, SeparationWarning, inspect, separate, simulate
 from polaropt.capture import LayerShifts, Matching, match_photographs, noise_level
 from polaropt.cli.app import main
 from polaropt.estimation import still_photographs
@@ -176,6 +176,8 @@ def test_the_command_tells_how_far_each_layer_was_moved(tmp_path, capsys):
     assert "each layer by itself" in capsys.readouterr().out
     assert main(["estimate", *files, "--no-match"]) == 0
     assert "each layer" not in capsys.readouterr().out
+    assert main(["inspect", *files]) == 0
+    assert "each layer lies elsewhere by itself" in capsys.readouterr().out
 
 
 def test_layers_that_move_are_taken_for_no_things_that_do():
@@ -186,3 +188,6 @@ def test_layers_that_move_are_taken_for_no_things_that_do():
     assert result.matching.transfer.layers is not None
     assert result.moving is None
     assert SeparationWarning.MOVING not in result.diagnostics.warnings
+    inspection = inspect(capture)
+    assert inspection.layer_shifts_px
+    assert inspection.moving_share == 0

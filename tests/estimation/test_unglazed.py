@@ -170,6 +170,10 @@ def test_the_command_says_so_and_can_be_told_not_to(tmp_path, capsys) -> None:
     assert json.loads(capsys.readouterr().out)["unglazed_share"] == pytest.approx(made.frame.mean(), abs=0.05)
     assert main(["estimate", *files, "--no-unglazed"]) == 0
     assert "show no glass" not in capsys.readouterr().out
+    assert main(["inspect", *files, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["unglazed_share"] == pytest.approx(made.frame.mean(), abs=0.05)
+    assert any("look as if they showed no glass" in sentence for sentence in facts["sentences"])
     folder = tmp_path / "layers"
     assert main(["separate", *files, "-o", str(folder)]) == 0
     said = capsys.readouterr().out
