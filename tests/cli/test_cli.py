@@ -37,7 +37,9 @@ def test_separate_writes_layers_and_a_report(
 def test_the_report_tells_everything(
     photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    printed = json.loads(spoken(capsys, "separate", *photographs, "--panes", "1", "-o", str(tmp_path), "--json", *QUICK))
+    printed = json.loads(
+        spoken(capsys, "separate", *photographs, "--panes", "1", "-o", str(tmp_path), "--json", *QUICK)
+    )
     report = json.loads((tmp_path / "report.json").read_text())
     assert printed == {"output": str(tmp_path), **report}
     assert report["scene"]["incidence_deg"] == pytest.approx(65, abs=5)

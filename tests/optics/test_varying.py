@@ -186,7 +186,7 @@ def test_polarization_tells_how_the_pane_stands(azimuth_deg, known):
 
 def test_blind_the_perspective_is_found_and_told():
     capture, layers, _ = seen_wide(160, focal_px=WIDE * 160 / 96)
-    result = separate(capture)
+    result = separate(capture, BLIND)
     assert result.scene.rung == "perspective"
     assert [tried.rung for tried in result.tried if tried.taken] == ["perspective"]
     assert psnr_db(result.layers[0], layers[0], 8) > psnr_db(capture.stokes[0], layers[0], 8) + 10
