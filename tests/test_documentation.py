@@ -40,7 +40,7 @@ OF_PANES = {
     "--index": PANE[2:],
     "--panes": PANE[:6],
     "--shared-scene": PANE[2:],
-    **dict.fromkeys(("--scene", "--incidence", "--model"), []),
+    **{word: [] for word in ("--scene", "--incidence", "--model")},
 }
 # A real sensor's size, for which files of this test are too small.
 SENSOR_SHAPE = ("2048,2448", f"{SIDE},{SIDE}")
