@@ -21,6 +21,7 @@ from tests.blends import blend
 from tests.command_line import QUICK
 from tests.turned import Turned, similarities, turned_blend
 
+PANE = ["--incidence", "60", "--azimuth", "25", "--shift", "5.3"]
 STILL = similarities(np.zeros(4), np.ones(4), np.zeros((4, 2)))
 HAND = similarities(
     np.array([0, 1.3, -0.8, 0.4]),
@@ -148,7 +149,7 @@ def test_the_command_line_turns_back_and_tells(tmp_path: Path, capsys: pytest.Ca
     example = turned_blend(60, 128, HAND)
     np.savez(tmp_path / "turned.npz", intensities=np.moveaxis(example.capture.intensities, 1, -1))
     out = tmp_path / "out"
-    said = ["separate", str(tmp_path / "turned.npz"), "--align", "--panes", "1", "-o", str(out), *QUICK]
+    said = ["separate", str(tmp_path / "turned.npz"), "--align", *PANE, "-o", str(out), *QUICK]
     assert main(said) == 0
     assert "turned back by" in capsys.readouterr().out
     report = json.loads((out / "report.json").read_text())

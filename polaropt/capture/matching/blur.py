@@ -95,8 +95,8 @@ class BlurFit:
             matrix += np.tensordot(np.einsum("kcn,lcn->kln", moves, moves), self._products, axes=(2, 2))
             total += float(np.square(left).sum())
         values = self._values[0].size * len(self._empty)
-        matrix = matrix.swapaxes(1, 2).reshape(3 * count, 3 * count)
-        return total / values, gradient.ravel() / values, matrix / values
+        every = matrix.swapaxes(1, 2).reshape(3 * count, 3 * count)
+        return total / values, gradient.ravel() / values, every / values
 
     def _fitted(self, start: Floats, blurred: Sequence[int]) -> tuple[Floats, float]:
         """Blurs of some photographs, those of the others as at the start, and what is left with them."""

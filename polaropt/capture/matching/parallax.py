@@ -120,9 +120,10 @@ class ParallaxFit:
         """What is left at some frequencies, and how far off the usual the numbers are, as a function of them."""
         detail = self._detail
         angles, layers = detail.angles_deg, self._layers(numbers)
-        frequencies = np.stack([detail.rows[chosen], detail.columns[chosen]])
+        rows, columns = detail.rows[chosen], detail.columns[chosen]
+        frequencies = np.stack([rows, columns])
         values = np.moveaxis(detail.values[..., chosen], -1, 0)
-        mixing = layers.at(*frequencies, angles)
+        mixing = layers.at(rows, columns, angles)
         unmixed = unmixing(mixing)
         found = unmixed @ values
         left = values - mixing @ found
@@ -162,8 +163,8 @@ def _of_shifts(moved: Spectrum, unexplained: Spectrum, frequencies: Floats) -> F
     frequencies : ndarray, shape (2, n)
     """
     count, flat = len(moved), moved.reshape(len(moved), -1, moved.shape[-1])
-    products = (flat.conj() @ flat.swapaxes(1, 2)).reshape(count, *2 * moved.shape[1:3])
-    products = (products * unexplained[:, None, 1:, None, 1:]).real.reshape(count, -1)
+    shared = (flat.conj() @ flat.swapaxes(1, 2)).reshape(count, *2 * moved.shape[1:3])
+    products = (shared * unexplained[:, None, 1:, None, 1:]).real.reshape(count, -1)
     squares = (2 * np.pi) ** 2 * (frequencies[:, None] * frequencies).reshape(4, count)
     n_moved = flat.shape[1]
     matrix = (squares @ products).reshape(2, 2, n_moved, n_moved)
