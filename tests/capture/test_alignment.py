@@ -96,8 +96,8 @@ def test_aligned_photographs_need_no_further_alignment():
 
 @pytest.mark.parametrize("incidence", [20, 60, 80])
 def test_a_separation_loses_little_by_having_been_aligned(incidence):
-    shifted = shifted_blend(incidence, 160, HAND)
-    still = shifted_blend(incidence, 160, NOWHERE)
+    shifted = shifted_blend(incidence, 160, HAND, color=False)
+    still = shifted_blend(incidence, 160, NOWHERE, color=False)
     frame = (slice(13, -9), slice(8, -10))
     truth = still.layers[..., frame[0], frame[1]]
     reached = []
