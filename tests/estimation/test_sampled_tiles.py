@@ -39,6 +39,7 @@ def mosaic(sensor: str, scene: SceneParameters, resolution: str = "sensor") -> C
         return read_capture(Path(folder, "raw.png"), sensor=sensor, resolution=resolution)
 
 
+@cache
 def tiles(sensor: str, scene: SceneParameters) -> SampledTiles:
     found = tiles_of_mosaic(mosaic(sensor, scene), NOISE)
     assert found is not None
