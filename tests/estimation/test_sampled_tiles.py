@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from polaropt import Capture, SceneParameters, estimate, read_capture
 from polaropt.capture import write_png
@@ -30,12 +31,17 @@ SENSORS = ("mono", "color")
 
 
 @cache
-def mosaic(sensor: str, scene: SceneParameters, resolution: str = "sensor") -> Capture:
+def raw_of(sensor: str, scene: SceneParameters) -> NDArray[np.float32]:
     photographs = pairs_of(None, 384)[0]
     camera = Camera(noise=NOISE, lens_blur_px=0.5)
-    raw = photograph_mosaic(photographs.transmission, photographs.reflection, scene, camera, sensor == "color")
+    return photograph_mosaic(photographs.transmission, photographs.reflection, scene, camera, sensor == "color")
+
+
+@cache
+def mosaic(sensor: str, scene: SceneParameters, resolution: str = "sensor") -> Capture:
     with TemporaryDirectory() as folder:
-        write_png(Path(folder, "raw.png"), np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
+        values = np.round(65535 * np.clip(raw_of(sensor, scene), 0, 1))
+        write_png(Path(folder, "raw.png"), values.astype(np.uint16))
         return read_capture(Path(folder, "raw.png"), sensor=sensor, resolution=resolution)
 
 
