@@ -42,7 +42,7 @@ def detail_correlation(image, truth):
 
 
 @pytest.mark.parametrize("color", [False, True])
-@pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
+@pytest.mark.parametrize("noise", [0.002, 0.01])
 @pytest.mark.parametrize("incidence", [60, 70, 80])
 def test_good_captures_earn_no_warning(incidence, noise, color):
     example = blend(incidence, 96, color=color, noise=noise)
@@ -55,7 +55,7 @@ def test_good_captures_earn_no_warning_blind(incidence):
 
 
 @pytest.mark.parametrize("color", [False, True])
-@pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
+@pytest.mark.parametrize("noise", [0.002, 0.01])
 @pytest.mark.parametrize("incidence", [20, 30, 40, 50])
 def test_a_reflection_is_said_to_be_unknown_where_its_detail_is_not_the_true_one(incidence, noise, color):
     example = blend(incidence, 96, color=color, noise=noise)
