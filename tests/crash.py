@@ -72,7 +72,7 @@ def _train() -> int:
 
 
 WORKS: dict[str, Callable[[], int]] = {
-    "separate": _command("separate", *FOUR, "-o", "out", *QUICK),
+    "separate": _command("separate", *FOUR, "--panes", "1", "-o", "out", *QUICK),
     "simulate": _command("simulate", "color_000.png", "color_090.png", "-o", "pair"),
     "batch": _command("batch", "glass.tiff", "mosaic.png", "-o", "many", "--workers", "1", *QUICK),
     "study": _study,

@@ -18,6 +18,7 @@ from tests.crash import crash, in_process
 from tests.fuzz.commands import FOUR, QUICK
 from tests.fuzz.seeds import write_seeds
 
+PANE = ["--incidence", "60", "--azimuth", "25", "--shift", "0"]
 ROOT = Path(__file__).parent.parent
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
 
@@ -39,7 +40,7 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(
     shelf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(shelf)
-    line = ["separate", *FOUR, *QUICK, "-o"]
+    line = ["separate", *FOUR, *PANE, *QUICK, "-o"]
     assert main([*line, str(tmp_path / "whole")]) == 0
 
     def in_little_room() -> int:

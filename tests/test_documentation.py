@@ -33,8 +33,14 @@ PHOTOGRAPHS = ["glass_000.png", "glass_045.png", "glass_090.png", "glass_135.png
 SIDE = 96
 # The pane, told where a command leaves it open: how it is found is tested elsewhere.
 PANE = ["--incidence", "65", "--azimuth", "0", "--shift", "4", "--panes", "1"]
+# What is told beside options of the pane.
 OF_PANES = {
-    *("relative", "--index", "--panes", "--scene", "--shared-scene", "--single-surface", "--incidence", "--model"),
+    "relative": ["--incidence", "65", "--panes", "1"],
+    "--single-surface": PANE[:4],
+    "--index": PANE[2:],
+    "--panes": PANE[:6],
+    "--shared-scene": PANE[2:],
+    **{word: [] for word in ("--scene", "--incidence", "--model")},
 }
 # A real sensor's size, for which files of this test are too small.
 SENSOR_SHAPE = ("2048,2448", f"{SIDE},{SIDE}")
@@ -108,7 +114,7 @@ def test_a_command_that_is_shown_runs(
     if "learned" in arguments:
         pytest.importorskip("torch", reason="torch is not installed")
     quick = {"separate": QUICK, "batch": [*QUICK, "--workers", "1"], "sequence": QUICK}
-    told = PANE if arguments[0] in quick and OF_PANES.isdisjoint(arguments) else []
+    told = next((OF_PANES[word] for word in OF_PANES if word in arguments), PANE) if arguments[0] in quick else []
     code = main([*arguments, *told, *quick.get(arguments[0], [])])
     assert code == 0, capsys.readouterr().err
 

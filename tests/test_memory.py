@@ -178,7 +178,7 @@ def test_tiles_leave_little_but_their_layers(capture: Capture, monkeypatch: pyte
 def test_tiles_of_a_large_frame_keep_a_quarter_of_their_spectra(
     capture: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    frame = capture.part(slice(0, 400), slice(0, 640))
+    frame = Capture.of_planes(capture.intensities[:, :1, :400, :640])
     few = StoppingRule(max_evaluations=1)
     tiles = solution.tiles
     monkeypatch.setattr(solution, "tiles", lambda height, width, *most: tiles(height, width, 384))

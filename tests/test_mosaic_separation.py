@@ -180,7 +180,7 @@ def test_a_wrong_cell_order_that_was_given_is_kept_and_warned_of_naming_one_that
     path, _ = mosaic_file(tmp_path, False)
     capture = read_capture(path, sensor="mono", cell_order=OTHER_PAIRS[0])
     assert (capture.origin.cell_order, capture.origin.cell_order_found) == (OTHER_PAIRS[0], False)
-    result = separate(capture)
+    result = separate(capture, BLIND)
     assert "ANGLES_SWAPPED" in [warning.name for warning in result.diagnostics.warnings]
     (words,) = attention(inspect_capture(capture), ())
     assert "45,90,135,0" in words
@@ -238,7 +238,7 @@ def test_layers_of_a_cell_whose_pairs_were_found_are_those_of_the_true_order_in_
     raw = photograph_mosaic(images[0], images[1], pane, camera, False, OTHER_PAIRS[1])
     write_png(tmp_path / "a.png", np.round(65535 * np.clip(raw, 0, 1)).astype(np.uint16))
     capture = read_capture(tmp_path / "a.png", sensor="mono")
-    result = separate(capture)
+    result = separate(capture, BLIND)
     assert "CELL_ORDER_FOUND" in [warning.name for warning in result.diagnostics.warnings]
     assert abs(result.scene.incidence_deg - 60) < 4
     assert gains_db(result, capture, truth)[1] > 6

@@ -62,9 +62,15 @@ class Knowledge:
 
     def uncertainty(self, precision: float = 1.0, scales: tuple[float, float] = (1.0, 1.0)) -> Power:
         """Power that remains open, (2, channel, n), where information and spectra are so many times the usual."""
-        of_t, of_r = (
-            np.float32(precision) * self.told[i] + 1 / (np.float32(scales[i]) * self.prior[i]) for i in (0, 1)
-        )
+        of_t, of_r = (self.information(i, precision, scales[i]) for i in (0, 1))
+        return self.left_by(of_t, of_r, precision)
+
+    def information(self, layer: int, precision: float, scale: float) -> Power:
+        """Of one layer by itself, from the photographs and from its own spectrum, (channel, n)."""
+        return np.asarray(np.float32(precision) * self.told[layer] + 1 / (np.float32(scale) * self.prior[layer]))
+
+    def left_by(self, of_t: Power, of_r: Power, precision: float) -> Power:
+        """`uncertainty` from the information of both layers."""
         product = of_t * of_r
         determinant = np.maximum(product - np.float32(precision) ** 2 * self.cross, RESOLUTION * product)
         return np.asarray(np.stack([of_r, of_t]) / determinant)
@@ -180,9 +186,10 @@ def variance_table(known: Knowledge, precisions: NDArray[np.float64]) -> Power:
     values = np.empty((len(precisions), len(SCALES), len(SCALES), 2 * colors + 1), dtype=np.float32)
     usual = known.edges(known.prior)[1]
     of_channels = known.basis.T**2
-    for where in np.ndindex(values.shape[:-1]):
-        scales = (float(SCALES[where[1]]), float(SCALES[where[2]]))
-        remaining = known.uncertainty(float(precisions[where[0]]), scales)
-        values[where][:-1] = np.sqrt((remaining @ known.share) @ of_channels.T).ravel()
-        values[where][-1] = known.edges(remaining)[1] / (scales[1] * usual)
+    for i, precision in enumerate(map(float, precisions)):
+        of_t, of_r = ([known.information(layer, precision, float(scale)) for scale in SCALES] for layer in (0, 1))
+        for j, k in np.ndindex(len(SCALES), len(SCALES)):
+            remaining = known.left_by(of_t[j], of_r[k], precision)
+            values[i, j, k, :-1] = np.sqrt((remaining @ known.share) @ of_channels.T).ravel()
+            values[i, j, k, -1] = known.edges(remaining)[1] / (float(SCALES[k]) * usual)
     return values

@@ -55,6 +55,7 @@ __all__ = [
     "shown_stokes",
     "stokes_from_intensities",
     "stokes_vector",
+    "twice_the_azimuth",
     "vertical_reach",
     "viewing_angles",
     "widened",
@@ -82,6 +83,7 @@ from .geometry import pixel_grid as pixel_grid
 from .geometry import plane_normal as plane_normal
 from .geometry import scene_angles as scene_angles
 from .geometry import scene_pane as scene_pane
+from .geometry import twice_the_azimuth as twice_the_azimuth
 from .geometry import viewing_angles as viewing_angles
 from .plate import GhostSeries as GhostSeries
 from .plate import GhostSum as GhostSum

@@ -111,6 +111,13 @@ def incidence_trace(normal: Any, vergence: Any, x: Any, y: Any) -> tuple[Any, An
     return n_x - along * x / squared, n_y - along * y / squared
 
 
+def twice_the_azimuth(w_x: Any, w_y: Any) -> tuple[Any, Any]:
+    """Cosine and sine of twice the azimuth of a trace, as `incidence_trace` gives it; numbers real and complex."""
+    # Where the pane is seen frontally there is no plane of incidence.
+    energy = w_x * w_x + w_y * w_y + _NEVER_ZERO
+    return (w_x * w_x - w_y * w_y) / energy, 2 * w_x * w_y / energy
+
+
 def viewing_angles(normal: Any, vergence: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
     """Cosine of the incidence, and cosine and sine of twice the azimuth, for pixels x to the right and y up.
 
@@ -126,11 +133,9 @@ def viewing_angles(normal: Any, vergence: Any, x: Any, y: Any) -> tuple[Any, Any
         From the principal point, in pixels.
     """
     n_x, n_y, n_z = normal
-    w_x, w_y = incidence_trace(normal, vergence, x, y)
+    double = twice_the_azimuth(*incidence_trace(normal, vergence, x, y))
     x, y = x * vergence, y * vergence
     squared = x * x + y * y + 1
     along = n_x * x + n_y * y + n_z
-    # Where the pane is seen frontally there is no plane of incidence.
-    energy = w_x * w_x + w_y * w_y + _NEVER_ZERO
     cosine = along / (squared * (n_x * n_x + n_y * n_y + n_z * n_z)) ** 0.5
-    return (cosine * cosine) ** 0.5, (w_x * w_x - w_y * w_y) / energy, 2 * w_x * w_y / energy
+    return (cosine * cosine) ** 0.5, *double

@@ -342,8 +342,11 @@ class Windows:
         kernel, part = irfft2(spectrum, s=(height, width)), self._size.kernel_within(height, width)
         within = np.zeros((*spectrum.shape[:-2], self._side_px, self._side_px), dtype=np.float32)
         values = kernel[..., part.rows, part.columns] * part.weights
-        for y, x in np.ndindex(values.shape[-2:]):
-            within[..., part.places[y], part.places[x]] += values[..., y, x]
+        # Half of what lies apart is ahead: from the window's second place on, as it goes round.
+        halves = ((slice(None, self._side_px - 1), slice(1, None)), (slice(self._side_px - 1, None), slice(None)))
+        for rows, down in halves:
+            for columns, across in halves:
+                within[..., down, across] += values[..., rows, columns]
         return np.asarray(rfft2(within), dtype=np.complex64)
 
     def _at_windows(self, spectrum: NDArray[Any]) -> NDArray[Any]:

@@ -13,8 +13,10 @@ from polaropt.cli.app import main
 from polaropt.reporting.words import alignment_sentence
 from polaropt.simulation.metrics import psnr_db
 from tests.blends import blend
+from tests.command_line import QUICK
 from tests.shifted import shifted_blend
 
+PANE = ["--incidence", "60", "--azimuth", "25", "--shift", "5.3"]
 NOWHERE = np.zeros((4, 2))
 HAND = np.array([[0, 0], [3.4, -7.2], [-12.6, 5.5], [8.3, 9.7]])
 
@@ -94,8 +96,8 @@ def test_aligned_photographs_need_no_further_alignment():
 
 @pytest.mark.parametrize("incidence", [20, 60, 80])
 def test_a_separation_loses_little_by_having_been_aligned(incidence):
-    shifted = shifted_blend(incidence, 160, HAND)
-    still = shifted_blend(incidence, 160, NOWHERE)
+    shifted = shifted_blend(incidence, 160, HAND, color=False)
+    still = shifted_blend(incidence, 160, NOWHERE, color=False)
     frame = (slice(13, -9), slice(8, -10))
     truth = still.layers[..., frame[0], frame[1]]
     reached = []
@@ -123,7 +125,7 @@ def moved_file(tmp_path_factory):
 
 
 def test_the_command_line_aligns_and_tells(moved_file, tmp_path, capsys):
-    assert main(["separate", moved_file, "--align", "--panes", "1", "-o", str(tmp_path), "--max-evaluations", "3"]) == 0
+    assert main(["separate", moved_file, "--align", *PANE, "-o", str(tmp_path), *QUICK]) == 0
     assert "moved back" in capsys.readouterr().out
     report = json.loads((tmp_path / "report.json").read_text())
     np.testing.assert_allclose(report["input"]["shifts_px"], HAND / 3, atol=0.1)
@@ -141,5 +143,5 @@ def test_inspect_tells_before_and_after(moved_file, capsys):
 
 
 def test_estimate_aligns_too(moved_file, capsys):
-    assert main(["estimate", moved_file, "--align", "--panes", "1"]) == 0
+    assert main(["estimate", moved_file, "--align", *PANE]) == 0
     assert "moved back" in capsys.readouterr().out

@@ -16,6 +16,9 @@ from tests.captured import written_photographs
 
 SIDE, KEPT, NOISE = 160, 24, 0.004
 SCENE = SceneParameters(60.0, 25.0, 4.0)
+# Of one clear pane.
+BLIND = SceneParameters(None, None, None)
+PANE = ["--incidence", "60", "--azimuth", "25", "--shift", "4"]
 ALIKE = np.zeros((4, 2))
 SHARP = np.zeros(4)
 
@@ -98,9 +101,9 @@ def test_what_was_undone_is_as_if_it_had_never_been():
 )
 def test_layers_are_nearly_those_of_photographs_that_agree(shifts, blurs):
     capture, layers = taken(shifts, blurs)
-    aim = psnr_db(separate(taken()[0]).layers[0], layers[0], 16)
-    left = psnr_db(separate(capture, match_photographs=False).layers[0], layers[0], 16)
-    result = separate(capture)
+    aim = psnr_db(separate(taken()[0], SCENE).layers[0], layers[0], 16)
+    left = psnr_db(separate(capture, SCENE, match_photographs=False).layers[0], layers[0], 16)
+    result = separate(capture, BLIND)
     assert result.matching is not None
     assert psnr_db(result.layers[0], layers[0], 16) > max(aim - 2.5, left + 2)
 
@@ -152,9 +155,9 @@ def test_three_photographs_and_small_ones_tell_no_blur():
 def test_the_command_says_so_and_can_be_told_not_to(tmp_path, capsys):
     capture, _ = taken(blurs=np.array([0.0, 0.9, 0.0, 0.0]))
     files = written_photographs(capture, tmp_path)
-    assert main(["estimate", *files]) == 0
+    assert main(["estimate", *files, *PANE]) == 0
     assert "made as sharp as the sharpest, which these were not: 2 (a Gaussian of 0.9" in capsys.readouterr().out
-    assert main(["estimate", *files, "--no-match"]) == 0
+    assert main(["estimate", *files, *PANE, "--no-match"]) == 0
     assert "sharp" not in capsys.readouterr().out
     assert main(["inspect", *files]) == 0
     assert "not equally sharp, least so 2 (a Gaussian of 0.9" in capsys.readouterr().out

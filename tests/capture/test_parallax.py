@@ -18,6 +18,9 @@ from tests.captured import written_photographs
 
 SIDE, KEPT, NOISE = 160, 24, 0.004
 SCENE = SceneParameters(70.0, 25.0, 0.0)
+PANE = ["--incidence", "70", "--azimuth", "25", "--shift", "0"]
+# Of one clear pane.
+BLIND = SceneParameters(None, None, None)
 STILL = np.zeros((4, 2))
 BEHIND = np.array([[0.0, 0.0], [0.4, -0.7], [-0.5, 0.2], [0.9, 0.6]])
 MIRRORED = np.array([[0.0, 0.0], [1.6, 0.3], [-1.2, 1.5], [-0.4, -1.3]])
@@ -94,8 +97,8 @@ def test_moved_back_photographs_are_as_if_the_camera_had_stood_still():
 def test_layers_are_nearly_those_of_a_camera_that_stood_still(ghost_shift):
     scene = SCENE.replace(ghost_shift=ghost_shift)
     capture, layers = taken(BEHIND, MIRRORED, scene)
-    aim = separate(taken(scene=scene)[0])
-    result, left = separate(capture), separate(capture, match_photographs=False)
+    aim = separate(taken(scene=scene)[0], scene)
+    result, left = separate(capture, BLIND), separate(capture, scene, match_photographs=False)
     for layer, behind_by in ((0, 2.5), (1, 3.5)):
         reached = psnr_db(result.layers[layer], layers[layer], 16)
         assert reached > psnr_db(aim.layers[layer], layers[layer], 16) - behind_by
@@ -129,7 +132,7 @@ def test_half_a_pixel_is_not_taken_for_a_photograph_out_of_focus():
 
 
 def test_a_layer_is_named_by_how_the_pane_lies():
-    result = separate(taken(STILL, MIRRORED)[0])
+    result = separate(taken(STILL, MIRRORED)[0], BLIND)
     assert result.matching is not None
     np.testing.assert_allclose(result.matching.transfer.layers.shifts_px, [STILL, MIRRORED], atol=0.1)
 
@@ -166,15 +169,15 @@ def test_what_moving_back_brings_in_from_beyond_the_frame_is_not_valid_and_not_c
     assert not valid[..., :2].any()
     assert not valid[..., -2:, :].any()
     assert valid[..., 5:-5, 5:-5].all()
-    assert separate(capture).diagnostics.clipped == 0
+    assert separate(capture, SCENE).diagnostics.clipped == 0
 
 
 def test_the_command_tells_how_far_each_layer_was_moved(tmp_path, capsys):
     capture, _ = taken(STILL, MIRRORED)
     files = written_photographs(capture, tmp_path)
-    assert main(["estimate", *files]) == 0
+    assert main(["estimate", *files, *PANE]) == 0
     assert "each layer by itself" in capsys.readouterr().out
-    assert main(["estimate", *files, "--no-match"]) == 0
+    assert main(["estimate", *files, *PANE, "--no-match"]) == 0
     assert "each layer" not in capsys.readouterr().out
     assert main(["inspect", *files]) == 0
     assert "each layer lies elsewhere by itself" in capsys.readouterr().out
@@ -183,7 +186,7 @@ def test_the_command_tells_how_far_each_layer_was_moved(tmp_path, capsys):
 def test_layers_that_move_are_taken_for_no_things_that_do():
     capture = taken(STILL, 2.5 * MIRRORED)[0]
     assert still_photographs(capture).moving is not None
-    result = separate(capture)
+    result = separate(capture, BLIND)
     assert result.matching is not None
     assert result.matching.transfer.layers is not None
     assert result.moving is None

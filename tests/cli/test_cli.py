@@ -15,12 +15,15 @@ from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
 from tests.command_line import QUICK, RESULTS, spoken
 
+PANE = ["--incidence", "65", "--azimuth", "30", "--shift", "4"]
+
 
 def test_separate_writes_layers_and_a_report(
     photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    said = spoken(capsys, "separate", *photographs, "--panes", "1", "-o", str(out), *QUICK)
+    pane = ["--incidence", "65", "--azimuth", "30", "--panes", "1"]
+    said = spoken(capsys, "separate", *photographs, *pane, "-o", str(out), *QUICK)
     assert {path.name for path in out.iterdir()} == RESULTS
     for name in ("incidence", "azimuth", "ghost shift", "estimated", *RESULTS):
         assert name in said
@@ -34,7 +37,9 @@ def test_separate_writes_layers_and_a_report(
 def test_the_report_tells_everything(
     photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    printed = json.loads(spoken(capsys, "separate", *photographs, "-o", str(tmp_path), "--json", *QUICK))
+    printed = json.loads(
+        spoken(capsys, "separate", *photographs, "--panes", "1", "-o", str(tmp_path), "--json", *QUICK)
+    )
     report = json.loads((tmp_path / "report.json").read_text())
     assert printed == {"output": str(tmp_path), **report}
     assert report["scene"]["incidence_deg"] == pytest.approx(65, abs=5)
@@ -71,7 +76,7 @@ def test_what_is_given_is_not_estimated(
 def test_weights_reach_the_objective(
     photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = ["--incidence", "65", "--azimuth", "30", "--shift", "4", "--weights", "edge_independence=0,misfit=2"]
+    given = [*PANE, "--weights", "edge_independence=0,misfit=2"]
     report = json.loads(spoken(capsys, "separate", *photographs, *given, "-o", str(tmp_path), "--json", *QUICK))
     assert report["objective"]["edge_independence"]["weight"] == 0
     assert report["request"]["weights"]["misfit"] == 2
@@ -96,8 +101,7 @@ def test_a_single_surface_has_no_ghosts(
 
 
 def test_quiet_says_nothing(photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pane = ["--incidence", "65", "--azimuth", "30", "--shift", "4"]
-    assert spoken(capsys, "separate", *photographs, *pane, "-o", str(tmp_path), "--quiet", *QUICK) == ""
+    assert spoken(capsys, "separate", *photographs, *PANE, "-o", str(tmp_path), "--quiet", *QUICK) == ""
 
 
 def test_what_is_warned_of_is_told_in_any_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -110,8 +114,7 @@ def test_what_is_warned_of_is_told_in_any_case(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_strict_does_not_mind_a_result_without_warnings(photographs: list[str], tmp_path: Path) -> None:
-    pane = ["--incidence", "65", "--azimuth", "30", "--shift", "4"]
-    assert main(["separate", *photographs, *pane, "-o", str(tmp_path), "--strict", *QUICK]) == 0
+    assert main(["separate", *photographs, *PANE, "-o", str(tmp_path), "--strict", *QUICK]) == 0
 
 
 def _unpolarized(folder: Path) -> str:
@@ -139,7 +142,7 @@ def test_a_gamma_encoded_capture_is_told(
         encoded.append(str(tmp_path / Path(name).name))
         linear = read_file(name).pixels / 65535
         write_png(encoded[-1], np.round(65535 * linear ** (1 / 2.2)).astype(np.uint16))
-    encoded += ["--panes", "1"]
+    encoded += PANE
     assert "gamma-encoded" in spoken(capsys, "separate", *encoded, "-o", str(tmp_path / "out"), *QUICK)
     decoded = [*encoded, "--gamma", "2.2"]
     assert "gamma-encoded" not in spoken(capsys, "separate", *decoded, "-o", str(tmp_path / "out"), *QUICK)
@@ -152,7 +155,7 @@ def test_a_wide_lens_is_found_and_told(tmp_path: Path, capsys: pytest.CaptureFix
     pane = ["--incidence", "55", "--azimuth", "200", "--shift", "0", "--focal-px", "190"]
     spoken(capsys, "simulate", *map(str, pair), *pane, "-o", str(tmp_path))
     shots = [str(tmp_path / f"capture_{angle}.png") for angle in ("000", "045", "090", "135")]
-    assert "focal" in spoken(capsys, "estimate", *shots)
+    assert "focal" in spoken(capsys, "estimate", *shots, "--model", "perspective")
     assert "focal length" in spoken(capsys, "separate", *shots, "-o", str(tmp_path / "out"), *QUICK)
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["scene"]["rung"] == "perspective"

@@ -13,6 +13,8 @@ from tests.blends import blend
 from tests.command_line import QUICK
 
 EXAMPLE = blend(60, 64, color=False)
+# Told: how it is found is tested elsewhere.
+PANE = ["--incidence", "60", "--azimuth", "25", "--shift", "5.3"]
 
 
 def written(folder: Path, names: dict[str, int]) -> list[str]:
@@ -23,7 +25,7 @@ def written(folder: Path, names: dict[str, int]) -> list[str]:
 
 
 def taken(folder: Path, files: list[str], *more: str) -> dict[str, object]:
-    assert main(["separate", *files, *more, "--write", "layers", "-o", str(folder / "out"), *QUICK]) == 0
+    assert main(["separate", *files, *PANE, *more, "--write", "layers", "-o", str(folder / "out"), *QUICK]) == 0
     report: dict[str, object] = json.loads((folder / "out" / "report.json").read_text())
     return report
 

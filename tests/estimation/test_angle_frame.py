@@ -39,8 +39,8 @@ def apart(first_deg: float, second_deg: float) -> float:
     return abs(turn_between(first_deg, second_deg))
 
 
-def mistake(capture: Capture) -> AngleMistake | None:
-    found = find_scene(capture, OPEN, NOISE)
+def mistake(capture: Capture, model: str = "auto") -> AngleMistake | None:
+    found = find_scene(capture, OPEN, NOISE, model)
     return angle_mistake(capture, NOISE, found.scene, found.estimate, found.unexplained)
 
 
@@ -130,8 +130,8 @@ def test_a_single_tile_tells_no_direction() -> None:
 
 def test_before_a_wide_lens_the_azimuth_turns_the_right_way_only() -> None:
     capture, _, _ = seen_wide(128, focal_px=150.0, azimuth_deg=3.0)
-    assert mistake(capture) is None
-    assert mistake(counted(capture, sense=-1)) is AngleMistake.REVERSED
+    assert mistake(capture, "perspective") is None
+    assert mistake(counted(capture, sense=-1), "perspective") is AngleMistake.REVERSED
 
 
 def test_the_separation_warns() -> None:
@@ -160,7 +160,8 @@ def test_the_command_line_finds_the_start_and_tells(
     report = json.loads((tmp_path / "report.json").read_text())
     assert apart(report["input"]["start_deg"], 52) < 3
     assert apart(report["scene"]["azimuth_deg"], 25) < 3
-    assert main(["estimate", turned_file, "--angles", "relative,0,45,90,135", "--panes", "1"]) == 0
+    pane = ["--incidence", "60", "--shift", "7"]
+    assert main(["estimate", turned_file, "--angles", "relative,0,45,90,135", *pane]) == 0
     assert "Start of the angles" in capsys.readouterr().out
 
 

@@ -124,7 +124,7 @@ def test_in_doubt_the_intensity_is_returned_and_said_so() -> None:
     assert SeparationWarning.AXIS_DOUBTFUL in result.diagnostics.warnings
     assert [step.rung for step in result.tried if step.taken] == ["none"]
     # Who insists gets what was asked for.
-    assert separate(example.capture, model="pixelwise").scene.rung == "pixelwise"
+    assert separate(example.capture, BLIND, model="pixelwise").scene.rung == "pixelwise"
 
 
 def test_a_wide_lens_tells_the_two_apart() -> None:

@@ -31,6 +31,7 @@ from tests.checks import assert_adjoint
 from tests.solving.test_fused import WEIGHTS, assert_equal
 
 ANGLES = (0, 45, 90, 135)
+BLIND = SceneParameters(None, None, None)
 BENT = SceneParameters(55.0, 200.0, 0.0, focal_px=40.0, bend_deg_per_px=(0.3, -0.1, 0.2))
 
 
@@ -136,7 +137,7 @@ def test_where_no_bend_explains_much_the_edges_are_not_looked_at():
 def test_blind_the_bent_pane_is_found_and_told():
     scene = SceneParameters(55.0, 200.0, 0.0, focal_px=190.0, bend_deg_per_px=(0.10, 0.04, -0.06))
     capture, layers = seen_bent(160, scene)
-    blind, known = separate(capture), separate(capture, scene)
+    blind, known = separate(capture, BLIND), separate(capture, scene)
     assert blind.scene.rung == "curved"
     assert [tried.rung for tried in blind.tried] == ["pixelwise", "perspective", "curved"]
     assert psnr_db(blind.layers[0], layers[0], 8) > psnr_db(known.layers[0], layers[0], 8) - 2
@@ -146,7 +147,7 @@ def test_blind_the_bent_pane_is_found_and_told():
 def test_a_flat_pane_before_a_lens_is_not_taken_for_bent():
     scene = SceneParameters(55.0, 200.0, 0.0, focal_px=190.0)
     capture, _ = seen_bent(160, scene)
-    found = find_scene(capture, SceneParameters(None, None, None), 0.005)
+    found = find_scene(capture, BLIND, 0.005)
     assert found.scene.rung == "perspective"
     assert [tried.rung for tried in found.tried] == ["pixelwise", "perspective"]
 
@@ -235,6 +236,7 @@ def test_a_bent_pane_asked_for_behind_polarized_light_has_no_focal_length_below_
     # Bends explain the polarized light a little better with a view beyond that of parallel rays.
     light = (0.42605462591119964, 123.59049986993817)
     pane = {"azimuth_deg": 103.0013091849751, "ghost_shift": 0.0}
-    found = estimate(blend(29.614569822486082, 96, **pane, transmission_polarization=light).capture, model="curved")
+    example = blend(29.614569822486082, 96, **pane, transmission_polarization=light)
+    found = estimate(example.capture, BLIND, model="curved")
     assert found.scene.bent
     assert found.scene.focal_px is None

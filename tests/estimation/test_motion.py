@@ -107,7 +107,7 @@ def test_what_stands_still_is_separated_as_well_as_without_motion():
     assert SeparationWarning.MOVING in result.diagnostics.warnings
     assert result.diagnostics.moving == pytest.approx(result.moving.mean())
     assert result.scene.incidence_deg == pytest.approx(60, abs=1)
-    undisturbed = separate(scene.capture, BLIND)
+    undisturbed = separate(scene.capture, scene.scene)
     assert undisturbed.moving is None
     still_part = ~binary_dilation(moving.where, iterations=2)
     with_motion, without = (

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters, separate, simulate
+from polaropt import SceneParameters, estimate, separate, simulate
 from polaropt.capture.capture import Capture
 from polaropt.capture.polarization import plate_frame, stokes_images
 from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
@@ -223,9 +223,9 @@ def test_nothing_but_gains_leaves_the_pane_unknown() -> None:
 def test_errors_of_a_pane_reach_as_far_as_wrong_gains_lead() -> None:
     example = blend(60, 128, ghost_shift=0.0)
     gains = np.float32((1.01, 0.996, 0.992, 0.988))[:, None, None, None]
-    wrong = separate(example.capture.replace(intensities=example.capture.intensities * gains), BLIND)
+    wrong = estimate(example.capture.replace(intensities=example.capture.intensities * gains), BLIND)
     away = abs(turn_between(wrong.scene.azimuth_deg, 25))
-    right = separate(example.capture, BLIND)
+    right = estimate(example.capture, BLIND)
     assert right.errors.azimuth_deg < 0.3 < away < 2 * wrong.errors.azimuth_deg
     assert abs(wrong.scene.incidence_deg - 60) < 2 * wrong.errors.incidence_deg
 

@@ -21,6 +21,8 @@ from tests.blends import blend
 from tests.shifted import shifted_blend
 
 QUICK = StoppingRule(max_evaluations=4)
+# Of one clear pane.
+BLIND = SceneParameters(None, None, None)
 
 
 def warnings_of(capture, scene=None):
@@ -40,7 +42,7 @@ def detail_correlation(image, truth):
 
 
 @pytest.mark.parametrize("color", [False, True])
-@pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
+@pytest.mark.parametrize("noise", [0.002, 0.01])
 @pytest.mark.parametrize("incidence", [60, 70, 80])
 def test_good_captures_earn_no_warning(incidence, noise, color):
     example = blend(incidence, 96, color=color, noise=noise)
@@ -53,7 +55,7 @@ def test_good_captures_earn_no_warning_blind(incidence):
 
 
 @pytest.mark.parametrize("color", [False, True])
-@pytest.mark.parametrize("noise", [0.002, 0.005, 0.01])
+@pytest.mark.parametrize("noise", [0.002, 0.01])
 @pytest.mark.parametrize("incidence", [20, 30, 40, 50])
 def test_a_reflection_is_said_to_be_unknown_where_its_detail_is_not_the_true_one(incidence, noise, color):
     example = blend(incidence, 96, color=color, noise=noise)
@@ -75,10 +77,10 @@ def test_good_captures_at_other_angles_earn_no_warning(angles, seed):
 
 
 @pytest.mark.parametrize("angles", [(0, 45, 90), (0, 60, 120)])
-@pytest.mark.parametrize("noise", [0.003, 0.01])
-def test_three_good_photographs_earn_no_warning(angles, noise):
+@pytest.mark.parametrize(("noise", "asked"), [(0.003, BLIND), (0.01, None)])
+def test_three_good_photographs_earn_no_warning(angles, noise, asked):
     example = blend(60, 128, angles_deg=angles, noise=noise)
-    assert separate(example.capture).diagnostics.warnings == ()
+    assert separate(example.capture, asked).diagnostics.warnings == ()
 
 
 def test_glass_seen_frontally():

@@ -96,7 +96,7 @@ def test_tiles_add_what_the_whole_adds(monkeypatch):
     example = blend(75, 200)
     whole = separate(example.capture, BLIND)
     monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 160))
-    parts = separate(example.capture, BLIND)
+    parts = separate(example.capture, whole.scene, scene_errors=whole.errors)
     assert np.median(parts.uncertainty / whole.uncertainty) == pytest.approx(1, abs=0.15)
 
 

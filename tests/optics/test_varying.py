@@ -148,7 +148,7 @@ def test_a_known_pane_is_separated_from_every_start(init):
 
 @pytest.mark.parametrize("init", ["closed-form", "per-pixel"])
 def test_ghosts_before_a_wide_lens_are_taken_out(init):
-    capture, layers, scene = seen_wide(128, focal_px=150.0, ghost_shift=5.3)
+    capture, layers, scene = seen_wide(128, focal_px=150.0, ghost_shift=5.3, color=False)
     result, in_place = (separate(capture, chosen, init=init) for chosen in (scene, scene.replace(ghost_shift=0.0)))
     gain = [psnr_db(result.layers[i], layers[i], 16) - psnr_db(in_place.layers[i], layers[i], 16) for i in (0, 1)]
     assert gain[0] > 0
@@ -166,7 +166,7 @@ def test_the_closed_form_is_near_what_the_solve_finds():
 
 
 def test_tiles_agree_with_the_whole(monkeypatch):
-    capture, layers, scene = seen_wide(200, focal_px=2 * WIDE)
+    capture, layers, scene = seen_wide(200, focal_px=2 * WIDE, color=False)
     monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 160))
     result = separate(capture, scene)
     assert psnr_db(result.layers[0], layers[0], 8) > psnr_db(capture.stokes[0], layers[0], 8) + 10
@@ -186,7 +186,7 @@ def test_polarization_tells_how_the_pane_stands(azimuth_deg, known):
 
 def test_blind_the_perspective_is_found_and_told():
     capture, layers, _ = seen_wide(160, focal_px=WIDE * 160 / 96)
-    result = separate(capture)
+    result = separate(capture, BLIND)
     assert result.scene.rung == "perspective"
     assert [tried.rung for tried in result.tried if tried.taken] == ["perspective"]
     assert psnr_db(result.layers[0], layers[0], 8) > psnr_db(capture.stokes[0], layers[0], 8) + 10

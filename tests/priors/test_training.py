@@ -41,8 +41,8 @@ def weights_of(training: Training) -> torch.Tensor:
 
 
 def test_training_lowers_the_loss(tmp_path: Path) -> None:
-    log = Training(small_network(), Mixtures(), replace(OPTIONS, steps=60, test_every=20)).run(tmp_path)
-    assert [row["step"] for row in log] == [20, 40, 60]
+    log = Training(small_network(), Mixtures(), replace(OPTIONS, steps=40, test_every=20)).run(tmp_path)
+    assert [row["step"] for row in log] == [20, 40]
     assert log[-1]["loss"] < log[0]["loss"]
     # The closed form of these samples is the truth with white noise, which is easily taken off.
     assert log[-1]["transmission_db"] > log[-1]["closed_form_transmission_db"] + 0.3

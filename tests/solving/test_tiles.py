@@ -64,14 +64,14 @@ def test_a_tile_may_show_nothing_at_all(small_tiles, level):
 
 
 def test_the_time_limit_is_that_of_all_tiles(small_tiles):
-    example = blend(60, 200)
+    example = blend(60, 200, color=False)
     result = separate(example.capture, example.scene, stopping=StoppingRule(seconds=1e-3, relative_change=0))
     assert result.solver.status.name == "TIME_LIMIT"
     assert result.solver.n_evaluations < 10
 
 
 def test_progress_only_grows(small_tiles):
-    example = blend(60, 200)
+    example = blend(60, 200, color=False)
     told: list[float] = []
     separate(example.capture, example.scene, progress=lambda name, fraction: told.append(fraction))
     assert told == sorted(told)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
 
 from polaropt import separate
 from polaropt.capture.noise import noise_level
+from polaropt.estimation import find_scene
 from polaropt.simulation.metrics import psnr_db
 from polaropt.solving import Weights
 from polaropt.solving.objective import term_names
@@ -26,8 +28,8 @@ def example():
 
 
 @pytest.fixture(scope="module")
-def whole(example):
-    return solved(example, WHOLE)
+def whole(solved):
+    return solved(WHOLE)
 
 
 def named(name):
@@ -35,19 +37,34 @@ def named(name):
     return part
 
 
-def solved(example, name):
-    part = named(name)
-    estimate = part.estimate(example.capture, noise_level(example.capture))
-    return part.solved(example.capture, estimate, example.scene)
+@pytest.fixture(scope="module")
+def found(example):
+    """The scene as it is estimated, for the same hint once."""
+
+    @cache
+    def estimate(hint):
+        return find_scene(example.capture, hint, noise_level(example.capture)).scene
+
+    return estimate
 
 
-def test_the_whole_is_what_separate_does(example, whole):
+@pytest.fixture(scope="module")
+def solved(example, found):
+    def solution(name):
+        part = named(name)
+        return part.solved(example.capture, found(part.hint), example.scene)
+
+    return solution
+
+
+def test_the_whole_is_what_separate_does(example, found, whole):
+    assert found(named(WHOLE).hint) == named(WHOLE).estimate(example.capture, noise_level(example.capture))
     layers = separate(example.capture).layers
     assert np.abs(whole.layers.reshape(layers.shape) - layers).max() < 2e-3
 
 
-def test_without_polarization_the_layers_cannot_be_told_apart(example, whole):
-    with_it, without = whole.layers, solved(example, "polarization").layers
+def test_without_polarization_the_layers_cannot_be_told_apart(example, solved, whole):
+    with_it, without = whole.layers, solved("polarization").layers
     quality = [
         psnr_db(layers[1].reshape(example.layers[1].shape), example.layers[1], 8) for layers in (with_it, without)
     ]
@@ -55,8 +72,8 @@ def test_without_polarization_the_layers_cannot_be_told_apart(example, whole):
 
 
 @pytest.mark.parametrize("name", ["preconditioner", "closed-form start"])
-def test_another_way_to_the_minimum_ends_near_it(example, whole, name):
-    assert solved(example, name).solver.value == pytest.approx(whole.solver.value, rel=0.05)
+def test_another_way_to_the_minimum_ends_near_it(solved, whole, name):
+    assert solved(name).solver.value == pytest.approx(whole.solver.value, rel=0.05)
 
 
 def frame(gains):
@@ -82,10 +99,10 @@ def test_what_is_put_in_gains_where_it_is_better_with_it():
     assert "| would earn a place |" in tables(better)
 
 
-def test_the_learned_start_is_what_separate_does(example):
+def test_the_learned_start_is_what_separate_does(example, found, solved):
     pytest.importorskip("torch")
-    layers = separate(example.capture, init="learned").layers
-    assert np.abs(solved(example, "learned start").layers.reshape(layers.shape) - layers).max() < 2e-3
+    layers = separate(example.capture, found(named(WHOLE).hint), init="learned").layers
+    assert np.abs(solved("learned start").layers.reshape(layers.shape) - layers).max() < 2e-3
 
 
 def test_without_torch_the_learned_start_is_not_run(monkeypatch):

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pandas import DataFrame
@@ -209,7 +212,20 @@ def test_all_variants_seeds_and_budgets_are_planned_with_the_longest_first(tmp_p
     assert {job.store.folder.name for job in jobs if job.options.seed == 2 and job.store} == {"seed-2"}
 
 
-def test_trainings_are_made_once_and_read_by_the_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+class Here(Executor):
+    """Does at once, and in this process, what it is given: another one takes seconds to load its libraries."""
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        done.set_result(function(*arguments, **named))
+        return done
+
+
+def test_trainings_are_made_once_and_read_by_the_study(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "no-head").mkdir()
     (tmp_path / "no-head" / "seed-1").write_text("in the way")
     said: list[str] = []
@@ -224,6 +240,7 @@ def test_trainings_are_made_once_and_read_by_the_study(tmp_path: Path, capsys: p
     ]
     before = {each.name: each.digest for each in trainings}
     (tmp_path / "no-head" / "seed-1").unlink()
+    monkeypatch.setattr("studies.ablation_losses.trainings.ProcessPoolExecutor", Here)
     assert train_all(plan(tmp_path), said.append) == []
     after = {each.name: each.digest for each in trainings_in(tmp_path)}
     assert set(after) - set(before) == {"no-head/seed-1"}

@@ -217,7 +217,8 @@ def test_what_a_change_gained_and_lost_is_told_of_the_scenes_that_both_runs_have
     assert changes(before, after[after.number == 7]).endswith("0 scenes that both have.")
 
 
-def test_an_earlier_run_is_read_from_what_it_kept(tmp_path):
+def test_an_earlier_run_is_read_from_what_it_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(study, "figures", lambda frame: {})
     options = ["--quick", "--families", "plain", "--per-family", "1", "-o", str(tmp_path)]
     study.main([*options, "--from", "1600"])
     kept = earlier(tmp_path)

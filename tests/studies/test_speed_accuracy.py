@@ -171,10 +171,11 @@ def test_of_a_raw_mosaic_a_way_reaches_what_separate_reaches_in_all_pixels_of_th
     closed = Way(CLOSED_FORM)
     timed = run_ways(sample, (DEFAULT, AT_CELLS, closed), 1)
     cells = read_mosaic(sample, CELL)
+    default = separate(sample.capture)
     results = {
-        DEFAULT: separate(sample.capture),
+        DEFAULT: default,
         AT_CELLS: separate(cells.capture),
-        closed: separate(sample.capture, stopping=alone(DEFAULT).stopping),
+        closed: separate(sample.capture, default.scene, stopping=alone(DEFAULT).stopping),
     }
     assert cells.capture.shape == (32, 32)
     assert cells.scene.ghost_shift == pytest.approx(sample.scene.ghost_shift / 2)

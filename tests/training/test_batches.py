@@ -32,10 +32,12 @@ PLAIN = Variety(
     polarized=0,
 )
 COUNT = 3
+# Drawn once.
+PICTURES = Pictures(leaves=2, leaves_share=0.5)
 
 
-def data_of(variety: Variety, workers: int = 0) -> TrainingData:
-    return TrainingData(Pictures(leaves=2, leaves_share=0.5), "conditioned", 64, 5, variety=variety, workers=workers)
+def data_of(variety: Variety) -> TrainingData:
+    return TrainingData(PICTURES, "conditioned", 64, 5, variety=variety)
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +98,12 @@ def test_all_of_a_variety_can_be_made(maker_of_all: BatchMaker, kind: Kind, batc
             assert bool(getattr(seen, name).isfinite().all()), name
 
 
-def test_a_training_draws_from_the_newest_samples(tmp_path: Path) -> None:
-    pool = SamplePool(data_of(PLAIN), "cpu", n_scenes=8, at_a_time=2)
+@pytest.fixture(scope="module")
+def pool() -> SamplePool:
+    return SamplePool(data_of(PLAIN), "cpu", n_scenes=8, at_a_time=2)
+
+
+def test_a_training_draws_from_the_newest_samples(pool: SamplePool, tmp_path: Path) -> None:
     network = SeparationNetwork(Architecture(polar_widths=(4, 4, 4), fusion_widths=(8, 8), fusion_blocks=(1, 1)))
     options = TrainingOptions(steps=3, batch_size=2, weights=DECIBEL, test_samples=0, test_every=3)
     log = Training(network, pool, options).run(tmp_path)
@@ -115,7 +121,7 @@ def test_samples_without_sense_are_left_out() -> None:
     assert set(drawn.flatten().tolist()) == {0.5, 0.25}
 
 
-def test_losses_that_simulate_need_samples_of_processes() -> None:
-    batch = SamplePool(data_of(PLAIN), "cpu", n_scenes=4, at_a_time=2).batch(0, 2)
+def test_losses_that_simulate_need_samples_of_processes(pool: SamplePool) -> None:
+    batch = pool.batch(0, 2)
     with pytest.raises(ValueError, match="pse"):
         batch.engine(batch.layers)

@@ -44,9 +44,10 @@ class BlurFit:
 
     def __init__(self, detail: DetailSpectra, azimuth_deg: float) -> None:
         self._empty = np.linalg.svd(pane_matrix(detail.angles_deg, azimuth_deg))[0][:, 2:].T
-        self._values = detail.values
+        self._values = np.ascontiguousarray(detail.values)
         rows, columns = detail.rows, detail.columns
         self._slopes = -2 * np.pi**2 * np.stack([rows**2, 2 * rows * columns, columns**2])
+        self._products = self._slopes[:, None] * self._slopes
 
     def found(self) -> tuple[Floats, float]:
         """Blurs of the fewest photographs that explain the detail.
@@ -79,7 +80,7 @@ class BlurFit:
         count = len(blurs)
         exponents = np.clip(blurs @ self._slopes, -_MOST_EXPONENT, _MOST_EXPONENT)
         sharper = np.exp(-exponents)
-        gradient, matrix, total = np.zeros(3 * count), np.zeros((3 * count, 3 * count)), 0.0
+        gradient, matrix, total = np.zeros((count, 3)), np.zeros((count, count, 3, 3)), 0.0
         for weights in self._empty:
             amplified = weights[:, None] * sharper
             scale = 1 / np.sqrt(np.square(amplified).sum(axis=0))
@@ -87,13 +88,15 @@ class BlurFit:
             share = amplified * scale
             parts = share[:, None] * self._values
             left = parts.sum(axis=0)
-            slopes = (np.square(share)[:, None] * left - parts)[:, None] * self._slopes[:, None]
-            slopes = slopes.reshape(3 * count, -1)
-            gradient += (slopes @ left.conj().ravel()).real
-            matrix += (slopes @ slopes.conj().T).real
-            total += float(np.square(np.abs(left)).sum())
+            # What a photograph's blurs change goes with these, whatever their direction.
+            moves = _parts(np.square(share)[:, None] * left - parts)
+            left = _parts(left)
+            gradient += np.einsum("kcn,cn->kn", moves, left) @ self._slopes.T
+            matrix += np.tensordot(np.einsum("kcn,lcn->kln", moves, moves), self._products, axes=(2, 2))
+            total += float(np.square(left).sum())
         values = self._values[0].size * len(self._empty)
-        return total / values, gradient / values, matrix / values
+        every = matrix.swapaxes(1, 2).reshape(3 * count, 3 * count)
+        return total / values, gradient.ravel() / values, every / values
 
     def _fitted(self, start: Floats, blurred: Sequence[int]) -> tuple[Floats, float]:
         """Blurs of some photographs, those of the others as at the start, and what is left with them."""
@@ -112,6 +115,11 @@ class BlurFit:
             curve, start.ravel()[free], _LONGEST_PX2, most_steps=_MOST_STEPS, ends=_ENDS, most_slack=_MOST_SLACK
         )
         return among(numbers), left
+
+
+def _parts(numbers: NDArray[np.complexfloating[Any, Any]]) -> Floats:
+    """Real and imaginary parts of complex numbers (..., channel, n), one below the other."""
+    return np.concatenate([numbers.real, numbers.imag], axis=-2)
 
 
 def covariances(blurs: Floats) -> Floats:

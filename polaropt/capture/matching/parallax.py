@@ -98,7 +98,7 @@ class ParallaxFit:
         bounds = np.append(-free, _LEAST_POLARIZED), np.append(free, _MOST_POLARIZED)
         longest = np.append(np.full(usual.size - 3, _LONGEST_PX), np.full(3, _LONGEST))
         for finest in _FINEST:
-            curve = partial(self._curve, usual=usual, finest=finest)
+            curve = partial(self._curve, usual=usual, chosen=self._chosen(finest))
             numbers, left = levenberg_marquardt(
                 curve, numbers, longest, most_steps=_MOST_STEPS, ends=_ENDS, most_slack=_MOST_SLACK, bounds=bounds
             )
@@ -116,33 +116,56 @@ class ParallaxFit:
             chosen = np.argsort(self._radius)[:_FEWEST]
         return chosen[np.argsort(self._strength[chosen])[-_MOST_FREQUENCIES:]]
 
-    def _curve(self, numbers: Floats, usual: Floats, finest: float) -> Curve:
-        """What is left of frequencies up to one, and how far off the usual the numbers are, as a function of them."""
-        detail, chosen = self._detail, self._chosen(finest)
+    def _curve(self, numbers: Floats, usual: Floats, chosen: NDArray[np.intp]) -> Curve:
+        """What is left at some frequencies, and how far off the usual the numbers are, as a function of them."""
+        detail = self._detail
         angles, layers = detail.angles_deg, self._layers(numbers)
         rows, columns = detail.rows[chosen], detail.columns[chosen]
+        frequencies = np.stack([rows, columns])
         values = np.moveaxis(detail.values[..., chosen], -1, 0)
         mixing = layers.at(rows, columns, angles)
         unmixed = unmixing(mixing)
         found = unmixed @ values
         left = values - mixing @ found
         shown = mixing[..., None] * found[:, None]
-        slopes = np.zeros((numbers.size, *values.shape), dtype=complex)
-        # A shift turns what one photograph shows of one layer, the last three change what all show.
-        turns = -2j * np.pi * np.stack([rows, columns])[..., None]
-        of_shifts = slopes[:-3].reshape(2, len(angles) - 1, 2, *values.shape)
-        for layer, photograph in np.ndindex(of_shifts.shape[:2]):
-            of_shifts[layer, photograph, :, :, photograph + 1] = turns * shown[:, photograph + 1, layer]
+        # The last three numbers change what all photographs show: (frequency, photograph, number, channel).
         double = 2 * np.radians(np.asarray(angles) - layers.azimuth_deg)[:, None]
         of_weights = shown / layers.in_place(angles)[..., None]
-        slopes[-3] = ((np.sin(double) * layers.polarized)[..., None] * of_weights).sum(axis=2)
-        slopes[-2:] = np.moveaxis(np.cos(double)[..., None] * of_weights, 2, 0)
-        apart = (slopes - mixing @ (unmixed @ slopes)).reshape(numbers.size, -1)
-        slopes = slopes.reshape(numbers.size, -1)
+        of_azimuth = ((np.sin(double) * layers.polarized)[..., None] * of_weights).sum(axis=2, keepdims=True)
+        slopes = np.concatenate([of_azimuth, np.cos(double)[..., None] * of_weights], axis=2)
+        unexplained = np.eye(len(angles)) - mixing @ unmixed
+        apart = (unexplained @ slopes.reshape(*mixing.shape[:2], -1)).reshape(slopes.shape)
+        beside = np.concatenate([left[:, :, None], apart], axis=2)
+        # A shift turns what one photograph shows of one layer, by an imaginary slope: (frequency, layer, photograph).
+        moved = shown[:, 1:].swapaxes(1, 2)
+        turned = -2 * np.pi * (shown[:, 1:].conj() @ beside[:, 1:].swapaxes(-1, -2)).imag
+        turned = np.tensordot(turned, frequencies, axes=(0, 1)).transpose(2, 1, 0, 3).reshape(4, -1)
+        slopes, beside = (np.moveaxis(each, 2, 0).reshape(each.shape[2], -1) for each in (slopes, beside))
+        of_all = (beside @ slopes.conj().T).real
+        curvature = np.block([[_of_shifts(moved, unexplained, frequencies), turned[1:].T], [turned[1:], of_all[1:]]])
+        gain = np.concatenate([turned[0], of_all[0]])
         size = (len(angles) - 2) * values[:, 0].size
         spread = np.concatenate([np.full(numbers.size - 3, _SPREAD_PX), [_SPREAD_RAD, *_SPREAD]])
         firmness, off = 1 / (2 * size * spread**2), numbers - usual
         misfit = np.square(np.abs(left)).sum() / size + firmness @ off**2
-        gradient = firmness * off - (slopes.conj() @ left.ravel()).real / size
-        matrix = (slopes.conj() @ apart.T).real / size + np.diag(firmness)
-        return float(misfit), gradient, matrix
+        return float(misfit), firmness * off - gain / size, curvature / size + np.diag(firmness)
+
+
+def _of_shifts(moved: Spectrum, unexplained: Spectrum, frequencies: Floats) -> Floats:
+    """Gauss-Newton matrix of the shifts of both layers in all photographs but the first.
+
+    Parameters
+    ----------
+    moved : ndarray, shape (n, 2, k - 1, channel)
+        What these show of each layer.
+    unexplained : ndarray, shape (n, k, k)
+        What takes away from photographs what two layers explain.
+    frequencies : ndarray, shape (2, n)
+    """
+    count, flat = len(moved), moved.reshape(len(moved), -1, moved.shape[-1])
+    shared = (flat.conj() @ flat.swapaxes(1, 2)).reshape(count, *2 * moved.shape[1:3])
+    products = (shared * unexplained[:, None, 1:, None, 1:]).real.reshape(count, -1)
+    squares = (2 * np.pi) ** 2 * (frequencies[:, None] * frequencies).reshape(4, count)
+    n_moved = flat.shape[1]
+    matrix = (squares @ products).reshape(2, 2, n_moved, n_moved)
+    return np.asarray(matrix.transpose(2, 0, 3, 1).reshape(2 * n_moved, 2 * n_moved))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.gradients import seen_blocks
 from polaropt.numerics import spread_blocks
-from polaropt.optics import FLAT, Bend, bent_normal, pixel_grid, plane_normal, viewing_angles
+from polaropt.optics import FLAT, Bend, bent_normal, incidence_trace, pixel_grid, plane_normal, twice_the_azimuth
 
 Values = NDArray[np.float64]
 
@@ -112,7 +112,7 @@ class PolarizedBlocks:
     def across(self, incidence_deg: float, azimuth_deg: float, focal_px: float, bend: Bend = FLAT) -> Values:
         """Light polarized at 45 degrees to the plane of incidence, flat, in units of its noise."""
         normal = bent_normal(plane_normal(incidence_deg, azimuth_deg), bend, 1 / focal_px, self._x, self._y)
-        _, cos, sin = viewing_angles(normal, 1 / focal_px, self._x, self._y)
+        cos, sin = twice_the_azimuth(*incidence_trace(normal, 1 / focal_px, self._x, self._y))
         return np.asarray(cos * self._s2 - sin * self._s1).ravel()
 
     def misfit(self, incidence_deg: float, azimuth_deg: float, focal_px: float, bend: Bend = FLAT) -> float:

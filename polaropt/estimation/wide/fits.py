@@ -49,7 +49,15 @@ from polaropt.estimation.wide.pane import (
     Prior,
     fitted,
 )
-from polaropt.optics import FLAT, FOCAL_RANGE_PX, Pane, SceneParameters, plane_normal, viewing_angles
+from polaropt.optics import (
+    FLAT,
+    FOCAL_RANGE_PX,
+    Pane,
+    SceneParameters,
+    incidence_trace,
+    plane_normal,
+    twice_the_azimuth,
+)
 
 Values = NDArray[np.float64]
 
@@ -194,7 +202,7 @@ def _misfits(blocks: PolarizedBlocks, points: Values) -> Values:
     incidence, azimuth, view = points[:, [INCIDENCE, AZIMUTH, VIEW]].T
     normal = np.array([plane_normal(*np.degrees(pair)) for pair in zip(incidence, azimuth, strict=True)]).T
     x, y = blocks.places
-    _, cos, sin = viewing_angles(normal[..., None], view[:, None], x, y)
+    cos, sin = twice_the_azimuth(*incidence_trace(normal[..., None], view[:, None], x, y))
     s11, s12, s22 = blocks.moments
     return np.asarray((cos * cos) @ s22 - 2 * (cos * sin) @ s12 + (sin * sin) @ s11)
 

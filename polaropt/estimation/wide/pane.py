@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.optics import FLAT, INCIDENCE_SEARCH_DEG, bent_normal, incidence_trace, viewing_angles
+from polaropt.optics import FLAT, INCIDENCE_SEARCH_DEG, bent_normal, incidence_trace, twice_the_azimuth
 
 Values = NDArray[np.float64]
 Numbers = tuple[int, ...]
@@ -191,9 +191,12 @@ def _across(point: Any, places: Values, axes: Values) -> Any:
 
 def _turn(point: Any, places: Values) -> tuple[Any, Any]:
     """Cosine and sine of twice the azimuth in each block; of complex numbers, too."""
-    view = point[VIEW]
-    _, cos, sin = viewing_angles(bent_normal(normal_at(point), tuple(point[3:]), view, *places), view, *places)
-    return cos, sin
+    return twice_the_azimuth(*_trace(normal_at(point), tuple(point[3:]), point[VIEW], places))
+
+
+def _trace(normal: Any, bend: Any, view: Any, places: Values) -> tuple[Any, Any]:
+    """Trace of the plane of incidence in each block; several where normal and bend are columns."""
+    return incidence_trace(bent_normal(normal, bend, view, *places), view, *places)
 
 
 def normal_at(point: Any) -> tuple[Any, Any, Any]:
@@ -209,29 +212,24 @@ def _slopes(point: Values, free: Numbers, places: Values, axes: Values) -> Value
     The trace of the plane of incidence is linear in the normal, and that in the bend: how the trace moves is the trace
     of how the normal moves. The view alone acts otherwise.
     """
-    view, nowhere = point[VIEW], (0.0, 0.0, 0.0)
-    normal, bend = normal_at(point), tuple(point[3:])
-
-    def trace(normal: Any, bend: Any) -> tuple[Any, Any]:
-        return incidence_trace(bent_normal(normal, bend, view, *places), view, *places)
-
+    view = point[VIEW]
     incidence, azimuth = point[[INCIDENCE, AZIMUTH]]
     tilted = np.cos(incidence) * np.cos(azimuth), np.cos(incidence) * np.sin(azimuth), -np.sin(incidence)
     turned = -np.sin(incidence) * np.sin(azimuth), np.sin(incidence) * np.cos(azimuth), 0.0
-    moves = {INCIDENCE: (tilted, FLAT), AZIMUTH: (turned, FLAT)}
-    moves |= {number: (nowhere, tuple(part)) for number, part in zip(BEND, np.eye(3), strict=True)}
-    w_x, w_y = trace(normal, bend)
-    cos, sin = _turn(point, places)
+    moves = {INCIDENCE: (*tilted, *FLAT), AZIMUTH: (*turned, *FLAT)}
+    moves |= {number: tuple(part) for number, part in zip(BEND, np.eye(N_NUMBERS)[3:], strict=True)}
+    w_x, w_y = _trace(normal_at(point), tuple(point[3:]), view, places)
+    cos, sin = twice_the_azimuth(w_x, w_y)
     # What lies across changes with twice the azimuth.
     rate = -2 * (sin * axes[1] + cos * axes[0]) / (w_x * w_x + w_y * w_y + 1e-12)
     slopes = np.empty((places.shape[1], len(free)))
-    for column, number in enumerate(free):
-        if number == VIEW:
-            moved = [*point[:VIEW], view + 1j * _IMAGINARY_STEP, *bend]
-            slopes[:, column] = _across(moved, places, axes).imag / _IMAGINARY_STEP
-        else:
-            t_x, t_y = trace(*moves[number])
-            slopes[:, column] = rate * (w_x * t_y - w_y * t_x)
+    straight = [column for column, number in enumerate(free) if number != VIEW]
+    moved = np.array([moves[free[column]] for column in straight]).T[..., None]
+    t_x, t_y = _trace(moved[:3], moved[3:], view, places)
+    slopes[:, straight] = (rate * (w_x * t_y - w_y * t_x)).T
+    if VIEW in free:
+        seen = [*point[:VIEW], view + 1j * _IMAGINARY_STEP, *point[3:]]
+        slopes[:, free.index(VIEW)] = _across(seen, places, axes).imag / _IMAGINARY_STEP
     return slopes
 
 
