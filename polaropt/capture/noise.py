@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -31,7 +31,7 @@ from polaropt.numerics import (
     second_differences,
 )
 
-_LEAST = 1e-6
+LEAST_NOISE = 1e-6
 """Noise of photographs without any (white = 1): weights go with its inverse square."""
 _ENOUGH_SAMPLES, _FEWEST_SAMPLES = 1000, 100
 """Pixels that the noise is measured on: away from clipped ones if there are so many, else any that are not clipped."""
@@ -39,6 +39,9 @@ _PILE = 5e-4
 """Share of the values at the lowest one from which on they are clipped there; by trial."""
 ROUNDED = 0.5
 """Noise in steps of the grey levels, below which it is rounding, which does not look normal; by trial."""
+_BEYOND_ROUNDING = 1.0
+"""Noise in steps of the grey levels, from which on neighbours are hardly equal in all photographs by chance: in four of
+them with a step of noise one pixel in 160 is."""
 _MOST_VALUES, _BAND = 2**18, 16
 """Values of a photograph that are enough, and rows of a band that is taken from a larger one; set by hand."""
 
@@ -99,7 +102,7 @@ def noise_level(capture: Capture, redundant: Redundancy | None = None) -> float:
         spread = robust_spread((redundant or redundancy(capture)).residual, step / 2)
     jpeg = None if capture.origin is None else capture.origin.jpeg
     lost = 0.0 if jpeg is None else _LOST_BY_JPEG * jpeg.step
-    return float(max(_LEAST, spread, step / np.sqrt(12), lost))
+    return float(max(LEAST_NOISE, spread, step / np.sqrt(12), lost))
 
 
 _ALIASES = 2.0
@@ -157,10 +160,19 @@ def _fast_of_flat_blocks(samples: RawSamples) -> Redundancy | None:
     inner = minimum_filter(trusted, 3, mode="constant", cval=0)
     if np.count_nonzero(inner) * _FLAT_BLOCK**2 < _ENOUGH_SAMPLES:
         return None
+    residual, raw = _in_blocks(fast, means.shape), _in_blocks(values, means.shape)
+    step = quantization_step(values[None])
+    alike = (raw == raw[..., :1]).all(axis=-1)
+    inner = _not_filled(inner, alike, step, lambda some: residual[some])
     flat = _flattest(means, inner)
-    rows, columns = (_FLAT_BLOCK * side for side in means.shape)
-    blocks = fast[:rows, :columns].reshape(means.shape[0], _FLAT_BLOCK, means.shape[1], _FLAT_BLOCK)
-    return Redundancy(blocks.transpose(0, 2, 1, 3)[flat].reshape(-1, _FLAT_BLOCK**2).T, means[flat])
+    return Redundancy(residual[flat].T, means[flat])
+
+
+def _in_blocks(image: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Pixels of an image by its blocks, (row, column, pixel)."""
+    rows, columns = (_FLAT_BLOCK * side for side in shape)
+    blocks = image[:rows, :columns].reshape(shape[0], _FLAT_BLOCK, shape[1], _FLAT_BLOCK)
+    return blocks.transpose(0, 2, 1, 3).reshape(*shape, _FLAT_BLOCK**2)
 
 
 def _fast_of_bands(samples: RawSamples) -> Redundancy | None:
@@ -195,9 +207,11 @@ def redundancy(capture: Capture) -> Redundancy:
     """Residuals of more than three photographs with their intensities; of a large capture, bands of rows."""
     rows = _sampled_rows(capture.intensities[0].size, capture.shape[-2])
     intensities, valid = capture.intensities[..., rows, :], capture.mask[..., rows, :]
-    trusted = _trusted(intensities, valid)
+    trusted, alike = _trusted(intensities, valid), _like_the_next(intensities)
+    step = quantization_step(capture.intensities)
     intensities = _without_gain(intensities, capture.angles_deg, valid)
     residual = redundancy_residual(intensities, capture.angles_deg)
+    trusted = _not_filled(trusted, alike, step, lambda some: residual[:, some])
     return Redundancy(residual[:, trusted], intensities[:, trusted].mean(axis=0))
 
 
@@ -260,8 +274,10 @@ def _noise_of_three_photographs(capture: Capture, step: float) -> float:
     """
     detail = second_differences(capture.intensities)
     trusted = _trusted(capture.intensities, capture.valid)[..., 1:-1, 1:-1]
-    samples = detail[:, trusted if trusted.any() else np.ones_like(trusted)]
-    return robust_spread(quietest_combination(samples), step / 6)
+    trusted = trusted if trusted.any() else np.ones_like(trusted)
+    alike = _like_the_next(capture.intensities)[..., 1:-1, 1:-1]
+    trusted = _not_filled(trusted, alike, step, lambda some: quietest_combination(detail[:, some]))
+    return robust_spread(quietest_combination(detail[:, trusted]), step / 6)
 
 
 def _trusted(intensities: NDArray[np.float32], all_valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -276,6 +292,37 @@ def _trusted(intensities: NDArray[np.float32], all_valid: NDArray[np.bool_]) -> 
         if np.count_nonzero(mask) >= enough:
             return mask
     return np.ones_like(valid)
+
+
+def _not_filled(
+    trusted: NDArray[np.bool_],
+    alike: NDArray[np.bool_],
+    step: float,
+    noise_of: Callable[[NDArray[np.bool_]], NDArray[np.floating[Any]]],
+) -> NDArray[np.bool_]:
+    """Pixels that can be trusted without those that a program has filled, which are exactly alike.
+
+    Where noise is finer than the grey levels pixels are alike by chance, and all are kept.
+
+    Parameters
+    ----------
+    trusted, alike : ndarray of bool
+    step : float
+        Distance of the grey levels; 0 for none.
+    noise_of : callable
+        Values of the noise of some pixels.
+    """
+    unlike = trusted & ~alike
+    if not alike.any() or np.count_nonzero(unlike) < _FEWEST_SAMPLES:
+        return trusted
+    return unlike if robust_spread(noise_of(unlike), 0.0) > _BEYOND_ROUNDING * step else trusted
+
+
+def _like_the_next(intensities: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Pixels ([channel,] h, w) that hold exactly what the one beside them does, in all photographs."""
+    alike = np.zeros(intensities.shape[1:], dtype=bool)
+    alike[..., 1:] = (intensities[..., 1:] == intensities[..., :-1]).all(axis=0)
+    return alike
 
 
 def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -387,7 +434,7 @@ def _of_samples(capture: Capture, cells: RegisteredCells) -> tuple[float, NoiseM
     fast = None if rounds or diagonal not in pairs else _fast_of_bands(cells.samples)
     if fast is None:
         return raw, NoiseModel(raw)
-    level = max(_LEAST, robust_spread(fast.residual, 0.0))
+    level = max(LEAST_NOISE, robust_spread(fast.residual, 0.0))
     # Sums over a pattern are of much the same samples all over it.
     model = _grown(fast, level, 0.0, alike=pattern.size)
     return raw, NoiseModel(model.read * raw / level, model.shot * (raw / level) ** 2)

@@ -10,9 +10,9 @@ import pytest
 from polaropt import SceneParameters
 from polaropt.capture.capture import Capture, RawSamples
 from polaropt.capture.mosaic import sampling_of
-from polaropt.capture.noise import noise_level, noise_of_blocks, noise_of_color_samples
+from polaropt.capture.noise import measured_noise, noise_level, noise_of_blocks, noise_of_color_samples
 from polaropt.separation import separate
-from polaropt.simulation import Camera, cut, photograph_mosaic, shipped_photograph
+from polaropt.simulation import Camera, cut, photograph_mosaic, shipped_photograph, simulated_mosaic
 from polaropt.simulation.simulator import digitized
 from tests.blends import blend
 
@@ -53,6 +53,33 @@ def test_coarse_grey_levels_make_no_wide_lens_of_a_plain_pane() -> None:
     found = separate(capture).scene
     assert not found.varies
     assert found.incidence_deg == pytest.approx(60, abs=2)
+
+
+@pytest.mark.parametrize("angles_deg", [(0.0, 45.0, 90.0, 135.0), (0.0, 60.0, 120.0)])
+@pytest.mark.parametrize("bits", [None, 8, 16])
+def test_what_a_program_has_filled_tells_no_noise(angles_deg: tuple[float, ...], bits: int | None) -> None:
+    # Six tenths of the frame were as quiet as nothing: layers without bounds came of it.
+    capture = blend(60, 120, noise=0.005, angles_deg=angles_deg, color=False).capture
+    values = np.clip(capture.intensities, 0, 1)
+    values[..., 48:] = 0.1
+    values = values if bits is None else digitized(values, bits)
+    filled = Capture.of_planes(values.astype(np.float32), angles_deg)
+    assert noise_level(filled) == pytest.approx(0.005, rel=0.1)
+    assert measured_noise(filled)[1].shot == 0
+
+
+@pytest.mark.parametrize("color", [False, True])
+def test_samples_that_a_program_has_filled_tell_no_noise(color: bool) -> None:
+    layers = [cut(shipped_photograph(name), (160, 160)) for name in ("astronaut", "coffee")]
+    scene = SceneParameters(60.0, 25.0, 4.0)
+    raw = photograph_mosaic(*layers, scene, Camera(noise=0.005, bits=12), color=color)
+    whole = measured_noise(simulated_mosaic(raw, color))
+    raw[:, 64:] = 0.1
+    capture = simulated_mosaic(raw, color)
+    filled = measured_noise(capture)
+    assert filled[0] == pytest.approx(whole[0], rel=0.35)
+    assert filled[1].read == pytest.approx(whole[1].read, rel=0.35)
+    assert np.abs(separate(capture, scene).layers).max() < 2
 
 
 def color_samples(noise: float, exposure: float = 1.0, side: int = 256) -> RawSamples:

@@ -17,6 +17,7 @@ from polaropt.capture.matching.parallax import ParallaxFit
 from polaropt.capture.matching.restoration import FOR_SCENE, restored
 from polaropt.capture.matching.spectra import DetailSpectra, detail_spectra, polarized_axis
 from polaropt.capture.matching.transfer import Transfer
+from polaropt.capture.noise import LEAST_NOISE
 from polaropt.capture.registration import measure_shifts
 from polaropt.numerics import middle_part
 
@@ -107,7 +108,8 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
         them is less sharp, nor where each shows both layers.
     """
     count = len(capture.angles_deg)
-    if capture.cells is not None or capture.of_mosaic:
+    # What leaves no noise that could be measured was computed, and its rounding tells nothing.
+    if capture.cells is not None or capture.of_mosaic or noise <= LEAST_NOISE:
         return None
     shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
     believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
@@ -130,12 +132,12 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     # Blurs are fewer numbers: layers in places of their own must explain more.
     if blurred is not None and (apart is None or apart[1] > _BETTER_BY_LAYERS * blurred[1]):
         transfer, left = blurred
-        noise *= math.sqrt(left)
+        noise = max(LEAST_NOISE, noise * math.sqrt(left))
         of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
         return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
     if apart is not None:
         transfer, left = apart
-        noise *= math.sqrt(left)
+        noise = max(LEAST_NOISE, noise * math.sqrt(left))
         return Matching(restored(capture, transfer), transfer, restored(capture, transfer, noise=noise), noise)
     return Matching(in_place, moved, in_place) if moved.moves else None
 
