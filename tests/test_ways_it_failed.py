@@ -125,3 +125,12 @@ def test_photographs_without_any_noise(color: bool) -> None:
     assert result.matching is None
     assert psnr_db(result.layers[0], made.layers[0], 16) > 70
     assert psnr_db(result.layers[1], made.layers[1], 16) > 35
+
+
+@pytest.mark.parametrize("incidence_deg", [45.0, 65.0])
+def test_double_images_in_hardly_any_noise_are_no_polarized_light(incidence_deg: float) -> None:
+    sample = photographed(0, SceneParameters(incidence_deg, 30.0, 6.0), noise=0.0, bits=16)
+    result = separate(sample.capture)
+    assert result.scene.rung == "ghosts"
+    assert result.matching is None
+    assert abs(result.scene.incidence_deg - incidence_deg) < 1.0

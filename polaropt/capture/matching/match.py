@@ -41,6 +41,9 @@ _LEAST_BESIDES, _BETTER_BY_LAYERS = 1.03, 0.92
 """What no two pictures in place explain, in units of the noise, from which on both layers may have moved by themselves,
 and the part of it that is left at most where they have: of 192 random windows, in which none has, the smallest part was
 0.97 but for two of which no more than noise was left, and of double images seen by a wide lens 0.94. By trial."""
+_LEAST_NOISE_OF_PHOTOGRAPHS = 1e-3
+"""Noise that photographs are taken to have at least (white = 1): with less, double images, several panes and tint leave
+more than two pictures explain. By trial on random windows without noise."""
 _NEARLY_ALL = 0.1
 """Part of it that may be left where more than `_MOST_LEFT` is: at the edges of what is looked at layers that have moved
 far show what others do not. Set by hand."""
@@ -111,6 +114,7 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     # What leaves no noise that could be measured was computed, and its rounding tells nothing.
     if capture.cells is not None or capture.of_mosaic or noise <= LEAST_NOISE:
         return None
+    quiet, noise = noise < _LEAST_NOISE_OF_PHOTOGRAPHS, max(noise, _LEAST_NOISE_OF_PHOTOGRAPHS)
     shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
     believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
     moved = Transfer.of_shifts(shifts.pixels if believed else np.zeros((count, 2)))
@@ -119,6 +123,8 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     if detail is None:
         return Matching(in_place, moved, in_place) if moved.moves else None
     azimuth, beside = polarized_axis(in_place)
+    if quiet and ParallaxFit(detail, azimuth).besides_two() < _LEAST_BESIDES:
+        return Matching(in_place, moved, in_place) if moved.moves else None
     blurred = None if beside > _MOST_BESIDE else _with_blurs(moved, detail, azimuth)
     fit = ParallaxFit(detail, azimuth)
     before = fit.besides_two()
