@@ -94,7 +94,7 @@ _SAME_NOISE = 0.1
 _FRAME_CHANGE, _FRAME_ITERATIONS = 5e-4, 1
 # Noise that an estimation is told at least (white = 1): with less, what no model has (interpolation, light from beyond
 # the frame, quantization) is taken for other rungs. By trial on random windows without noise (`studies.random_windows`,
-# training photographs, numbers from 20000): a scene told 1e-3 is found as it is with that noise.
+# training photographs, numbers from 20000): scenes told 1e-3 are found as they are with that noise.
 _LEAST_NOISE_OF_SCENE = 1e-3
 # How far the estimation has come, in parts of the whole separation, for the progress alone: set by hand.
 _INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
