@@ -34,8 +34,9 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, output: Out
     """Tell what a capture is, before anything is solved.
 
     Size, depth, noise, gain of the two polarizer pairs, saturation and polarization; whether the values look
-    gamma-encoded, two files look swapped, or something moves between the photographs. What needs attention is marked
-    ATTENTION.
+    gamma-encoded, two files look swapped, pixels of a mosaic are defective, something moves between the photographs,
+    these do not lie on each other or are not equally sharp, and how much looks as if it showed no glass. What needs
+    attention is marked ATTENTION.
     """
     from polaropt.reporting import inspect_capture, inspection_sentences
 
