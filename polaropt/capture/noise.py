@@ -162,17 +162,17 @@ def _fast_of_flat_blocks(samples: RawSamples) -> Redundancy | None:
         return None
     residual, raw = _in_blocks(fast, means.shape), _in_blocks(values, means.shape)
     step = quantization_step(values[None])
-    alike = (raw == raw[..., :1]).all(axis=-1)
+    alike = (raw == raw[..., :1, :1]).all(axis=(-2, -1))
     inner = _not_filled(inner, alike, step, lambda some: residual[some])
     flat = _flattest(means, inner)
-    return Redundancy(residual[flat].T, means[flat])
+    return Redundancy(residual[flat].reshape(-1, _FLAT_BLOCK**2).T, means[flat])
 
 
 def _in_blocks(image: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Pixels of an image by its blocks, (row, column, pixel)."""
+    """An image by its blocks, (row, column, row in the block, column in the block)."""
     rows, columns = (_FLAT_BLOCK * side for side in shape)
     blocks = image[:rows, :columns].reshape(shape[0], _FLAT_BLOCK, shape[1], _FLAT_BLOCK)
-    return blocks.transpose(0, 2, 1, 3).reshape(*shape, _FLAT_BLOCK**2)
+    return blocks.transpose(0, 2, 1, 3)
 
 
 def _fast_of_bands(samples: RawSamples) -> Redundancy | None:

@@ -123,11 +123,11 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     if detail is None:
         return Matching(in_place, moved, in_place) if moved.moves else None
     azimuth, beside = polarized_axis(in_place)
-    if quiet and ParallaxFit(detail, azimuth).besides_two() < _LEAST_BESIDES:
-        return Matching(in_place, moved, in_place) if moved.moves else None
-    blurred = None if beside > _MOST_BESIDE else _with_blurs(moved, detail, azimuth)
     fit = ParallaxFit(detail, azimuth)
     before = fit.besides_two()
+    if quiet and before < _LEAST_BESIDES:
+        return Matching(in_place, moved, in_place) if moved.moves else None
+    blurred = None if beside > _MOST_BESIDE else _with_blurs(moved, detail, azimuth)
     as_it_was = detail_spectra(capture, noise) if moved.moves else None
     if as_it_was is not None:
         # Where layers move by themselves, a shift of the whole may explain nothing.
@@ -136,16 +136,15 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
             fit, before, moved = unmoved, besides_two, Transfer.of_shifts(np.zeros((count, 2)))
     apart = _with_parallax(fit, moved, before)
     # Blurs are fewer numbers: layers in places of their own must explain more.
-    if blurred is not None and (apart is None or apart[1] > _BETTER_BY_LAYERS * blurred[1]):
-        transfer, left = blurred
-        noise = max(LEAST_NOISE, noise * math.sqrt(left))
-        of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
-        return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
-    if apart is not None:
-        transfer, left = apart
-        noise = max(LEAST_NOISE, noise * math.sqrt(left))
+    told = blurred if apart is None or (blurred and apart[1] > _BETTER_BY_LAYERS * blurred[1]) else apart
+    if told is None:
+        return Matching(in_place, moved, in_place) if moved.moves else None
+    transfer, left = told
+    noise = max(LEAST_NOISE, noise * math.sqrt(left))
+    if transfer.layers is not None:
         return Matching(restored(capture, transfer), transfer, restored(capture, transfer, noise=noise), noise)
-    return Matching(in_place, moved, in_place) if moved.moves else None
+    of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
+    return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
 
 
 def _with_blurs(moved: Transfer, in_place: DetailSpectra, azimuth_deg: float) -> tuple[Transfer, float] | None:
