@@ -601,6 +601,7 @@ def _case_of(
         model=settings.model,
         mosaic=mosaic,
         sense_only=settings.thickness_px is not None,
+        edges=partial(edges_of_layers, of_scene, noise=noise, growth=still.growth),
     )
     of_cells = find(source, checked.scene).with_index(fit)
     if settings.model == "auto":

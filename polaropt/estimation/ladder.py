@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, reduce
 from typing import Literal
@@ -23,7 +24,13 @@ from polaropt.estimation.flat.ghosts import cross_spectra, is_of_two_faces
 from polaropt.estimation.flat.gradients import incidence_by_gradients
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
-from polaropt.estimation.flat.samples.tiles import REACH_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
+from polaropt.estimation.flat.samples.tiles import (
+    REACH_PX,
+    PaneOfTiles,
+    SampledTiles,
+    lie_on_a_side,
+    tiles_of_mosaic,
+)
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.polarized_things import PolarizedThings, polarized_things
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -376,6 +383,7 @@ def in_full(
     *,
     mosaic: SampledTiles | None = None,
     sense_only: bool = False,
+    edges: Callable[[SceneParameters], float] | None = None,
 ) -> LadderResult:
     """What was found from a mosaic's cells, in pixels of the capture, with ghosts and incidence as its samples tell.
 
@@ -389,6 +397,9 @@ def in_full(
         Tiles of the capture, where there are enough.
     sense_only : bool
         Whether the distance of the ghosts is given, and only their side is to be told.
+    edges : callable, optional
+        Logarithm of the edges that the layers behind a complete scene have, in pixels of the capture: close ghosts must
+        lie where these are fewer. Default: what tiles tell is believed.
     """
     whole = found.scaled(capture.scale)
     if found.things is not None:
@@ -401,9 +412,11 @@ def in_full(
     # A thickness ties the ghosts' distance to the incidence of the cells.
     sense_only &= open_shift
     if mosaic is not None and not sense_only and _is_told_by_tiles(found.scene.scaled(mosaic.period), asked):
-        by_tiles = _told_by_tiles(found.scaled(mosaic.period), capture, mosaic, asked, noise)
+        to_capture = capture.scale / mosaic.period
+        of_sensor = None if edges is None else lambda scene: edges(scene.scaled(to_capture))
+        by_tiles = _told_by_tiles(found.scaled(mosaic.period), capture, mosaic, asked, noise, of_sensor)
         is_asked_for = model == "auto" or by_tiles.scene.has_ghosts
-        return by_tiles.scaled(capture.scale / mosaic.period) if is_asked_for else whole
+        return by_tiles.scaled(to_capture) if is_asked_for else whole
     sampled = pane_of_samples(
         capture,
         whole.scene,
@@ -430,7 +443,12 @@ def _is_told_by_tiles(scene: SceneParameters, asked: SceneParameters) -> bool:
 
 
 def _told_by_tiles(
-    found: LadderResult, capture: Capture, mosaic: SampledTiles, asked: SceneParameters, noise: float
+    found: LadderResult,
+    capture: Capture,
+    mosaic: SampledTiles,
+    asked: SceneParameters,
+    noise: float,
+    edges: Callable[[SceneParameters], float] | None,
 ) -> LadderResult:
     """What was found from a mosaic's cells, in pixels of the sensor, with ghosts and incidence as its tiles tell.
 
@@ -444,6 +462,8 @@ def _told_by_tiles(
     tiles = PaneOfTiles(mosaic, azimuth)
     if asked.ghost_shift is None:
         shift, error = tiles.ghosts(asked.replace(refractive_index=scene.index), incidence)
+        if shift and edges is not None and not lie_on_a_side(scene.replace(ghost_shift=shift), edges):
+            shift = 0.0
         if shift:
             about = scene.replace(ghost_shift=shift)
             shift, error = sampled_shift(cells.samples, capture.angles_deg, about, noise, error)

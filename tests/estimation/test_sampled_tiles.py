@@ -17,11 +17,11 @@ from polaropt.capture import write_png
 from polaropt.estimation.flat.azimuth import PrincipalAxis, weighed_axis
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
 from polaropt.estimation.flat.samples.ghosts import sampled_shift
-from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
+from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, lie_on_a_side, tiles_of_mosaic
 from polaropt.estimation.index_by_tiles import LikelierIndex, likelier_index_of_mosaic
 from polaropt.numerics import turn_between
 from polaropt.optics import Sampling
-from polaropt.simulation import Camera, photograph_mosaic
+from polaropt.simulation import Camera, photograph_mosaic, simulated_mosaic
 from studies.photographs import pairs_of
 
 FAR, NOISE = SceneParameters(65.0, 30.0, 13.0), 0.005
@@ -86,6 +86,26 @@ def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells(inc
 def test_images_in_place_are_given_no_ghosts(sensor: str) -> None:
     shift, _ = PaneOfTiles(tiles(sensor, PLACE), PLACE.values()[1]).ghosts(OPEN, 61.0)
     assert shift == 0.0
+
+
+def test_ghosts_that_lie_on_neither_side_of_the_layers_are_none() -> None:
+    """Tiles find some 3 px apart in this mosaic of a pane whose images are in place."""
+    photographs, scene = pairs_of(None, 192)[1], SceneParameters(42.0, 115.0, 0.0)
+    camera = Camera(noise=0.003, lens_blur_px=0.5)
+    raw = photograph_mosaic(photographs.transmission, photographs.reflection, scene, camera, False)
+    capture = simulated_mosaic(raw, False)
+    seen = tiles_of_mosaic(capture, 0.003)
+    assert seen is not None
+    shift, _ = PaneOfTiles(seen, 115.0).ghosts(OPEN, 42.0)
+    assert abs(shift) > 2
+    assert estimate(capture, OPEN).scene.ghost_shift == 0
+
+
+@pytest.mark.parametrize(("shift", "on_a_side"), [(3.0, True), (-3.0, False), (9.0, True), (-9.0, True)])
+def test_edges_are_asked_of_close_ghosts_alone(shift: float, on_a_side: bool) -> None:
+    """Here all double images leave fewer edges to the right; far ones are told by tiles however that may be."""
+    scene = PLACE.replace(ghost_shift=shift)
+    assert lie_on_a_side(scene, lambda other: 1 - 0.01 * (other.values()[2] > 0)) is on_a_side
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

@@ -18,6 +18,7 @@ D. B. Rubin, D. T. Thayer, EM algorithms for ML factor analysis, Psychometrika, 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -68,6 +69,12 @@ _CANDIDATES = 2
 _SURE = 2.0
 """Standard errors by which tiles must find ghosts likelier than none: what is likelier by 1 to 2 is hardly ever right
 (on 392 mosaics of photographs that no figure is taken of 3 of 37)."""
+_CLOSE_PX, _ON_THEIR_SIDE = 6.0, 0.0045
+"""Shift up to which ghosts that tiles find may be none, and share of edges by which the layers must have fewer with
+these on their side than on the other: what passes for ghosts lies on neither. On 1077 mosaics of photographs that no
+figure is taken of, 588 without ghosts, this takes away 52 of 70 that are none, 19 of 35 that lie more than a pixel off
+and 20 of 96 close ones that were found; without these the reflection loses 0.4 to 1 dB, without those it gains 2 to
+3."""
 _SHIFT_WIDER, _LEAST_ERROR_PX = 9.0, 0.2
 """What the standard error of a shift by the curvature is multiplied by, and the least that is believed."""
 _WIDER = 3.5
@@ -332,6 +339,22 @@ class PaneOfTiles:
         fit = self._likelihood.nearest(Window(incidence, shift), scene.index, free)
         (error,) = self._likelihood.errors(fit, free)
         return (fit.window.incidence_deg, _WIDER * float(error)) if math.isfinite(error) else None
+
+
+def lie_on_a_side(scene: SceneParameters, edges: Callable[[SceneParameters], float]) -> bool:
+    """Whether the double images that tiles find in a scene lie on one side of its layers, as those of a pane do.
+
+    Parameters
+    ----------
+    scene : SceneParameters
+        Complete, in pixels of the sensor.
+    edges : callable
+        Logarithm of the edges that the layers behind such a scene have.
+    """
+    _, _, shift = scene.values()
+    if abs(shift) > _CLOSE_PX:
+        return True
+    return edges(scene.replace(ghost_shift=-shift)) - edges(scene) > _ON_THEIR_SIDE
 
 
 def tiles_of_mosaic(capture: Capture, noise: float) -> SampledTiles | None:
