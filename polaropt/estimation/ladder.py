@@ -28,7 +28,6 @@ from polaropt.estimation.flat.samples.tiles import (
     REACH_PX,
     PaneOfTiles,
     SampledTiles,
-    lie_on_a_side,
     tiles_of_mosaic,
 )
 from polaropt.estimation.flat.window import window_remark, with_window
@@ -412,11 +411,9 @@ def in_full(
     # A thickness ties the ghosts' distance to the incidence of the cells.
     sense_only &= open_shift
     if mosaic is not None and not sense_only and _is_told_by_tiles(found.scene.scaled(mosaic.period), asked):
-        to_capture = capture.scale / mosaic.period
-        of_sensor = None if edges is None else lambda scene: edges(scene.scaled(to_capture))
-        by_tiles = _told_by_tiles(found.scaled(mosaic.period), capture, mosaic, asked, noise, of_sensor)
+        by_tiles = _told_by_tiles(found.scaled(mosaic.period), capture, mosaic, asked, noise, edges)
         is_asked_for = model == "auto" or by_tiles.scene.has_ghosts
-        return by_tiles.scaled(to_capture) if is_asked_for else whole
+        return by_tiles.scaled(capture.scale / mosaic.period) if is_asked_for else whole
     sampled = pane_of_samples(
         capture,
         whole.scene,
@@ -458,12 +455,11 @@ def _told_by_tiles(
     if estimate is None or cells is None:
         return found
     scene, errors = found.scene, estimate.errors
-    incidence, azimuth, _ = scene.values()
+    (incidence, azimuth, _), to_capture = scene.values(), capture.scale / mosaic.period
     tiles = PaneOfTiles(mosaic, azimuth)
     if asked.ghost_shift is None:
-        shift, error = tiles.ghosts(asked.replace(refractive_index=scene.index), incidence)
-        if shift and edges is not None and not lie_on_a_side(scene.replace(ghost_shift=shift), edges):
-            shift = 0.0
+        fewer = None if edges is None else partial(_fewer_edges, scene.scaled(to_capture), edges, to_capture)
+        shift, error = tiles.ghosts(asked.replace(refractive_index=scene.index), incidence, fewer)
         if shift:
             about = scene.replace(ghost_shift=shift)
             shift, error = sampled_shift(cells.samples, capture.angles_deg, about, noise, error)
@@ -471,6 +467,14 @@ def _told_by_tiles(
         errors = dataclasses.replace(errors, ghost_shift=error if shift else None)
     told = tiles.incidence(scene) if asked.incidence_deg is None else None
     return _with_incidence(found, estimate, scene, errors, told)
+
+
+def _fewer_edges(
+    scene: SceneParameters, edges: Callable[[SceneParameters], float], to_capture: float, shift_px: float
+) -> float:
+    """Share of edges by which layers have fewer with double images at a shift, in pixels of the sensor, than across."""
+    here, across = (scene.replace(ghost_shift=to_capture * shift) for shift in (shift_px, -shift_px))
+    return edges(across) - edges(here)
 
 
 def _with_incidence(

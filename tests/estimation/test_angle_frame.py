@@ -93,6 +93,15 @@ def test_angles_that_count_the_other_way_or_from_elsewhere() -> None:
     assert mistake(find_start_angle(counted(capture, 52))) is None
 
 
+@pytest.mark.parametrize(("low_passed", "said"), [(False, AngleMistake.ROTATED), (True, None)])
+def test_cells_of_a_mosaic_tell_no_direction_of_ghosts(low_passed: bool, said: AngleMistake | None) -> None:
+    """Their low pass has one of its own."""
+    capture = counted(blend(45, SIZE, azimuth_deg=110, ghost_shift=7.0).capture, 90)
+    found = find_scene(capture, OPEN, NOISE)
+    capture = capture.with_origin(low_passed=low_passed)
+    assert angle_mistake(capture, NOISE, found.scene, found.estimate, found.unexplained) is said
+
+
 @pytest.mark.parametrize(("incidence", "shift"), [(15, 0.0), (45, -4.0), (75, 0.0), (85, -4.0)])
 def test_azimuths_that_are_their_own_mirror_image_are_no_mistake(incidence: float, shift: float) -> None:
     capture = blend(incidence, 128, azimuth_deg=90, ghost_shift=shift).capture

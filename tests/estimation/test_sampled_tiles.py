@@ -17,7 +17,7 @@ from polaropt.capture import write_png
 from polaropt.estimation.flat.azimuth import PrincipalAxis, weighed_axis
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
 from polaropt.estimation.flat.samples.ghosts import sampled_shift
-from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, lie_on_a_side, tiles_of_mosaic
+from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.index_by_tiles import LikelierIndex, likelier_index_of_mosaic
 from polaropt.numerics import turn_between
 from polaropt.optics import Sampling
@@ -101,11 +101,26 @@ def test_ghosts_that_lie_on_neither_side_of_the_layers_are_none() -> None:
     assert estimate(capture, OPEN).scene.ghost_shift == 0
 
 
-@pytest.mark.parametrize(("shift", "on_a_side"), [(3.0, True), (-3.0, False), (9.0, True), (-9.0, True)])
-def test_edges_are_asked_of_close_ghosts_alone(shift: float, on_a_side: bool) -> None:
-    """Here all double images leave fewer edges to the right; far ones are told by tiles however that may be."""
-    scene = PLACE.replace(ghost_shift=shift)
-    assert lie_on_a_side(scene, lambda other: 1 - 0.01 * (other.values()[2] > 0)) is on_a_side
+@pytest.mark.parametrize(
+    ("sure", "shift", "fewer", "believed"),
+    [
+        (2.5, 3.0, 0.01, True),
+        (2.5, 3.0, 0.001, False),
+        (2.5, -3.0, -0.01, False),
+        (2.5, 9.0, -0.01, True),
+        (1.5, 9.0, 0.02, True),
+        (1.5, 9.0, 0.01, False),
+        (1.5, 16.0, 0.02, False),
+        (2.5, 3.0, None, True),
+        (1.5, 3.0, None, False),
+    ],
+)
+def test_edges_tell_which_ghosts_of_tiles_are_believed(
+    sure: float, shift: float, fewer: float | None, believed: bool
+) -> None:
+    """Close ones must lie on a side, those that tiles are not sure of clearly; far and sure ones are not asked."""
+    fewer_edges = None if fewer is None else lambda at: fewer * (1 if at == shift else -1)
+    assert sampled_tiles._are_believed(sure, shift, fewer_edges) is believed
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

@@ -20,7 +20,13 @@ from polaropt.errors import InputError
 from polaropt.estimation.flat.azimuth import AxisCandidate, AxisChoice, choose_axis, principal_axis, weighed_axis
 from polaropt.estimation.flat.errors import ShiftErrors, widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
-from polaropt.estimation.flat.samples.tiles import FARTHEST_PX, SampledTileLikelihood, SampledTiles, likeliest_panes
+from polaropt.estimation.flat.samples.tiles import (
+    FARTHEST_PX,
+    REACH_PX,
+    SampledTileLikelihood,
+    SampledTiles,
+    likeliest_panes,
+)
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
@@ -157,7 +163,9 @@ def estimate_scene(
     found = _completed(scene, frame.azimuth_deg, trial)
     errors, of_shifts = SceneErrors(), ShiftErrors()
     if axis.snr > _POLARIZED_SNR:
-        found = search.with_own_shifts(frame, found)
+        own = search.with_own_shifts(frame, found)
+        # How far apart a mosaic's double images lie is for its tiles to tell, as far as these reach.
+        found = own if mosaic is None or abs(own.values()[2]) * mosaic.period > REACH_PX else found
         found, error = _refined(frame, scene, found, thickness)
         of_shifts = search.shift_errors(found) if scene.ghost_shift is None else of_shifts
         errors = _errors(search, (scene, trial), (error, axis.error_deg), of_shifts)
