@@ -14,8 +14,7 @@ from torch import Tensor
 
 from polaropt.training.batches import N_SCENES, BatchMaker, Kind
 from polaropt.training.samples import TrainingData
-from priors.observation import Observation
-from priors.training.trainer import Batch, Sample, no_engine
+from priors.training.trainer import Batch, Sample, batch_of, tensors_of
 
 # How often each kind is made; samples that are made at a time, and batches that each takes part in on average; times
 # that samples are made before the first batch, so that it has some of several kinds. Set by hand.
@@ -76,7 +75,7 @@ class SamplePool:
         while self._next >= 1:
             self._next -= 1
             kind = random.choice(len(_KINDS), p=list(_KINDS.values()))
-            self._made.put(_tensors_of(self._maker.make(list(_KINDS)[kind], self._at_a_time, random)))
+            self._made.put(_kept_of(self._maker.make(list(_KINDS)[kind], self._at_a_time, random)))
         while not self._waiting.empty():
             waiting = self._waiting.get()
             self._others.put({name: x.to(self._device, non_blocking=True) for name, x in waiting.items()})
@@ -85,11 +84,10 @@ class SamplePool:
         if n_others:
             others = self._others.drawn(n_others, random)
             drawn = {name: torch.cat([drawn[name], others[name]]) for name in drawn}
-        truth, parts = drawn.pop("truth"), drawn.pop("parts")
-        return Batch(Observation(**drawn), truth, parts, no_engine)
+        return batch_of(drawn)
 
     def _take_others(self) -> None:
-        coming = map(_tensors_of, self._data.samples(range(1 << 40)))
+        coming = map(_kept_of, self._data.samples(range(1 << 40)))
         while some := list(itertools.islice(coming, _TOGETHER)):
             joined = {name: torch.cat([each[name] for each in some]).float() for name in some[0]}
             # Of memory that stays where it is, a device takes them while it does something else.
@@ -105,9 +103,10 @@ def _kept_on(device: str, side_px: int) -> int:
     return int(min(_MOST_KEPT, max(_LEAST_KEPT, _OF_MEMORY * free / (4 * _N_PLANES * side_px**2))))
 
 
-def _tensors_of(samples: Sample | Batch) -> dict[str, Tensor]:
-    seen = {name: getattr(samples.observation, name) for name in _OBSERVED}
-    return {**seen, "truth": samples.layers, "parts": samples.parts}
+def _kept_of(samples: Sample | Batch) -> dict[str, Tensor]:
+    """Of samples what is kept: those of processes have more than those of the device."""
+    known = tensors_of(samples)
+    return {name: known[name] for name in (*_OBSERVED, "truth", "parts")}
 
 
 @dataclass

@@ -242,7 +242,7 @@ class Training:
         if self._recorded is None:
             values, layers = self._gradients(batch)
         else:
-            values, layers = self._recorded(_tensors_of(batch))
+            values, layers = self._recorded(tensors_of(batch))
         nn.utils.clip_grad_norm_(self.network.parameters(), _LONGEST_GRADIENT)
         self._optimizer.step()
         self._averaged.update_parameters(self.network)
@@ -269,7 +269,7 @@ class Training:
         others = (weights.perceptual, weights.pse, weights.edge_independence, weights.adversarial)
         if any(others) or self.network.architecture.form != "conditioned":
             return None
-        return Recorded(lambda tensors: self._gradients(_batch_of(tensors)))
+        return Recorded(lambda tensors: self._gradients(batch_of(tensors)))
 
     def _train_judge(self, batch: Batch, found: Tensor) -> dict[str, Tensor]:
         judge = self._critics.discriminator
@@ -489,15 +489,15 @@ def no_engine(_: Tensor) -> Tensor:
     raise ValueError("this batch is for losses that simulate nothing: leave the term pse out")
 
 
-def _tensors_of(batch: Batch) -> dict[str, Tensor]:
-    """What is known of a batch, but for its engine."""
-    seen = {field.name: getattr(batch.observation, field.name) for field in fields(Observation)}
+def tensors_of(samples: Sample | Batch) -> dict[str, Tensor]:
+    """What is known of a batch or sample, but for its engine."""
+    seen = {field.name: getattr(samples.observation, field.name) for field in fields(Observation)}
     known = {name: x for name, x in seen.items() if x is not None}
-    return {"truth": batch.layers, "parts": batch.parts, **known}
+    return {"truth": samples.layers, "parts": samples.parts, **known}
 
 
-def _batch_of(tensors: dict[str, Tensor]) -> Batch:
-    """Inverse of `_tensors_of`."""
+def batch_of(tensors: dict[str, Tensor]) -> Batch:
+    """Inverse of `tensors_of`."""
     seen: dict[str, Any] = {name: x for name, x in tensors.items() if name not in ("truth", "parts")}
     return Batch(Observation(**seen), tensors["truth"], tensors["parts"], no_engine)
 
