@@ -25,6 +25,9 @@ _OF_RIVALS = dict.fromkeys(("ghost_shift", "transmission_ghost_shift", "gap_shif
 
 MUCH_DB = 3.0
 """A loss that counts as large: twice the mean squared error."""
+LEAST_NOTABLE = 1e-3
+"""Standard deviation (white = 1) below which what layers or photographs are off by is no fault: a quarter of a level of
+8 bits. Only of photographs without noise, as a renderer makes them, does it matter. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,8 @@ class SceneLoss:
     Attributes
     ----------
     transmission_db, reflection_db : float
-        Mean squared error by the noise and the scene's errors together, over that by the noise alone.
+        Mean squared error by the noise and the scene's errors together, over that by the noise alone, or by
+        `LEAST_NOTABLE` where the noise leaves less.
     chance : float
         That the transmission loses more than `MUCH_DB`, if the errors are normal and independent, and rivals as likely
         as they are said to be.
@@ -81,12 +85,13 @@ def scene_loss(
     height, width = capture.shape[-2:]
     center = ((width - 1) / 2 - columns.start, (height - 1) / 2 - rows.start)
     part = capture.part(rows, columns)
+    least = np.maximum(of_noise, LEAST_NOTABLE**2)
 
     def share(doubt: Doubt) -> Pair:
         """What a doubt adds to the variance of both layers, in units of the noise's."""
         variance = scene_variance(part, noise, (doubt,), center, growth)
         mean: Pair = variance.mean(axis=tuple(range(1, variance.ndim)), dtype=np.float64)
-        return mean / of_noise
+        return mean / least
 
     near = doubts(scene, replace(errors, **_OF_RIVALS))
     far = doubts(scene, SceneErrors(), rivals=rivals)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, Mistakes, NoiseModel, closure_share, find_mistakes, registered_noise
 from polaropt.estimation import NOTABLE_CHANCE, AngleMistake, LikelierIndex, SceneEstimate, angle_mistake
-from polaropt.judging.loss import SceneLoss
+from polaropt.judging.loss import LEAST_NOTABLE, SceneLoss
 from polaropt.numerics import block_mean
 from polaropt.optics import SceneParameters, stokes_from_intensities
 
@@ -268,7 +268,8 @@ def diagnose(
         registered, of_cells = capture.registered, None if estimate is None else estimate.scaled(small)
         of_registered = registered_noise(capture, noise)
         mistake = angle_mistake(registered, of_registered, scene.scaled(small), of_cells, unexplained)
-    explained = misfit_ratio <= _bad_fit(capture) and unexplained <= _MUCH_LEFT
+    notable = misfit_ratio * min(1.0, noise / LEAST_NOTABLE) ** 2
+    explained = notable <= _bad_fit(capture) and unexplained <= _MUCH_LEFT
     # Of photographs in a wrong order, moved or encoded there is a warning of its own.
     contradictory = _far_apart(capture) if before is None else before.contradictory
     explained = explained and not (mistakes == Mistakes() and contradictory)

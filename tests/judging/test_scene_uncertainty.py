@@ -12,6 +12,7 @@ from polaropt.judging.loss import _chance, scene_loss
 from polaropt.judging.uncertainty import doubts, scene_variance
 from polaropt.optics.rivals import Rival, widened
 from polaropt.optics.scene import SceneErrors, SceneParameters
+from polaropt.simulation.metrics import psnr_db
 from polaropt.solving import Problem, Weights
 from polaropt.solving.solution import tiles
 from tests.blends import Blend, blend
@@ -46,6 +47,15 @@ def test_a_scene_that_is_off_by_its_error_is_covered(scene, name, off):
     )
     assert without.min() < 0.9
     assert (covered >= 0.9).all()
+
+
+@pytest.mark.parametrize("incidence", [45.0, 65.0])
+def test_of_photographs_without_noise_nothing_is_said_that_no_picture_shows(incidence):
+    """A thousandth of a degree is many times what rounding leaves, and loses less than anybody sees."""
+    example = blend(incidence, 128, noise=0.0, ghost_shift=0.0)
+    result = separate(example.capture, BLIND)
+    assert all(psnr_db(*pair, border=16) > 50 for pair in zip(result.layers, example.layers, strict=True))
+    assert not {"SCENE_UNCERTAIN", "MODEL_DOES_NOT_EXPLAIN"} & {one.name for one in result.diagnostics.warnings}
 
 
 def test_a_scene_that_is_given_adds_nothing():
