@@ -585,6 +585,7 @@ def _case_of(
     checked = with_incidence_checked(source, fit.scene, of_source)
     stages.advance(_INCIDENCE_CHECKED)
     mosaic = None if checked.scene.complete else tiles_of_mosaic(of_scene, noise)
+    edges = partial(edges_of_layers, of_scene, noise=noise, growth=still.growth)
     find = partial(
         find_scene,
         noise=of_source,
@@ -592,6 +593,7 @@ def _case_of(
         thickness_px=thickness_px,
         thickness_kind=kind,
         mosaic=mosaic,
+        edges=lambda seen: edges(seen.scaled(scale)),
     )
     in_whole = partial(
         in_full,
@@ -601,7 +603,7 @@ def _case_of(
         model=settings.model,
         mosaic=mosaic,
         sense_only=settings.thickness_px is not None,
-        edges=partial(edges_of_layers, of_scene, noise=noise, growth=still.growth),
+        edges=edges,
     )
     of_cells = find(source, checked.scene).with_index(fit)
     if settings.model == "auto":
@@ -610,7 +612,8 @@ def _case_of(
     stages.advance(_SCENE_FOUND)
     # An index that is told fits badly where the incidence is, too.
     index = None
-    if asked.refractive_index is not None and asked.incidence_deg is None and of_cells.things is None:
+    single = mosaic is None or not found.scene.stacked
+    if asked.refractive_index is not None and asked.incidence_deg is None and of_cells.things is None and single:
         index = likelier_index(source, of_cells.scene, of_source)
         if mosaic is not None:
             index = likelier_index_of_mosaic(mosaic, found.scene.scaled(mosaic.period / scale), index)
@@ -621,8 +624,8 @@ def _case_of(
     stages.advance(_INDEX_CHECKED)
     # Edges of things that are polarized by themselves tell no side; the scene found beside them has it by spectra.
     if asked.ghost_shift is None and of_cells.things is None:
-        edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
-        found = with_likelier_side(found, source, edges)
+        of_source_edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
+        found = with_likelier_side(found, source, of_source_edges)
     if matching is not None:
         matching = matching.with_azimuth(found.scene.azimuth_deg)
     unglazed = None if unglazed is None else surely_unglazed(unglazed, found.scene)

@@ -43,24 +43,18 @@ def with_likelier_side(
     of_mosaic = capture.samples is not None or capture.low_passed
     if estimate is None or of_mosaic or not scene.signal or not scene.has_ghosts or scene.varies:
         return found
-    more_edges = edges(opposite(scene)) - edges(scene)
+    more_edges = edges(scene.opposite()) - edges(scene)
     if abs(more_edges) > _SURE:
         estimate = _of_known_side(estimate)
     if more_edges >= 0:
         return dataclasses.replace(found, estimate=estimate)
-    rivals = tuple(Rival(opposite(rival.scene), rival.chance) for rival in estimate.rivals)
-    scene = opposite(scene)
+    rivals = tuple(Rival(rival.scene.opposite(), rival.chance) for rival in estimate.rivals)
+    scene = scene.opposite()
     tried = tuple(
         dataclasses.replace(rung, reason=f"{rung.reason} {_REMARK}") if rung.taken else rung for rung in found.tried
     )
     estimate = dataclasses.replace(estimate, scene=scene, rivals=rivals)
     return dataclasses.replace(found, scene=scene, estimate=estimate, tried=tried)
-
-
-def opposite(scene: SceneParameters) -> SceneParameters:
-    """The same pane with all its double images on the other side."""
-    shifts = {name: getattr(scene, name) for name in ("ghost_shift", "transmission_ghost_shift", "gap_shift")}
-    return scene.replace(**{name: -shift for name, shift in shifts.items() if shift})
 
 
 def _of_known_side(estimate: SceneEstimate) -> SceneEstimate:

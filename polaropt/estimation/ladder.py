@@ -30,6 +30,7 @@ from polaropt.estimation.flat.samples.tiles import (
     SampledTiles,
     tiles_of_mosaic,
 )
+from polaropt.estimation.flat.samples.window import fewer_edges, with_window_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.polarized_things import PolarizedThings, polarized_things
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -155,6 +156,7 @@ def find_scene(
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
     mosaic: SampledTiles | None = None,
+    edges: Callable[[SceneParameters], float] | None = None,
 ) -> LadderResult:
     """Complete a scene on the lowest rung that explains the capture, or on the one asked for.
 
@@ -170,6 +172,9 @@ def find_scene(
         One of `model_names`.
     thickness_px, thickness_kind, mosaic
         As for `estimate_scene`; of a mosaic itself its tiles are asked here.
+    edges : callable, optional
+        Logarithm of the edges that the layers behind a complete scene have, in pixels of the capture. Default: of a
+        mosaic's cells no several panes are looked for.
     """
     fit = with_index(capture, asked, noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
     found = _completed(
@@ -180,6 +185,7 @@ def find_scene(
         thickness_px=thickness_px,
         thickness_kind=thickness_kind,
         mosaic=mosaic,
+        edges=edges,
     )
     return found.with_index(fit)
 
@@ -193,6 +199,7 @@ def _completed(
     thickness_px: float | None,
     thickness_kind: Literal["paper", "plate"],
     mosaic: SampledTiles | None = None,
+    edges: Callable[[SceneParameters], float] | None = None,
 ) -> LadderResult:
     """The same where the index is known."""
     if asked.index < LEAST_INDEX:
@@ -223,7 +230,7 @@ def _completed(
         thickness_px=thickness_px,
         thickness_kind=thickness_kind,
     )
-    found, evidence = of_photographs(capture, mosaic=mosaic)
+    found, evidence = of_photographs(capture, mosaic=mosaic, edges=edges)
     things = None if evidence is None else _things_beside(found, evidence)
     if evidence is None or things is None:
         return found
@@ -250,6 +257,7 @@ def _of_photographs(
     thickness_px: float | None,
     thickness_kind: Literal["paper", "plate"],
     mosaic: SampledTiles | None = None,
+    edges: Callable[[SceneParameters], float] | None = None,
     climbs: bool = True,
 ) -> tuple[LadderResult, Evidence | None]:
     """The scene of photographs, or of a mosaic's cells, and what it was found by; on the lowest rungs, or on all."""
@@ -297,6 +305,10 @@ def _of_photographs(
     if shifted or (open_window and model in ("auto", "ghosts") and is_flat):
         estimate = with_window(estimate, stokes, asked)
         misfit = blocks.constant_misfit(estimate.scene.values()[1])
+    if mosaic is not None and edges is not None and misfit <= _NEARLY_FLAT and open_ghosts and thickness_px is None:
+        open_gap = not asked.gap_shift if asked.n_panes is None else asked.stacked and asked.gap_shift is None
+        if open_gap and climbs and model in ("auto", "ghosts"):
+            estimate = with_window_of_mosaic(estimate, mosaic, asked, edges)
     remark = window_remark(estimate.scene) if asked.n_panes is None and not estimate.scene.has_ghosts else ""
     window = {name: getattr(estimate.scene, name) for name in ("n_panes", "gap_shift", "gap_azimuth_deg", "absorption")}
     of_window = asked.replace(**window)
@@ -455,11 +467,12 @@ def _told_by_tiles(
     if estimate is None or cells is None:
         return found
     scene, errors = found.scene, estimate.errors
-    (incidence, azimuth, _), to_capture = scene.values(), capture.scale / mosaic.period
-    tiles = PaneOfTiles(mosaic, azimuth)
+    incidence, azimuth, _ = scene.values()
+    known = asked.replace(refractive_index=scene.index, azimuth_deg=azimuth)
+    fewer = None if edges is None else partial(fewer_edges, known, edges, capture.scale / mosaic.period)
+    tiles = PaneOfTiles(mosaic, azimuth, fewer)
     if asked.ghost_shift is None:
-        fewer = None if edges is None else partial(_fewer_edges, scene.scaled(to_capture), edges, to_capture)
-        shift, error = tiles.ghosts(asked.replace(refractive_index=scene.index), incidence, fewer)
+        shift, error = tiles.ghosts(known, incidence)
         if shift:
             about = scene.replace(ghost_shift=shift)
             shift, error = sampled_shift(cells.samples, capture.angles_deg, about, noise, error)
@@ -467,14 +480,6 @@ def _told_by_tiles(
         errors = dataclasses.replace(errors, ghost_shift=error if shift else None)
     told = tiles.incidence(scene) if asked.incidence_deg is None else None
     return _with_incidence(found, estimate, scene, errors, told)
-
-
-def _fewer_edges(
-    scene: SceneParameters, edges: Callable[[SceneParameters], float], to_capture: float, shift_px: float
-) -> float:
-    """Share of edges by which layers have fewer with double images at a shift, in pixels of the sensor, than across."""
-    here, across = (scene.replace(ghost_shift=to_capture * shift) for shift in (shift_px, -shift_px))
-    return edges(across) - edges(here)
 
 
 def _with_incidence(
@@ -497,6 +502,9 @@ def _error_of_cells(found: LadderResult) -> float:
 
 
 _ASKED = "It is the one asked for."
+_NEARLY_FLAT = 1.6
+"""Polarized light beside the plane of incidence, noise included, in units of it, up to which cells of a mosaic are of
+a flat window: what aliases in them is some, more than noise, of one in three. Set by hand."""
 _BLOCKS_OF_CELLS = 24
 """Blocks along the longer side of a mosaic's cells at most, in which things are looked for; by trial."""
 _NOT_TAKEN = "Beside things that are polarized by themselves a plain pane explains all."

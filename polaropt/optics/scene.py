@@ -281,6 +281,11 @@ class SceneParameters:
         changes["bend_deg_per_px"] = tuple(bend / factor for bend in self.bend_deg_per_px)
         return self if factor == 1 else self.replace(**changes)
 
+    def opposite(self) -> SceneParameters:
+        """The same pane with all its double images on the other side."""
+        shifts = {name: getattr(self, name) for name in ("ghost_shift", "transmission_ghost_shift", "gap_shift")}
+        return self.replace(**{name: -shift for name, shift in shifts.items() if shift})
+
     def replace(self, **changes: object) -> SceneParameters:
         """Copy with some fields changed (names as in the constructor)."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]

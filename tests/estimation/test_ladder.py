@@ -542,7 +542,7 @@ TILES = {
 
 @pytest.mark.parametrize(("shift", "asked"), [(5.25, True), (5.3, False), (-5.3, False)])
 def test_tiles_are_not_asked_of_ghosts_far_off(shift: float, asked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    tiles = SimpleNamespace(ghosts=lambda asked, incidence, fewer_edges: (0.0, np.inf), incidence=lambda scene: None)
+    tiles = SimpleNamespace(ghosts=lambda asked, incidence: (0.0, np.inf), incidence=lambda scene: None)
     monkeypatch.setattr(ladder, "PaneOfTiles", lambda *_: tiles)
     monkeypatch.setattr(ladder, "pane_of_samples", lambda *_, **__: SAMPLED)
     scene = PLAIN.replace(ghost_shift=shift)
@@ -557,7 +557,7 @@ def test_tiles_of_a_mosaic_tell_ghosts_which_samples_make_exact_and_the_incidenc
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked, wanted, ghosts, incidence, shift, counts = TILES[name]
-    tiles = SimpleNamespace(ghosts=lambda asked, incidence, fewer_edges: ghosts, incidence=lambda scene: incidence)
+    tiles = SimpleNamespace(ghosts=lambda asked, incidence: ghosts, incidence=lambda scene: incidence)
 
     def near(samples: object, angles: object, scene: SceneParameters, noise: float, error: float) -> object:
         assert (samples, scene.ghost_shift, noise, error) == ("samples", 12.0, 0.005, 0.3)

@@ -18,6 +18,7 @@ from polaropt.estimation.flat.azimuth import PrincipalAxis, weighed_axis
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
 from polaropt.estimation.flat.samples.ghosts import sampled_shift
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
+from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.index_by_tiles import LikelierIndex, likelier_index_of_mosaic
 from polaropt.numerics import turn_between
 from polaropt.optics import Sampling
@@ -119,8 +120,9 @@ def test_edges_tell_which_ghosts_of_tiles_are_believed(
     sure: float, shift: float, fewer: float | None, believed: bool
 ) -> None:
     """Close ones must lie on a side, those that tiles are not sure of clearly; far and sure ones are not asked."""
-    fewer_edges = None if fewer is None else lambda at: fewer * (1 if at == shift else -1)
-    assert sampled_tiles._are_believed(sure, shift, fewer_edges) is believed
+    window = Window(60.0, shift)
+    fewer_edges = None if fewer is None else lambda seen: fewer if seen == window else math.nan
+    assert sampled_tiles._are_believed(sure, window, fewer_edges) is believed
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

@@ -30,7 +30,7 @@ from polaropt.estimation.flat.windows.tiles import USUAL_TILES
 from polaropt.optics import Rival, SceneParameters
 
 # All below by trial.
-_TRIAL_DEG = (40.0, 52.0, 62.0, 72.0, 80.0)
+TRIAL_DEG = (40.0, 52.0, 62.0, 72.0, 80.0)
 """Incidences of single panes that windows are likened to where the axis is in doubt."""
 _LEAST_GAIN = 0.003
 """Score that a single pane of another kind must gain."""
@@ -67,7 +67,7 @@ gains more than 0.002 of the score; of 52 of tinted glass 7 lay across, with 3.5
 other seeds, of 90 of clear glass and 50 of tinted none is turned wrongly and 2 of 6 rightly."""
 MOST_FOUND = 3
 """Panes of a window that is found: two, and one more; what is told may have more."""
-_DOUBTFUL_MARGIN, _DOUBTFUL_DEG, _NEARLY_AS_LIKELY = 0.2, 55.0, 0.03
+_DOUBTFUL_MARGIN, ACROSS_FROM_DEG, _NEARLY_AS_LIKELY = 0.2, 55.0, 0.03
 """Margin of the azimuth's axis up to which the one across is looked at, too, as the single pane that it is of may be
 wrong, and incidence of that pane from which on it always is: several panes polarize as a steeper one does across. And
 log likelihood that a scan there may lack of the single pane's to be worth a closer look."""
@@ -190,7 +190,7 @@ def _tinted_across(across: WindowAxis, first: WindowAxis, found: LikelyWindow) -
 
     Dark glass mirrors more beside what it lets through, and polarizes as clear glass does across.
     """
-    near = [pane for angle in _TRIAL_DEG for pane in across.search.tinted(angle)]
+    near = [pane for angle in TRIAL_DEG for pane in across.search.tinted(angle)]
     starts = [pane.window for pane in sorted(near, key=lambda pane: pane.misfit)[:MOST_CANDIDATES]]
     tinted = across.tinted_near(starts, replace(starts[0], absorption=0.0)) if starts else None
     if tinted is None:
@@ -215,7 +215,7 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     """
     incidence, azimuth, shift = estimate.scene.values()
     open_panes = asked.n_panes is None
-    doubtful = estimate.axis_margin < _DOUBTFUL_MARGIN or (open_panes and incidence > _DOUBTFUL_DEG)
+    doubtful = estimate.axis_margin < _DOUBTFUL_MARGIN or (open_panes and incidence > ACROSS_FROM_DEG)
     doubtful &= asked.azimuth_deg is None
     first = WindowAxis(plate_frame(stokes, azimuth), asked)
     across = first.across() if doubtful else None
@@ -223,7 +223,7 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     if open_panes and not shown and across is None:
         return estimate
 
-    axes = [(first, (incidence,)), *((axis, _TRIAL_DEG) for axis in (across,) if axis is not None)]
+    axes = [(first, (incidence,)), *((axis, TRIAL_DEG) for axis in (across,) if axis is not None)]
     if open_panes or asked.n_panes == 1:
         plains = {Window(incidence, px, absorption=asked.absorption or 0.0) for px in (shift, 0.0)}
         before = plain = min((first.judged(window) for window in plains), key=lambda judged: judged.score)

@@ -18,7 +18,8 @@ D. B. Rubin, D. T. Thayer, EM algorithms for ML factor analysis, Psychometrika, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from polaropt.capture import Capture, RawSamples
 from polaropt.estimation.flat.ghosts import TILE_PX, tile_corners, usable_frequencies
 from polaropt.estimation.flat.samples.ghosts import off_level
+from polaropt.estimation.flat.samples.panes import free_numbers, likeliest_window, several_panes
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood, frequency_cells, natural_power
 from polaropt.numerics import hann_spectra, hann_tile, jackknife_error
@@ -314,54 +316,86 @@ def likeliest_panes(
     return place, min((place, *fits), key=lambda fit: fit.misfit)
 
 
-def _are_believed(sure: float, shift_px: float, fewer_edges: Callable[[float], float] | None) -> bool:
+def _are_believed(sure: float, window: Window, fewer_edges: Callable[[Window], float] | None) -> bool:
     """Whether ghosts that tiles find likelier than none, by so many standard errors, are any."""
-    if fewer_edges is None or abs(shift_px) > (_CLOSE_PX if sure >= _SURE else _FARTHEST_UNSURE_PX):
+    if fewer_edges is None or abs(window.pane_shift) > (_CLOSE_PX if sure >= _SURE else _FARTHEST_UNSURE_PX):
         return sure >= _SURE
-    return fewer_edges(shift_px) > (_ON_THEIR_SIDE if sure >= _SURE else _CLEARLY_ON_THEIR_SIDE)
+    return fewer_edges(window) > (_ON_THEIR_SIDE if sure >= _SURE else _CLEARLY_ON_THEIR_SIDE)
 
 
+@dataclass(frozen=True)
 class PaneOfTiles:
-    """What tiles of a mosaic tell of a flat pane that is seen from far, in pixels of the sensor.
+    """What tiles of a mosaic tell of a flat window that is seen from far, in pixels of the sensor.
 
-    Parameters
+    Attributes
     ----------
     tiles : SampledTiles
     azimuth_deg : float
-        Of the pane.
+        Of the window.
+    fewer_edges : callable, optional
+        Share of edges by which the layers have fewer behind a window than behind it with all images on the other side.
+        Default: tiles are believed, and not asked for several panes.
     """
 
-    def __init__(self, tiles: SampledTiles, azimuth_deg: float) -> None:
-        self._likelihood = SampledTileLikelihood(tiles, azimuth_deg)
+    tiles: SampledTiles
+    azimuth_deg: float
+    fewer_edges: Callable[[Window], float] | None = None
 
-    def ghosts(
-        self, asked: SceneParameters, incidence_deg: float, fewer_edges: Callable[[float], float] | None = None
-    ) -> tuple[float, float]:
-        """Where the ghosts are, 0 for none, and the standard error of that.
+    @cached_property
+    def _likelihood(self) -> SampledTileLikelihood:
+        return SampledTileLikelihood(self.tiles, self.azimuth_deg)
 
-        Parameters
-        ----------
-        asked : SceneParameters
-        incidence_deg : float
-            Where about it is.
-        fewer_edges : callable, optional
-            Share of edges by which the layers have fewer with ghosts at a shift than on the other side. Default: tiles
-            are believed.
-        """
+    def ghosts(self, asked: SceneParameters, incidence_deg: float) -> tuple[float, float]:
+        """Where the ghosts of a single pane are, 0 for none, and the standard error of that."""
         place, best = likeliest_panes(self._likelihood, asked, incidence_deg)
         sure = 0.0 if best is place else best.surer_than(place)
-        shift = best.window.pane_shift
-        if sure < _UNSURE or not _are_believed(sure, shift, fewer_edges):
+        if sure < _UNSURE or not _are_believed(sure, best.window, self.fewer_edges):
             return 0.0, math.inf
-        (error,) = self._likelihood.errors(best, ("pane_shift",))
-        return shift, math.hypot(_SHIFT_WIDER * float(error), _LEAST_ERROR_PX)
+        return best.window.pane_shift, self.errors(best, ("pane_shift",))[0]
+
+    def single(self, asked: SceneParameters, incidences_deg: Sequence[float]) -> TileFit:
+        """The likeliest single pane near the likeliest of some incidences."""
+        free = ("incidence_deg",) if asked.incidence_deg is None else ()
+        starts = [Window(incidence, 0.0) for incidence in incidences_deg]
+        place = min(
+            (self._likelihood.nearest(start, asked.index, free) for start in starts), key=lambda fit: fit.misfit
+        )
+        return likeliest_panes(self._likelihood, asked, place.window.incidence_deg)[1]
+
+    def several(self, asked: SceneParameters, single: TileFit, *beside: TileFit) -> TileFit | None:
+        """The window of several panes that is surely likelier than a single one, and than others; None without."""
+        if self.fewer_edges is None:
+            return None
+        is_open = asked.incidence_deg is None
+        return several_panes(self._likelihood, single, self.fewer_edges, beside=beside, incidence_open=is_open)
+
+    def of_panes(self, asked: SceneParameters, near: Window, incidences_deg: Sequence[float]) -> TileFit:
+        """The likeliest window of as many panes as one has, near it or what mirrors as single panes do."""
+        is_open = asked.incidence_deg is None
+        single = self.single(asked, incidences_deg)
+        found = likeliest_window(self._likelihood, single, near.n_panes, incidence_open=is_open)
+        here = self._likelihood.nearest(near, asked.index, free_numbers(incidence_open=is_open))
+        return min(found, here, key=lambda fit: fit.misfit)
+
+    def errors(self, fit: TileFit, free: tuple[str, ...]) -> tuple[float, ...]:
+        """Standard errors of numbers of a likeliest window that were free, degrees or pixels; infinite if untold."""
+        of_curvature = self._likelihood.errors(fit, free)
+        if not np.all(np.isfinite(of_curvature)):
+            # Together they lie in a valley; each alone may be told.
+            of_curvature = np.concatenate([self._likelihood.errors(fit, (name,)) for name in free])
+        return tuple(
+            _WIDER * float(error)
+            if name == "incidence_deg"
+            else math.hypot(_SHIFT_WIDER * float(error), _LEAST_ERROR_PX)
+            for name, error in zip(free, of_curvature, strict=True)
+        )
 
     def incidence(self, scene: SceneParameters) -> tuple[float, float] | None:
         """The incidence near that of a scene, and its standard error, in degrees; None where none is told."""
         (incidence, _, shift), free = scene.values(), ("incidence_deg",)
         fit = self._likelihood.nearest(Window(incidence, shift), scene.index, free)
-        (error,) = self._likelihood.errors(fit, free)
-        return (fit.window.incidence_deg, _WIDER * float(error)) if math.isfinite(error) else None
+        (error,) = self.errors(fit, free)
+        return (fit.window.incidence_deg, error) if math.isfinite(error) else None
 
 
 def tiles_of_mosaic(capture: Capture, noise: float) -> SampledTiles | None:

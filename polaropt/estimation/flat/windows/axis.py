@@ -164,21 +164,7 @@ class WindowAxis:
 
     def scene(self, window: Window) -> SceneParameters:
         """The scene that a window is."""
-        # To the same side as the azimuth, as a pane's shift is told; it may be negative.
-        sense = math.copysign(1.0, window.gap_along)
-        gap = sense * math.hypot(window.gap_along, window.gap_across)
-        turned = math.degrees(math.atan2(sense * window.gap_across, abs(window.gap_along)))
-        along = window.n_panes == 1 or self._asked.gap_shift is not None
-        direction = self._asked.gap_azimuth_deg if along else (self.frame.azimuth_deg - turned) % 360
-        return self._asked.replace(
-            incidence_deg=window.incidence_deg,
-            azimuth_deg=self.frame.azimuth_deg,
-            ghost_shift=window.pane_shift,
-            n_panes=window.n_panes,
-            gap_shift=self._asked.gap_shift if along and window.n_panes > 1 else gap,
-            gap_azimuth_deg=direction,
-            absorption=window.absorption,
-        )
+        return scene_of(window, self.frame.azimuth_deg, self._asked)
 
     def shows(self, window: Window) -> bool:
         """Whether the noise leaves the edges of what a window mirrors to be seen."""
@@ -414,6 +400,25 @@ def _numbers_told(asked: SceneParameters, azimuth_deg: float) -> dict[str, Any]:
         turned = math.radians(azimuth_deg - (azimuth_deg if asked.gap_azimuth_deg is None else asked.gap_azimuth_deg))
         told |= {"gap_along": asked.gap_shift * math.cos(turned), "gap_across": asked.gap_shift * math.sin(turned)}
     return {name: value for name, value in told.items() if value is not None}
+
+
+def scene_of(window: Window, azimuth_deg: float, asked: SceneParameters) -> SceneParameters:
+    """The scene that a window in the frame of an azimuth is, all else as it was asked for."""
+    # To the same side as the azimuth, as a pane's shift is told; it may be negative.
+    sense = math.copysign(1.0, window.gap_along)
+    gap = sense * math.hypot(window.gap_along, window.gap_across)
+    turned = math.degrees(math.atan2(sense * window.gap_across, abs(window.gap_along)))
+    along = window.n_panes == 1 or asked.gap_shift is not None
+    direction = asked.gap_azimuth_deg if along else (azimuth_deg - turned) % 360
+    return asked.replace(
+        incidence_deg=window.incidence_deg,
+        azimuth_deg=azimuth_deg,
+        ghost_shift=window.pane_shift,
+        n_panes=window.n_panes,
+        gap_shift=asked.gap_shift if along and window.n_panes > 1 else gap,
+        gap_azimuth_deg=direction,
+        absorption=window.absorption,
+    )
 
 
 def window_of(scene: SceneParameters, azimuth_deg: float) -> Window:

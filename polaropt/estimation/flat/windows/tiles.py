@@ -137,6 +137,14 @@ class TileLikelihood:
         """Tiles that are looked at, in every colour."""
         return int(self._data.shape[-1])
 
+    def powers(self, fit: TileFit) -> Powers:
+        """The powers that suit a window: those near it can be compared by them at little cost, see `glanced`."""
+        return self._misfits(fit.window, fit.refractive_index, self._first_powers())[1]
+
+    def glanced(self, window: Window, refractive_index: float, powers: Powers) -> float:
+        """Minus log likelihood of a window whose powers are about those given."""
+        return float(self._misfits(window, refractive_index, powers, _ROUNDS)[0].sum())
+
     def luminance(self) -> TileLikelihood:
         """That of the colours' sum alone, which takes a third of the time."""
         return self._every(self._n_colours)
@@ -228,6 +236,8 @@ class TileLikelihood:
 _SEARCH = {
     "incidence_deg": (0.6, *INCIDENCE_SEARCH_DEG),
     "pane_shift": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
+    "gap_along": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
+    "gap_across": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
     "absorption": (0.1, 0.0, MOST_ABSORPTION),
 }
 """Step, and least and greatest value, of what is searched. Set by hand."""

@@ -1,0 +1,143 @@
+"""Several panes, as tiles of a raw mosaic tell them: how many, where their images lie, and the incidence.
+
+To a mosaic's cells the low pass, and what aliases there, look like a second pane. Tiles of its samples tell windows of
+several panes from single ones as those of photographs do: all gaps near the azimuth are looked at, at incidences at
+which so many panes in place mirror as the single one does that was found.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from polaropt.estimation.flat.windows.likelihood import Window
+from polaropt.estimation.flat.windows.search import equivalent_incidences
+from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
+from polaropt.optics import INCIDENCE_SEARCH_DEG
+
+_STEP_PX, _ALONG_PX, _ACROSS_PX = 2.0, 12.0, 4.0
+"""Spacing of the gaps that are looked at, and how far they reach along the azimuth and to its sides, in pixels of the
+sensor. Set by hand: those found are followed farther."""
+_MOST_TILES = 25
+"""Tiles that are looked at first. Set by hand."""
+_CANDIDATES, _APART_PX, _APART_DEG = 3, 2.5, 4.0
+"""Likely windows that are looked at closely, and how far apart they are. Set by hand."""
+_SHIFTS = ("pane_shift", "gap_along", "gap_across")
+_FREE = ("incidence_deg", *_SHIFTS)
+_ANOTHER_DEG = (5.0, 9.0)
+"""How much less steep a window with a pane more stands that looks like one without. Set by hand."""
+_SURE, _FEWER = (3.5, 2.8), (0.012, 0.1)
+"""Standard errors by which tiles must find several panes likelier than one, and share of edges by which the layers must
+have fewer with all images on their side than on the other: one or the other pair. On mosaics of 256x256 of photographs
+that no figure is taken of (30 to 72 degrees, noise 0.2 to 1 %, mono and color) 2 of 90 single panes pass, and half of
+the windows of two or three."""
+_WORTH_ANOTHER, _SURE_OF_ANOTHER = 2.0, 2.0
+"""Standard errors by which two must be likelier than one for a third to be looked for, and a third than two. On those
+mosaics 14 of 26 windows of three panes have more, and of 54 of two 7, most of them at less than 40 degrees."""
+
+
+def several_panes(
+    likelihood: TileLikelihood,
+    single: TileFit,
+    fewer_edges: Callable[[Window], float],
+    *,
+    beside: Sequence[TileFit] = (),
+    incidence_open: bool = True,
+) -> TileFit | None:
+    """The window of two or three panes that is surely likelier than a single one; None without.
+
+    Parameters
+    ----------
+    likelihood : TileLikelihood
+        Of a mosaic.
+    single : TileFit
+        The likeliest single pane.
+    fewer_edges : callable
+        Share of edges by which the layers have fewer behind a window than behind it with all images on the other side.
+    beside : sequence of TileFit
+        Single panes of other axes, than which it must be surely likelier, too.
+    incidence_open : bool
+        Whether the incidence is to be found; else it is that of the single pane.
+    """
+
+    def surer(window: TileFit) -> float:
+        return min(window.surer_than(pane) for pane in (single, *beside))
+
+    found = two = likeliest_window(likelihood, single, 2, incidence_open=incidence_open)
+    if surer(two) > _WORTH_ANOTHER:
+        three = likeliest_window(likelihood, single, 3, incidence_open=incidence_open)
+        two, three = (
+            min((own, *_begun_from(likelihood, other, own, incidence_open)), key=lambda fit: fit.misfit)
+            for own, other in ((two, three), (three, two))
+        )
+        found = two
+        if three.surer_than(two) > _SURE_OF_ANOTHER and _are_told(surer(three), three.window, fewer_edges):
+            found = three
+    return found if _are_told(surer(found), found.window, fewer_edges) else None
+
+
+def _are_told(sure: float, window: Window, fewer_edges: Callable[[Window], float]) -> bool:
+    """Whether several panes that tiles find likelier than one, by so many standard errors, are believed."""
+    if sure <= min(_SURE):
+        return False
+    fewer = fewer_edges(window)
+    return any(sure > least and fewer > share for least, share in zip(_SURE, _FEWER, strict=True))
+
+
+def likeliest_window(
+    likelihood: TileLikelihood, single: TileFit, n_panes: int, *, incidence_open: bool = True
+) -> TileFit:
+    """The likeliest window of so many panes, begun from a single one.
+
+    Parameters
+    ----------
+    likelihood, single, incidence_open
+        As of `several_panes`.
+    n_panes : int
+    """
+    index, angle = single.refractive_index, single.window.incidence_deg
+    angles = equivalent_incidences(angle, n_panes, index) if incidence_open else [angle]
+    glance = likelihood.some(_MOST_TILES)
+    powers = glance.powers(single)
+    along, across = (np.arange(-reach, reach + _STEP_PX / 2, _STEP_PX).tolist() for reach in (_ALONG_PX, _ACROSS_PX))
+    panes = dict.fromkeys((0.0, single.window.pane_shift))
+    windows = [Window(at, pane, x, y, n_panes) for at, pane, x, y in product(angles, panes, along, across)]
+    misfits = [glance.glanced(window, index, powers) for window in windows]
+    kept: list[Window] = []
+    for window in (windows[i] for i in np.argsort(misfits)):
+        if all(_are_apart(window, other) for other in kept):
+            kept.append(window)
+        if len(kept) == _CANDIDATES:
+            break
+    free = free_numbers(incidence_open=incidence_open)
+    return min((likelihood.nearest(window, index, free) for window in kept), key=lambda fit: fit.misfit)
+
+
+def free_numbers(*, incidence_open: bool = True) -> tuple[str, ...]:
+    """Names of the numbers of a window of several clear panes that are to be found."""
+    return _FREE if incidence_open else _SHIFTS
+
+
+def _begun_from(likelihood: TileLikelihood, other: TileFit, own: TileFit, incidence_open: bool) -> list[TileFit]:
+    """Likely windows of as many panes as its own, whose panes stand as those of another number do."""
+    if not incidence_open:
+        return []
+    fewer = other.window.n_panes - own.window.n_panes
+    starts = [
+        replace(other.window, incidence_deg=other.window.incidence_deg + fewer * step, n_panes=own.window.n_panes)
+        for step in _ANOTHER_DEG
+    ]
+    low, high = INCIDENCE_SEARCH_DEG
+    return [
+        likelihood.nearest(start, own.refractive_index, _FREE) for start in starts if low < start.incidence_deg < high
+    ]
+
+
+def _are_apart(one: Window, other: Window) -> bool:
+    """Whether two windows are no neighbours of a scan."""
+    gap = math.hypot(one.gap_along - other.gap_along, one.gap_across - other.gap_across)
+    return gap > _APART_PX or abs(one.incidence_deg - other.incidence_deg) > _APART_DEG

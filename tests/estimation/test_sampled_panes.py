@@ -1,0 +1,95 @@
+"""Several panes, as tiles of a raw mosaic tell them: how many, where their images lie, and the incidence."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import pytest
+
+from polaropt import Capture, SceneParameters, estimate
+from polaropt.estimation.flat.samples import panes
+from polaropt.estimation.flat.samples.tiles import PaneOfTiles, tiles_of_mosaic
+from polaropt.estimation.flat.samples.window import fewer_edges
+from polaropt.estimation.flat.windows.likelihood import Window
+from polaropt.numerics import turn_between
+from polaropt.simulation import Camera, photograph_mosaic, simulated_mosaic
+from studies.photographs import pairs_of
+
+NOISE, AZIMUTH = 0.004, 25.0
+OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None)
+TWO = SceneParameters(60.0, AZIMUTH, 2.0, n_panes=2, gap_shift=9.0)
+TWO_BESIDE = SceneParameters(48.0, AZIMUTH, 1.0, n_panes=2, gap_shift=6.0, gap_azimuth_deg=AZIMUTH + 20)
+THREE = SceneParameters(45.0, AZIMUTH, 0.0, n_panes=3, gap_shift=7.0)
+ONE = SceneParameters(60.0, AZIMUTH, 6.0)
+
+
+@cache
+def mosaic(scene: SceneParameters, color: bool = False) -> Capture:
+    photographs = pairs_of(None, 256)[0]
+    camera = Camera(noise=NOISE, lens_blur_px=0.5)
+    raw = photograph_mosaic(photographs.transmission, photographs.reflection, scene, camera, color)
+    return simulated_mosaic(raw, color)
+
+
+@pytest.mark.parametrize(
+    ("scene", "color"),
+    [(TWO, False), (TWO, True), (TWO_BESIDE, False), (THREE, False)],
+    ids=["two", "two, in color", "two, beside the azimuth", "three"],
+)
+def test_panes_of_a_mosaic_are_found(scene: SceneParameters, color: bool) -> None:
+    """A single pane at 72 degrees and more explains as much of the polarized light, and half of the layers."""
+    found = estimate(mosaic(scene, color), OPEN)
+    assert found.scene.n_panes == scene.n_panes
+    assert found.scene.values()[0] == pytest.approx(scene.values()[0], abs=2)
+    assert abs(turn_between(found.scene.values()[1], AZIMUTH, 180.0)) < 1
+    assert found.errors.incidence_deg is not None
+    assert found.errors.incidence_deg < 2
+
+
+def test_a_single_pane_stays_one() -> None:
+    assert estimate(mosaic(ONE), OPEN).scene.n_panes == 1
+
+
+@pytest.mark.parametrize("n_panes", [None, 2])
+def test_the_gap_is_found_whether_the_number_is_told_or_not(n_panes: int | None) -> None:
+    found = estimate(mosaic(TWO), OPEN.replace(n_panes=n_panes)).scene
+    assert found.values()[0] == pytest.approx(60, abs=1.5)
+    assert found.ghost_shift == pytest.approx(2, abs=1)
+    assert found.gap_shift == pytest.approx(9, abs=1.2)
+    assert found.gap_azimuth_deg == pytest.approx(AZIMUTH, abs=6)
+
+
+def test_an_incidence_that_is_told_is_kept() -> None:
+    found = estimate(mosaic(TWO), OPEN.replace(incidence_deg=60.0))
+    assert (found.scene.n_panes, found.scene.incidence_deg) == (2, 60.0)
+    assert found.errors.incidence_deg is None
+
+
+@pytest.mark.parametrize(
+    ("sure", "fewer", "told"),
+    [(3.6, 0.013, True), (3.6, 0.011, False), (3.4, 0.013, False), (2.9, 0.11, True), (2.7, 0.2, False)],
+)
+def test_edges_and_tiles_together_tell_several_panes(sure: float, fewer: float, told: bool) -> None:
+    assert panes._are_told(sure, Window(60.0, 2.0, 9.0, n_panes=2), lambda _: fewer) is told
+
+
+def test_edges_are_compared_with_those_of_all_images_on_the_other_side() -> None:
+    window, seen = Window(60.0, 2.0, 3.0, 4.0, 2), []
+
+    def edges(scene: SceneParameters) -> float:
+        seen.append(scene)
+        return math.copysign(0.01, -scene.values()[2])
+
+    assert fewer_edges(OPEN.replace(azimuth_deg=AZIMUTH), edges, 0.5, window) == pytest.approx(0.02)
+    across, here = seen
+    assert (here.ghost_shift, here.gap_shift, here.n_panes) == (1.0, 2.5, 2)
+    assert here.gap_azimuth_deg == pytest.approx((AZIMUTH - math.degrees(math.atan2(4, 3))) % 360)
+    assert across == here.opposite()
+
+
+def test_without_edges_nobody_asks_for_several_panes() -> None:
+    tiles = tiles_of_mosaic(mosaic(ONE), NOISE)
+    assert tiles is not None
+    pane = PaneOfTiles(tiles, AZIMUTH)
+    assert pane.several(OPEN, pane.single(OPEN, (60.0,))) is None
