@@ -9,7 +9,7 @@ import pytest
 
 from polaropt import Capture, SceneParameters, estimate
 from polaropt.estimation.flat.samples import panes
-from polaropt.estimation.flat.samples.tiles import PaneOfTiles, tiles_of_mosaic
+from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTileLikelihood, tiles_of_mosaic
 from polaropt.estimation.flat.samples.window import fewer_edges
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.numerics import turn_between
@@ -21,7 +21,7 @@ OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None)
 TWO = SceneParameters(60.0, AZIMUTH, 2.0, n_panes=2, gap_shift=9.0)
 TWO_BESIDE = SceneParameters(48.0, AZIMUTH, 1.0, n_panes=2, gap_shift=6.0, gap_azimuth_deg=AZIMUTH + 20)
 THREE = SceneParameters(45.0, AZIMUTH, 0.0, n_panes=3, gap_shift=7.0)
-ONE = SceneParameters(60.0, AZIMUTH, 6.0)
+ONE, FAR = SceneParameters(60.0, AZIMUTH, 6.0), SceneParameters(70.0, AZIMUTH, 12.0)
 
 
 @cache
@@ -49,6 +49,17 @@ def test_panes_of_a_mosaic_are_found(scene: SceneParameters, color: bool) -> Non
 
 def test_a_single_pane_stays_one() -> None:
     assert estimate(mosaic(ONE), OPEN).scene.n_panes == 1
+
+
+def test_a_ghost_that_was_missed_makes_no_second_pane() -> None:
+    """The faces of a pane that lie far apart look much like two thin panes, where the single one is taken in place."""
+    tiles = tiles_of_mosaic(mosaic(FAR), NOISE)
+    assert tiles is not None
+    likelihood = SampledTileLikelihood(tiles, AZIMUTH)
+    in_place = likelihood.nearest(Window(72.0, 0.0), 1.5)
+    two = panes.likeliest_window(likelihood, in_place, 2)
+    assert two.surer_than(in_place) > max(panes._SURE)
+    assert panes.several_panes(likelihood, in_place, lambda _: 1.0) is None
 
 
 @pytest.mark.parametrize("n_panes", [None, 2])

@@ -77,7 +77,20 @@ def several_panes(
         found = two
         if three.surer_than(two) > _SURE_OF_ANOTHER and _are_told(surer(three), three.window, fewer_edges):
             found = three
-    return found if _are_told(surer(found), found.window, fewer_edges) else None
+    if not _are_told(surer(found), found.window, fewer_edges):
+        return None
+    # Two thin panes look much like the faces of a single one, whose ghosts may have been missed.
+    sure = found.surer_than(_with_ghosts_of(likelihood, found.window, single, incidence_open))
+    return found if _are_told(sure, found.window, fewer_edges) else None
+
+
+def _with_ghosts_of(likelihood: TileLikelihood, window: Window, single: TileFit, incidence_open: bool) -> TileFit:
+    """The likeliest single pane that has a ghost where one of the images of a window lies, or the one given."""
+    shifts = (window.gap_along, window.pane_shift + window.gap_along, window.pane_shift)
+    free = ("incidence_deg", "pane_shift") if incidence_open else ("pane_shift",)
+    starts = [Window(single.window.incidence_deg, shift) for shift in shifts]
+    others = [likelihood.nearest(start, single.refractive_index, free) for start in starts]
+    return min((single, *others), key=lambda fit: fit.misfit)
 
 
 def _are_told(sure: float, window: Window, fewer_edges: Callable[[Window], float]) -> bool:
