@@ -24,12 +24,7 @@ from polaropt.estimation.flat.ghosts import cross_spectra, is_of_two_faces
 from polaropt.estimation.flat.gradients import incidence_by_gradients
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
-from polaropt.estimation.flat.samples.tiles import (
-    REACH_PX,
-    PaneOfTiles,
-    SampledTiles,
-    tiles_of_mosaic,
-)
+from polaropt.estimation.flat.samples.tiles import REACH_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.samples.window import fewer_edges, with_window_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.polarized_things import PolarizedThings, polarized_things
