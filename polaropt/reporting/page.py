@@ -325,6 +325,16 @@ _RUNGS = {
 }
 
 
+_PANES = {2: "two", 3: "three"}
+
+
+def _pane(scene: Mapping[str, Any]) -> str:
+    """What was found, in words: the model, and of how many panes."""
+    rung, count = scene["rung"], scene.get("n_panes") or 1
+    words = _RUNGS.get(rung, rung)
+    return words if count == 1 else words.replace("a flat pane", f"{_PANES.get(count, count)} flat panes")
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One line of the page's table of the pane: name, value with unit, standard error, how it is known."""
@@ -356,7 +366,7 @@ def write_html_report(
         title=_title(names),
         names=names,
         report=report,
-        pane=_RUNGS.get(report["scene"]["rung"], report["scene"]["rung"]),
+        pane=_pane(report["scene"]),
         warnings=explained_attention(report),
         unseen=motion_sentences(report),
         pictures=pictures,

@@ -14,7 +14,7 @@ from skimage.io import imread
 from polaropt.capture.capture import Capture
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.files import write_separation
-from polaropt.reporting.page import convergence_chart, page_pictures, parameters
+from polaropt.reporting.page import _pane, convergence_chart, page_pictures, parameters
 from polaropt.reporting.pictures import UncertaintySummary
 from polaropt.reporting.report import json_values, scene_report
 from polaropt.separation import separate
@@ -114,6 +114,19 @@ def test_every_picture_says_what_it_shows(separated):
     shown = [image for image in page.of("img") if "src" in image]
     assert {image["id"] for image in shown} >= {"photograph", "transmission", "reflection", "dolp", "aolp"}
     assert all(len(image["alt"]) > 10 for image in shown)
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        ({"rung": "ghosts", "n_panes": 1}, "a flat pane seen from afar, with double images"),
+        ({"rung": "ghosts", "n_panes": 2}, "two flat panes seen from afar, with double images"),
+        ({"rung": "pixelwise", "n_panes": 4}, "4 flat panes seen from afar, all bounces in place"),
+        ({"rung": "curved", "n_panes": 1}, "a bent pane before a wide lens"),
+    ],
+)
+def test_the_page_says_how_many_panes_were_found(scene, words):
+    assert _pane(scene) == words
 
 
 def test_the_page_tells_the_pane_and_the_solve(separated):
