@@ -330,8 +330,8 @@ _PANES = {2: "two", 3: "three"}
 
 def _pane(scene: Mapping[str, Any]) -> str:
     """What was found, in words: the model, and of how many panes."""
-    rung, count = scene["rung"], scene.get("n_panes") or 1
-    words = _RUNGS.get(rung, rung)
+    count = scene.get("n_panes") or 1
+    words = _RUNGS.get(scene["rung"], str(scene["rung"]))
     return words if count == 1 else words.replace("a flat pane", f"{_PANES.get(count, count)} flat panes")
 
 
