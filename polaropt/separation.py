@@ -612,8 +612,9 @@ def _case_of(
     stages.advance(_SCENE_FOUND)
     # An index that is told fits badly where the incidence is, too.
     index = None
-    single = mosaic is None or not found.scene.stacked
-    if asked.refractive_index is not None and asked.incidence_deg is None and of_cells.things is None and single:
+    asks_index = asked.refractive_index is not None and asked.incidence_deg is None and of_cells.things is None
+    # Of a mosaic's windows of several panes no index is told.
+    if asks_index and (mosaic is None or not found.scene.stacked):
         index = likelier_index(source, of_cells.scene, of_source)
         if mosaic is not None:
             index = likelier_index_of_mosaic(mosaic, found.scene.scaled(mosaic.period / scale), index)

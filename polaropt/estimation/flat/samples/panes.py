@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import product
 
 import numpy as np
 
 from polaropt.estimation.flat.windows.likelihood import Window
-from polaropt.estimation.flat.windows.search import equivalent_incidences
+from polaropt.estimation.flat.windows.search import ANOTHER_DEG, NAMES, equivalent_incidences, likeliest_apart
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.optics import INCIDENCE_SEARCH_DEG
 
@@ -26,10 +27,7 @@ _MOST_TILES = 25
 """Tiles that are looked at first. Set by hand."""
 _CANDIDATES, _APART_PX, _APART_DEG = 3, 2.5, 4.0
 """Likely windows that are looked at closely, and how far apart they are. Set by hand."""
-_SHIFTS = ("pane_shift", "gap_along", "gap_across")
-_FREE = ("incidence_deg", *_SHIFTS)
-_ANOTHER_DEG = (5.0, 9.0)
-"""How much less steep a window with a pane more stands that looks like one without. Set by hand."""
+_FREE, _SHIFTS = NAMES[:4], NAMES[1:4]
 _SURE, _FEWER = (3.5, 2.8), (0.012, 0.1)
 """Standard errors by which tiles must find several panes likelier than one, and share of edges by which the layers must
 have fewer with all images on their side than on the other: one or the other pair. On mosaics of 256x256 of photographs
@@ -63,6 +61,9 @@ def several_panes(
     incidence_open : bool
         Whether the incidence is to be found; else it is that of the single pane.
     """
+
+    # Each is two closed forms.
+    fewer_edges = cache(fewer_edges)
 
     def surer(window: TileFit) -> float:
         return min(window.surer_than(pane) for pane in (single, *beside))
@@ -120,14 +121,9 @@ def likeliest_window(
     panes = dict.fromkeys((0.0, single.window.pane_shift))
     windows = [Window(at, pane, x, y, n_panes) for at, pane, x, y in product(angles, panes, along, across)]
     misfits = [glance.glanced(window, index, powers) for window in windows]
-    kept: list[Window] = []
-    for window in (windows[i] for i in np.argsort(misfits)):
-        if all(_are_apart(window, other) for other in kept):
-            kept.append(window)
-        if len(kept) == _CANDIDATES:
-            break
     free = free_numbers(incidence_open=incidence_open)
-    return min((likelihood.nearest(window, index, free) for window in kept), key=lambda fit: fit.misfit)
+    kept = likeliest_apart(windows, misfits, _CANDIDATES, _are_apart)
+    return min((likelihood.nearest(windows[i], index, free) for i in kept), key=lambda fit: fit.misfit)
 
 
 def free_numbers(*, incidence_open: bool = True) -> tuple[str, ...]:
@@ -142,7 +138,7 @@ def _begun_from(likelihood: TileLikelihood, other: TileFit, own: TileFit, incide
     fewer = other.window.n_panes - own.window.n_panes
     starts = [
         replace(other.window, incidence_deg=other.window.incidence_deg + fewer * step, n_panes=own.window.n_panes)
-        for step in _ANOTHER_DEG
+        for step in ANOTHER_DEG
     ]
     low, high = INCIDENCE_SEARCH_DEG
     return [

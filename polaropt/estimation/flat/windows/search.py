@@ -8,7 +8,7 @@ along all its numbers to it.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -28,7 +28,7 @@ STEP_PX, _PANE_PX = 1.0, 6.0
 """Spacing of scans, and the largest shift of a pane that is scanned."""
 MOST_STARTS = 3
 """Shifts of a single pane that windows are begun from."""
-_ANOTHER_DEG = (5.0, 9.0)
+ANOTHER_DEG = (5.0, 9.0)
 """How much less steep a window with a pane more stands that looks like one without."""
 _EQUIVALENT_STEP_DEG = 1.0
 _LEAST_EQUIVALENT, _EQUIVALENT_SPACING_DEG = 2, 7.0
@@ -137,7 +137,7 @@ class WindowSearch:
 
     def with_another(self, window: Window) -> list[LikelyWindow]:
         """Likely windows of a pane more than one that was found, whose panes stand alike."""
-        angles = [window.incidence_deg - step for step in _ANOTHER_DEG]
+        angles = [window.incidence_deg - step for step in ANOTHER_DEG]
         starts = [replace(window, incidence_deg=angle, n_panes=window.n_panes + 1) for angle in angles if angle > 0]
         return [self.refined(start, ROUGH_SWEEPS) for start in starts]
 
@@ -161,13 +161,8 @@ class WindowSearch:
     def _likely(self, windows: list[Window], most: int) -> list[LikelyWindow]:
         """The likeliest windows, those beside likelier ones left out."""
         misfit = self._likelihood.misfit(windows, _SCAN_ROUNDS)
-        kept: list[LikelyWindow] = []
-        for i in np.argsort(misfit):
-            if all(apart(windows[int(i)], other.window) for other in kept):
-                kept.append(LikelyWindow(windows[int(i)], float(misfit[i]), float(misfit[i])))
-            if len(kept) == most:
-                break
-        return kept
+        kept = likeliest_apart(windows, misfit, most, apart)
+        return [LikelyWindow(windows[i], float(misfit[i]), float(misfit[i])) for i in kept]
 
     def refined(self, start: Window, sweeps: int = _SWEEPS, kept: Collection[str] = ()) -> LikelyWindow:
         """The likeliest window near a start, along each of its numbers in turns but those that are told, or kept."""
@@ -203,6 +198,19 @@ def _allowed(name: str, value: float) -> bool:
     if name == "incidence_deg":
         return INCIDENCE_SEARCH_DEG[0] <= value <= INCIDENCE_SEARCH_DEG[1]
     return value >= 0 if name == "absorption" else abs(value) <= GHOST_SHIFT_SEARCH_PX
+
+
+def likeliest_apart(
+    windows: Sequence[Window], misfits: Sequence[float] | Values, most: int, are_apart: Callable[[Window, Window], bool]
+) -> list[int]:
+    """Which of some windows are the likeliest, so many at most, those beside likelier ones left out."""
+    kept: list[int] = []
+    for i in np.argsort(misfits).tolist():
+        if all(are_apart(windows[i], windows[other]) for other in kept):
+            kept.append(i)
+        if len(kept) == most:
+            break
+    return kept
 
 
 def apart(one: Window, other: Window) -> bool:

@@ -180,7 +180,7 @@ class TileLikelihood:
     def errors(self, fit: TileFit, free: tuple[str, ...]) -> Values:
         """Standard errors of some numbers of a likeliest window, by the curvature; infinite where it tells none."""
         window, index = fit.window, fit.refractive_index
-        powers = self._misfits(window, index, self._first_powers())[1]
+        powers = self.powers(fit)
         curvature = _numbers(window, free)[1].curvature(self._misfit_near(window, index, free, powers))
         if not np.all(np.isfinite(curvature)) or np.linalg.eigvalsh(curvature)[0] <= 0:
             return np.full(len(free), math.inf)
@@ -192,7 +192,7 @@ class TileLikelihood:
         """Minus log likelihood by the free numbers of windows near one whose powers are given."""
 
         def misfit(x: Values) -> float:
-            return float(self._misfits(_moved(window, free, x), refractive_index, powers, _ROUNDS)[0].sum())
+            return self.glanced(_moved(window, free, x), refractive_index, powers)
 
         return misfit
 
