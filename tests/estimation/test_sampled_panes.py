@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from functools import cache
 
+import numpy as np
 import pytest
 
 from polaropt import Capture, SceneParameters, estimate
@@ -12,6 +13,7 @@ from polaropt.estimation.flat.samples import panes
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTileLikelihood, tiles_of_mosaic
 from polaropt.estimation.flat.samples.window import fewer_edges
 from polaropt.estimation.flat.windows.likelihood import Window
+from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.numerics import turn_between
 from polaropt.simulation import Camera, photograph_mosaic, simulated_mosaic
 from studies.photographs import pairs_of
@@ -21,6 +23,7 @@ OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None)
 TWO = SceneParameters(60.0, AZIMUTH, 2.0, n_panes=2, gap_shift=9.0)
 TWO_BESIDE = SceneParameters(48.0, AZIMUTH, 1.0, n_panes=2, gap_shift=6.0, gap_azimuth_deg=AZIMUTH + 20)
 THREE = SceneParameters(45.0, AZIMUTH, 0.0, n_panes=3, gap_shift=7.0)
+TWO_PANES = Window(60.0, 2.0, 9.0, n_panes=2)
 ONE, FAR = SceneParameters(60.0, AZIMUTH, 6.0), SceneParameters(70.0, AZIMUTH, 12.0)
 
 
@@ -77,12 +80,37 @@ def test_an_incidence_that_is_told_is_kept() -> None:
     assert found.errors.incidence_deg is None
 
 
+def fit(n_tiles: int, sure: float = 0.0) -> TileFit:
+    """Of tiles that together find a window likelier than one of no misfit, by so many standard errors."""
+    spread = math.sqrt(n_tiles / sure**2 - 1) if sure else 0.0
+    return TileFit(TWO_PANES, 1.5, -(sure > 0) - spread * np.resize([1.0, -1.0], n_tiles))
+
+
 @pytest.mark.parametrize(
-    ("sure", "fewer", "told"),
-    [(3.6, 0.013, True), (3.6, 0.011, False), (3.4, 0.013, False), (2.9, 0.11, True), (2.7, 0.2, False)],
+    ("sure", "fewer", "n_tiles", "across", "told"),
+    [
+        (3.6, 0.013, 48, False, True),
+        (3.6, 0.011, 48, False, False),
+        (3.4, 0.013, 48, False, False),
+        (2.9, 0.11, 48, False, True),
+        (2.7, 0.2, 48, False, False),
+        (3.6, 0.013, 48, True, False),
+        (3.8, 0.013, 48, True, True),
+        (5.0, 0.05, 120, False, False),
+        (5.0, 0.07, 120, False, True),
+        (5.7, 0.05, 120, False, True),
+        (5.7, 0.2, 120, True, False),
+        (6.0, 0.05, 120, True, True),
+    ],
 )
-def test_edges_and_tiles_together_tell_several_panes(sure: float, fewer: float, told: bool) -> None:
-    assert panes._are_told(sure, Window(60.0, 2.0, 9.0, n_panes=2), lambda _: fewer) is told
+def test_edges_and_tiles_together_tell_several_panes(
+    sure: float, fewer: float, n_tiles: int, across: bool, told: bool
+) -> None:
+    """Many tiles must be surer, as what layers are not as they are taken to be shows in all of them alike."""
+    found, single = fit(n_tiles, sure), fit(n_tiles)
+    assert found.surer_than(single) == pytest.approx(sure)
+    assert panes._is_told(found, [single], lambda _: fewer, across=across) is told
+    assert not panes._is_told(found, [single, found], lambda _: fewer, across=across)
 
 
 def test_edges_are_compared_with_those_of_all_images_on_the_other_side() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 
 import numpy as np
@@ -33,6 +33,13 @@ _SURE, _FEWER = (3.5, 2.8), (0.012, 0.1)
 have fewer with all images on their side than on the other: one or the other pair. On mosaics of 256x256 of photographs
 that no figure is taken of (30 to 72 degrees, noise 0.2 to 1 %, mono and color) 2 of 90 single panes pass, and half of
 the windows of two or three."""
+_USUAL_TILES, _CLEARLY_FEWER = 49, 0.06
+"""Tiles of a mosaic of 256x256, and share of edges up to which no more are believed: what layers are not as the
+likelihood takes them to be makes all tiles of larger ones likelier. Of 384x384 (`studies.random_windows --sensor mono`,
+fit seeds from 200000) 7 of 74 single panes pass without this, with shares of 0.04 at most but for two across."""
+_SURE_ACROSS = 3.7
+"""Standard errors that are needed where other axes are asked, too, with which layers would be exchanged. Of 8 windows
+across the pane that was found (256x256) 7 have 3.9 and more, those two single panes 3.0 and 3.5."""
 _WORTH_ANOTHER, _SURE_OF_ANOTHER = 2.0, 2.0
 """Standard errors by which two must be likelier than one for a third to be looked for, and a third than two. On those
 mosaics 14 of 26 windows of three panes have more, and of 54 of two 7, most of them at less than 40 degrees."""
@@ -65,24 +72,22 @@ def several_panes(
     # Each is two closed forms.
     fewer_edges = cache(fewer_edges)
 
-    def surer(window: TileFit) -> float:
-        return min(window.surer_than(pane) for pane in (single, *beside))
-
+    across, others = bool(beside), (single, *beside)
     found = two = likeliest_window(likelihood, single, 2, incidence_open=incidence_open)
-    if surer(two) > _WORTH_ANOTHER:
+    if min(map(two.surer_than, others)) > _WORTH_ANOTHER:
         three = likeliest_window(likelihood, single, 3, incidence_open=incidence_open)
         two, three = (
             min((own, *_begun_from(likelihood, other, own, incidence_open)), key=lambda fit: fit.misfit)
             for own, other in ((two, three), (three, two))
         )
         found = two
-        if three.surer_than(two) > _SURE_OF_ANOTHER and _are_told(surer(three), three.window, fewer_edges):
+        if three.surer_than(two) > _SURE_OF_ANOTHER and _is_told(three, others, fewer_edges, across=across):
             found = three
-    if not _are_told(surer(found), found.window, fewer_edges):
+    if not _is_told(found, others, fewer_edges, across=across):
         return None
     # Two thin panes look much like the faces of a single one, whose ghosts may have been missed.
-    sure = found.surer_than(_with_ghosts_of(likelihood, found.window, single, incidence_open))
-    return found if _are_told(sure, found.window, fewer_edges) else None
+    ghosts = _with_ghosts_of(likelihood, found.window, single, incidence_open)
+    return found if _is_told(found, (ghosts,), fewer_edges, across=across) else None
 
 
 def _with_ghosts_of(likelihood: TileLikelihood, window: Window, single: TileFit, incidence_open: bool) -> TileFit:
@@ -94,11 +99,18 @@ def _with_ghosts_of(likelihood: TileLikelihood, window: Window, single: TileFit,
     return min((single, *others), key=lambda fit: fit.misfit)
 
 
-def _are_told(sure: float, window: Window, fewer_edges: Callable[[Window], float]) -> bool:
-    """Whether several panes that tiles find likelier than one, by so many standard errors, are believed."""
-    if sure <= min(_SURE):
+def _is_told(
+    found: TileFit, others: Sequence[TileFit], fewer_edges: Callable[[Window], float], *, across: bool
+) -> bool:
+    """Whether a window of several panes is believed beside single ones, if one of these lies across or if none does."""
+    sure, believed = (
+        min(how(other) for other in others)
+        for how in (found.surer_than, partial(found.believed_over, usual=_USUAL_TILES))
+    )
+    if sure <= min(_SURE) or (across and believed <= _SURE_ACROSS):
         return False
-    fewer = fewer_edges(window)
+    fewer = fewer_edges(found.window)
+    sure = sure if fewer > _CLEARLY_FEWER else believed
     return any(sure > least and fewer > share for least, share in zip(_SURE, _FEWER, strict=True))
 
 

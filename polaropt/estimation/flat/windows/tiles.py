@@ -78,13 +78,13 @@ class TileFit:
         gains = other.misfits - self.misfits
         return float(gains.sum() / max(math.sqrt(float(gains @ gains)), _NO_ERROR))
 
-    def believed_over(self, other: TileFit) -> float:
-        """The same, of frames with more tiles than usual as if they had as many.
+    def believed_over(self, other: TileFit, usual: int | None = None) -> float:
+        """The same, of frames with more tiles than usual (default: `USUAL_TILES`) as if they had as many.
 
         What layers are not as the likelihood takes them to be makes chance images likelier in all tiles alike: the more
         there are, the surer they are of these.
         """
-        return self.surer_than(other) * min(1.0, math.sqrt(USUAL_TILES / len(self.misfits)))
+        return self.surer_than(other) * min(1.0, math.sqrt((usual or USUAL_TILES) / len(self.misfits)))
 
 
 USUAL_TILES = 147
