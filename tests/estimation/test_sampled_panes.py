@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -111,6 +112,8 @@ def test_edges_and_tiles_together_tell_several_panes(
     assert found.surer_than(single) == pytest.approx(sure)
     assert panes._is_told(found, [single], lambda _: fewer, across=across) is told
     assert not panes._is_told(found, [single, found], lambda _: fewer, across=across)
+    frontal = replace(found, window=replace(TWO_PANES, incidence_deg=11.0))
+    assert not panes._is_told(frontal, [single], lambda _: fewer, across=across)
 
 
 def test_edges_are_compared_with_those_of_all_images_on_the_other_side() -> None:

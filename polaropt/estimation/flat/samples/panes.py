@@ -40,6 +40,9 @@ fit seeds from 200000) 7 of 74 single panes pass without this, with shares of 0.
 _SURE_ACROSS = 3.7
 """Standard errors that are needed where other axes are asked, too, with which layers would be exchanged. Of 8 windows
 across the pane that was found (256x256) 7 have 3.9 and more, those two single panes 3.0 and 3.5."""
+_LEAST_DEG = 12.0
+"""Incidence beyond which they are told, as those of photographs in noise are: nearer to the normal, where hardly any
+light is polarized, chance windows suit detail best. Set by hand."""
 _WORTH_ANOTHER, _SURE_OF_ANOTHER = 2.0, 2.0
 """Standard errors by which two must be likelier than one for a third to be looked for, and a third than two. On those
 mosaics 14 of 26 windows of three panes have more, and of 54 of two 7, most of them at less than 40 degrees."""
@@ -107,7 +110,7 @@ def _is_told(
         min(how(other) for other in others)
         for how in (found.surer_than, partial(found.believed_over, usual=_USUAL_TILES))
     )
-    if sure <= min(_SURE) or (across and believed <= _SURE_ACROSS):
+    if found.window.incidence_deg <= _LEAST_DEG or sure <= min(_SURE) or (across and believed <= _SURE_ACROSS):
         return False
     fewer = fewer_edges(found.window)
     sure = sure if fewer > _CLEARLY_FEWER else believed
