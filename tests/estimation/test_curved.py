@@ -110,6 +110,19 @@ def test_a_bend_is_three_numbers(bend):
         SceneParameters(bend_deg_per_px=bend)
 
 
+@pytest.mark.parametrize("incidence_deg", [62.0, 75.0])
+def test_a_pane_that_would_leave_no_light_is_not_begun_from(incidence_deg):
+    """The edges' nearest minimum lies where half of the frame would have less than no light."""
+    scene = SceneParameters(incidence_deg, 200.0, 0.0, bend_deg_per_px=(0.10, 0.04, -0.06))
+    stokes = stokes_images(seen_bent(96, scene)[0], 0.005)
+    fit = fit_curved(stokes, SceneParameters(20.0, 20.0, 0.0))
+    assert fit.incidence_deg == pytest.approx(incidence_deg, abs=max(2 * fit.incidence_error_deg, 1.0))
+    found = scene.replace(
+        incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, bend_deg_per_px=fit.bend_deg_per_px
+    )
+    assert negative_light(PolarizedBlocks(stokes), found) < 0.01
+
+
 @pytest.mark.parametrize("focal_px", [150.0, None])
 def test_polarization_and_edges_tell_how_the_pane_is_bent(focal_px):
     """From far a pane and its like, bent and leaning the other way, look the same: azimuth modulo 180."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +58,7 @@ class VaryingOverlap:
     """
 
     def __init__(self, stokes: StokesImages, scene: SceneParameters) -> None:
-        self._covariance, self._scene = stokes.covariance, scene
+        self._covariance, self.scene = stokes.covariance, scene
         side = max(stokes.images.shape[-2:])
         size = max(_FINEST, 2 ** math.ceil(math.log2(side / _MOST_BLOCKS)))
         self._scales = []
@@ -78,7 +79,7 @@ class VaryingOverlap:
 
     def _log_overlap(self, scale: _Scale, pane: Pane) -> Values:
         cosine, cos, sin = pane.angles(scale.x, scale.y)
-        scene = self._scene
+        scene = self.scene
         weights = in_place_weights(np.maximum(cosine, _LEAST_COSINE), scene.index, *scene.sheets)
         energies = [
             _beyond_noise(scale, factor, (cos, sin), self._covariance)
@@ -133,6 +134,8 @@ _OPEN, _MOST_DIRECTIONS = math.radians(1.5), 2
 _LATER_WIDER = 2.0
 # Search along a direction (rad): first step, accuracy and how far it goes either way. Set by hand.
 _STEP, _TOLERANCE, _REACH = math.radians(4), math.radians(0.3), math.radians(25)
+# Steps to either side at which layers are asked for light, where a pane would leave them less than none. Set by hand.
+_FARTHEST_LIT = 15
 # Distance (rad) at which the overlap's curvature is taken. Set by hand.
 _JACKKNIFE_STEP = math.radians(1.5)
 _AROUND = (-_JACKKNIFE_STEP, 0.0, _JACKKNIFE_STEP)
@@ -206,20 +209,36 @@ class PaneEdges:
     def minimum_along(self, candidate: Candidate, direction: Values) -> tuple[float, float]:
         """Where along a direction the edges overlap least, and its standard error."""
 
+        @cache
         def logs(value: float) -> Values:
-            return self._logs(candidate.given(direction, value, self._blocks))
+            return self._overlap.log(self._pane_given(candidate, direction, value))
 
-        begin = float(direction @ candidate.fit.point)
-        curves = [logs(begin + shift) for shift in _AROUND]
-        before, here, after = (float(curve.mean()) for curve in curves)
+        def cost(value: float) -> float:
+            return float(logs(value).mean())
+
+        begin = self._lit_near(candidate, direction)
+        before, here, after = (cost(begin + shift) for shift in _AROUND)
         if min(before, after) > here:
-            found = begin + _JACKKNIFE_STEP * vertex(before, here, after)
+            middle, found = begin, begin + _JACKKNIFE_STEP * vertex(before, here, after)
         else:
             bounds = (begin - _REACH, begin + _REACH)
-            found = local_minimum(lambda x: float(logs(x).mean()), begin, bounds, _STEP, _TOLERANCE)
-            curves = [logs(found + shift) for shift in _AROUND]
-        error = minimum_error([left_out(curve) for curve in curves], _JACKKNIFE_STEP)
+            middle = found = local_minimum(cost, begin, bounds, _STEP, _TOLERANCE)
+        error = minimum_error([left_out(logs(middle + shift)) for shift in _AROUND], _JACKKNIFE_STEP)
         return found, math.radians(widened_incidence(math.degrees(error)))
+
+    def _lit_near(self, candidate: Candidate, direction: Values) -> float:
+        """Where along a direction, nearest to a pane, its layers have light all over the frame; else where it is."""
+        here = float(direction @ candidate.fit.point)
+        for step in sorted(range(-_FARTHEST_LIT, _FARTHEST_LIT + 1), key=abs):
+            value = here + step * _STEP
+            pane = self._pane_given(candidate, direction, value)
+            if negative_light(self._blocks, self._overlap.scene, pane) <= MOST_NEGATIVE:
+                return value
+        return here
+
+    def _pane_given(self, candidate: Candidate, direction: Values, value: float) -> Pane:
+        """The likeliest pane that has a value along a direction."""
+        return pane_at(candidate.given(direction, value, self._blocks), self._blocks)
 
     def _logs(self, point: Values) -> Values:
         """Log overlap of each part of the frame."""
