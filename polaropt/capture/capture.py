@@ -278,7 +278,7 @@ class RegisteredCells:
         return replace(self, make=partial(_changed_cells, self, change))
 
     def left_out(self, where: NDArray[np.bool_]) -> RegisteredCells:
-        """The same without the pixels (h, w) of the sensor, and the cells that hold some."""
+        """The same without some pixels (h, w) of the capture, the samples in them, and the cells that hold some."""
         return replace(self, make=partial(_cells_left_out, self, where))
 
 
@@ -288,7 +288,10 @@ def _changed_cells(cells: RegisteredCells, change: Callable[[Capture], Capture])
 
 def _cells_left_out(cells: RegisteredCells, where: NDArray[np.bool_]) -> tuple[Capture, RawSamples]:
     of_cells = block_shares(where[None], cells.scale)[0] > 0
-    return cells.capture.left_out(of_cells), cells.samples.left_out(where)
+    # Of a capture that has a pixel per cell each holds several samples.
+    each = cells.samples.values.shape[0] // where.shape[0]
+    of_samples = where.repeat(each, axis=0).repeat(each, axis=1)
+    return cells.capture.left_out(of_cells), cells.samples.left_out(of_samples)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

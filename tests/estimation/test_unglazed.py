@@ -141,13 +141,14 @@ def test_close_to_normal_incidence_glass_and_none_hardly_differ() -> None:
     assert wide.any(axis=0).sum() == 10
 
 
-def test_a_frame_is_found_by_the_cells_of_a_mosaic() -> None:
+@pytest.mark.parametrize(("resolution", "each"), [("sensor", 1), ("cell", 2)])
+def test_a_frame_is_found_by_the_cells_of_a_mosaic(resolution: str, each: int) -> None:
     made = framed(65.0)
     raw = mono_mosaic(gaussian_filter(made.capture.intensities.mean(axis=1), (0, 0.7, 0.7)))
-    found = separate(simulated_mosaic(raw.astype(np.float32), color=False), BLIND)
+    found = separate(simulated_mosaic(raw.astype(np.float32), color=False, resolution=resolution), BLIND)
     assert found.unglazed is not None
-    assert found.unglazed.shape == (SIDE_PX, SIDE_PX)
-    assert np.mean(found.unglazed[made.frame]) > 0.8
+    assert found.unglazed.shape == (SIDE_PX // each, SIDE_PX // each)
+    assert np.mean(found.unglazed[made.frame[::each, ::each]]) > 0.8
     assert found.scene.incidence_deg == pytest.approx(65, abs=1.5)
 
 
@@ -163,6 +164,18 @@ def test_of_a_mosaic_samples_and_cells_are_left_out_alike() -> None:
     assert not capture.valid[..., where].any()
     assert not capture.registered.valid[:, 4:10, 4:11].any()
     np.testing.assert_array_equal(capture.cells.samples.valid, capture.samples.valid)
+
+
+@pytest.mark.parametrize(("color", "each"), [(False, 2), (True, 4)])
+def test_all_samples_of_a_cell_that_is_left_out_are(color: bool, each: int) -> None:
+    raw = np.random.default_rng(0).uniform(0.2, 0.8, (64, 64)).astype(np.float32)
+    capture = simulated_mosaic(raw, color, resolution="cell")
+    where = np.zeros(capture.shape[-2:], dtype=np.bool_)
+    where[3:7, 4:9] = True
+    left = capture.left_out(where)
+    assert left.cells is not None
+    np.testing.assert_array_equal(~left.cells.samples.valid, np.kron(where, np.ones((each, each), np.bool_)))
+    assert not left.registered.valid[..., where].any()
 
 
 def test_the_command_says_so_and_can_be_told_not_to(tmp_path, capsys) -> None:
