@@ -321,6 +321,9 @@ def _things_beside(found: LadderResult, evidence: Evidence) -> PolarizedThings |
     is_open = evidence.wanted == "auto" and not (asked.polarized or asked.focal_px) and asked.azimuth_deg is None
     if not is_open or asked.stacked or not found.scene.signal:
         return None
+    if found.scene.polarized and _is_told_by_cells(evidence):
+        # What it leaves aliases.
+        return None
     unexplained = [evidence.blocks] if found.unexplained > evidence.most_unexplained else []
     if evidence.stokes.aliased and not (found.scene.polarized or found.scene.varies):
         # What aliases is fine: in larger blocks it is less of what they show.
@@ -563,11 +566,17 @@ def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:
         return min(known or steps[-1:], key=lambda step: step.score(evidence.blocks.n))
     noise = noise_misfit(evidence.blocks.n)
     told = [step for step in steps[1:] if step.attempt.known and step.attempt.told_by_edges]
-    if told and told[0].attempt.misfit <= noise:
+    # What aliases in cells may be more than noise before the right pane, too.
+    if told and (_is_told_by_cells(evidence) or told[0].attempt.misfit <= noise):
         return told[0]
     able = [step for step in steps[1:] if step.attempt.known and _share(evidence, step) >= LEAST_EXPLAINED]
     lowest = [step for step in (steps[0], *able) if step.attempt.misfit <= noise] or _second_choices(evidence, steps)
     return lowest[0] if lowest else min((steps[0], *able), key=lambda step: step.score(evidence.blocks.n))
+
+
+def _is_told_by_cells(evidence: Evidence) -> bool:
+    """Whether a higher rung can be told by edges alone, of a mosaic's cells: their polarized light is explained."""
+    return evidence.stokes.aliased and evidence.explained
 
 
 def _second_choices(evidence: Evidence, steps: list[_Step]) -> list[_Step]:

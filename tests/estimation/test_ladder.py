@@ -41,9 +41,11 @@ class Estimated:
     rivals: tuple[Rival, ...] = (OTHER,)
 
 
-def evidence(misfit: float = 10.0, wanted: str = "auto", asked: SceneParameters | None = None) -> Evidence:
+def evidence(
+    misfit: float = 10.0, wanted: str = "auto", asked: SceneParameters | None = None, aliased: bool = False
+) -> Evidence:
     open_scene = SceneParameters(None, None, None)
-    stokes, blocks = SimpleNamespace(aliased=False), SimpleNamespace(n=800)
+    stokes, blocks = SimpleNamespace(aliased=aliased), SimpleNamespace(n=800)
     return Evidence(None, 0.005, stokes, blocks, asked or open_scene, Estimated(), misfit, wanted)
 
 
@@ -99,6 +101,14 @@ CLIMBS = {
     "edges tell it where nothing is left": (
         {"polarized": leaves(1.05, **EDGES)}, {"misfit": 1.1}, 1,
         ["It leaves edges unexplained. A remark.", "The layers' edges and spectra tell it."]),
+    "edges tell it where more than noise is left": (
+        {"polarized": leaves(5.0, **EDGES)}, {"misfit": 1.1}, 0,
+        ["It leaves no polarized light beyond the noise. A remark.", ""]),
+    "edges of cells tell it where more than noise is left, as something aliases": (
+        {"polarized": leaves(5.0, **EDGES)}, {"misfit": 2.0, "aliased": True}, 1,
+        ["It leaves edges unexplained. A remark.", "The layers' edges and spectra tell it."]),
+    "edges of cells tell nothing where polarized light is left": (
+        {"polarized": leaves(HARDLY, **EDGES)}, {"aliased": True}, 0, [BEST, "It explains only 22 %"]),
     "the one asked for": (
         {"perspective": leaves(ALL), "curved": leaves(HARDLY)},
         {"wanted": "curved"}, 1, [ANOTHER + " A remark.", ASKED]),
