@@ -116,6 +116,12 @@ def test_edges_and_tiles_together_tell_several_panes(
     assert not panes._is_told(frontal, [single], lambda _: fewer, across=across)
 
 
+@pytest.mark.parametrize(("pane_shift", "sure", "told"), [(-3.0, 4.4, False), (-3.0, 4.6, True), (-1.0, 4.4, True)])
+def test_panes_far_from_parallel_must_be_surer(pane_shift: float, sure: float, told: bool) -> None:
+    found = replace(fit(48, sure), window=replace(TWO_PANES, pane_shift=pane_shift))
+    assert panes._is_told(found, [fit(48)], lambda _: 0.05, across=False) is told
+
+
 def test_edges_are_compared_with_those_of_all_images_on_the_other_side() -> None:
     window, seen = Window(60.0, 2.0, 3.0, 4.0, 2), []
 

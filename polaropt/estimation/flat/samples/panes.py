@@ -40,6 +40,10 @@ fit seeds from 200000) 7 of 74 single panes pass without this, with shares of 0.
 _SURE_ACROSS = 3.7
 """Standard errors that are needed where other axes are asked, too, with which layers would be exchanged. Of 8 windows
 across the pane that was found (256x256) 7 have 3.9 and more, those two single panes 3.0 and 3.5."""
+_SURE_OF_OPPOSED, _RESOLVED_PX = 4.5, 2.0
+"""The same where panes that shift images by so many pixels, and gaps, shift them to opposite sides, as of panes that
+are far from parallel: ghosts of single panes that lie far off pass for such. Of the mosaics of 384x384 single ones have
+4.4 at most (6 of some 220), of 4 such windows 3 have 4.7 and more."""
 _LEAST_DEG = 12.0
 """Incidence beyond which they are told, as those of photographs in noise are: nearer to the normal, where hardly any
 light is polarized, chance windows suit detail best. Set by hand."""
@@ -110,9 +114,13 @@ def _is_told(
         min(how(other) for other in others)
         for how in (found.surer_than, partial(found.believed_over, usual=_USUAL_TILES))
     )
-    if found.window.incidence_deg <= _LEAST_DEG or sure <= min(_SURE) or (across and believed <= _SURE_ACROSS):
+    window = found.window
+    if window.incidence_deg <= _LEAST_DEG or sure <= min(_SURE):
         return False
-    fewer = fewer_edges(found.window)
+    opposed = abs(window.pane_shift) > _RESOLVED_PX and window.pane_shift * window.gap_along < 0
+    if (across and believed <= _SURE_ACROSS) or (opposed and believed <= _SURE_OF_OPPOSED):
+        return False
+    fewer = fewer_edges(window)
     sure = sure if fewer > _CLEARLY_FEWER else believed
     return any(sure > least and fewer > share for least, share in zip(_SURE, _FEWER, strict=True))
 
