@@ -33,6 +33,7 @@ from polaropt.numerics import (
     block_shares,
     count_true,
     fill_gaps,
+    spread_blocks,
     strips,
     whole_blocks,
 )
@@ -289,8 +290,8 @@ def _changed_cells(cells: RegisteredCells, change: Callable[[Capture], Capture])
 def _cells_left_out(cells: RegisteredCells, where: NDArray[np.bool_]) -> tuple[Capture, RawSamples]:
     of_cells = block_shares(where[None], cells.scale)[0] > 0
     # Of a capture that has a pixel per cell each holds several samples.
-    each = cells.samples.values.shape[0] // where.shape[0]
-    of_samples = where.repeat(each, axis=0).repeat(each, axis=1)
+    shape = cells.samples.values.shape
+    of_samples = spread_blocks(where, shape[0] // where.shape[0], shape)
     return cells.capture.left_out(of_cells), cells.samples.left_out(of_samples)
 
 

@@ -192,7 +192,7 @@ class PaneEdges:
 
     def log_overlap(self, candidate: Candidate) -> float:
         """Of the layers that a pane leaves."""
-        return float(self._logs(candidate.fit.point).mean())
+        return float(self._overlap.log(pane_at(candidate.fit.point, self._blocks)).mean())
 
     def completed(self, candidate: Candidate) -> Candidate:
         """The pane with what the edges tell along directions in which it is known badly."""
@@ -239,10 +239,6 @@ class PaneEdges:
     def _pane_given(self, candidate: Candidate, direction: Values, value: float) -> Pane:
         """The likeliest pane that has a value along a direction."""
         return pane_at(candidate.given(direction, value, self._blocks), self._blocks)
-
-    def _logs(self, point: Values) -> Values:
-        """Log overlap of each part of the frame."""
-        return self._overlap.log(pane_at(point, self._blocks))
 
 
 def pane_at(point: Values, blocks: PolarizedBlocks) -> Pane:

@@ -58,6 +58,10 @@ _TILES_OF_A_THREAD = 48
 """Set by hand: what vectorizes, and is worth a thread."""
 _LEAST_FACTOR = np.float32(0.02)
 """By which a power shrinks in a round at most. Set by hand."""
+USUAL_TILES = 147
+"""Tiles and colours of a frame of 256x256, up to which what is needed of them was found. Of 46 single clear panes at 36
+to 84 degrees, with free wallpapers of 640x640, 7 were taken for tinted glass by all tiles, 2 are by these, and of 61 at
+12 to 40 degrees 6 for several panes; of 256x256 one in a hundred is."""
 
 
 @dataclass(frozen=True)
@@ -78,19 +82,15 @@ class TileFit:
         gains = other.misfits - self.misfits
         return float(gains.sum() / max(math.sqrt(float(gains @ gains)), _NO_ERROR))
 
-    def believed_over(self, other: TileFit, usual: int | None = None) -> float:
-        """The same, of frames with more tiles than usual (default: `USUAL_TILES`) as if they had as many.
+    def believed_over(self, other: TileFit, usual: int = USUAL_TILES) -> float:
+        """The same, of frames with more tiles than usual as if they had as many.
 
         What layers are not as the likelihood takes them to be makes chance images likelier in all tiles alike: the more
         there are, the surer they are of these.
         """
-        return self.surer_than(other) * min(1.0, math.sqrt((usual or USUAL_TILES) / len(self.misfits)))
+        return self.surer_than(other) * min(1.0, math.sqrt(usual / len(self.misfits)))
 
 
-USUAL_TILES = 147
-"""Tiles and colours of a frame of 256x256, up to which what is needed of them was found. Of 46 single clear panes at 36
-to 84 degrees, with free wallpapers of 640x640, 7 were taken for tinted glass by all tiles, 2 are by these, and of 61 at
-12 to 40 degrees 6 for several panes; of 256x256 one in a hundred is."""
 _NO_ERROR = 1e-9
 """For none at all, of windows that are the same."""
 
