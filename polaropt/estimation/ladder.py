@@ -35,6 +35,8 @@ from polaropt.estimation.wide.blocks import PolarizedBlocks
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneErrors, SceneParameters, widened
 
 _LOWER = ("none", "pixelwise", "ghosts")
+_WITH_IMAGES = ("auto", "ghosts")
+"""Models under which double images, and those of several panes, are looked for."""
 _OF_ALIASES_DEG = 0.6
 """Standard error of the incidence that edges of a mosaic's cells tell, beside what parts of the frame tell of it: what
 aliases is alike in all parts. By trial on mosaics of photographs that no figure is taken of."""
@@ -258,16 +260,17 @@ def _of_photographs(
     """The scene of photographs, or of a mosaic's cells, and what it was found by; on the lowest rungs, or on all."""
     if asked.focal_px is not None and model == "auto":
         model = "perspective"
-    if asked.stacked and model not in ("auto", "ghosts"):
+    with_images = model in _WITH_IMAGES
+    if asked.stacked and not with_images:
         # Only where the pane is seen from far are the images of several panes looked for.
         asked = asked.replace(ghost_shift=asked.ghost_shift or 0.0, gap_shift=asked.gap_shift or 0.0)
     if asked.bent:
         raise InputError("a bent pane must be given whole: set incidence, azimuth and ghost shift, or no bend")
     began = time.perf_counter()
     flat = asked.replace(focal_px=None).plainest
-    shifted = asked.stacked and model in ("auto", "ghosts")
+    shifted = asked.stacked and with_images
     flat = flat.replace(n_panes=1, gap_shift=0.0) if shifted else flat
-    if asked.ghost_shift is None and (model not in ("auto", "ghosts") or capture.start_unknown):
+    if asked.ghost_shift is None and (not with_images or capture.start_unknown):
         flat = flat.replace(ghost_shift=0.0)
     stokes = stokes_images(capture, noise)
     estimate = estimate_scene(
@@ -297,12 +300,12 @@ def _of_photographs(
     open_window &= climbs
     # Beyond the angles that are searched any number of panes is a mirror.
     open_window &= estimate.scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]
-    if shifted or (open_window and model in ("auto", "ghosts") and is_flat):
+    if shifted or (open_window and with_images and is_flat):
         estimate = with_window(estimate, stokes, asked)
         misfit = blocks.constant_misfit(estimate.scene.values()[1])
     if mosaic is not None and edges is not None and misfit <= _NEARLY_FLAT and open_ghosts and thickness_px is None:
         open_gap = not asked.gap_shift if asked.n_panes is None else asked.stacked and asked.gap_shift is None
-        if open_gap and climbs and model in ("auto", "ghosts"):
+        if open_gap and climbs and with_images:
             estimate = with_window_of_mosaic(estimate, mosaic, asked, edges)
     remark = window_remark(estimate.scene) if asked.n_panes is None and not estimate.scene.has_ghosts else ""
     window = {name: getattr(estimate.scene, name) for name in ("n_panes", "gap_shift", "gap_azimuth_deg", "absorption")}
@@ -416,7 +419,7 @@ def in_full(
         return whole
     open_shift, open_incidence = asked.ghost_shift is None, asked.incidence_deg is None
     estimate = whole.estimate
-    if estimate is None or model not in ("auto", "ghosts") or not (open_shift or open_incidence):
+    if estimate is None or model not in _WITH_IMAGES or not (open_shift or open_incidence):
         return whole
     # A thickness ties the ghosts' distance to the incidence of the cells.
     sense_only &= open_shift

@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, Mistakes, NoiseModel, closure_share, find_mistakes, registered_noise
-from polaropt.estimation import NOTABLE_CHANCE, AngleMistake, LikelierIndex, SceneEstimate, angle_mistake
+from polaropt.estimation import (
+    NOTABLE_CHANCE,
+    NOTABLE_CHANCE_OF_MOSAIC,
+    AngleMistake,
+    LikelierIndex,
+    SceneEstimate,
+    angle_mistake,
+)
 from polaropt.judging.loss import LEAST_NOTABLE, SceneLoss
 from polaropt.numerics import block_mean
 from polaropt.optics import SceneParameters, stokes_from_intensities
@@ -287,7 +294,7 @@ def diagnose(
         SeparationWarning.POLARIZED_SOURCE: polarized_things or _found_polarized(scene, estimate),
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
         SeparationWarning.COATED: coated,
-        SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),
+        SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate, capture),
         SeparationWarning.POLARIZATION_DOUBTFUL: _loses(loss) and alike,
         SeparationWarning.MODEL_DOES_NOT_EXPLAIN: polarized and not explained,
         SeparationWarning.MOVING: moving is not None,
@@ -360,12 +367,13 @@ def _found_polarized(scene: SceneParameters | None, estimate: SceneEstimate | No
     return estimate is not None and scene is not None and scene.polarized
 
 
-def _may_lie_across(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
+def _may_lie_across(scene: SceneParameters | None, estimate: SceneEstimate | None, capture: Capture) -> bool:
     """Whether one of two flat panes was taken in doubt; a rung above has more that tells them apart."""
     plain = scene is not None and not scene.varies and not scene.polarized
     if estimate is None or not plain:
         return False
-    return estimate.better_left or estimate.axis_chance >= NOTABLE_CHANCE
+    notable = NOTABLE_CHANCE if capture.cells is None else NOTABLE_CHANCE_OF_MOSAIC
+    return estimate.better_left or estimate.axis_chance >= notable
 
 
 def _of_geometry_and_noise(

@@ -11,9 +11,17 @@ import pytest
 
 from polaropt import SceneParameters, SeparationWarning, separate
 from polaropt.capture.capture import Capture
+from polaropt.capture.mosaic import sampling_of
 from polaropt.capture.noise import noise_level
 from polaropt.capture.polarization import plate_frame, stokes_images
-from polaropt.estimation.flat.azimuth import NOTABLE_CHANCE, AxisCandidate, AxisChoice, choose_axis, log_odds
+from polaropt.estimation.flat.azimuth import (
+    NOTABLE_CHANCE,
+    NOTABLE_CHANCE_OF_MOSAIC,
+    AxisCandidate,
+    AxisChoice,
+    choose_axis,
+    log_odds,
+)
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.estimation.flat.search import SceneSearch, Trial, evidence
 from polaropt.estimation.flat.windows.likelihood import Window
@@ -23,6 +31,7 @@ from polaropt.estimation.safeguard import CheckedScene, left_alone, with_inciden
 from polaropt.judging.warnings import diagnose
 from polaropt.optics.plate import in_place_correction
 from polaropt.simulation.metrics import psnr_db
+from polaropt.simulation.simulator import simulated_mosaic
 from tests.blends import blend
 
 BLIND = SceneParameters(None, None, None)
@@ -136,6 +145,18 @@ def test_a_wide_lens_tells_the_two_apart() -> None:
             scene=doubtful.scene.replace(focal_px=focal_px),
         )  # fmt: skip
         assert (SeparationWarning.AXIS_DOUBTFUL in told.warnings) == warned
+
+
+@pytest.mark.parametrize(("chance", "warned"), [(0.99, False), (1.0, True)])
+def test_of_a_mosaic_a_smaller_chance_of_the_other_pane_is_notable(chance: float, warned: bool) -> None:
+    photographs = blend(60, 64, color=False)
+    raw = sampling_of(color=False)[0].sample(photographs.capture.intensities.reshape(4, 1, 64, 64))
+    doubtful = replace(estimate_scene(photographs.capture), axis_chance=chance * NOTABLE_CHANCE_OF_MOSAIC)
+    told = diagnose(
+        simulated_mosaic(raw, color=False), 0.005, misfit_ratio=1.0, reflection_unknown=0.0, estimate=doubtful,
+        scene=doubtful.scene,
+    )  # fmt: skip
+    assert (SeparationWarning.AXIS_DOUBTFUL in told.warnings) == warned
 
 
 @pytest.mark.parametrize(("told", "left"), [(80.0, True), (74.0, False), (40.0, False)])
