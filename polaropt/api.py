@@ -9,6 +9,8 @@ import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
+from inspect import signature
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt import batch, separation, sequence
+from polaropt.batch import SHARED
 from polaropt.capture import ANGLES_DEG, Capture, result_folder
 from polaropt.errors import InputError, ResultWarning
 from polaropt.estimation import LadderResult
@@ -220,12 +223,10 @@ def separate(
     >>> result.transmission.shape, abs(result.scene.incidence_deg - 60) < 2
     ((128, 128, 3), True)
     """
-    if isinstance(scene, LadderResult):
-        scene_errors = scene.errors if scene_errors is None else scene_errors
-        scene = scene.scene
+    asked, known = _given(scene, _checked(capture).shape)
     found = separation.separate(
-        _checked(capture),
-        _scene_of(scene, capture),
+        capture,
+        asked,
         solver,
         init,
         refractive_index,
@@ -238,8 +239,8 @@ def separate(
         keep_start=keep_start,
         robust=robust,
         device=device,
-        progress=progress,
-        scene_errors=scene_errors,
+        progress=_called(progress),
+        scene_errors=known if scene_errors is None else scene_errors,
         start=start,
         index_known=index_known,
         match_photographs=match_photographs,
@@ -253,7 +254,7 @@ def separate(
 
 def separate_many(
     captures: Iterable[Capture] | Any,
-    scene: SceneParameters | Literal["shared"] | None = None,
+    scene: SceneLike | LadderResult | Literal["shared"] | None = None,
     *,
     client: Any = None,
     angles_deg: Sequence[float] = ANGLES_DEG,
@@ -265,9 +266,9 @@ def separate_many(
     ----------
     captures : iterable of Capture, or dask.array.Array
         An array is photographs along time, (time, angle, height, width) or (time, angle, height, width, 3), white = 1.
-    scene : SceneParameters or "shared", optional
-        As of `separate`, the same for all. "shared": the pane stands still against the camera, and one scene is
-        estimated from all captures together.
+    scene : SceneParameters, path, what `estimate` returns, or "shared", optional
+        As of `separate`, the same for all; captures behind that of a report have one size. "shared": the pane stands
+        still against the camera, and one scene is estimated from all captures together.
     client : distributed.Client, optional
         Whose workers separate; captures and results go to and from them directly. Default: this process. Arrays are
         computed by whoever computes the result.
@@ -302,15 +303,28 @@ def separate_many(
     (96, 96, 3) 60
     (96, 96, 3) 60
     """
+    _check_options(options)
     if hasattr(captures, "dask"):
-        return batch.separate_many(captures, scene, angles_deg=angles_deg, **options)
+        array: Any = captures
+        asked: Any = scene
+        known = None
+        if scene != SHARED:
+            asked, known = _given(scene, array.shape[2:4])
+        return batch.separate_many(array, asked, angles_deg=angles_deg, **_with_errors(options, known))
+    return _many(captures, scene, client, options)
+
+
+def _many(captures: Iterable[Capture], scene: Any, client: Any, options: dict[str, Any]) -> Iterator[Separation]:
     taken: deque[Capture] = deque()
-    return _shown(batch.separate_many(_noted(captures, taken), scene, client=client, **options), taken)
+    noted, known = _noted(captures, taken), None
+    if scene != SHARED:
+        noted, scene, known = _with_scene(noted, scene)
+    yield from _shown(batch.separate_many(noted, scene, client=client, **_with_errors(options, known)), taken)
 
 
 def separate_sequence(
     captures: Iterable[Capture],
-    scene: SceneParameters | None = None,
+    scene: SceneLike | LadderResult | None = None,
     *,
     pane: Literal["follow", "still"] = "follow",
     first: int = FIRST,
@@ -329,19 +343,19 @@ def separate_sequence(
     captures : iterable of Capture
         Such as frames that a camera gives; no more of them is taken than `first`, and one ahead, before the first
         result comes.
-    scene : SceneParameters, optional
+    scene : SceneParameters, path or what `estimate` returns, optional
         As of `separate`. A complete one is not looked for, nor followed.
     pane : {"follow", "still"}
         Whether the pane may move against the camera.
     first : int
         Frames that the pane is found from.
     every : int
-        Frames after which one that is followed is looked at again.
+        Frames after which one that is followed is looked at again; sooner while it moves.
     ahead : bool
         Whether another thread takes the next capture while one is separated, so that it is read meanwhile. The time of
         a separation's stages then holds some of that.
     **options
-        As of `separate`.
+        As of `separate`, without layers to start from: a frame starts from what the one before has left.
 
     Yields
     ------
@@ -365,9 +379,16 @@ def separate_sequence(
     >>> next(results).transmission.shape, len(list(results))
     ((96, 96, 3), 2)
     """
+    _check_options(options)
+    return _sequence(captures, scene, {"pane": pane, "first": first, "every": every, "ahead": ahead}, options)
+
+
+def _sequence(
+    captures: Iterable[Capture], scene: Any, how: dict[str, Any], options: dict[str, Any]
+) -> Iterator[Separation]:
     taken: deque[Capture] = deque()
-    noted = _noted(captures, taken)
-    found = sequence.separate_sequence(noted, scene, pane=pane, first=first, every=every, ahead=ahead, **options)
+    noted, asked, known = _with_scene(_noted(captures, taken), scene)
+    found = sequence.separate_sequence(noted, asked, **how, **_with_errors(options, known))
     yield from _shown(found, taken)
 
 
@@ -439,7 +460,7 @@ def inspect(capture: Capture) -> Inspection:
 
 def estimate(
     capture: Capture,
-    scene: SceneLike | None = None,
+    scene: SceneLike | LadderResult | None = None,
     *,
     refractive_index: float | None = GLASS_INDEX,
     single_surface: bool = False,
@@ -456,7 +477,7 @@ def estimate(
     Parameters
     ----------
     capture : Capture
-    scene : SceneParameters or path, optional
+    scene : SceneParameters, path or what `estimate` returns, optional
         As for `separate`. Default: a pane of glass of which nothing else is known.
     refractive_index, single_surface, model, thickness_px, thickness_kind, index_known, match_photographs,
     leave_out_unglazed, progress
@@ -484,7 +505,7 @@ def estimate(
     """
     case = separation.scene_case(
         _checked(capture),
-        _scene_of(scene, capture),
+        _given(scene, capture.shape)[0],
         refractive_index=refractive_index,
         single_surface=single_surface,
         model=model,
@@ -493,7 +514,7 @@ def estimate(
         index_known=index_known,
         match_photographs=match_photographs,
         leave_out_unglazed=leave_out_unglazed,
-        progress=progress,
+        progress=_called(progress),
     )
     return _FoundScene(**vars(case.found), asked=case.asked, from_thickness=thickness_px is not None)
 
@@ -511,10 +532,59 @@ def _checked(capture: Any) -> Capture:
     )
 
 
-def _scene_of(scene: Any, capture: Capture) -> SceneParameters | None:
-    """A scene as it is given, or from an earlier report."""
+def _given(scene: Any, shape: tuple[int, ...]) -> tuple[SceneParameters | None, SceneErrors | None]:
+    """A scene as it is given, from an earlier report, or from an estimate, with its errors, for photographs' shape."""
     if scene is None or isinstance(scene, SceneParameters):
-        return scene
+        return scene, None
+    if isinstance(scene, LadderResult):
+        return scene.scene, scene.errors
     if isinstance(scene, str | PathLike):
-        return scene_of_report(Path(scene), capture.shape[-2:])
+        if not str(scene):
+            raise InputError("scene is empty; give the report.json of a separation, or leave it out")
+        return scene_of_report(Path(scene), shape[-2:]), None
     raise InputError(f"scene is a {type(scene).__name__}; give SceneParameters, or the report.json of a separation")
+
+
+def _with_scene(
+    captures: Iterator[Capture], scene: Any
+) -> tuple[Iterator[Capture], SceneParameters | None, SceneErrors | None]:
+    """Captures with a scene that is given, of an earlier report for photographs of the first one's size."""
+    if not isinstance(scene, str | PathLike):
+        return captures, *_given(scene, ())
+    first = next(captures, None)
+    if first is None:
+        return captures, None, None
+    shape = first.shape[-2:]
+
+    def alike() -> Iterator[Capture]:
+        for capture in chain([first], captures):
+            if capture.shape[-2:] != shape:
+                raise InputError(
+                    f"a capture has {capture.shape[-1]}x{capture.shape[-2]} px, the first {shape[1]}x{shape[0]}: "
+                    "give a report with captures of one size"
+                )
+            yield capture
+
+    return alike(), *_given(scene, shape)
+
+
+def _with_errors(options: dict[str, Any], known: SceneErrors | None) -> dict[str, Any]:
+    """Options with the standard errors of an estimate that was given as the scene."""
+    return options if known is None else {"scene_errors": known, **options}
+
+
+def _check_options(options: dict[str, Any]) -> None:
+    """TypeError for an option that `separate` does not have, as Python has it."""
+    for name in options:
+        if name not in _OPTIONS:
+            raise TypeError(f"unexpected option {name!r}; `separate` has: {', '.join(_OPTIONS)}")
+
+
+_OPTIONS = tuple(signature(separate).parameters)[2:]
+
+
+def _called(progress: Progress | None) -> Progress | None:
+    """InputError for a progress that cannot be called."""
+    if progress is not None and not callable(progress):
+        raise InputError(f"progress is a {type(progress).__name__}; give a function of a stage and the fraction done")
+    return progress

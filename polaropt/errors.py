@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from numbers import Real
+
 LONGEST_LINE = 1000
 """Characters of an error; set by hand, several usual paths long."""
 _LONGEST_REASON = 120
@@ -60,3 +63,18 @@ def one_line(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return "it needs more memory than there is"
     return in_one_line(str(error), _LONGEST_REASON) or type(error).__name__
+
+
+def check_numbers(named: Iterable[tuple[str, object]], *, none: bool = True) -> None:
+    """InputError where a value that has a name is no number, nor None where that says something."""
+    for name, value in named:
+        # Asked of thousands of scenes: most values are floats.
+        if type(value) is not float and not (none and value is None) and not isinstance(value, Real):
+            raise InputError(f"{name} is {value!r}; give a number")
+
+
+def check_whole(named: Iterable[tuple[str, object]], least: int = 0) -> None:
+    """InputError where a value that has a name is no whole number, or below the least."""
+    for name, value in named:
+        if not isinstance(value, Real) or not (float(value) >= least and float(value).is_integer()):
+            raise InputError(f"{name} is {value!r}; give a whole number from {least} on")

@@ -253,8 +253,7 @@ def separate(
     )
     _check(settings)
     asked = scene or _blind(refractive_index, single_surface)
-    if start is not None and start.shape != (2, *capture.shape):
-        raise InputError(f"the start has shape {start.shape}, the layers {(2, *capture.shape)}; make them equal")
+    _check_start(start, capture.shape)
     return _separate(
         capture,
         asked,
@@ -398,15 +397,23 @@ def _blind(refractive_index: float | None, single_surface: bool) -> SceneParamet
 
 
 def _check(settings: Settings) -> None:
-    """ValueError where a setting does not exist; InputError where a start lacks a package, or two contradict."""
+    """ValueError where a solver, start or model does not exist, or lacks a package or its device."""
     get_solver(settings.solver)
     check_start(settings.init)
-    if not 0 <= settings.keep_start <= 1:
-        raise InputError(f"keep_start is {settings.keep_start:g}; give a share of 0 (the solve's end) to 1 (its start)")
     if settings.model not in model_names():
         raise InputError(f"unknown model {settings.model!r}; there are: {', '.join(model_names())}")
     if settings.device is not None:
         check_device(settings.device, settings.solver)
+
+
+def _check_start(start: Images | None, shape: tuple[int, ...]) -> None:
+    """InputError where layers to start from are none of a capture of this shape."""
+    if start is None:
+        return
+    if np.shape(start) != (2, *shape):
+        raise InputError(f"the start has shape {np.shape(start)}, the layers {(2, *shape)}; make them equal")
+    if not np.isfinite(start).all():
+        raise InputError("the start holds NaN or infinite values; replace them")
 
 
 @dataclass(frozen=True)
@@ -662,8 +669,8 @@ class Case:
 
     @property
     def unpolarized(self) -> bool:
-        """Whether a scene was looked for and nothing is polarized."""
-        return self.found.estimate is not None and not self.found.scene.signal
+        """Whether nothing is polarized, as was found or given."""
+        return not self.found.scene.signal
 
     def of_pane(self) -> Capture:
         """The capture as it is solved: what moves is filled, and what shows no glass left out.
@@ -753,9 +760,7 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
 def _unseparated(case: Case, stages: Stages) -> Separation:
     """The intensity as transmission: all that an unpolarized capture tells, and the better guess in doubt."""
     capture, still, found = case.capture, case.still, case.found
-    estimate = found.estimate
-    assert estimate is not None
-    noise = still.noise
+    estimate, noise = found.estimate, still.noise
     layers = np.zeros((2, *capture.shape), dtype=np.float32)
     for rows, intensity in capture.intensity_strips():
         layers[0][..., rows, :] = intensity
@@ -763,7 +768,7 @@ def _unseparated(case: Case, stages: Stages) -> Separation:
         still.capture,
         noise,
         misfit_ratio=1.0,
-        reflection_unknown=float(not estimate.polarized),
+        reflection_unknown=float(estimate is not None and not estimate.polarized),
         estimate=estimate,
         mistakes=still.mistakes,
         moving=still.moving,

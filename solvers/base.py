@@ -119,8 +119,8 @@ class StoppingRule:
     def __post_init__(self) -> None:
         # Written so that NaN fails too.
         for name in ("max_evaluations", "slow_iterations"):
-            if not getattr(self, name) >= 1:
-                raise ValueError(f"{name} is {getattr(self, name)}; give 1 or more")
+            if not (getattr(self, name) >= 1 and getattr(self, name) % 1 == 0):
+                raise ValueError(f"{name} is {getattr(self, name)}; give a whole number from 1 on")
         for name in ("relative_change", "gradient_norm"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} is {getattr(self, name)}; give 0 or more")

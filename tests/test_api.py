@@ -5,6 +5,7 @@ from __future__ import annotations
 import pydoc
 import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,9 @@ import pytest
 from skimage import data
 
 import polaropt
-from polaropt import InputError, ResultWarning, SceneParameters, simulate
+from polaropt import InputError, ResultWarning, SceneParameters, StoppingRule, Weights, simulate
 from polaropt.estimation.ladder import LadderResult
+from polaropt.optics import SceneErrors
 from tests.command_line import RESULTS
 
 PANE = SceneParameters(65.0, 30.0, 4.0)
@@ -144,3 +146,100 @@ def test_a_result_that_is_warned_of_warns(capture: polaropt.Capture) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         polaropt.separate(capture, PANE)
+
+
+@pytest.mark.parametrize("of_report", [True, False])
+def test_a_scene_is_given_to_many_as_to_one(
+    capture: polaropt.Capture, result: polaropt.Separation, found: LadderResult, tmp_path: Path, *, of_report: bool
+) -> None:
+    scene = result.save(tmp_path / "first", layers_only=True) / "report.json" if of_report else found
+    alone = polaropt.separate(capture, scene)
+    for several in (polaropt.separate_many, polaropt.separate_sequence):
+        (one,) = several([capture], scene)
+        np.testing.assert_allclose(one.layers, alone.layers, atol=1e-3)
+        assert one.errors == alone.errors
+
+
+def test_a_report_is_for_captures_of_one_size(result: polaropt.Separation, tmp_path: Path) -> None:
+    report = result.save(tmp_path / "first", layers_only=True) / "report.json"
+    other = simulate(data.coffee()[150:214, 200:264], data.astronaut()[30:94, 160:224], PANE, noise=0.005)
+    with pytest.raises(InputError, match="a capture has 64x64 px, the first 96x96"):
+        list(polaropt.separate_many([polaropt.Capture.of_planes(result.capture.intensities), other], report))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"keep_start": "a"}, "keep_start is 'a'; give a number"),
+        ({"keep_start": None}, "keep_start is None"),
+        ({"refractive_index": "1.5"}, "refractive_index is '1.5'"),
+        ({"progress": 3}, "progress is a int"),
+        ({"weights": {"misfit": 1}}, "weights is a dict; give Weights"),
+        ({"stopping": None}, "stopping is a NoneType; give StoppingRule"),
+        ({"thickness_kind": "thin"}, "unknown thickness_kind 'thin'; there are: paper, plate"),
+        ({"scene": PANE, "thickness_px": 10.0}, "give one of them"),
+        ({"scene": ""}, "scene is empty"),
+        ({"scene": "."}, "is a folder; give the report.json in it"),
+        ({"start": np.full((2, 3, 96, 96), np.nan, np.float32)}, "the start holds NaN"),
+    ],
+)
+def test_what_separate_cannot_use_gets_one_sentence(
+    capture: polaropt.Capture, options: dict[str, object], said: str
+) -> None:
+    with pytest.raises(InputError, match=re.escape(said)):
+        polaropt.separate(capture, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("several", [polaropt.separate_many, polaropt.separate_sequence])
+def test_an_unknown_option_is_named_at_once(several: Callable[..., object]) -> None:
+    with pytest.raises(TypeError, match="unexpected option 'foo'; `separate` has: solver, init"):
+        several([], foo=1)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: SceneParameters("60", 20.0, 4.0), "incidence_deg is '60'; give a number"),
+        (lambda: PANE.replace(transmission_polarization=None), "give two finite numbers"),
+        (lambda: SceneErrors(incidence_deg=-1.0), "the standard error of incidence_deg is -1.0"),
+        (lambda: Weights(misfit="a"), "weight misfit is 'a'"),
+        (lambda: StoppingRule(max_evaluations=1.5), "give a whole number from 1 on"),
+        (lambda: polaropt.Capture(np.ones((64, 64, 4))), "give angles first"),
+        (lambda: simulate(np.ones((32, 32)), np.ones((32, 32)), PANE, bits=1.5), "bits is 1.5"),
+        (lambda: simulate(np.ones((32, 32)), np.ones((32, 32)), PANE, seed=-1), "seed is -1"),
+        (lambda: simulate(np.ones((32, 32)), np.ones((32, 32)), "report.json"), "scene is a str"),
+        (lambda: list(polaropt.separate_sequence([], first=2.5)), "first is 2.5; give a whole number"),
+        (lambda: list(polaropt.separate_sequence([], start=np.zeros(2))), "leave out start"),
+    ],
+)
+def test_numbers_of_another_type_get_one_sentence(make: Callable[[], object], said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        make()
+
+
+def test_whole_numbers_may_come_as_others() -> None:
+    pane = PANE.replace(n_panes=2.0, gap_shift=9.0)
+    assert isinstance(pane.n_panes, int)
+
+
+def test_no_captures_share_no_scene_and_give_no_results() -> None:
+    assert list(polaropt.separate_many([], "shared")) == []
+
+
+@pytest.mark.parametrize("scene", [PANE.replace(signal=False), None])
+def test_where_nothing_is_polarized_the_intensity_is_the_transmission(
+    capture: polaropt.Capture, scene: SceneParameters | None
+) -> None:
+    given = polaropt.estimate(capture, model="none") if scene is None else scene
+    found = polaropt.separate(capture, given)
+    np.testing.assert_array_equal(found.layers[0], capture.stokes[0])
+    assert not found.layers[1].any()
+
+
+def test_what_a_masked_array_masks_is_not_trusted(capture: polaropt.Capture) -> None:
+    photographs = np.ma.masked_array(np.moveaxis(capture.intensities, 1, -1), mask=False)
+    photographs[0, 40:60, 40:60] = np.ma.masked
+    photographs.data[0, 40:60, 40:60] = np.nan
+    masked = polaropt.Capture(photographs)
+    assert not masked.valid[0, :, 40:60, 40:60].any()
+    np.testing.assert_array_equal(masked.valid[1:], capture.valid[1:])

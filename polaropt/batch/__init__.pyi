@@ -3,6 +3,7 @@ __all__ = [
     "EACH",
     "EXTRA",
     "FOLDER",
+    "SHARED",
     "TABLE",
     "Entry",
     "Estimate",
@@ -16,6 +17,7 @@ __all__ = [
     "Row",
     "SharedScene",
     "angles_in_names",
+    "as_seen_from",
     "check_parquet",
     "combine_scenes",
     "distinct",
@@ -48,12 +50,14 @@ from .job import Job as Job
 from .job import Options as Options
 from .job import Row as Row
 from .job import separate_files as separate_files
+from .many import SHARED as SHARED
 from .many import separate_many as separate_many
 from .many import shared_scene_of as shared_scene_of
 from .run import Outcome as Outcome
 from .run import run_batch as run_batch
 from .shared_scene import Estimate as Estimate
 from .shared_scene import SharedScene as SharedScene
+from .shared_scene import as_seen_from as as_seen_from
 from .shared_scene import combine_scenes as combine_scenes
 from .summary import check_parquet as check_parquet
 from .table import TABLE as TABLE

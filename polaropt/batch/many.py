@@ -43,6 +43,8 @@ def _of_captures(
 ) -> Iterator[Separation]:
     if scene == SHARED:
         captures = list(captures)
+        if not captures:
+            return
         chosen = {**options, **_known(shared_scene_of(captures, client=client, **options))}
     else:
         chosen = {**options, "scene": scene}
@@ -129,6 +131,9 @@ def _of_array(
             f"the array has shape {shape}; give (time, {len(angles_deg)} angles, height, width) or the same with 3 "
             "colours last"
         )
+    if not len(array):
+        none = np.zeros((0, 2, *shape[2:]), np.float32)
+        return dask.array.from_array(none, chunks=none.shape)
     # A capture is solved as a whole.
     whole = array.rechunk(dict.fromkeys(range(1, array.ndim), -1))
     chosen = {**options, "scene": scene}

@@ -91,12 +91,14 @@ def combine_scenes(estimates: Sequence[Estimate | None]) -> SharedScene:
     """
     told = {i: one for i, one in enumerate(estimates) if one is not None and one.scene.signal}
     if not told:
-        raise InputError("no capture shows polarization; a shared scene needs one that does, or give it by --incidence")
+        raise InputError(
+            "no capture shows polarization; a shared scene needs one that does, or give the scene (--incidence ...)"
+        )
     kind, _ = Counter(_kind(one.scene) for one in told.values()).most_common(1)[0]
     alike = {i: one for i, one in told.items() if _kind(one.scene) == kind}
     disagreements = [Disagreement(i, "rung", math.inf) for i in told if i not in alike]
     first = _most_exact(alike)
-    turned = {i: _as_seen_from(one, alike[first].scene) for i, one in alike.items()}
+    turned = {i: as_seen_from(one, alike[first].scene) for i, one in alike.items()}
     scene, errors = turned[first].scene, SceneErrors()
     for field in FIELDS:
         if not field.estimable or field.name == "n_panes":
@@ -128,7 +130,7 @@ def _most_exact(estimates: dict[int, Estimate]) -> int:
     return min(estimates, key=lambda i: estimates[i].errors.incidence_deg or math.inf)
 
 
-def _as_seen_from(one: Estimate, reference: SceneParameters) -> Estimate:
+def as_seen_from(one: Estimate, reference: SceneParameters) -> Estimate:
     """The same pane with its azimuth within a quarter of a turn of another's: the other way round, shifts change signs.
 
     Before a lens the azimuth is a direction, and the other way round is another pane.

@@ -302,7 +302,8 @@ class Capture:
     Parameters
     ----------
     intensities : array_like, shape (k, h, w) or (k, h, w, 3)
-        Linear photographs, white = 1, one per polarizer angle, as image libraries have them: colours last.
+        Linear photographs, white = 1, one per polarizer angle, as image libraries have them: colours last. What a
+        masked array of numpy masks cannot be trusted.
     angles_deg : sequence of k floats
         Polarizer angles in degrees, counter-clockwise from the image's x axis.
     valid : array_like of bool, same shape, optional
@@ -362,9 +363,10 @@ class Capture:
         angles_deg: Sequence[float] = ANGLES_DEG,
         valid: ArrayLike | None = None,
     ) -> None:
-        images = photographs_of(intensities)
+        hidden = np.ma.getmaskarray(intensities) if isinstance(intensities, np.ma.MaskedArray) else None
+        images = photographs_of(intensities if hidden is None else np.ma.filled(intensities, 0))
         trusted = None if valid is None else np.asarray(valid, dtype=bool)
-        check_order(images.shape)
+        check_order(images.shape, len(angles_of(angles_deg)))
         if trusted is not None:
             check_mask(trusted.shape, images.shape)
         if images.ndim == 4:
@@ -373,6 +375,9 @@ class Capture:
         # Where a mask says what is clipped, values may go beyond white.
         if trusted is None:
             check_white_level(images)
+        if hidden is not None:
+            shown = ~(hidden if images.ndim == 3 else np.moveaxis(hidden, -1, 1))
+            trusted = shown & (images < 1 if trusted is None else trusted)
         self._take(images, angles_deg, trusted, None)
 
     @classmethod

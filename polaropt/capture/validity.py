@@ -56,8 +56,13 @@ def photographs_of(intensities: ArrayLike) -> NDArray[Any]:
     return images
 
 
-def check_order(shape: tuple[int, ...]) -> None:
-    """InputError for photographs in colour whose channels do not come last."""
+def check_order(shape: tuple[int, ...], n_angles: int) -> None:
+    """InputError for photographs that do not come first, or in colour whose channels do not come last."""
+    if len(shape) == 3 and shape[0] != n_angles == shape[2]:
+        raise InputError(
+            f"photographs have shape {shape}, (height, width, angle); "
+            "give angles first, (angle, height, width): numpy.moveaxis(photographs, -1, 0)"
+        )
     if len(shape) != 4 or shape[-1] == 3:
         return
     if shape[1] == 3:

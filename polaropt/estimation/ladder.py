@@ -173,6 +173,8 @@ def find_scene(
         Logarithm of the edges that the layers behind a complete scene have, in pixels of the capture. Default: of a
         mosaic's cells no several panes are looked for.
     """
+    if asked.ghost_shift is not None and thickness_px is not None:
+        raise InputError("the ghost shift and the thickness both say how far ghosts lie apart; give one of them")
     fit = with_index(capture, asked, noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
     found = _completed(
         capture,

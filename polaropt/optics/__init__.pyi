@@ -5,6 +5,7 @@ __all__ = [
     "FLAT",
     "FOCAL_RANGE_PX",
     "GHOST_SHIFT_SEARCH_PX",
+    "GHOST_STEPS",
     "GLASS_INDEX",
     "INCIDENCE_LIMITS_DEG",
     "INCIDENCE_SEARCH_DEG",
@@ -105,6 +106,7 @@ from .scene import FARTHEST_SHIFT_PX as FARTHEST_SHIFT_PX
 from .scene import FIELDS as FIELDS
 from .scene import FOCAL_RANGE_PX as FOCAL_RANGE_PX
 from .scene import GHOST_SHIFT_SEARCH_PX as GHOST_SHIFT_SEARCH_PX
+from .scene import GHOST_STEPS as GHOST_STEPS
 from .scene import GLASS_INDEX as GLASS_INDEX
 from .scene import INCIDENCE_LIMITS_DEG as INCIDENCE_LIMITS_DEG
 from .scene import INCIDENCE_SEARCH_DEG as INCIDENCE_SEARCH_DEG

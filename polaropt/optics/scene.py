@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from polaropt.errors import InputError
+from polaropt.errors import InputError, check_numbers
 from polaropt.optics.fresnel import refraction_angle
 
 SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
@@ -42,6 +42,10 @@ _SHIFTS_PER_FRAME = 6.0
 _SHIFTS = ("ghost_shift", "transmission_ghost_shift", "gap_shift")
 _LENGTHS = (*_SHIFTS, "focal_px")
 """Fields in pixels."""
+_NUMBERS = (*SEARCHED, *_LENGTHS[1:], "gap_azimuth_deg", "refractive_index", "n_bounces", "n_panes", "absorption")
+
+GHOST_STEPS = ("paper", "plate")
+"""Formulas of the distance between ghosts, see `ghost_step`."""
 
 Rung = Literal["none", "pixelwise", "ghosts", "perspective", "curved", "polarized"]
 
@@ -144,6 +148,7 @@ class SceneParameters:
     absorption: float | None = 0.0
 
     def __post_init__(self) -> None:
+        check_numbers((name, getattr(self, name)) for name in _NUMBERS)
         _check_incidence(self.incidence_deg)
         if self.refractive_index is not None:
             _check_index(self.refractive_index)
@@ -159,25 +164,28 @@ class SceneParameters:
             raise InputError(
                 f"the focal length is {self.focal_px} px; it must be more than 0: {shortest:g} to {longest:g}"
             )
-        bend: tuple[float, ...] = self.bend_deg_per_px
-        if len(bend) != 3 or not all(math.isfinite(part) for part in bend):
+        if not all(math.isfinite(part) for part in _parts("bend_deg_per_px", self.bend_deg_per_px, 3)):
             raise InputError(f"bend_deg_per_px is {self.bend_deg_per_px}; give three finite numbers, zeros for flat")
-        if self.n_bounces is not None and not (self.n_bounces >= 0 and self.n_bounces == int(self.n_bounces)):
+        if self.n_bounces is not None and not (self.n_bounces >= 0 and self.n_bounces % 1 == 0):
             raise InputError(
                 f"n_bounces is {self.n_bounces}; give a whole number from 0 on, or leave it out for all bounces"
             )
         for name in ("transmission_polarization", "reflection_polarization"):
-            dolp, aolp_deg = getattr(self, name)
+            dolp, aolp_deg = _parts(name, getattr(self, name), 2)
             if not 0 <= dolp <= 1:
                 raise InputError(f"{name} has degree {dolp}; a degree of polarization lies in [0, 1]")
             if not math.isfinite(aolp_deg):
                 raise InputError(f"{name} has angle {aolp_deg}; give degrees")
         self._check_window()
+        for name in ("n_bounces", "n_panes"):
+            # Whole numbers that came as others.
+            if isinstance(getattr(self, name), float):
+                object.__setattr__(self, name, int(getattr(self, name)))
 
     def _check_window(self) -> None:
         """InputError where panes and tint are outside their ranges or contradict the other numbers."""
         n, absorption = self.n_panes, self.absorption
-        if n is not None and not (1 <= n <= MOST_PANES and n == int(n)):
+        if n is not None and not (1 <= n <= MOST_PANES and n % 1 == 0):
             raise InputError(f"n_panes is {n}; give a whole number from 1 to {MOST_PANES}")
         darkest = -math.log(DARKEST_TINT)
         if absorption is not None and not 0 <= absorption <= darkest:
@@ -291,6 +299,17 @@ class SceneParameters:
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
 
+_COUNTS = {2: "two", 3: "three"}
+
+
+def _parts(name: str, parts: object, n: int) -> tuple[float, ...]:
+    """InputError for what is not so many numbers."""
+    if not isinstance(parts, tuple | list) or len(parts) != n:
+        raise InputError(f"{name} is {parts!r}; give {_COUNTS[n]} finite numbers")
+    check_numbers((name, part) for part in parts)
+    return tuple(parts)
+
+
 def _check_incidence(incidence_deg: float | None) -> None:
     if incidence_deg is not None and not 0 <= incidence_deg < 90:
         raise InputError(f"incidence is {incidence_deg} degrees; it must lie in [0, 90)")
@@ -350,7 +369,7 @@ def ghost_step(
         return 2 * thickness_px * math.tan(refracted) * math.sin(refracted)
     if kind == "plate":
         return 2 * thickness_px * math.tan(refracted) * math.cos(math.radians(incidence_deg))
-    raise InputError(f"unknown kind of ghost step {kind!r}; use 'paper' or 'plate'")
+    raise InputError(f"unknown kind of ghost step {kind!r}; there are: {', '.join(GHOST_STEPS)}")
 
 
 def largest_search_shift(side: float) -> float:
@@ -386,6 +405,14 @@ class SceneErrors:
     gap_azimuth_deg: float | None = None
     absorption: float | None = None
     refractive_index: float | None = None
+
+    def __post_init__(self) -> None:
+        for error in dataclasses.fields(self):
+            value = getattr(self, error.name)
+            parts = value if isinstance(value, tuple | list) else (value,)
+            check_numbers((error.name, part) for part in parts)
+            if any(part is not None and part < 0 for part in parts):
+                raise InputError(f"the standard error of {error.name} is {value}; give 0 or more")
 
     def scaled(self, factor: float) -> SceneErrors:
         """Those of the same scene in photographs with so many times the pixels a side."""

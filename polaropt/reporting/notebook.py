@@ -117,6 +117,8 @@ def scene_of_report(path: Path, shape: tuple[int, ...] | None = None) -> ScenePa
     InputError
         Another file, a separation without a scene, or photographs of another shape.
     """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the report.json in it")
     try:
         report = read_json(path)
         size = int(report["input"]["height"]), int(report["input"]["width"])

@@ -22,7 +22,7 @@ from polaropt.capture import (
     planes_first,
     sampling_of,
 )
-from polaropt.errors import InputError
+from polaropt.errors import InputError, check_whole
 from polaropt.numerics import in_color, strips
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, vertical_reach
 
@@ -82,6 +82,9 @@ def simulate(
     Capture(shape=(4, 3, 96, 96), angles_deg=(0.0, 45.0, 90.0, 135.0))
     """
     both = checked_layers(transmission, reflection)
+    if not isinstance(scene, SceneParameters):
+        raise InputError(f"scene is a {type(scene).__name__}; give SceneParameters")
+    check_whole([("seed", seed), *([("bits", bits)] if bits is not None else [])])
     if not 0 <= noise < np.inf:
         raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
     if not 0 <= shot_noise < np.inf:

@@ -15,7 +15,7 @@ from array_api_compat import array_namespace, is_torch_namespace
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseClasses
-from polaropt.errors import InputError
+from polaropt.errors import InputError, check_numbers
 from polaropt.inversion import Canvas, ClosedForm, FourierPreconditioner
 from polaropt.numerics import Basis, each_plane
 from polaropt.optics import PSE, VaryingPSE
@@ -125,6 +125,7 @@ class Weights:
 
     def __post_init__(self) -> None:
         for name, factor in [*((name, getattr(self, name)) for name in term_names()), *self.plugged]:
+            check_numbers([(f"weight {name}", factor)])
             if factor is not None and not 0 <= factor <= MOST_WEIGHT:
                 raise InputError(f"weight {name} is {factor}; give a factor of 0 (off) to {MOST_WEIGHT:g}")
 

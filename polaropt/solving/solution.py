@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseModel
-from polaropt.errors import InputError
+from polaropt.errors import InputError, check_numbers
 from polaropt.inversion import Canvas, Knowledge, thinned
 from polaropt.numerics import MUCH_VALUES, give_back_freed
-from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for
+from polaropt.optics import GHOST_STEPS, PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.progress import Stages
 from polaropt.solving.objective import Term, Weights
 from polaropt.solving.problem import Coordinates, Memory, Problem
@@ -177,6 +177,17 @@ class Settings:
     stopping: StoppingRule = field(default_factory=StoppingRule)
     thickness_px: float | None = None
     thickness_kind: Literal["paper", "plate"] = "paper"
+
+    def __post_init__(self) -> None:
+        for name, kind in (("weights", Weights), ("stopping", StoppingRule)):
+            if not isinstance(getattr(self, name), kind):
+                raise InputError(f"{name} is a {type(getattr(self, name)).__name__}; give {kind.__name__}(...)")
+        check_numbers([("keep_start", self.keep_start)], none=False)
+        check_numbers([("thickness_px", self.thickness_px)])
+        if not 0 <= self.keep_start <= 1:
+            raise InputError(f"keep_start is {self.keep_start}; give a share of 0 (the solve's end) to 1 (its start)")
+        if self.thickness_kind not in GHOST_STEPS:
+            raise InputError(f"unknown thickness_kind {self.thickness_kind!r}; there are: {', '.join(GHOST_STEPS)}")
 
     @property
     def device_of_tensors(self) -> str | None:
