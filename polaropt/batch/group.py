@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import re
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -16,8 +17,13 @@ from polaropt.reporting import COMPARISON, RESULT_FILES, THUMBNAIL, TRUE_LAYERS
 _STACKS = (".npz", ".npy", ".tif", ".tiff", ".png")
 """Names that mosaics and stacks end in. A JPEG holds neither."""
 _PHOTOGRAPHS = (*_STACKS, ".jpg", ".jpeg", *CAMERA_RAW)
-_ANGLE = r"(?:(?:(?<=[^0-9A-Za-z])|^)(?:i|pol|deg|p)?|(?-i:(?<=[0-9a-z])I))(?P<angle>\d{1,3})(?:deg)?$"
-"""An angle at the end of a name: ``_045``, ``-45``, ``I45``, ``vaseI45``, ``_45deg``, or nothing else."""
+_DEGREES = r"(?P<angle>\d{1,3}(?:\.\d+)?)(?:deg|°)?"
+_ANGLE = (
+    rf"(?:(?:(?<=[^0-9A-Za-z])|^)(?:i|pol|deg|p)?|(?-i:(?<=[0-9a-z])I)){_DEGREES}$",
+    rf"^(?:i|pol|deg|p)?{_DEGREES}(?=[ _-])",
+)
+"""An angle at the end of a name: ``_045``, ``-45``, ``I45``, ``vaseI45``, ``_45deg``, ``_45.0`` or nothing else; or at
+its beginning: ``45_vase``."""
 _MARKS = " ._-"
 _OF_RESULTS = ("batch.jsonl", "sequence.json")
 """Files by which folders of results are known, in which nothing is looked for."""
@@ -267,7 +273,8 @@ def _found(files: list[Path], angles_deg: Sequence[float], stacks: Sequence[str]
     single: list[Path] = []
     wanted = {angle % 180 for angle in angles_deg}
     for file in files:
-        called = angle_in_name(file)
+        told = angles_in_name(file)
+        called = next((one for one in told if one[1] in wanted), told[0] if told else None)
         if called is not None and file.suffix.lower() in _PHOTOGRAPHS:
             turned.setdefault((called[0], file.suffix.lower()), {})[called[1]] = file
         else:
@@ -290,16 +297,21 @@ def _found(files: list[Path], angles_deg: Sequence[float], stacks: Sequence[str]
     return groups, leftovers
 
 
-def angle_in_name(file: Path) -> tuple[str, float] | None:
-    """What a photograph's name is beside the angle that it ends in, and the angle; None where it ends in none."""
-    match = re.search(_ANGLE, file.stem, re.IGNORECASE)
-    return None if match is None else (file.stem[: match.start()].rstrip(_MARKS), float(match["angle"]))
+def angles_in_name(file: Path) -> list[tuple[str, float]]:
+    """What a photograph's name is beside an angle that it ends or begins with, and the angle."""
+    stem = unicodedata.normalize("NFC", file.stem)
+    matches = [match for pattern in _ANGLE if (match := re.search(pattern, stem, re.IGNORECASE)) is not None]
+    return [((stem[: match.start()] + stem[match.end() :]).strip(_MARKS), float(match["angle"])) for match in matches]
 
 
 def angles_in_names(files: Sequence[Path]) -> tuple[float, ...]:
-    """The angles that names end in, in the order of the files; empty unless each has one of its own."""
-    angles = tuple(called[1] for called in map(angle_in_name, files) if called is not None)
-    return angles if len(angles) == len(set(angles)) == len(files) else ()
+    """The angles that names end in, or begin with, in the order of the files; empty unless each has one of its own."""
+    for pattern in _ANGLE:
+        found = [re.search(pattern, file.stem, re.IGNORECASE) for file in files]
+        angles = tuple(float(match["angle"]) for match in found if match is not None)
+        if len(angles) == len(set(angles)) == len(files):
+            return angles
+    return ()
 
 
 def _no_capture(file: Path, angles_deg: Sequence[float]) -> str:

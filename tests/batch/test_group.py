@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from polaropt.batch.group import Grouping, group_sources
+from polaropt.batch.group import Grouping, angles_in_names, group_sources
 from polaropt.batch.table import read_table
 from polaropt.errors import InputError
 
@@ -38,6 +38,9 @@ def found(grouping: Grouping) -> dict[str, list[str]]:
         ["a/I0.png", "a/I45.png", "a/I90.png", "a/I135.png"],
         ["a/000.png", "a/045.png", "a/090.png", "a/135.png"],
         ["a/0deg.jpg", "a/45deg.jpg", "a/90deg.jpg", "a/135deg.jpg"],
+        ["0_a.png", "45_a.png", "90_a.png", "135_a.png"],
+        ["a_0.0.png", "a_45.0.png", "a_90.0.png", "a_135.0.png"],
+        ["a_0\N{DEGREE SIGN}.png", "a_45\N{DEGREE SIGN}.png", "a_90\N{DEGREE SIGN}.png", "a_135\N{DEGREE SIGN}.png"],
         ["a/1.NEF", "a/2.NEF", "a/3.NEF", "a/4.NEF"],
     ],
 )
@@ -182,3 +185,13 @@ def test_wrong_tables_are_refused(tmp_path: Path, text: str, words: str) -> None
     table.write_text(text)
     with pytest.raises(InputError, match=words):
         read_table(table, {"incidence"})
+
+
+def test_numbers_before_a_word_that_go_on_count_files(tmp_path: Path) -> None:
+    touch(tmp_path, *(f"{number:03d}_frame.png" for number in range(0, 200, 5)))
+    assert len(found(grouped(tmp_path))) == 40
+
+
+def test_angles_are_told_by_names_in_any_order() -> None:
+    for names in (["135_a.png", "0_a.png", "45_a.png"], ["a_135.0.png", "a_0.0.png", "a_45\N{DEGREE SIGN}.png"]):
+        assert angles_in_names([Path(name) for name in names]) == (135, 0, 45)

@@ -199,3 +199,21 @@ def test_formats_that_cannot_hold_a_capture_are_named(tmp_path):
         write_capture(CAPTURES["wide"], tmp_path / "a.png")
     with pytest.raises(InputError, match="suffix"):
         write_capture(CAPTURES["gray"], tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize(
+    ("kind", "channels", "what"),
+    [("separated", 4, "inks"), ("cielab", 3, "colours"), ("ycbcr", 3, "luma"), ("miniswhite", 1, "white down")],
+)
+def test_a_tiff_of_anything_but_light_is_refused(tmp_path, kind, channels, what):
+    tifffile.imwrite(tmp_path / "a.tif", pixels(np.uint8, 32, 32, channels).squeeze(), photometric=kind)
+    with pytest.raises(InputError, match=f"{what}.*save it again"):
+        read_file(tmp_path / "a.tif")
+
+
+def test_a_tiff_whose_decoder_makes_light_of_it_is_read(tmp_path):
+    luma_and_differences = np.full((32, 32, 3), (150, 100, 160), np.uint8)
+    tifffile.imwrite(tmp_path / "a.tif", luma_and_differences, photometric="ycbcr", compression="jpeg")
+    # By the matrix of JFIF.
+    light = 150 + 1.402 * 32, 150 + 0.344 * 28 - 0.714 * 32, 150 - 1.772 * 28
+    assert np.abs(read_file(tmp_path / "a.tif").pixels - np.array(light)).max() < 3

@@ -319,3 +319,16 @@ def test_a_mosaic_in_an_npy_file(tmp_path):
     capture = read_capture(tmp_path / "a.npy", pair_gain=1)
     assert capture.origin.layout == "mono mosaic"
     np.testing.assert_array_equal(capture.samples.values, raw)
+
+
+@pytest.mark.parametrize(("azimuth", "shown"), [(45.0, (0, 45, 0, 135)), (20.0, (0, 45, 90, 90))])
+def test_one_picture_for_two_angles_is_refused_unless_they_add_up(tmp_path, azimuth, shown):
+    names = [tmp_path / f"{angle:03d}.png" for angle in (0, 45, 90, 135)]
+    for name, angle in zip(names, shown, strict=True):
+        degree = 0.3 * np.cos(2 * np.radians(angle - azimuth)) * np.linspace(0.2, 1, 64)
+        write_png(name, np.tile(np.round(60000 * (0.5 + degree)).astype(np.uint16), (64, 1)))
+    if azimuth == 45:
+        assert read_capture(names).shape == (64, 64)
+    else:
+        with pytest.raises(InputError, match="photographs 3 and 4 are the same picture"):
+            read_capture(names)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, find_start_angle, separate
+from polaropt.capture.capture import ANGLES_DEG
 from polaropt.capture.files.write import write_capture
 from polaropt.cli.app import main
 from polaropt.estimation.angles import AngleMistake, angle_mistake, ghost_direction
@@ -205,3 +206,23 @@ def test_ghosts_are_looked_for_behind_a_pane_of_the_scenes_index() -> None:
     told = ghost_direction(example.capture, NOISE, 55.0, 25.0, example.scene)
     assert apart(told.direction_deg, 25.0) < 1.5
     assert told.gain > ghost_direction(example.capture, NOISE, 55.0, 25.0).gain
+
+
+@pytest.mark.parametrize(
+    ("incidence", "shift", "azimuth", "asked"),
+    [
+        (65.0, 8.0, 70.0, OPEN),
+        (50.0, 6.0, 25.0, OPEN.replace(n_panes=1, absorption=0.0)),
+        (70.0, 10.0, 70.0, OPEN.replace(n_panes=1, absorption=None)),
+    ],
+    ids=["not two panes", "known to be one", "not tinted"],
+)
+def test_a_polarizer_that_is_a_little_turned_is_told_and_makes_no_other_window(
+    incidence: float, shift: float, azimuth: float, asked: SceneParameters
+) -> None:
+    turned = tuple((angle + 8.0) % 180 for angle in ANGLES_DEG)
+    example = blend(incidence, 192, azimuth_deg=azimuth, ghost_shift=shift, color=False, angles_deg=turned)
+    capture = example.capture.replace(angles_deg=ANGLES_DEG)
+    found = find_scene(capture, asked, NOISE)
+    assert (found.scene.n_panes, found.scene.absorption) == (1, 0)
+    assert angle_mistake(capture, NOISE, found.scene, found.estimate) is AngleMistake.ROTATED

@@ -72,7 +72,7 @@ def test_luminance_says_the_same_with_a_third_of_the_numbers() -> None:
 
 def test_ghosts_along_another_direction_are_those_of_a_turned_gap() -> None:
     # Without a shift of the pane the images of a gap at 90 degrees lie as those along an azimuth that far turned.
-    turned = TileLikelihood(frame(), ghosts_deg=frame().azimuth_deg - 90.0)
+    turned = TileLikelihood(frame()).with_ghosts_along(frame().azimuth_deg - 90.0)
     aside, along = Window(60.0, 0.0, 0.0, 9.0, n_panes=2), Window(60.0, 0.0, 9.0, n_panes=2)
     assert turned.fitted(along, 1.5).misfit == pytest.approx(tiles().fitted(aside, 1.5).misfit, rel=1e-4)
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import ANGLES_DEG, Capture, FileContent, Origin
-from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs
+from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, redundancy_residual
 from polaropt.capture.reading.levels import Levels
 from polaropt.capture.reading.options import ReaderOptions, origin_of
 from polaropt.errors import InputError
@@ -16,6 +17,10 @@ from polaropt.numerics import AnyMask
 
 Images = NDArray[np.float32]
 
+_LOOK_STEP = 4
+"""Of the pixels that tell whether photographs are alike, and add up; set by hand."""
+_ADDS_UP = 0.003
+"""Of the light, what photographs that add up may leave: as much as noise. Set by hand."""
 _MOST_EXPOSED = 1e5
 """How many times as long one photograph may be exposed as another; set by hand, more than a sensor's range."""
 
@@ -45,6 +50,8 @@ def from_photographs(content: FileContent, levels: Levels, options: ReaderOption
         exposures_given=options.exposures is not None,
         orientation=content.camera.orientation,
     )
+    if len(intensities) == len(angles):
+        _check_repeated(intensities, angles)
     return _finished(intensities, valid, angles, origin, options.pair_gain or 1.0)
 
 
@@ -59,6 +66,22 @@ def _exposures_of(n: int, given: tuple[float, ...] | None, told: tuple[float, ..
             "give how long each photograph was exposed (--exposures)"
         )
     return exposures
+
+
+def _check_repeated(images: Images, angles_deg: tuple[float, ...]) -> None:
+    """InputError where one picture was given for two angles: rendered ones may be alike, but then they add up."""
+    if len(images) < 4:
+        return
+    some = images[..., ::_LOOK_STEP, ::_LOOK_STEP]
+    for one, other in combinations(range(len(images)), 2):
+        if not (np.array_equal(some[one], some[other]) and np.array_equal(images[one], images[other])):
+            continue
+        left = np.abs(redundancy_residual(some.reshape(len(some), -1), angles_deg)).mean()
+        if left > _ADDS_UP * np.abs(some).mean():
+            raise InputError(
+                f"photographs {one + 1} and {other + 1} are the same picture, and not all add up; give the one that "
+                "was taken at each angle"
+            )
 
 
 def _finished(images: Images, valid: AnyMask, angles: tuple[float, ...], origin: Origin, gain: float) -> Capture:

@@ -182,7 +182,10 @@ def _tinted_or(axis: WindowAxis, starts: Sequence[Window], plain: LikelyWindow) 
     likeliest = min(panes, key=lambda pane: axis.tiles_under(pane.window).misfit)
     judged = axis.judged(tinted.window)
     evidence = Evidence(tinted.believed_over(axis.tiles_under(likeliest.window)), *judged.surer_than(likeliest))
-    return judged if evidence.tiles > _LEAST_OF_TILES and evidence.together > NEEDED else plain
+    if evidence.tiles <= _LEAST_OF_TILES or evidence.together <= NEEDED:
+        return plain
+    # Its ghosts are there all the same.
+    return clear if axis.is_clear_and_turned(tinted) else judged
 
 
 def _tinted_across(across: WindowAxis, first: WindowAxis, found: LikelyWindow) -> tuple[WindowAxis, LikelyWindow]:

@@ -30,6 +30,22 @@ Pixels = NDArray[Any]
 _BOUNDED = (1, 5, 8, 32773, 32946)
 """Compressions that are undone here, as their decoders make no more than they are asked for: none, LZW, deflate,
 PackBits. The libraries of all others work in a process with limits."""
+_OF_LIGHT = (1, 2, 32803, 34892)
+"""What values may stand for (tag PhotometricInterpretation): grey from black up, red, green and blue, a mosaic of
+colours, and what a sensor measured."""
+_OTHERS = {
+    0: "grey from white down",
+    3: "numbers of a palette's colours",
+    5: "inks (CMYK)",
+    6: "luma and colour differences (YCbCr)",
+    8: "CIE L*a*b* colours",
+    9: "ICC L*a*b* colours",
+    10: "ITU L*a*b* colours",
+    32844: "CIE log2(L) light",
+    32845: "CIE log2(L) light and colour",
+}
+_YCBCR, _JPEG = 6, (6, 7, 33007)
+"""Luma and colour differences, and compressions whose decoders make red, green and blue of them."""
 _MOST_PAGES = 65536
 """Pages of a file; set by hand."""
 _LONGEST_TAG = 2**24
@@ -92,6 +108,7 @@ def decode_tiff(data: bytes) -> FileContent:
     """Pages of one size, or one page."""
     with complaints() as told, opened_tiff(io.BytesIO(data)) as tiff:
         series = _series_of(tiff)
+        _check_photometric(series)
         if all(one.keyframe.compression in _BOUNDED for one in series):
             arrays = pixels_of(series)
         else:
@@ -125,6 +142,16 @@ def decode_tiff(data: bytes) -> FileContent:
         encoding_hint=hint,
         jpeg=jpeg,
     )
+
+
+def _check_photometric(series: list[Any]) -> None:
+    """InputError for values that are not proportional to light, however they are encoded."""
+    for page in (one.keyframe for one in series):
+        kind = int(page.photometric) if page.photometric is not None else _OF_LIGHT[0]
+        converted = kind == _YCBCR and page.compression in _JPEG
+        if kind not in _OF_LIGHT and not converted:
+            what = _OTHERS.get(kind, f"of kind {kind}")
+            raise InputError(f"its values are {what}, no grey or RGB; save it again as one of these")
 
 
 def pixels_of(series: list[Any]) -> list[tuple[Pixels, bool]]:

@@ -42,7 +42,7 @@ Values = NDArray[np.float64]
 # All below by trial.
 CLOSE_PX, _BESIDE_DEG = 3.0, (-9.0, -6.0, -3.0, 0.0, 3.0)
 """Shifts up to which edges alone tell the incidence, and how far from the likelihood's they are looked at."""
-_TURNED_DEG, HARDLY_PX = 12.0, 1.0
+_TURNED_DEG, HARDLY_PX = 3.0, 1.0
 """Angle between gap and azimuth from which on, and shift of a pane up to which, a window is one pane for all that its
 images tell: as far as ghosts may lie beside the azimuth without a warning (`polaropt.estimation.angles`); by hand."""
 _BESIDE_PX, _TURNED_INCIDENCES_DEG = np.arange(-2.0, 2.5, 0.5), np.arange(10.0, INCIDENCE_SEARCH_DEG[1], 3.0)
@@ -50,7 +50,10 @@ _BESIDE_PX, _TURNED_INCIDENCES_DEG = np.arange(-2.0, 2.5, 0.5), np.arange(10.0, 
 _MOST_LIKELIEST, MOST_CANDIDATES = 2, 4
 """How many windows of a scan are looked at closely: the likeliest, and those with the best scores, as patterns make
 many a wrong window likelier than the true one; and how many tinted ones across."""
-_INCIDENCE, _OF_TINT = NAMES[:1], ("pane_shift", "absorption")
+_TURNS_DEG = (-10.0, -5.0, 5.0, 10.0)
+"""Turns from the azimuth at which the ghosts of a clear pane are looked for before it is taken for a tinted one; set by
+hand."""
+_INCIDENCE, _OF_SHIFT, _OF_TINT = NAMES[:1], ("pane_shift",), ("pane_shift", "absorption")
 """What edges tell, and what tiles tell of tinted glass beside it."""
 _FIRST_ABSORPTION = 0.2
 """From which on tiles are asked for an absorption, at least. Set by hand."""
@@ -321,10 +324,21 @@ class WindowAxis:
         i, k = np.unravel_index(np.argmin(misfits), misfits.shape)
         rest = [misfit(part, _TURNED_INCIDENCES_DEG[[i]], shifts[[k]]).item() for part in self._spectra.left_out()]
         error = jackknife_error(np.array(rest) - found.parts[0])
-        tiles = TileLikelihood(self.frame, ghosts_deg=direction)
+        tiles = self.tiles if direction is None else self.tiles.with_ghosts_along(direction)
         turned = tiles.nearest(Window(float(_TURNED_INCIDENCES_DEG[i]), float(shifts[k])), single.index)
         spectra = float(misfits[i, k] - found.misfit) / max(error, NO_ERROR)
         return Evidence(self.tiles_under(window).believed_over(turned), spectra).together > _BEYOND_TURNED
+
+    def is_clear_and_turned(self, tinted: TileFit) -> bool:
+        """Whether a clear pane is likelier than a tinted one if its ghosts lie a little beside the azimuth.
+
+        Where the angles start elsewhere ghosts are dimmer along the azimuth, as those of tinted glass are.
+        """
+        pane, azimuth = replace(tinted.window, absorption=0.0), self.frame.azimuth_deg
+        if not pane.pane_shift:
+            return False
+        turned = (self.tiles.with_ghosts_along(azimuth + turn) for turn in _TURNS_DEG)
+        return any(self.nearest_by_tiles(pane, _OF_SHIFT, tiles).misfit < tinted.misfit for tiles in turned)
 
     def with_ghost_of(self, window: Window, single: Window) -> LikelyWindow:
         """The single pane that tiles find likeliest with a ghost where a window's first one lies, or its next pane's.

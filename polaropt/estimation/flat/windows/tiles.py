@@ -102,14 +102,11 @@ class TileLikelihood:
     ----------
     frame : PlateFrame
         At the azimuth of the windows.
-    ghosts_deg : float, optional
-        Direction in the image along which double images lie, where the polarizer's zero is in doubt. Default: the
-        azimuth.
     """
 
-    def __init__(self, frame: PlateFrame, *, ghosts_deg: float | None = None) -> None:
+    def __init__(self, frame: PlateFrame) -> None:
         self._side = side = min(TILE_PX, *frame.images.shape[-2:])
-        self._azimuth_deg = frame.azimuth_deg if ghosts_deg is None else ghosts_deg
+        self._azimuth_deg = frame.azimuth_deg
         use, along, across, multiplicity = usable_frequencies(side, frame.azimuth_deg)
         coarse = np.hypot(along, across) < HIGHEST_TILE_FREQUENCY
         use[use], along, across, multiplicity = coarse, along[coarse], across[coarse], multiplicity[coarse]
@@ -152,6 +149,15 @@ class TileLikelihood:
     def some(self, most: int) -> TileLikelihood:
         """That of so many tiles at most, spread over the frame."""
         return self._every(math.ceil(self._data.shape[-1] / most))
+
+    def with_ghosts_along(self, direction_deg: float) -> TileLikelihood:
+        """That of panes whose double images lie along a direction in the image that is not their azimuth's.
+
+        So they do where the polarizer's angles start elsewhere.
+        """
+        other = copy.copy(self)
+        other._azimuth_deg = direction_deg
+        return other
 
     def _every(self, step: int) -> TileLikelihood:
         other = copy.copy(self)
