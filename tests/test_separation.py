@@ -187,3 +187,10 @@ def test_small_images(size):
     layers = random.uniform(0, 1, (2, size, size + 3))
     capture = simulate(layers[0], layers[1], SceneParameters(60, 30, 1.5))
     assert np.isfinite(separate(capture, stopping=QUICK).layers).all()
+
+
+def test_residuals_that_count_linearly_do_no_harm_behind_a_wide_lens():
+    example = blend(60, 96, ghost_shift=4.0, focal_px=150.0, noise=0.002, exposure=0.5)
+    plain, robust = (separate(example.capture, example.scene, robust=robust) for robust in (False, True))
+    assert robust.diagnostics.warnings == ()
+    assert psnr_db(robust.layers[0], example.layers[0], 16) > psnr_db(plain.layers[0], example.layers[0], 16) - 0.5

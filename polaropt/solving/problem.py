@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -203,9 +203,9 @@ class Problem:
     def known(self) -> ClosedForm:
         """The closed form, when first asked for; of a pane that varies with the layers that are most likely."""
         known = self.closed_form()
-        if not (isinstance(self.pse, PSE) or self.robust):
+        if not isinstance(self.pse, PSE):
             told = self._told_of_stokes(self.pse)
-            known = most_likely_layers(known, self.canvas, self.pse, told, self.slope_of_misfit)
+            known = most_likely_layers(known, self.canvas, self.pse, told, partial(_slope, self._squares))
         return known if self.capture.samples is None else self._without_pattern(known)
 
     def _without_pattern(self, known: ClosedForm) -> ClosedForm:
@@ -216,7 +216,8 @@ class Problem:
         self.observed = self.observed.replace(intensities=self.observed.intensities - light)
         self._unexplained = 0.5 * float(np.square(light / np.float32(self.noise)).sum(where=self.observed.valid))
         # Made of the samples as they were.
-        self.__dict__.pop("_misfit", None)
+        for made in ("_misfit", "_squares"):
+            self.__dict__.pop(made, None)
         return replace(known, layers=known.layers - pattern)
 
     @cached_property
@@ -257,9 +258,7 @@ class Problem:
 
     def slope_of_misfit(self, layers: Images) -> Images:
         """Gradient of the photographs' misfit at canvas layers."""
-        slope = np.empty_like(layers)
-        self._misfit.value_and_grad(layers, slope)
-        return slope
+        return _slope(self._misfit, layers)
 
     def _misfit_of(self, layers: Images) -> float:
         return self._misfit.value_and_grad(layers, np.empty_like(layers))
@@ -447,10 +446,17 @@ class Problem:
     @cached_property
     def _misfit(self) -> MisfitInPlace:
         """The misfit in compiled passes."""
-        from polaropt.solving.compiled import FusedGhostMisfit, FusedMisfit, FusedVaryingMisfit, ReadableMisfit
+        from polaropt.solving.compiled import ReadableMisfit
 
         if self.robust:
             return ReadableMisfit(Misfit(self.observed, self._on_canvas(), self.canvas, self.pixel_noise, robust=True))
+        return self._squares
+
+    @cached_property
+    def _squares(self) -> MisfitInPlace:
+        """The same of residuals that all count by their squares, as closed forms have it."""
+        from polaropt.solving.compiled import FusedGhostMisfit, FusedMisfit, FusedVaryingMisfit
+
         if isinstance(self.pse, PSE):
             return FusedMisfit(self.observed, self.pse, self.canvas, self.pixel_noise)
         varying = FusedGhostMisfit if self.scene.has_ghosts else FusedVaryingMisfit
@@ -506,6 +512,13 @@ class Problem:
         told = self.known.sampled.told_share()
         free = max(1.0, _LEAST_FREE * n, n - told * self.canvas.height * self.canvas.width)
         return 2 * (misfit + self._unexplained) / free
+
+
+def _slope(misfit: MisfitInPlace, layers: Images) -> Images:
+    """Gradient of a misfit at canvas layers."""
+    slope = np.empty_like(layers)
+    misfit.value_and_grad(layers, slope)
+    return slope
 
 
 @dataclass(frozen=True)
