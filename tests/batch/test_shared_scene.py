@@ -93,8 +93,9 @@ def test_a_batch_shares_a_scene(tmp_path: Path) -> None:
         write_capture(simulate(behind, before, scene, noise=0.003, seed=number), tmp_path / f"{number}.npz")
     out = tmp_path / "out"
     arguments = ["batch", str(tmp_path / "*.npz"), "-o", str(out), "-q", "--workers", "1", "--layers-only"]
+    arguments += ["--azimuth", "25", "--shift", "4", "--panes", "1"]
     for _ in range(2):
-        assert main([*arguments, "--shared-scene", "--model", "ghosts", "--panes", "1", "--max-evaluations", "2"]) == 0
+        assert main([*arguments, "--shared-scene", "--model", "ghosts", "--max-evaluations", "2"]) == 0
         told = json.loads((out / "scene.json").read_text())
         assert told["captures"] == 4
         assert {one["capture"] for one in told["disagreements"]} == {"3"}

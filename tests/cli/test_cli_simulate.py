@@ -71,7 +71,7 @@ def test_simulate_takes_photographs_from_a_folder(tmp_path: Path, capsys: pytest
 
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("polaropt.cli.example.SIZE", 96)
+    monkeypatch.setattr("polaropt.cli.example.SIZE", 64)
     said = spoken(capsys, "demo", "-o", str(tmp_path))
     for name in (*RESULTS, "side-by-side.png"):
         assert (tmp_path / name).exists()

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.filterwarnings("error")
 def shelf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Photographs of several sizes, one of them of a pane with ghosts."""
     folder = tmp_path_factory.mktemp("shelf")
-    for height, width in ((64, 64), (80, 100), (16, 16)):
+    for height, width in ((64, 64), (80, 100), (32, 32), (16, 16)):
         write_capture(photographed((height, width), bits=12), folder / f"glass{width}.png")
     layers = scene_intensities((2, 64, 64), (0.0,))[0]
     ghosts = simulate(layers[0], layers[1], SceneParameters(60.0, 25.0, 4.0), bits=12, seed=1)
@@ -61,9 +61,9 @@ ESTIMATES = {
     "grazing": ("glass64", "--incidence", "89.9999999"),
     "grazing diamond": ("ghosts64", "--incidence", "89.99", "--index", "4"),
     "grazing mirror": ("ghosts64", "--incidence", "89.99", "--index", "10", "--model", "ghosts"),
-    "hardly a pane": ("glass64", "--index", "1.0001"),
+    "hardly a pane": ("glass32", "--index", "1.0001"),
     "thick": ("glass64", "--thickness-px", "100000"),
-    "thin": ("glass64", "--thickness-px", "0"),
+    "thin": ("glass64", "--thickness-px", "0", "--azimuth", "20"),
     "an eye that sees all": ("glass64", "--focal-px", "0.01"),
     "a telescope": ("glass64", "--field-of-view-deg", "0.001", "--model", "perspective"),
     "far turned": ("glass64", "--azimuth", "1e300"),
@@ -171,9 +171,8 @@ def one_black() -> np.ndarray:
 
 PHOTOGRAPHS = {
     "no noise": lambda: scene_intensities((40, 40)),
-    "much noise": lambda: photographed((40, 40), noise=0.4).intensities,
+    "much noise": lambda: photographed((32, 32), noise=0.4).intensities,
     "two grey levels": lambda: grey(2) * 0.9,
-    "three grey levels": lambda: grey(3) * 0.9,
     "one black": one_black,
     "all but one black": lambda: one_black() * np.array([1, 0, 0, 0])[:, None, None],
     "one bright pixel in the dark": lambda: np.where(np.arange(1600).reshape(40, 40) == 820, 0.9, np.zeros((4, 1, 1))),

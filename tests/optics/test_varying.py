@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -121,8 +122,7 @@ def test_compiled_and_readable_objective_agree(color):
     assert_equal(Problem(capture, scene, 0.005, WEIGHTS))
 
 
-@pytest.mark.parametrize("options", GHOSTS)
-@pytest.mark.parametrize("ghost_shift", [3.7, -20.0])
+@pytest.mark.parametrize(("ghost_shift", "options"), [*((3.7, options) for options in GHOSTS), (-20.0, {})])
 def test_they_agree_where_there_are_ghosts(ghost_shift, options):
     capture, _, scene = seen_wide(33, focal_px=40.0, ghost_shift=ghost_shift)
     assert_equal(Problem(capture, scene.replace(**options), 0.005, WEIGHTS, center=(12.0, 19.0)))
@@ -146,10 +146,20 @@ def test_a_known_pane_is_separated_from_every_start(init):
     assert residual.std() == pytest.approx(0.005, rel=0.3)
 
 
+SHIFTED = seen_wide(96, focal_px=112.0, ghost_shift=5.3, color=False)
+
+
+@cache
+def taken_out(init="closed-form"):
+    """What a separation makes of ghosts before a wide lens."""
+    capture, _, scene = SHIFTED
+    return separate(capture, scene, init=init)
+
+
 @pytest.mark.parametrize("init", ["closed-form", "per-pixel"])
 def test_ghosts_before_a_wide_lens_are_taken_out(init):
-    capture, layers, scene = seen_wide(128, focal_px=150.0, ghost_shift=5.3, color=False)
-    result, in_place = (separate(capture, chosen, init=init) for chosen in (scene, scene.replace(ghost_shift=0.0)))
+    capture, layers, scene = SHIFTED
+    result, in_place = taken_out(init), separate(capture, scene.replace(ghost_shift=0.0), init=init)
     gain = [psnr_db(result.layers[i], layers[i], 16) - psnr_db(in_place.layers[i], layers[i], 16) for i in (0, 1)]
     assert gain[0] > 0
     assert gain[1] > 2
@@ -158,9 +168,9 @@ def test_ghosts_before_a_wide_lens_are_taken_out(init):
 
 
 def test_the_closed_form_is_near_what_the_solve_finds():
-    capture, layers, scene = seen_wide(128, focal_px=150.0, ghost_shift=5.3)
+    capture, layers, scene = SHIFTED
     problem = Problem(capture, scene, 0.005, Weights())
-    start, solved = problem.canvas.crop(problem.known.layers), separate(capture, scene).layers
+    start, solved = problem.canvas.crop(problem.known.layers)[:, 0], taken_out().layers
     for i, most in ((0, 3.0), (1, 4.0)):
         assert psnr_db(start[i], layers[i], 16) > psnr_db(solved[i], layers[i], 16) - most
 
@@ -185,7 +195,7 @@ def test_polarization_tells_how_the_pane_stands(azimuth_deg, known):
 
 
 def test_blind_the_perspective_is_found_and_told():
-    capture, layers, _ = seen_wide(160, focal_px=WIDE * 160 / 96)
+    capture, layers, _ = seen_wide(128, focal_px=WIDE * 128 / 96)
     result = separate(capture, BLIND)
     assert result.scene.rung == "perspective"
     assert [tried.rung for tried in result.tried if tried.taken] == ["perspective"]
@@ -202,18 +212,18 @@ def test_a_pane_far_away_stays_on_the_lower_rung(ghost_shift, rung):
 
 
 def test_a_rung_can_be_asked_for():
-    capture, _, scene = seen_wide(128, focal_px=150.0)
+    capture, _, scene = seen_wide(96, focal_px=112.0)
     plain = separate(capture, BLIND, model="pixelwise")
     assert plain.scene.rung == "pixelwise"
     assert SeparationWarning.MODEL_DOES_NOT_EXPLAIN in plain.diagnostics.warnings
-    found = find_scene(capture, BLIND.replace(focal_px=150.0), 0.005)
-    assert found.scene.focal_px == 150.0
+    found = find_scene(capture, BLIND.replace(focal_px=112.0), 0.005)
+    assert found.scene.focal_px == 112.0
     assert found.scene.incidence_deg == pytest.approx(55, abs=0.5)
     assert found.scene.azimuth_deg == pytest.approx(scene.azimuth_deg, abs=0.5)
 
 
 def test_a_wide_lens_that_was_asked_for_but_does_not_show_costs_nothing():
-    example = blend(60, 160, ghost_shift=0.0)
+    example = blend(60, 112, ghost_shift=0.0)
     plain, asked = (separate(example.capture, BLIND, model=model) for model in ("pixelwise", "perspective"))
     assert asked.scene.rung == "perspective"
     quality = [psnr_db(result.layers[0], example.layers[0], 8) for result in (plain, asked)]

@@ -101,7 +101,7 @@ def test_a_separation_ends_at_the_same_value_with_every_solver(name: str, separa
 
 
 @every_solver
-@every_problem
+@pytest.mark.parametrize("problem", ["ill-conditioned", "rosenbrock"])
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_the_unit_of_the_objective_does_not_matter(name: str, problem: str, scale: float) -> None:
     objective, start, tolerance = PROBLEMS[problem]

@@ -147,13 +147,13 @@ def test_captures_solved_together_end_where_each_ends_alone():
     examples = [
         blend(57, 80, ghost_shift=4.3),
         blend(57, 80, ghost_shift=4.3, noise=0.01),
-        blend(40, 80, azimuth_deg=100.0),
+        blend(40, 80, azimuth_deg=100.0, ghost_shift=4.3),
         blend(57, 64, ghost_shift=4.3),
     ]
     stopping = StoppingRule(max_evaluations=12)
     captures = [example.capture for example in examples]
     # Found each for itself: how well is tested elsewhere.
-    blind = {"scene": SceneParameters(None, None, None), "model": "ghosts", "stopping": stopping}
+    blind = {"scene": SceneParameters(None, None, 4.3), "model": "ghosts", "stopping": stopping}
     together = list(separate_many(captures, device="cpu", **blind))
     for capture, result in zip(captures, together, strict=True):
         alone = separate(capture, **blind)

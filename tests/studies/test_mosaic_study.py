@@ -9,7 +9,6 @@ import pytest
 
 from polaropt.capture import ANGLES_DEG, WHITE_16, Capture, sampling_of, write_png
 from polaropt.optics import SceneParameters
-from polaropt.separation import separate
 from polaropt.simulation import exact_photographs, stack_layers
 from studies.mosaic import cameras, demosaicking, full_resolution, layers, study
 from studies.mosaic.demosaicking import bilinear, trained
@@ -130,11 +129,9 @@ def test_unpolarized_detail_is_neither_even_nor_polarized():
     assert not detail[:, 64:].any()
 
 
-def test_the_study_is_one_command(tmp_path, capsys, monkeypatch):
+def test_the_study_is_one_command(tmp_path, capsys, monkeypatch, told_pane, png_alone):
     ways = (layers.BOUND, layers.JOINT, layers.CELL, layers.LMMSE)
     monkeypatch.setattr(layers, "Job", partial(layers.Job, ways=ways))
-    # How a pane is found is tested elsewhere.
-    monkeypatch.setattr(layers, "separate", partial(separate, model="ghosts"))
     data = write_data(tmp_path / "data")
     study.main(["--quick", "--sensors", "mono", "--data", str(data), "-o", str(tmp_path)])
     text = capsys.readouterr().out

@@ -189,7 +189,7 @@ def test_a_wrong_pane_that_a_bright_reflection_hides_is_announced():
     assert not row.silent
 
 
-def test_the_study_is_one_command_and_tells_all_of_one_scene(tmp_path, capsys, monkeypatch):
+def test_the_study_is_one_command_and_tells_all_of_one_scene(tmp_path, capsys, monkeypatch, told_pane, png_alone):
     monkeypatch.setattr(study, "figures", lambda frame: {"random_windows": figures(frame)["random_windows"]})
     study.main(["--quick", "--families", "strong", "-o", str(tmp_path)])
     told = capsys.readouterr().out
@@ -217,7 +217,7 @@ def test_what_a_change_gained_and_lost_is_told_of_the_scenes_that_both_runs_have
     assert changes(before, after[after.number == 7]).endswith("0 scenes that both have.")
 
 
-def test_an_earlier_run_is_read_from_what_it_kept(tmp_path, monkeypatch):
+def test_an_earlier_run_is_read_from_what_it_kept(tmp_path, monkeypatch, told_pane, png_alone):
     monkeypatch.setattr(study, "figures", lambda frame: {})
     options = ["--quick", "--families", "plain", "--per-family", "1", "-o", str(tmp_path)]
     study.main([*options, "--from", "1600"])

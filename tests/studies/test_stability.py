@@ -70,7 +70,7 @@ def test_a_family_without_its_easy_end_is_not_judged():
     assert judge(frame_of(Row, rows), [EASY, case]).empty
 
 
-def test_the_study_is_one_command_and_draws_what_it_has(tmp_path, capsys):
+def test_the_study_is_one_command_and_draws_what_it_has(tmp_path, capsys, told_pane, png_alone):
     stability.main(["--families", "bits", "--quick", "--methods", AUTO, "-o", str(tmp_path)])
     told = capsys.readouterr().out
     assert "separations by `auto`" in told
