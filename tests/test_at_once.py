@@ -44,8 +44,8 @@ def test_many_solves_keep_no_memory_and_no_files(tmp_path: Path) -> None:
         return len(os.listdir("/proc/self/fd")), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
     solve(5)
-    files, kilobytes = solve(15)
-    more_files, more_kilobytes = solve(25)
+    files, kilobytes = solve(10)
+    more_files, more_kilobytes = solve(15)
     assert more_files == files
     assert more_kilobytes - kilobytes < 4096
 

@@ -35,7 +35,8 @@ SIDE = 96
 PANE = ["--incidence", "65", "--azimuth", "0", "--shift", "4", "--panes", "1"]
 # What is told beside options of the pane.
 OF_PANES = {
-    "relative": ["--incidence", "65", "--panes", "1"],
+    "relative": ["--incidence", "65", "--shift", "4", "--panes", "1"],
+    "free": PANE,
     "--single-surface": PANE[:4],
     "--index": PANE[2:],
     "--panes": PANE[:6],

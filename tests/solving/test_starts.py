@@ -92,7 +92,7 @@ def test_the_same_capture_always_starts_at_the_same(shaken: None) -> None:
     assert np.array_equal(*starts)
 
 
-@pytest.mark.parametrize("incidence_deg", [10.0, 40.0, 75.0])
+@pytest.mark.parametrize("incidence_deg", [10.0, 75.0])
 def test_every_start_ends_at_the_same_layers(shaken: None, incidence_deg: float) -> None:
     """A start is a start: what is returned is where the solver ended."""
     blended = blend(incidence_deg, size=64)

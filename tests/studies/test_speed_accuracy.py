@@ -18,6 +18,7 @@ pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
 pytest.importorskip("bokeh")
 
+from polaropt.optics import SceneParameters
 from polaropt.separation import separate
 from polaropt.simulation.metrics import psnr_db
 from solvers.base import StoppingRule
@@ -63,6 +64,8 @@ from studies.ways import (
     tolerances,
 )
 
+# One pane without tint; how several and dark ones are found is tested elsewhere.
+CLEAR = SceneParameters(None, None, None)
 SCIPY, GHOSTS = replace(DEFAULT, solver="scipy"), replace(DEFAULT, rung="ghosts")
 
 
@@ -155,11 +158,11 @@ def test_profiles_count_the_scenes_solved_within_a_factor_of_the_fastest():
 
 
 def test_a_way_reaches_what_separate_reaches_with_its_settings():
-    sample = Job(None, ONE, Size(48, 48), FEW[0], 0).sample()
+    sample = replace(Job(None, ONE, Size(48, 48), FEW[0], 0).sample(), hint=CLEAR)
     ways = (DEFAULT, replace(DEFAULT, solver="scipy", start="cold", rung="pixelwise"))
     timed = run_ways(sample, ways, 1)
     for way in ways:
-        result = separate(sample.capture, solver=way.solver, init=way.start, model=way.rung)
+        result = separate(sample.capture, CLEAR, solver=way.solver, init=way.start, model=way.rung)
         expected = [psnr_db(result.layers[i], sample.layers[i], BORDER_PX) for i in (0, 1)]
         assert [timed[way].levels[layer] for layer in LAYERS] == pytest.approx(expected, abs=1e-3)
         assert timed[way].evaluations == result.solver.n_evaluations
@@ -167,14 +170,14 @@ def test_a_way_reaches_what_separate_reaches_with_its_settings():
 
 
 def test_of_a_raw_mosaic_a_way_reaches_what_separate_reaches_in_all_pixels_of_the_sensor():
-    sample = Job(None, ONE, Size(64, 64), FEW[0], 0, "mono").sample()
+    sample = replace(Job(None, ONE, Size(64, 64), FEW[0], 0, "mono").sample(), hint=CLEAR)
     closed = Way(CLOSED_FORM)
     timed = run_ways(sample, (DEFAULT, AT_CELLS, closed), 1)
     cells = read_mosaic(sample, CELL)
-    default = separate(sample.capture)
+    default = separate(sample.capture, CLEAR)
     results = {
         DEFAULT: default,
-        AT_CELLS: separate(cells.capture),
+        AT_CELLS: separate(cells.capture, CLEAR),
         closed: separate(sample.capture, default.scene, stopping=alone(DEFAULT).stopping),
     }
     assert cells.capture.shape == (32, 32)

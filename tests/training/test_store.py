@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import pickle
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -51,7 +54,16 @@ def test_after_the_last_comes_the_first(folder: Path) -> None:
     assert torch.equal(first.engine(first.layers[0].float()), again.engine(first.layers[0].float()))
 
 
-def test_processes_keep_the_same(pictures: Pictures, folder: Path, tmp_path: Path) -> None:
+def test_processes_keep_the_same(
+    pictures: Pictures, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are given what they can load; that they do the same with it is tested with the samples themselves."""
+
+    def loaded(make: Callable[[int], Any], numbers: Sequence[int], workers: int) -> Iterator[Any]:
+        assert workers == 1
+        return map(pickle.loads(pickle.dumps(make)), numbers)
+
+    monkeypatch.setattr("polaropt.training.store.in_processes", loaded)
     counts: list[int] = []
     store_samples(tmp_path, pictures, SIZE_PX, SEED, 2, workers=1, report=counts.append)
     assert counts == [1, 2]
