@@ -71,8 +71,10 @@ def _train() -> int:
     return main([*_TRAINING, "--features", "pixels", *["--resume"] * Path("networks/state.pt").is_file()])
 
 
+_PANE = ["--incidence", "60", "--azimuth", "20", "--shift", "3", "--panes", "1"]
+
 WORKS: dict[str, Callable[[], int]] = {
-    "separate": _command("separate", *FOUR, "--panes", "1", "-o", "out", *QUICK),
+    "separate": _command("separate", *FOUR, *_PANE, "-o", "out", *QUICK),
     "simulate": _command("simulate", "color_000.png", "color_090.png", "-o", "pair"),
     "batch": _command("batch", "glass.tiff", "mosaic.png", "-o", "many", "--workers", "1", *QUICK),
     "study": _study,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parent.parent
 # Imports what compiles, and then forks a process for each program that it is given.
 _FORKS = """
-import json, os, sys, tempfile, traceback
+import importlib, json, os, sys, tempfile, traceback
 import numba, solvers.kernels
 from numba.core import config
 
@@ -21,6 +21,8 @@ from numba.core import config
 sys.dont_write_bytecode = True
 # What numba and its compiler set up once in a process, before anything is compiled that counts.
 numba.njit(lambda x: 2 * x)(3)
+for name in sys.argv[1:]:
+    importlib.import_module(name)
 for line in sys.stdin:
     program, environment = json.loads(line)
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
@@ -72,11 +74,11 @@ class Forks:
 
 
 @contextmanager
-def forks(environment: Mapping[str, str]) -> Iterator[Forks]:
-    """A process with an environment that is copied for every program, ended with the block."""
+def forks(environment: Mapping[str, str], *ready: str, folder: Path = ROOT) -> Iterator[Forks]:
+    """A process in a folder that is copied for every program, with modules that are ready; ended with the block."""
     with subprocess.Popen(
-        [sys.executable, "-c", _FORKS],
-        cwd=ROOT,
+        [sys.executable, "-c", _FORKS, *ready],
+        cwd=folder,
         env=dict(environment),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 import pytest
 
+from tests.forks import Forks, forks
+
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("polaropt", "solvers", "priors", "studies")
 # The caches of compiled kernels come along: they count as long as the sources are the same.
@@ -75,6 +77,14 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return copy
 
 
+@pytest.fixture(scope="module")
+def started(house: Path) -> Iterator[Forks]:
+    """Runs programs in the copy, each in a process that has loaded nothing of it, but what takes seconds elsewhere."""
+    others = ("torch", "scipy.optimize", "scipy.ndimage", "skimage.data", "pandas")
+    with forks({**os.environ, "PYTHONPATH": str(house)}, *others, folder=house) as process:
+        yield process
+
+
 @contextmanager
 def added(example: list[Block], house: Path) -> Iterator[None]:
     """Write an example's files and lines, and take them away afterwards."""
@@ -94,7 +104,7 @@ def added(example: list[Block], house: Path) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("heading", HEADINGS)
-def test_an_example_works(heading: str, house: Path) -> None:
+def test_an_example_works(heading: str, house: Path, started: Forks) -> None:
     example = EXAMPLES[heading]
     files = [block.path for block in example if block.path]
     scripts = [block.text for block in example if block.language == "python" and not block.path]
@@ -103,7 +113,8 @@ def test_an_example_works(heading: str, house: Path) -> None:
         run([sys.executable, "-m", "ruff", "check", "--quiet", *files], house)
         run([sys.executable, "-m", "ruff", "format", "--check", "--quiet", *files], house)
         for script in scripts:
-            run([sys.executable, "-c", script], house)
+            ran = started.run(script)
+            assert ran.code == 0, ran.out + ran.err
 
 
 def run(command: list[str], folder: Path) -> None:

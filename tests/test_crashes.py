@@ -18,7 +18,7 @@ from tests.crash import crash, in_process
 from tests.fuzz.commands import FOUR, QUICK
 from tests.fuzz.seeds import write_seeds
 
-PANE = ["--incidence", "60", "--azimuth", "25", "--shift", "0"]
+PANE = ["--incidence", "60", "--azimuth", "25", "--shift", "0", "--panes", "1"]
 ROOT = Path(__file__).parent.parent
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
 

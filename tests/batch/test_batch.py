@@ -27,7 +27,7 @@ from tests.browser import dom_of
 from tests.captured import photographed
 from tests.command_line import QUICK, RESULTS
 
-PLAIN = ["--model", "pixelwise", *QUICK]
+PLAIN = ["--model", "pixelwise", "--panes", "1", *QUICK]
 LAYERS_ONLY = {*(f"{name}.{kind}" for name in LAYERS for kind in ("tiff", "png")), "report.json", "thumbnail.jpg"}
 
 

@@ -15,7 +15,7 @@ from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
 from tests.command_line import QUICK, RESULTS, spoken
 
-PANE = ["--incidence", "65", "--azimuth", "30", "--shift", "4"]
+PANE = ["--incidence", "65", "--azimuth", "30", "--shift", "4", "--panes", "1"]
 
 
 def test_separate_writes_layers_and_a_report(
@@ -61,7 +61,7 @@ def test_the_report_tells_everything(
 def test_what_is_given_is_not_estimated(
     photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = ["--incidence", "64", "--azimuth", "31", "--shift", "-3.5", "--index", "1.52"]
+    given = ["--incidence", "64", "--azimuth", "31", "--shift", "-3.5", "--index", "1.52", "--panes", "1"]
     given += ["--transmission-shift", "-1.5"]
     printed = spoken(capsys, "separate", *photographs, *given, "-o", str(tmp_path), "--json", *QUICK)
     report = json.loads(printed)
@@ -85,7 +85,7 @@ def test_weights_reach_the_objective(
 def test_a_thickness_ties_the_shift_to_the_incidence(
     photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = ["--incidence", "65", "--azimuth", "30", "--thickness-px", "5", "--thickness-kind", "plate"]
+    given = [*PANE[:4], "--panes", "1", "--thickness-px", "5", "--thickness-kind", "plate"]
     report = json.loads(spoken(capsys, "separate", *photographs, *given, "-o", str(tmp_path), "--json", *QUICK))
     assert abs(report["scene"]["ghost_shift"]) == pytest.approx(3.2, abs=0.01)
     assert (report["request"]["thickness_px"], report["request"]["thickness_kind"]) == (5, "plate")

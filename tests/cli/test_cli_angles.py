@@ -14,7 +14,7 @@ from tests.command_line import QUICK
 
 EXAMPLE = blend(60, 64, color=False)
 # Told: how it is found is tested elsewhere.
-PANE = ["--incidence", "60", "--azimuth", "25", "--shift", "5.3"]
+PANE = ["--incidence", "60", "--azimuth", "25", "--shift", "5.3", "--panes", "1"]
 
 
 def written(folder: Path, names: dict[str, int]) -> list[str]:

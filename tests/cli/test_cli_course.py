@@ -19,7 +19,7 @@ from polaropt.progress import clocks
 from tests.command_line import QUICK, RESULTS, UNCERTAINTY, spoken
 
 Told = list[tuple[str, float]]
-PANE = ["--incidence", "65", "--azimuth", "30", "--shift", "4"]
+PANE = ["--incidence", "65", "--azimuth", "30", "--shift", "4", "--panes", "1"]
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_the_total_holds_all_that_was_done(
     photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     began = time.perf_counter()
-    said = spoken(capsys, "separate", *photographs, *PANE[2:], "--panes", "1", "-o", str(tmp_path / "out"), *QUICK)
+    said = spoken(capsys, "separate", *photographs, *PANE[2:], "-o", str(tmp_path / "out"), *QUICK)
     elapsed = time.perf_counter() - began
     seconds = json.loads((tmp_path / "out" / "report.json").read_text())["seconds"]
     assert seconds.keys() >= {"Starting", "Reading", "Estimating the scene", "Solving", "Error maps", "Writing"}

@@ -22,7 +22,7 @@ from tests.command_line import QUICK, spoken
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = ("demo", "simulate", "inspect", "estimate", "separate")
-PANE = ["--incidence", "65", "--azimuth", "30", "--shift", "4"]
+PANE = ["--incidence", "65", "--azimuth", "30", "--shift", "4", "--panes", "1"]
 HEAVY = ("scipy", "skimage", "torch", "nlopt", "matplotlib")
 
 
