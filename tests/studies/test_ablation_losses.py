@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import replace
@@ -213,13 +214,17 @@ def test_all_variants_seeds_and_budgets_are_planned_with_the_longest_first(tmp_p
 
 
 class Here(Executor):
-    """Does at once, and in this process, what it is given: another one takes seconds to load its libraries."""
+    """Does at once, in this process, what it is sent as to another one, which takes seconds to load its libraries."""
 
     def __init__(self, *_: object, **__: object) -> None: ...
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
         done: Future[Any] = Future()
-        done.set_result(function(*arguments, **named))
+        function, arguments, named = pickle.loads(pickle.dumps((function, arguments, named)))
+        try:
+            done.set_result(function(*arguments, **named))
+        except Exception as error:
+            done.set_exception(error)
         return done
 
 
@@ -229,6 +234,7 @@ def test_trainings_are_made_once_and_read_by_the_study(
     (tmp_path / "no-head").mkdir()
     (tmp_path / "no-head" / "seed-1").write_text("in the way")
     said: list[str] = []
+    monkeypatch.setattr("studies.ablation_losses.trainings.ProcessPoolExecutor", Here)
     assert train_all(plan(tmp_path), said.append) == ["no-head/seed-1"]
     assert any("no-head/seed-1: FAILED" in line and "cannot be written" in line for line in said)
     trainings = trainings_in(tmp_path)
@@ -240,7 +246,6 @@ def test_trainings_are_made_once_and_read_by_the_study(
     ]
     before = {each.name: each.digest for each in trainings}
     (tmp_path / "no-head" / "seed-1").unlink()
-    monkeypatch.setattr("studies.ablation_losses.trainings.ProcessPoolExecutor", Here)
     assert train_all(plan(tmp_path), said.append) == []
     after = {each.name: each.digest for each in trainings_in(tmp_path)}
     assert set(after) - set(before) == {"no-head/seed-1"}
