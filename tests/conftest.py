@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -28,14 +29,23 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(scope="session")
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Four files of a small colour capture: 65 degrees, azimuth 30, ghosts 4 px apart."""
+    return _photographed(tmp_path_factory.mktemp("photographs"), 96)
+
+
+@pytest.fixture(scope="session")
+def small_photographs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The same of frames that are too small to find much in, for what is not about that."""
+    return _photographed(tmp_path_factory.mktemp("small_photographs"), 48)
+
+
+def _photographed(folder: Path, side: int) -> list[str]:
     from skimage import data
 
     from polaropt.capture.files.write import write_png
     from polaropt.cli.app import main
 
-    folder = tmp_path_factory.mktemp("photographs")
-    write_png(folder / "behind.png", data.coffee()[150:246, 200:296])
-    write_png(folder / "mirrored.png", data.astronaut()[30:126, 160:256])
+    write_png(folder / "behind.png", data.coffee()[150 : 150 + side, 200 : 200 + side])
+    write_png(folder / "mirrored.png", data.astronaut()[30 : 30 + side, 160 : 160 + side])
     pair = [str(folder / "behind.png"), str(folder / "mirrored.png")]
     assert main(["simulate", *pair, "--incidence", "65", "--azimuth", "30", "--shift", "4", "-o", str(folder)]) == 0
     return [str(folder / f"capture_{angle}.png") for angle in ("000", "045", "090", "135")]

@@ -59,11 +59,11 @@ def test_the_report_tells_everything(
 
 
 def test_what_is_given_is_not_estimated(
-    photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = ["--incidence", "64", "--azimuth", "31", "--shift", "-3.5", "--index", "1.52", "--panes", "1"]
     given += ["--transmission-shift", "-1.5"]
-    printed = spoken(capsys, "separate", *photographs, *given, "-o", str(tmp_path), "--json", *QUICK)
+    printed = spoken(capsys, "separate", *small_photographs, *given, "-o", str(tmp_path), "--json", *QUICK)
     report = json.loads(printed)
     scene = report["scene"]
     assert (scene["incidence_deg"], scene["azimuth_deg"], scene["ghost_shift"]) == (64, 31, -3.5)
@@ -74,34 +74,34 @@ def test_what_is_given_is_not_estimated(
 
 
 def test_weights_reach_the_objective(
-    photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = [*PANE, "--weights", "edge_independence=0,misfit=2"]
-    report = json.loads(spoken(capsys, "separate", *photographs, *given, "-o", str(tmp_path), "--json", *QUICK))
+    report = json.loads(spoken(capsys, "separate", *small_photographs, *given, "-o", str(tmp_path), "--json", *QUICK))
     assert report["objective"]["edge_independence"]["weight"] == 0
     assert report["request"]["weights"]["misfit"] == 2
 
 
 def test_a_thickness_ties_the_shift_to_the_incidence(
-    photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = [*PANE[:4], "--panes", "1", "--thickness-px", "5", "--thickness-kind", "plate"]
-    report = json.loads(spoken(capsys, "separate", *photographs, *given, "-o", str(tmp_path), "--json", *QUICK))
+    report = json.loads(spoken(capsys, "separate", *small_photographs, *given, "-o", str(tmp_path), "--json", *QUICK))
     assert abs(report["scene"]["ghost_shift"]) == pytest.approx(3.2, abs=0.01)
     assert (report["request"]["thickness_px"], report["request"]["thickness_kind"]) == (5, "plate")
 
 
 def test_a_single_surface_has_no_ghosts(
-    photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     water = ["--single-surface", "--index", "1.33", "--robust"]
-    said = spoken(capsys, "separate", *photographs, *water, "-o", str(tmp_path), *QUICK)
+    said = spoken(capsys, "separate", *small_photographs, *water, "-o", str(tmp_path), *QUICK)
     assert "ghost shift" not in said
     assert json.loads((tmp_path / "report.json").read_text())["scene"]["single_surface"]
 
 
-def test_quiet_says_nothing(photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert spoken(capsys, "separate", *photographs, *PANE, "-o", str(tmp_path), "--quiet", *QUICK) == ""
+def test_quiet_says_nothing(small_photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert spoken(capsys, "separate", *small_photographs, *PANE, "-o", str(tmp_path), "--quiet", *QUICK) == ""
 
 
 def test_what_is_warned_of_is_told_in_any_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,10 +36,10 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
 
 
 def test_the_total_holds_all_that_was_done(
-    photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     began = time.perf_counter()
-    said = spoken(capsys, "separate", *photographs, *PANE[2:], "-o", str(tmp_path / "out"), *QUICK)
+    said = spoken(capsys, "separate", *small_photographs, *PANE[2:], "-o", str(tmp_path / "out"), *QUICK)
     elapsed = time.perf_counter() - began
     seconds = json.loads((tmp_path / "out" / "report.json").read_text())["seconds"]
     assert seconds.keys() >= {"Starting", "Reading", "Estimating the scene", "Solving", "Error maps", "Writing"}
@@ -78,8 +78,8 @@ def test_the_first_stage_lasts_from_then_on() -> None:
     assert course.cpu_seconds["Reading"] < 5
 
 
-def test_the_bar_moves_in_every_long_stage(photographs: list[str], tmp_path: Path, told: Told) -> None:
-    assert main(["separate", *photographs, "--align", "--panes", "1", "-o", str(tmp_path / "out"), *QUICK]) == 0
+def test_the_bar_moves_in_every_long_stage(small_photographs: list[str], tmp_path: Path, told: Told) -> None:
+    assert main(["separate", *small_photographs, "--align", "--panes", "1", "-o", str(tmp_path / "out"), *QUICK]) == 0
     fractions = [fraction for _, fraction in told]
     assert all(before <= after + 1e-9 for before, after in pairwise(fractions))
     assert 0 <= fractions[0] < 0.05
@@ -88,26 +88,26 @@ def test_the_bar_moves_in_every_long_stage(photographs: list[str], tmp_path: Pat
         assert len({fraction for name, fraction in told if name == stage}) > 1, stage
 
 
-def test_other_commands_tell_how_far_they_are(photographs: list[str], tmp_path: Path, told: Told) -> None:
-    assert main(["inspect", *photographs, "--align", "-o", str(tmp_path / "look.png")]) == 0
+def test_other_commands_tell_how_far_they_are(small_photographs: list[str], tmp_path: Path, told: Told) -> None:
+    assert main(["inspect", *small_photographs, "--align", "-o", str(tmp_path / "look.png")]) == 0
     assert {"Reading", "Aligning", "Inspecting", "Drawing"} <= {name for name, _ in told}
     told.clear()
-    pair = [str(Path(photographs[0]).parent / name) for name in ("behind.png", "mirrored.png")]
+    pair = [str(Path(small_photographs[0]).parent / name) for name in ("behind.png", "mirrored.png")]
     assert main(["simulate", *pair, "-o", str(tmp_path)]) == 0
     assert len({fraction for _, fraction in told}) > 3
 
 
-def test_a_run_leaves_nothing_of_the_one_before(photographs: list[str], tmp_path: Path) -> None:
+def test_a_run_leaves_nothing_of_the_one_before(small_photographs: list[str], tmp_path: Path) -> None:
     tmp_path.joinpath("mine.txt").write_text("mine")
-    assert main(["separate", *photographs, *PANE, "-o", str(tmp_path), *QUICK]) == 0
+    assert main(["separate", *small_photographs, *PANE, "-o", str(tmp_path), *QUICK]) == 0
     for stale in ("misfit.tiff", "misfit.png", "moving.png", "unglazed.png"):
         tmp_path.joinpath(stale).write_bytes(b"of an earlier capture")
-    assert main(["separate", *photographs, *PANE, "-o", str(tmp_path), *QUICK]) == 0
+    assert main(["separate", *small_photographs, *PANE, "-o", str(tmp_path), *QUICK]) == 0
     assert {path.name for path in tmp_path.iterdir()} == RESULTS | {"mine.txt"}
 
 
-def test_a_simulation_leaves_nothing_of_the_one_before(photographs: list[str], tmp_path: Path) -> None:
-    pair = [str(Path(photographs[0]).parent / name) for name in ("behind.png", "mirrored.png")]
+def test_a_simulation_leaves_nothing_of_the_one_before(small_photographs: list[str], tmp_path: Path) -> None:
+    pair = [str(Path(small_photographs[0]).parent / name) for name in ("behind.png", "mirrored.png")]
     tmp_path.joinpath("capture_022.png").write_bytes(b"somebody's own")
     assert main(["simulate", *pair, "-o", str(tmp_path)]) == 0
     assert main(["simulate", *pair, "--angles", "0,60,120", "-o", str(tmp_path)]) == 0
@@ -115,8 +115,8 @@ def test_a_simulation_leaves_nothing_of_the_one_before(photographs: list[str], t
     assert captures == {"capture_000.png", "capture_022.png", "capture_060.png", "capture_120.png"}
 
 
-def test_layers_can_be_all_that_is_written(photographs: list[str], tmp_path: Path) -> None:
-    assert main(["separate", *photographs, *PANE, "-o", str(tmp_path), "--write", "layers", *QUICK]) == 0
+def test_layers_can_be_all_that_is_written(small_photographs: list[str], tmp_path: Path) -> None:
+    assert main(["separate", *small_photographs, *PANE, "-o", str(tmp_path), "--write", "layers", *QUICK]) == 0
     report = json.loads((tmp_path / "report.json").read_text())
     layers = {"transmission.tiff", "reflection.tiff", "transmission.png", "reflection.png"}
     assert {path.name for path in tmp_path.iterdir()} == {*layers, "report.json"} == set(report["written"])
@@ -124,9 +124,9 @@ def test_layers_can_be_all_that_is_written(photographs: list[str], tmp_path: Pat
 
 
 def test_the_error_maps_can_be_left_out(
-    photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small_photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = spoken(capsys, "separate", *photographs, *PANE, "-o", str(tmp_path), "--no-uncertainty", *QUICK)
+    said = spoken(capsys, "separate", *small_photographs, *PANE, "-o", str(tmp_path), "--no-uncertainty", *QUICK)
     assert {path.name for path in tmp_path.iterdir()} == RESULTS - UNCERTAINTY
     assert "Error maps" not in json.loads((tmp_path / "report.json").read_text())["seconds"]
     assert "standard errors" not in said

@@ -71,18 +71,20 @@ def test_help_is_cheap() -> None:
     assert ran.stderr.split() == []
 
 
-def test_a_pipe_sees_no_progress_bar(photographs: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["separate", *photographs, "-o", str(tmp_path), *PANE, *QUICK]) == 0
+def test_a_pipe_sees_no_progress_bar(
+    small_photographs: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["separate", *small_photographs, "-o", str(tmp_path), *PANE, *QUICK]) == 0
     said = capfd.readouterr()
     assert said.err == ""
     assert said.out.startswith("Pane: ")
     assert not set("\x1b\r━") & set(said.out)
 
 
-def test_a_terminal_sees_a_progress_bar(photographs: list[str], tmp_path: Path) -> None:
+def test_a_terminal_sees_a_progress_bar(small_photographs: list[str], tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     given = [*PANE, "--write", "layers", *QUICK]
-    command = [sys.executable, "-m", "polaropt", "separate", *photographs, "-o", str(tmp_path), *given]
+    command = [sys.executable, "-m", "polaropt", "separate", *small_photographs, "-o", str(tmp_path), *given]
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
     with subprocess.Popen(command, cwd=ROOT, stdout=theirs, stderr=theirs, env=environment) as running:
         os.close(theirs)
@@ -103,7 +105,7 @@ def _read(terminal: int) -> bytes:
 
 
 def test_a_failing_run_leaves_the_previous_output(
-    photographs: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    small_photographs: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
     out.mkdir()
@@ -113,11 +115,11 @@ def test_a_failing_run_leaves_the_previous_output(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("polaropt.separation.separate", interrupted)
-    assert main(["separate", *photographs, "-o", str(out)]) == 130
+    assert main(["separate", *small_photographs, "-o", str(out)]) == 130
     assert capsys.readouterr().err == "polaropt: interrupted; nothing was written\n"
     assert [path.name for path in out.iterdir()] == ["transmission.png"]
     assert (out / "transmission.png").read_text() == "previous"
-    assert main(["separate", *photographs, "-o", str(tmp_path / "new")]) == 130
+    assert main(["separate", *small_photographs, "-o", str(tmp_path / "new")]) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
@@ -133,7 +135,7 @@ def heard_keys() -> Iterator[None]:
 @pytest.mark.parametrize("moment", ["Estimating the scene", "Closed form", "Solving"])
 def test_ctrl_c_leaves_the_previous_output(
     moment: str,
-    photographs: list[str],
+    small_photographs: list[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -149,7 +151,7 @@ def test_ctrl_c_leaves_the_previous_output(
 
     monkeypatch.setattr("polaropt.cli.command.progress_bar", lambda wanted: nullcontext(press))
     pane = ["--panes", "1"] if moment == "Estimating the scene" else PANE
-    assert main(["separate", *photographs, *pane, "-o", str(tmp_path)]) == 130
+    assert main(["separate", *small_photographs, *pane, "-o", str(tmp_path)]) == 130
     assert told[-1] == moment
     assert capsys.readouterr().err == "polaropt: interrupted; nothing was written\n"
     assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
@@ -180,8 +182,8 @@ def test_an_interrupted_study_is_waited_for_and_not_said_to_have_written_nothing
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_run_that_is_asked_to_end_leaves_nothing(photographs: list[str], tmp_path: Path, number: int) -> None:
-    command = [sys.executable, "-m", "polaropt", "separate", *photographs, "-o", str(tmp_path / "out")]
+def test_a_run_that_is_asked_to_end_leaves_nothing(small_photographs: list[str], tmp_path: Path, number: int) -> None:
+    command = [sys.executable, "-m", "polaropt", "separate", *small_photographs, "-o", str(tmp_path / "out")]
     # What started the tests may ignore a closed terminal, and what it starts does so, too.
     heard = partial(signal.signal, number, signal.SIG_DFL)
     with subprocess.Popen(

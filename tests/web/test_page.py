@@ -117,12 +117,12 @@ def every_control_has_a_name(page: Tab) -> None:
 
 
 def test_photographs_are_dropped_separated_and_downloaded(
-    page: Tab, running: Running, photographs: list[str], tmp_path: Path
+    page: Tab, running: Running, small_photographs: list[str], tmp_path: Path
 ) -> None:
     # In any order: the names tell the angles.
-    drop(page, photographs[::-1])
+    drop(page, small_photographs[::-1])
     assert page.run("angles()") == [0, 45, 90, 135]
-    assert "4 photographs of 96x96 px, 3 channels" in page.run("byId('inspection').textContent")
+    assert "4 photographs of 48x48 px, 3 channels" in page.run("byId('inspection').textContent")
     page.run("byId('separate').focus()")
     page.press(*ENTER)
     page.wait_for("busy")
@@ -133,7 +133,7 @@ def test_photographs_are_dropped_separated_and_downloaded(
     # Who hears the page is led to what came of it.
     assert page.run("document.activeElement.id") == "result"
     page.wait_for("[...document.images].every((image) => image.complete && image.naturalWidth > 0)")
-    assert page.run("[...document.querySelectorAll('.gallery img')].map((image) => image.naturalWidth)") == [96] * 3
+    assert page.run("[...document.querySelectorAll('.gallery img')].map((image) => image.naturalWidth)") == [48] * 3
 
     every_control_has_a_name(page)
     page.run("byId('slider').focus()")
@@ -149,7 +149,7 @@ def test_photographs_are_dropped_separated_and_downloaded(
     names = zipfile.ZipFile(archive).namelist()
     assert {f"polaropt-results/{name}" for name in ("transmission.tiff", "report.html")} <= set(names)
     report = json.loads(zipfile.ZipFile(archive).read("polaropt-results/report.json"))
-    assert [Path(name).name for name in report["input"]["files"]] == [Path(name).name for name in photographs]
+    assert [Path(name).name for name in report["input"]["files"]] == [Path(name).name for name in small_photographs]
     assert str(running.temporary) not in json.dumps(report)
 
     # The report is a page of its own, whose script may run.
@@ -157,10 +157,12 @@ def test_photographs_are_dropped_separated_and_downloaded(
     assert page.run("byId('compare-section').hidden") is False
 
 
-def test_what_is_wrong_is_said_in_one_line(page: Tab, running: Running, photographs: list[str], tmp_path: Path) -> None:
+def test_what_is_wrong_is_said_in_one_line(
+    page: Tab, running: Running, small_photographs: list[str], tmp_path: Path
+) -> None:
     other = tmp_path / "capture_135.png"
     write_png(other, data.astronaut()[:40, :40])
-    drop(page, [*photographs[:3], str(other)])
+    drop(page, [*small_photographs[:3], str(other)])
     said = page.run("byId('problem').textContent")
     assert said.startswith("capture_135.png: is 40x40 px")
     assert str(running.temporary) not in said
@@ -241,7 +243,7 @@ def test_more_than_the_limit_is_refused_and_removed(running: Running) -> None:
     assert running.ask("GET", f"{capture}job")[0] == 404
 
 
-def test_other_photographs_take_the_place_of_those_before(running: Running, photographs: list[str]) -> None:
+def test_other_photographs_take_the_place_of_those_before(running: Running, small_photographs: list[str]) -> None:
     first = running.lay("a.png")
     running.ask("PUT", f"{first}files/a.png", b"first")
     second = running.lay("b.png")
@@ -252,9 +254,9 @@ def test_other_photographs_take_the_place_of_those_before(running: Running, phot
     assert not running.kept()
 
 
-def test_one_job_at_a_time_and_it_can_be_cancelled(running: Running, photographs: list[str]) -> None:
-    capture = running.lay(*(Path(name).name for name in photographs))
-    for name in photographs:
+def test_one_job_at_a_time_and_it_can_be_cancelled(running: Running, small_photographs: list[str]) -> None:
+    capture = running.lay(*(Path(name).name for name in small_photographs))
+    for name in small_photographs:
         running.ask("PUT", f"{capture}files/{Path(name).name}", Path(name).read_bytes())
     job = json.dumps({"do": "separate", "options": {"angles_deg": [0, 45, 90, 135]}})
     assert running.ask("POST", f"{capture}job", job)[0] == 202
