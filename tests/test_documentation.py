@@ -30,7 +30,7 @@ from tests.documentation import DOCS, PAGES, ROOT, WARNINGS, Command, blocks, co
 COMMANDS = commands()
 STUDY = "polaropt study "
 PHOTOGRAPHS = ["glass_000.png", "glass_045.png", "glass_090.png", "glass_135.png"]
-SIDE = 96
+SIDE = 64
 # The pane, told where a command leaves it open: how it is found is tested elsewhere.
 PANE = ["--incidence", "65", "--azimuth", "0", "--shift", "4", "--panes", "1"]
 # What is told beside options of the pane.

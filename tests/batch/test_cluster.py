@@ -11,11 +11,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
 
+from polaropt import SceneParameters, separate, separate_many
 from polaropt.batch.cluster import Place, WorkerDied, done, local_cluster, place_for
 from polaropt.batch.job import Job, Options
 from polaropt.batch.run import run_batch
@@ -46,22 +48,32 @@ def always_die(number: int) -> int:
     return number**2
 
 
-def test_what_killed_workers_were_at_is_done_again(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    """A client of a process of our own, which may die once at a job."""
     dask = pytest.importorskip("dask")
     # Its settings are there from here on.
     pytest.importorskip("distributed")
+    with dask.config.set({"distributed.scheduler.allowed-failures": 1}), local_cluster(1, 1, None) as client:
+        yield client
 
-    with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
-        local_cluster(1, 1, None) as client,
-    ):
-        assert client.scheduler.address.startswith("tls://127.0.0.1")
-        assert dict(done(partial(die_once, folder=str(tmp_path)), range(3), client)) == {0: 0, 1: 1, 2: 4}
-        assert (tmp_path / "killed").exists()
-        found = dict(done(always_die, range(4), client, at_once=1))
-        assert isinstance(found.pop(1), WorkerDied)
-        assert isinstance(found.pop(2), InputError)
-        assert found == {0: 0, 3: 9}
+
+def test_workers_of_a_client_separate_as_this_process_does(client: Any) -> None:
+    captures, pane = [photographed((48, 48), seed=seed) for seed in range(2)], SceneParameters(60.0, 20.0, 4.0)
+    there = list(separate_many(captures, pane, client=client))
+    for result, capture in zip(there, captures, strict=True):
+        np.testing.assert_array_equal(result.layers, separate(capture, pane).layers)
+        assert result.uncertainty.shape == result.layers.shape
+
+
+def test_what_killed_workers_were_at_is_done_again(client: Any, tmp_path: Path) -> None:
+    assert client.scheduler.address.startswith("tls://127.0.0.1")
+    assert dict(done(partial(die_once, folder=str(tmp_path)), range(3), client)) == {0: 0, 1: 1, 2: 4}
+    assert (tmp_path / "killed").exists()
+    found = dict(done(always_die, range(4), client, at_once=1))
+    assert isinstance(found.pop(1), WorkerDied)
+    assert isinstance(found.pop(2), InputError)
+    assert found == {0: 0, 3: 9}
 
 
 @contextmanager

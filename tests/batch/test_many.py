@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from polaropt import Capture, InputError, SceneParameters, separate, separate_many, simulate
-from polaropt.batch.cluster import local_cluster
 
 PANE = SceneParameters(60.0, 20.0, 4.0)
 
@@ -46,15 +45,6 @@ def test_a_shared_scene_is_the_same_for_all() -> None:
 def test_a_shared_scene_is_looked_for_as_it_was_asked() -> None:
     results = list(separate_many(captures(2), "shared", refractive_index=1.33, single_surface=True))
     assert {(result.scene.refractive_index, result.scene.single_surface) for result in results} == {(1.33, True)}
-
-
-@pytest.mark.filterwarnings("default")
-def test_workers_of_a_client_do_the_same() -> None:
-    with local_cluster(1, 1, None) as client:
-        there = list(separate_many(captures(2), PANE, client=client))
-    for result, capture in zip(there, captures(2), strict=True):
-        np.testing.assert_array_equal(result.layers, separate(capture, PANE).layers)
-        assert result.uncertainty.shape == result.layers.shape
 
 
 @pytest.mark.parametrize("color", [False, True])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import pytest
@@ -41,11 +42,30 @@ def broken(job: Square) -> list[Result]:
 JOBS = [Square(number) for number in (3, 1, 2)]
 
 
-@pytest.mark.parametrize("workers", [Workers(), pytest.param(Workers(2), id="two processes")])
-@pytest.mark.filterwarnings("default")
-def test_rows_come_in_the_jobs_order_whoever_works(tmp_path, workers):
-    rows = run_jobs(squared, JOBS, tmp_path / "out" / "squares.json", {}, workers)
+def test_rows_come_in_the_jobs_order(tmp_path):
+    rows = run_jobs(squared, JOBS, tmp_path / "out" / "squares.json", {})
     assert [row_of(Result, row) for row in rows] == [squared(job)[0] for job in JOBS]
+
+
+@pytest.mark.filterwarnings("default")
+def test_processes_of_a_study_give_the_same_and_obey_nobody_else(tmp_path, monkeypatch):
+    """Any user of the machine could run code in them: they listened without authentication."""
+
+    @contextmanager
+    def attacked(workers):
+        with _client(workers) as client:
+            address = client.scheduler.address
+            assert address.startswith("tls://127.0.0.1")
+            with pytest.raises((OSError, TypeError)):
+                Client(address.replace("tls", "tcp"), timeout=2)
+            refused.append(address)
+            yield client
+
+    refused = []
+    monkeypatch.setattr("studies.kit.run._client", attacked)
+    rows = run_jobs(squared, JOBS, tmp_path / "squares.json", {}, Workers(2))
+    assert [row_of(Result, row) for row in rows] == [squared(job)[0] for job in JOBS]
+    assert len(refused) == 1
 
 
 def test_what_is_done_is_not_done_again(tmp_path):
@@ -96,13 +116,3 @@ def test_a_study_is_run_and_published(tmp_path, capsys):
     assert (tmp_path / "squares.md").read_text() == "| a |\n"
     assert (tmp_path / "squares.csv").read_text().splitlines()[0] == "job,number,square,names"
     assert json.loads((tmp_path / "squares.json").read_text())["metadata"]["threads"]["processes"] == "1"
-
-
-@pytest.mark.filterwarnings("default")
-def test_processes_of_a_study_obey_nobody_else():
-    """Any user of the machine could run code in them: they listened without authentication."""
-    with _client(Workers(2)) as client:
-        address = client.scheduler.address
-        assert address.startswith("tls://127.0.0.1")
-        with pytest.raises((OSError, TypeError)):
-            Client(address.replace("tls", "tcp"), timeout=2)

@@ -267,7 +267,7 @@ def test_the_study_is_one_command(tmp_path, monkeypatch, capsys, told_pane, png_
     plan = study.Plan((replace(small, memory=True), replace(small, sensor="color")), ())
     monkeypatch.setitem(study.PLANS, "quick", plan)
     monkeypatch.setattr(jobs, "other_methods", lambda mosaic: other_methods(mosaic)[:2])
-    monkeypatch.setattr(jobs, "one_at_a_time", lambda mosaic: (DEFAULT, SCIPY, AT_CELLS if mosaic else GHOSTS))
+    monkeypatch.setattr(jobs, "one_at_a_time", lambda mosaic: (DEFAULT, AT_CELLS if mosaic else SCIPY))
     drawn = [f"speed_{name}" for name in ("one_at_a_time_color_64x64", "profiles", "memory")]
     monkeypatch.setattr(study, "figures", lambda frame: {name: figures(frame)[name] for name in drawn})
     study.main(["--quick", "-o", str(tmp_path)])
@@ -276,11 +276,11 @@ def test_the_study_is_one_command(tmp_path, monkeypatch, capsys, told_pane, png_
     # One of full photographs and one of mosaics.
     assert said.count("the defaults are") == 6
     assert "all sizes against the defaults" in said
-    assert all(f"{SUBJECTS[sensor]} | 64x64 | 5, one at a time | 1 |" in said for sensor in ("", "color"))
+    assert all(f"{SUBJECTS[sensor]} | 64x64 | 4, one at a time | 1 |" in said for sensor in ("", "color"))
     for name in drawn:
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
     rows = document_of(tmp_path / "speed_accuracy.json")["results"]
-    assert [row["sensor"] for row in rows] == [""] * 5 + ["color"] * 5
+    assert [row["sensor"] for row in rows] == [""] * 4 + ["color"] * 4
     page = tmp_path / "speed_accuracy.html"
     assert page.stat().st_size < 2_000_000
     assert "http" not in page.read_text(encoding="utf-8").split("<script")[0]
