@@ -36,10 +36,10 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
 
 
 def test_the_total_holds_all_that_was_done(
-    small_photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     began = time.perf_counter()
-    said = spoken(capsys, "separate", *small_photographs, *PANE[2:], "-o", str(tmp_path / "out"), *QUICK)
+    said = spoken(capsys, "separate", *photographs, *PANE[2:], "-o", str(tmp_path / "out"), *QUICK)
     elapsed = time.perf_counter() - began
     seconds = json.loads((tmp_path / "out" / "report.json").read_text())["seconds"]
     assert seconds.keys() >= {"Starting", "Reading", "Estimating the scene", "Solving", "Error maps", "Writing"}

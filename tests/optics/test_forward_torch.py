@@ -35,7 +35,7 @@ def test_torch_differentiates_the_engine(scene: SceneParameters) -> None:
     torch.testing.assert_close(gradient, pse.adjoint(photographs))
     (gradient,) = torch.autograd.grad(pse.adjoint(photographs), photographs, layers)
     torch.testing.assert_close(gradient, pse.forward(layers))
-    light = torch.rand((2, 3, 4, 3), dtype=torch.float64, requires_grad=True)
+    light = torch.rand((2, 3, 3, 2), dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(pse.forward_stokes, (light,))
 
 
