@@ -123,7 +123,7 @@ def test_changed_files_options_and_lost_results_count_as_left(shots: Path, tmp_p
     job = job_for(shots, tmp_path)
     outcomes = [run_batch([job], tmp_path, Place()) for _ in range(2)]
     assert [outcome.reused for outcome in outcomes] == [0, 1]
-    other = replace(job, options=replace(job.options, separating={"model": "pixelwise"}))
+    other = replace(job, options=replace(job.options, separating={"model": "none", "refractive_index": 1.4}))
     assert run_batch([other], tmp_path, Place()).reused == 0
     (tmp_path / "0" / "report.json").unlink()
     assert run_batch([other], tmp_path, Place()).reused == 0
