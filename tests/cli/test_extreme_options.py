@@ -171,7 +171,7 @@ def one_black() -> np.ndarray:
 
 PHOTOGRAPHS = {
     "no noise": lambda: scene_intensities((40, 40)),
-    "much noise": lambda: photographed((32, 32), noise=0.4).intensities,
+    "much noise": lambda: photographed((28, 28), noise=0.4).intensities,
     "two grey levels": lambda: grey(2) * 0.9,
     "one black": one_black,
     "all but one black": lambda: one_black() * np.array([1, 0, 0, 0])[:, None, None],
