@@ -703,8 +703,10 @@ def _loss(report: dict[str, Any]) -> str:
 
 def _uncertainty_sentence(uncertainty: dict[str, Any]) -> str:
     typical, faded = uncertainty["typical_error"], uncertainty["reflection_faded"]["share_of_pixels"]
+    # Near a mirror they may be beyond any number.
+    of_layers = ["unbounded" if error is None else f"{error:.2g}" for error in typical.values()]
     return (
-        f"standard errors, typically {typical['transmission']:.2g} and {typical['reflection']:.2g}; "
+        f"standard errors, typically {' and '.join(of_layers)}; "
         f"the reflection's detail is unknown in {100 * faded:.0f} % of the picture"
     )
 
