@@ -1,7 +1,5 @@
 """Files become captures: sizes, angles, levels, masks, gain; and what cannot is one line."""
 
-from pathlib import Path
-
 import imagecodecs
 import numpy as np
 import pytest
@@ -12,8 +10,6 @@ from polaropt import InputError, read_capture
 from polaropt.capture.files.write import encode_srgb, write_png, write_tiff
 from polaropt.capture.noise import measured_noise, noise_level
 from tests.captured import ANGLES, color_mosaic, mono_mosaic, photographed, scene_intensities
-
-REAL = Path(__file__).parents[3] / "shared" / "data" / "real_polar"
 
 
 def sixteen(values):
@@ -220,24 +216,6 @@ def test_one_defect_below_black_counts(tmp_path):
         write_tiff(path, image)
     with pytest.raises(InputError, match="black level"):
         read_capture(files)
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="the shared real captures are not here")
-@pytest.mark.parametrize(
-    ("name", "shape", "gain", "noise", "invalid"),
-    [
-        ("lei2020_IMG_0287_mosaic16.png", (1200, 1280), 1.024, 0.0061, 0.0),
-        ("maeda_carps_mosaic8.png", (2048, 2448), 1.020, 0.0061, 0.11),
-        ("maeda_polarizers_mosaic8.png", (2048, 2448), 1.011, 0.0107, 0.16),
-    ],
-)
-def test_real_mosaics(name, shape, gain, noise, invalid):
-    capture = read_capture(REAL / name)
-    assert capture.origin.layout == "mono mosaic"
-    assert capture.shape == shape
-    assert capture.origin.pair_gain == pytest.approx(gain, abs=2e-3)
-    assert noise_level(capture) == pytest.approx(noise, rel=0.05)
-    assert np.mean(~capture.valid.all(axis=0)) == pytest.approx(invalid, abs=0.015)
 
 
 def test_angles_counted_clockwise_are_negated(tmp_path):

@@ -168,7 +168,7 @@ def test_behind_the_true_pane_no_coarse_light_is_left_over() -> None:
 
 @lru_cache
 def separated(kind: str, ghost_shift: float) -> tuple[Blend, Separation]:
-    made = blend(size=160, ghost_shift=ghost_shift, **KINDS[kind])
+    made = blend(size=128, ghost_shift=ghost_shift, **KINDS[kind])
     return made, separate(made.capture, BLIND)
 
 

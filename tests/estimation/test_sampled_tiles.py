@@ -32,16 +32,16 @@ SENSORS = ("mono", "color")
 
 
 @cache
-def raw_of(sensor: str, scene: SceneParameters) -> NDArray[np.float32]:
-    photographs = pairs_of(None, 384)[0]
+def raw_of(sensor: str, scene: SceneParameters, side: int = 384) -> NDArray[np.float32]:
+    photographs = pairs_of(None, side)[0]
     camera = Camera(noise=NOISE, lens_blur_px=0.5)
     return photograph_mosaic(photographs.transmission, photographs.reflection, scene, camera, sensor == "color")
 
 
 @cache
-def mosaic(sensor: str, scene: SceneParameters, resolution: str = "sensor") -> Capture:
+def mosaic(sensor: str, scene: SceneParameters, resolution: str = "sensor", side: int = 384) -> Capture:
     with TemporaryDirectory() as folder:
-        values = np.round(65535 * np.clip(raw_of(sensor, scene), 0, 1))
+        values = np.round(65535 * np.clip(raw_of(sensor, scene, side), 0, 1))
         write_png(Path(folder, "raw.png"), values.astype(np.uint16))
         return read_capture(Path(folder, "raw.png"), sensor=sensor, resolution=resolution)
 
@@ -70,14 +70,14 @@ def test_ghosts_of_a_mosaic_are_found_where_its_cells_hardly_show_them(sensor: s
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_the_pane_is_the_same_at_either_resolution(sensor: str) -> None:
     """Tiles of the samples tell it, be the layers asked for at the sensor's resolution or at that of its cells."""
-    scene, of_cells = (estimate(mosaic(sensor, FAR, resolution), OPEN).scene for resolution in ("sensor", "cell"))
+    scene, of_cells = (estimate(mosaic(sensor, FAR, way, side=256), OPEN).scene for way in ("sensor", "cell"))
     assert of_cells.scaled(2 if sensor == "mono" else 4).values() == pytest.approx(scene.values())
 
 
 @pytest.mark.parametrize("incidence", [65.0, 80.0])
 def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells(incidence: float) -> None:
     scene = SceneParameters(incidence, 25.0, sampled_tiles.FARTHEST_PX + 4)
-    found = estimate(mosaic("mono", scene), OPEN).scene
+    found = estimate(mosaic("mono", scene, side=256), OPEN).scene
     assert abs(turn_between(found.values()[1], 25.0, 180.0)) < 1
     assert found.values()[0] == pytest.approx(scene.values()[0], abs=3)
     assert found.values()[2] == pytest.approx(scene.values()[2], abs=0.5)

@@ -213,16 +213,20 @@ def test_every_capture_can_be_inspected(count, shape, exposure, levels, seed):
 
 @needs_real
 @pytest.mark.parametrize(
-    ("name", "encoded", "aolp", "dolp"),
+    ("name", "size", "gain", "noise", "saturated", "encoded", "aolp", "dolp"),
     [
-        ("lei2020_IMG_0287_mosaic16.png", False, 54, 0.13),
-        ("maeda_carps_mosaic8.png", False, -13, 0.53),
+        ("lei2020_IMG_0287_mosaic16.png", (1280, 1200), 1.024, 0.0061, 0.0, False, 54, 0.13),
+        ("maeda_carps_mosaic8.png", (2448, 2048), 1.020, 0.0061, 0.11, False, -13, 0.53),
         # As stored its linear polarizers reach only DoLP 0.4; with exponent 2.2 they reach 0.9, and the gain is 1.023.
-        ("maeda_polarizers_mosaic8.png", True, 92, 0.05),
+        ("maeda_polarizers_mosaic8.png", (2448, 2048), 1.011, 0.0107, 0.16, True, 92, 0.05),
     ],
 )
-def test_real_mosaics(name, encoded, aolp, dolp):
+def test_real_mosaics(name, size, gain, noise, saturated, encoded, aolp, dolp):
     it = inspect_capture(read_capture(REAL / name))
+    assert (it.layout, it.width, it.height) == ("mono mosaic", *size)
+    assert it.pair_gain_removed == pytest.approx(gain, abs=2e-3)
+    assert it.noise == pytest.approx(noise, rel=0.05)
+    assert it.saturated_share == pytest.approx(saturated, abs=0.015)
     assert it.looks_encoded is encoded
     assert it.swapped_deg == ()
     assert abs(turn_between(it.aolp_deg, aolp)) < 3
@@ -232,7 +236,8 @@ def test_real_mosaics(name, encoded, aolp, dolp):
 @needs_real
 def test_real_files_and_their_swap():
     files = [REAL / f"lapray_glass_nir_{angle:03d}.png" for angle in (0, 45, 90, 135)]
-    assert inspect_capture(read_capture(files)).swapped_deg == ()
-    assert inspect_capture(read_capture(files)).looks_encoded is False
-    exchanged = inspect_capture(read_capture([files[0], files[2], files[1], files[3]]))
-    assert (45.0, 90.0) in exchanged.swapped_deg
+    it = inspect_capture(read_capture(files))
+    assert it.swapped_deg == ()
+    assert it.looks_encoded is False
+    # Numbers of the photographs at 45 and at 90 degrees.
+    assert (1, 2) in swapped_photographs(read_capture([files[0], files[2], files[1], files[3]]))
