@@ -17,7 +17,7 @@ from polaropt.simulation.metrics import psnr_db
 from studies.photographs import pairs_of
 from tests.captured import written_photographs
 
-SIDE, KEPT, NOISE = 128, 24, 0.004
+SIDE, KEPT, NOISE = 160, 24, 0.004
 SCENE = SceneParameters(70.0, 25.0, 0.0)
 PANE = ["--incidence", "70", "--azimuth", "25", "--shift", "0"]
 # Of one clear pane.

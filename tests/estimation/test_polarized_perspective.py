@@ -21,7 +21,7 @@ from tests.blends import Blend, blend
 SCREEN = {"transmission_polarization": (0.6, 140.0)}
 SKY = {"reflection_polarization": (0.3, 70.0)}
 PLAIN = SceneParameters(60.0, 25.0, 0.0)
-BLIND = SceneParameters(None, None, None)
+BLIND, IN_PLACE = SceneParameters(None, None, None), SceneParameters(None, None, 0.0)
 
 
 def wide(size: int = 128, **changes: object) -> Blend:
@@ -39,7 +39,7 @@ def trivial_db(made: Blend) -> float:
 
 def test_polarized_light_before_a_wide_lens_is_separated() -> None:
     made = wide(96, **SCREEN, **SKY)
-    result = separate(made.capture, BLIND)
+    result = separate(made.capture, IN_PLACE)
     assert result.scene.rung == "polarized"
     assert psnr_db(result.layers[0], made.layers[0], 16) > trivial_db(made) + 10
     assert SeparationWarning.MODEL_DOES_NOT_EXPLAIN not in result.diagnostics.warnings
@@ -110,4 +110,4 @@ def test_the_rung_can_be_asked_for_and_ghosts_beside_their_place_do_little_harm(
 def test_polarized_light_behind_a_bent_pane_is_announced() -> None:
     # No rung knows both.
     made = wide(96, transmission_polarization=(0.3, 110.0), bend_deg_per_px=(-0.15, 0.1, 0.1))
-    assert SeparationWarning.MODEL_DOES_NOT_EXPLAIN in separate(made.capture, BLIND).diagnostics.warnings
+    assert SeparationWarning.MODEL_DOES_NOT_EXPLAIN in separate(made.capture, IN_PLACE).diagnostics.warnings

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from polaropt import Capture, SceneParameters, separate
+from polaropt import Capture, SceneParameters, estimate, separate
 from polaropt.capture import ANGLES_DEG, closure_share, stokes_images
 from polaropt.estimation.polarized_things import PolarizedThings, polarized_things
 from polaropt.estimation.wide.blocks import PolarizedBlocks
@@ -36,10 +37,16 @@ class Blend:
         return PolarizedBlocks(stokes_images(self.capture, NOISE))
 
 
+@cache
+def pictures() -> NDArray[np.float32]:
+    """Layers of leaves, (2, 3, h, w)."""
+    layers = np.stack([np.moveaxis(dead_leaves(SIDE_PX, number), -1, 0) for number in (3, 8)])
+    return gaussian_filter(layers.astype(np.float32), (0, 0, 0.7, 0.7)) * np.float32(0.8)
+
+
 def with_things(incidence_deg: float, dolp: float, direction_deg: float = 20.0, *, share: float = 0.4) -> Blend:
     """A share of the frame is polarized, wherever the edges of the scene are."""
-    layers = np.stack([np.moveaxis(dead_leaves(SIDE_PX, number), -1, 0) for number in (3, 8)])
-    layers = gaussian_filter(layers.astype(np.float32), (0, 0, 0.7, 0.7)) * np.float32(0.8)
+    layers = pictures()
     scene = SceneParameters(incidence_deg, 70.0, 3.0)
     engine = exact_engine(scene, ANGLES_DEG)
     random = np.random.default_rng(4)
@@ -93,6 +100,6 @@ def test_the_pane_is_found_beside_things(incidence_deg: float, dolp: float) -> N
 
 def test_a_given_azimuth_is_kept() -> None:
     blend = with_things(55.0, 0.1, direction_deg=115.0)
-    found = separate(blend.capture, blend.scene.replace(incidence_deg=None, ghost_shift=None))
+    found = estimate(blend.capture, blend.scene.replace(incidence_deg=None, ghost_shift=None))
     assert found.scene.azimuth_deg == blend.scene.azimuth_deg
     assert not any("polarized by themselves" in rung.reason for rung in found.tried)

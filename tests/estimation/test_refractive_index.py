@@ -138,7 +138,7 @@ def test_an_index_that_is_only_assumed_makes_way_for_a_likelier_one() -> None:
     assert estimate(capture, asked).scene == assumed.scene
     assert assumed.diagnostics.likelier_index is None
     assert (known.scene.index, known.errors.refractive_index) == (GLASS_INDEX, None)
-    water = separate(capture, TOLD.replace(refractive_index=1.33), stopping=QUICK)
+    water = estimate(capture, TOLD.replace(refractive_index=1.33))
     assert water.scene.index == 1.33
 
 

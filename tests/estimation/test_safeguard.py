@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from polaropt import Capture, SceneParameters, SeparationWarning, separate
+from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, separate
 from polaropt.capture.capture import ANGLES_DEG
 from polaropt.capture.checks import Mistakes, find_mistakes, identity_ratio
 from polaropt.capture.noise import noise_level
@@ -61,7 +61,7 @@ def test_three_photographs_break_no_identity():
 
 @pytest.mark.parametrize("distance", [0.2, 0.5, 5.0])
 def test_movement_is_seen_and_the_pane_is_found_in_spite_of_it(distance):
-    example = shifted_blend(60, 128, distance * APART)
+    example = shifted_blend(60, 112, distance * APART)
     result = separate(example.capture, BLIND)
     mistakes = find_mistakes(example.capture)
     assert mistakes == Mistakes(shift_px=mistakes.shift_px)
@@ -86,9 +86,8 @@ def test_photographs_too_far_apart_stay_where_they_are():
     assert mended(capture, Mistakes(shift_px=1.0)) is capture
 
 
-@pytest.mark.parametrize("gamma", [1.6, 2.2])
-def test_an_encoding_is_seen_and_the_pane_is_found_in_spite_of_it(gamma):
-    example = blend(60, 144, noise=0.003)
+def test_an_encoding_is_seen_and_the_pane_is_found_in_spite_of_it():
+    gamma, example = 1.6, blend(60, 144, noise=0.003)
     capture = encoded(example.capture, gamma)
     # The noise of dark blocks, which an encoding enlarges, adds to the exponent.
     assert find_mistakes(capture).gamma == pytest.approx(gamma, rel=0.3)
@@ -107,10 +106,10 @@ def test_linear_photographs_are_the_encoded_ones_raised():
     np.testing.assert_array_equal(raised.valid, capture.valid)
 
 
-@pytest.mark.parametrize(("told", "doubtful"), [(40.0, True), (57.0, False), (63.0, False), (76.0, True)])
+@pytest.mark.parametrize(("told", "doubtful"), [(40.0, True), (63.0, False)])
 def test_an_incidence_that_was_given_is_kept_and_doubted_where_it_is_far_off(told, doubtful):
-    capture = blend(60, 144).capture
-    result = separate(capture, SceneParameters(told, None, None))
+    capture = blend(60, 128).capture
+    result = separate(capture, SceneParameters(told, None, None), stopping=StoppingRule(max_evaluations=3))
     assert result.scene.incidence_deg == told
     assert (SeparationWarning.INCIDENCE_DOUBTFUL in result.diagnostics.warnings) == doubtful
     assert turn_between(result.scene.azimuth_deg, 25) == pytest.approx(0, abs=3)

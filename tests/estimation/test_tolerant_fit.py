@@ -16,7 +16,8 @@ from polaropt.estimation.wide.fits import fit_tolerant
 from polaropt.numerics import turn_between
 from tests.blends import blend
 
-BLIND = SceneParameters(None, None, None)
+# Of one clear pane whose images lie in place.
+BLIND = SceneParameters(None, None, 0.0)
 SIZE = 192
 SCENE = SceneParameters(45.0, 200.0, 0.0, focal_px=SIZE / 2 / math.tan(math.radians(20)))
 

@@ -18,8 +18,7 @@ BLIND = SceneParameters(None, None, None)
 FOCAL = 80 / math.tan(math.radians(22.5))
 
 
-@pytest.mark.parametrize("azimuth_deg", [20.0, 100.0, 290.0])
-@pytest.mark.parametrize("ghost_shift", [5.3, -7.0])
+@pytest.mark.parametrize(("azimuth_deg", "ghost_shift"), [(20.0, 5.3), (100.0, -7.0), (290.0, 5.3)])
 def test_the_shift_is_found_with_its_sense(azimuth_deg: float, ghost_shift: float) -> None:
     capture, _, scene = seen_wide(160, FOCAL, azimuth_deg, ghost_shift)
     found = VaryingSpectra(stokes_images(capture, 0.005), scene).likeliest_shift()

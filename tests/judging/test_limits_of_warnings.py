@@ -160,11 +160,17 @@ DIRECTIONS = {
 }
 
 
+@lru_cache
+def pane_at_50() -> tuple[Capture, SceneEstimate]:
+    """Photographs, and what is found of them."""
+    capture = blend(50, 64).capture
+    return capture, estimate_scene(capture, noise=0.005)
+
+
 @pytest.mark.parametrize("name", DIRECTIONS)
 def test_the_limit_of_a_direction(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     within, beyond, warning = DIRECTIONS[name]
-    capture = blend(50, 64).capture
-    estimate = estimate_scene(capture, noise=0.005)
+    capture, estimate = pane_at_50()
     # Nothing is beyond doubt along the azimuth.
     estimate = replace(estimate, shift_misfit=np.zeros_like(estimate.shift_misfit))
     elsewhere = DIRECTION if "direction_deg" in within else replace(DIRECTION, direction_deg=60.0, rival=0.001)
@@ -211,11 +217,13 @@ def test_the_limit_of_colours_that_tell_of_other_panes(
 ) -> None:
     capture = blend(60, 64).capture
     of_color = iter([60.0, 60.0, 60.0 + errors * math.hypot(0.3, 0.3)])
+    of_all: list[SceneEstimate] = []
 
     def estimated(part: Capture, *arguments: object, **options: object) -> SceneEstimate:
-        found = estimate_scene(part, *arguments, **options)
         if part.color:
-            return found
+            of_all.append(estimate_scene(part, *arguments, **options))
+            return of_all[-1]
+        found = of_all[-1]
         scene = found.scene.replace(incidence_deg=next(of_color))
         return replace(found, scene=scene, errors=replace(found.errors, incidence_deg=0.3))
 

@@ -79,10 +79,9 @@ def test_a_wide_lens_knows_least_of_each_layer_on_its_own_side():
     assert (within.reshape(2, -1).mean(axis=1) > 0.9).all()
 
 
-@pytest.mark.parametrize(("incidence_deg", "ghost_shift", "focal_px"), [(40, 8.0, 120.0), (60, 12.0, 200.0)])
-def test_before_a_wide_lens_what_double_images_hide_is_known_worse(incidence_deg, ghost_shift, focal_px):
-    """Taken for images in place, 83 and 86 % of the reflection lay within two errors."""
-    example = blend(incidence_deg, 128, ghost_shift=ghost_shift, focal_px=focal_px, noise=0.004)
+def test_before_a_wide_lens_what_double_images_hide_is_known_worse():
+    """Taken for images in place, 83 % of the reflection lay within two errors."""
+    example = blend(40, 128, ghost_shift=8.0, focal_px=120.0, noise=0.004)
     result = separate(example.capture, example.scene)
     within = np.abs(result.layers - example.layers) <= 2 * result.uncertainty
     transmission, reflection = within.reshape(2, -1).mean(axis=1)
@@ -222,7 +221,7 @@ def test_files_hold_the_errors_and_the_report_what_is_faded(tmp_path, color):
 @pytest.mark.parametrize("mosaic", [False, True])
 @pytest.mark.parametrize("pane", [SceneParameters(60.0, 25.0, 4.0), SceneParameters(55.0, 25.0, 0.0, focal_px=200.0)])
 def test_large_frames_state_on_blocks_what_every_pixel_would(monkeypatch, pane, mosaic):
-    behind, mirrored = coffee()[100:292, 100:292], astronaut()[30:222, 160:352]
+    behind, mirrored = coffee()[100:228, 100:228], astronaut()[30:158, 160:288]
     capture = simulate(behind, mirrored, pane, noise=0.005)
     if mosaic:
         capture = mono_capture(capture.intensities.mean(axis=1))
