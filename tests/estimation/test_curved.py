@@ -148,8 +148,8 @@ def test_where_no_bend_explains_much_the_edges_are_not_looked_at():
 
 
 def test_blind_the_bent_pane_is_found_and_told():
-    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=150.0, bend_deg_per_px=(0.12, 0.05, -0.07))
-    capture, layers = seen_bent(128, scene)
+    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=190.0, bend_deg_per_px=(0.10, 0.04, -0.06))
+    capture, layers = seen_bent(160, scene)
     blind, known = separate(capture, BLIND), separate(capture, scene)
     assert blind.scene.rung == "curved"
     assert [tried.rung for tried in blind.tried] == ["pixelwise", "perspective", "curved"]
@@ -158,8 +158,8 @@ def test_blind_the_bent_pane_is_found_and_told():
 
 
 def test_a_flat_pane_before_a_lens_is_not_taken_for_bent():
-    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=150.0)
-    capture, _ = seen_bent(128, scene)
+    scene = SceneParameters(55.0, 200.0, 0.0, focal_px=190.0)
+    capture, _ = seen_bent(160, scene)
     found = find_scene(capture, BLIND, 0.005)
     assert found.scene.rung == "perspective"
     assert [tried.rung for tried in found.tried] == ["pixelwise", "perspective"]
