@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters, SeparationWarning, separate
+from polaropt import SceneParameters, SeparationWarning, estimate, separate
 from polaropt.capture.capture import Capture
 from polaropt.capture.mosaic import sampling_of
 from polaropt.capture.noise import noise_level
@@ -124,16 +124,16 @@ def test_an_azimuth_that_was_given_is_not_at_stake() -> None:
 def test_in_doubt_the_intensity_is_returned_and_said_so() -> None:
     # Few pixels, grazing glass and no ghosts that would tell the two apart.
     example = blend(83, 64, noise=0.04, ghost_shift=0.0)
-    result = separate(example.capture, BLIND)
-    estimate = result.diagnostics.estimate
-    assert estimate is not None
-    assert estimate.axis_gain_db < 0
+    result = separate(example.capture, BLIND.replace(ghost_shift=0.0))
+    found = result.diagnostics.estimate
+    assert found is not None
+    assert found.axis_gain_db < 0
     assert result.scene.rung == "none"
     np.testing.assert_array_equal(result.layers[0], example.capture.stokes[0])
     assert SeparationWarning.AXIS_DOUBTFUL in result.diagnostics.warnings
     assert [step.rung for step in result.tried if step.taken] == ["none"]
     # Who insists gets what was asked for.
-    assert separate(example.capture, BLIND, model="pixelwise").scene.rung == "pixelwise"
+    assert estimate(example.capture, BLIND, model="pixelwise").scene.rung == "pixelwise"
 
 
 def test_a_wide_lens_tells_the_two_apart() -> None:

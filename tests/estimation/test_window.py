@@ -127,7 +127,7 @@ def test_two_panes_are_found_blind() -> None:
     [SceneParameters(40.0, 25.0, 0.5, n_panes=2, gap_shift=1.5), SceneParameters(51.0, 25.0, 2.0)],
 )
 def test_two_close_panes_and_the_single_one_that_looks_like_them_are_told_apart(window: SceneParameters) -> None:
-    found = find_scene(taken(window), OPEN, NOISE).scene
+    found = find_scene(taken(window, size=256), OPEN, NOISE).scene
     assert found.n_panes == window.n_panes
     assert (found.gap_shift == 0) == (window.n_panes == 1)
     assert found.incidence_deg == pytest.approx(window.incidence_deg, abs=0.7)

@@ -36,7 +36,7 @@ def added(example: Blend, scene: object, errors: SceneErrors) -> np.ndarray:
     ],
 )
 def test_a_scene_that_is_off_by_its_error_is_covered(scene, name, off):
-    example = blend(size=128, **scene)
+    example = blend(size=96, **scene)
     wrong = example.scene.replace(**{name: getattr(example.scene, name) + off})
     result = separate(example.capture, wrong)
     miss = np.abs(result.layers - example.layers)
@@ -52,7 +52,7 @@ def test_a_scene_that_is_off_by_its_error_is_covered(scene, name, off):
 @pytest.mark.parametrize("incidence", [45.0, 65.0])
 def test_of_photographs_without_noise_nothing_is_said_that_no_picture_shows(incidence):
     """A thousandth of a degree is many times what rounding leaves, and loses less than anybody sees."""
-    example = blend(incidence, 128, noise=0.0, ghost_shift=0.0)
+    example = blend(incidence, 96, noise=0.0, ghost_shift=0.0)
     result = separate(example.capture, BLIND)
     assert all(psnr_db(*pair, border=16) > 50 for pair in zip(result.layers, example.layers, strict=True))
     assert not {"SCENE_UNCERTAIN", "MODEL_DOES_NOT_EXPLAIN"} & {one.name for one in result.diagnostics.warnings}

