@@ -95,10 +95,8 @@ def test_blind_the_pane_is_found_in_the_pixels_of_the_result(grey_mosaic, resolu
 
 
 def test_an_estimation_tells_what_a_separation_finds(grey_mosaic):
-    told, result = (
-        estimate(read_capture(grey_mosaic, sensor="mono", resolution="cell"), BLIND),
-        separated(grey_mosaic, "cell"),
-    )
+    told = estimate(read_capture(grey_mosaic, sensor="mono", resolution="cell"), BLIND)
+    result = separated(grey_mosaic, "cell")
     assert told.scene == result.scene
     assert told.errors == result.errors
 

@@ -45,8 +45,7 @@ def test_any_angles(angles):
     assert np.abs(found.pixels - shifts).max() < 0.05
 
 
-@pytest.mark.parametrize("incidence", [20, 50, 80])
-@pytest.mark.parametrize("noise", [0.002, 0.01])
+@pytest.mark.parametrize(("incidence", "noise"), [(20, 0.01), (50, 0.002), (80, 0.01)])
 def test_photographs_that_lie_on_each_other_are_left_alone(incidence, noise):
     capture = blend(incidence, 128, noise=noise).capture
     assert align(capture) is capture

@@ -27,7 +27,7 @@ from tests.captured import mono_capture
 _CLIPPED = 0.05
 
 
-@pytest.mark.parametrize("incidence_deg", [40.0, 60.0, 80.0])
+@pytest.mark.parametrize("incidence_deg", [40.0, 80.0])
 def test_unclipped_pixels_lose_at_most_half_a_decibel(incidence_deg):
     pair = shipped_pairs(160, 96)[0]
     found = []

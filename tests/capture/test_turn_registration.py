@@ -70,8 +70,7 @@ def test_any_angles(angles: tuple[float, ...]) -> None:
     assert corner_error(example, measured(example.capture)) < 0.15
 
 
-@pytest.mark.parametrize("incidence", [20, 60, 80])
-@pytest.mark.parametrize("noise", [0.002, 0.01])
+@pytest.mark.parametrize(("incidence", "noise"), [(20, 0.01), (60, 0.002), (80, 0.01)])
 def test_photographs_that_lie_still_are_neither_turned_nor_moved(incidence: float, noise: float) -> None:
     capture = blend(incidence, 128, noise=noise).capture
     assert align(capture) is capture
@@ -106,9 +105,8 @@ def test_what_was_done_is_told_and_needs_not_be_done_again() -> None:
     assert align(aligned) is aligned
 
 
-@pytest.mark.parametrize("incidence", [20, 60])
-def test_a_separation_loses_little_by_having_been_turned_back(incidence: float) -> None:
-    turned, still = (turned_blend(incidence, 176, moved, color=False) for moved in (HAND, STILL))
+def test_a_separation_loses_little_by_having_been_turned_back() -> None:
+    turned, still = (turned_blend(60, 176, moved, color=False) for moved in (HAND, STILL))
     aligned = align(turned.capture)
     height, width = aligned.shape[-2:]
     # The first photograph stays where it is: it tells which part of the frame was kept.

@@ -146,7 +146,7 @@ def test_before_a_wide_lens_the_azimuth_turns_the_right_way_only() -> None:
 
 
 def test_the_separation_warns() -> None:
-    """Blind, of either mistake: limits of both warnings are held where warnings are."""
+    """Of one mistake: of either one the limits are held where those of all warnings are."""
     reversed_ = counted(blend(60, SIZE, ghost_shift=7.0).capture, sense=-1)
     said = separate(reversed_, OPEN, stopping=StoppingRule(max_evaluations=3)).diagnostics.warnings
     assert SeparationWarning.ANGLES_REVERSED in said

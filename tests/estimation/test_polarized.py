@@ -235,10 +235,8 @@ def test_the_true_numbers_lie_within_a_few_standard_errors(kind: str) -> None:
 
 
 def test_an_untold_side_of_the_ghosts_widens_their_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    capture, asked = (
-        blend(size=128, ghost_shift=6.3, **SCREEN).capture,
-        BLIND.replace(incidence_deg=60.0, azimuth_deg=25.0),
-    )
+    capture = blend(size=128, ghost_shift=6.3, **SCREEN).capture
+    asked = BLIND.replace(incidence_deg=60.0, azimuth_deg=25.0)
     told = find_scene(capture, asked, noise_level(capture), "polarized")
     monkeypatch.setattr("polaropt.estimation.polarized.search._SURE_OF_LIGHT", math.inf)
     doubted = find_scene(capture, asked, noise_level(capture), "polarized")

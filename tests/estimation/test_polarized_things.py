@@ -41,7 +41,9 @@ class Blend:
 def pictures() -> NDArray[np.float32]:
     """Layers of leaves, (2, 3, h, w)."""
     layers = np.stack([np.moveaxis(dead_leaves(SIDE_PX, number), -1, 0) for number in (3, 8)])
-    return gaussian_filter(layers.astype(np.float32), (0, 0, 0.7, 0.7)) * np.float32(0.8)
+    soft = gaussian_filter(layers.astype(np.float32), (0, 0, 0.7, 0.7)) * np.float32(0.8)
+    soft.flags.writeable = False
+    return soft
 
 
 def with_things(incidence_deg: float, dolp: float, direction_deg: float = 20.0, *, share: float = 0.4) -> Blend:

@@ -54,8 +54,7 @@ def told(scene: SceneParameters, about_px: float, *, color: bool = False) -> Sam
     return found
 
 
-@pytest.mark.parametrize("color", [False, True], ids=["mono", "color"])
-@pytest.mark.parametrize(("shift", "about"), [(4.0, -3.0), (-4.0, 5.5)])
+@pytest.mark.parametrize(("shift", "about", "color"), [(4.0, -3.0, False), (-4.0, 5.5, True)], ids=["mono", "color"])
 def test_ghosts_lie_where_they_are_to_the_side_where_they_are(shift: float, about: float, *, color: bool) -> None:
     found = told(SceneParameters(75.0, 30.0, shift), about, color=color)
     assert found.shift_px == pytest.approx(shift, abs=0.8)

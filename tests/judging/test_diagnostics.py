@@ -53,8 +53,7 @@ def test_good_captures_earn_no_warning_blind(incidence):
     assert warnings_of(blend(incidence, 112).capture) == set()
 
 
-@pytest.mark.parametrize("color", [False, True])
-@pytest.mark.parametrize("noise", [0.002, 0.01])
+@pytest.mark.parametrize(("noise", "color"), [(0.002, False), (0.01, True)])
 @pytest.mark.parametrize("incidence", [20, 30, 40, 50])
 def test_a_reflection_is_said_to_be_unknown_where_its_detail_is_not_the_true_one(incidence, noise, color):
     example = blend(incidence, 96, color=color, noise=noise)
