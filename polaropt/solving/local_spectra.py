@@ -168,8 +168,8 @@ def expected_layers(
     fast_alone: bool = False,
     before: SeenSpectra | None = None,
     remember: bool = False,
-) -> Expectation:
-    """Layers under spectra of their own in each window.
+) -> Expectation | None:
+    """Layers under spectra of their own in each window; None where the steps to them run away, as before a mirror.
 
     Parameters
     ----------
@@ -203,6 +203,7 @@ def expected_layers(
         last = before.windows
         steps, changed = [(last, 1)], before.changed(light, known.variance[:, 0], last.means(precision))
     layers = known.layers if layers is None else layers
+    farthest = _FARTHEST_STEP * float(np.abs(known.layers).max())
     for windows, times in steps:
         of_windows = windows.sure_precision(precision)
         length, change = first_length(times), None
@@ -215,6 +216,8 @@ def expected_layers(
                 changed,
                 remember=remember and windows is last,
             )
+            if not float(np.abs(step.change).max()) <= farthest:
+                return None
             if change is not None:
                 products = (float(np.sum(change * other, dtype=np.float64)) for other in (change, step.change))
                 length = next_length(length, *products)
@@ -227,6 +230,11 @@ def expected_layers(
     seen = SeenSpectra(last, step.power, light, left) if remember else None
     still = changed is not None and bool(changed.mean() < _FEW)
     return Expectation(np.asarray(own, dtype=np.float32), left * last.on_canvas(step.share), seen, still)
+
+
+_FARTHEST_STEP = 10.0
+"""Of the closed form's largest value, what no step goes beyond that does not run away: they are half of it at most for
+panes at 20 to 89.9 degrees. Set by hand."""
 
 
 def first_length(times: int) -> float:

@@ -226,8 +226,10 @@ class Problem:
         if not self.fits_windows:
             return None
         found = self._expected_layers()
+        if found is None or isinstance(self.pse, PSE):
+            return found
         # A pane may change much within a window, as near grazing incidence.
-        return found if isinstance(self.pse, PSE) or self._explained(found, self.known.layers) else None
+        return found if self._explained(found, self.known.layers) else None
 
     def best_known(self) -> Images:
         """Layers on the canvas (2, channel, H, W): what is expected of windows where these tell, else closed form."""
@@ -245,7 +247,7 @@ class Problem:
             share = np.float32(_SHARE_OF_OTHERS)
             layers = share * layers + (1 - share) * self.best_known()
         around = self._expected_layers(layers)
-        if self._explained(around, self.expected.in_colors(self.known.basis)):
+        if around is not None and self._explained(around, self.expected.in_colors(self.known.basis)):
             self.expected = around
 
     def _explained(self, expected: Expectation, layers: Images) -> bool:
@@ -326,7 +328,7 @@ class Problem:
         near = all(abs(shift or 0.0) <= REACH_PX for shift in shifts)
         return near and self.weights.factor("misfit") > 0
 
-    def _expected_layers(self, layers: Images | None = None) -> Expectation:
+    def _expected_layers(self, layers: Images | None = None) -> Expectation | None:
         of_noise = self._precision_of_noise()
         share = None if of_noise is None else believed_share(of_noise)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from html.parser import HTMLParser
 
@@ -14,9 +15,10 @@ from skimage.io import imread
 from polaropt.capture.capture import Capture
 from polaropt.optics.scene import SceneErrors, SceneParameters
 from polaropt.reporting.files import write_separation
-from polaropt.reporting.page import _pane, convergence_chart, page_pictures, parameters
+from polaropt.reporting.page import _pane, convergence_chart, page_pictures, parameters, write_html_report
 from polaropt.reporting.pictures import UncertaintySummary
 from polaropt.reporting.report import json_values, scene_report
+from polaropt.reporting.words import _uncertainty_sentence
 from polaropt.separation import separate
 from solvers.base import StoppingRule
 from studies.kit.page import write_index
@@ -264,3 +266,17 @@ def test_the_studies_index_is_seen(tmp_path):
     elements = Elements(dom_of(write_index(tmp_path), tmp_path))
     assert len(elements.of("table")) == 1
     assert any(link.get("href") == "#stability" for link in elements.of("a"))
+
+
+def test_numbers_beyond_any_are_said_to_be_unbounded(separated, tmp_path):
+    """JSON has no infinity: they are null in the report."""
+    report = copy.deepcopy(separated[1])
+    report["uncertainty"]["typical_error"]["reflection"] = None
+    report["diagnostics"]["misfit_ratio"] = report["solver"]["value"] = None
+    result, capture = blend_result()
+    write_html_report(tmp_path / "report.html", result, report, page_pictures(result, capture, {}, None))
+    page = " ".join("".join(Elements((tmp_path / "report.html").read_text()).text).split())
+    assert "reflection unbounded (white" in page
+    assert "The residuals are unbounded times" in page
+    assert _uncertainty_sentence(report["uncertainty"]).startswith("standard errors, typically ")
+    assert " and unbounded;" in _uncertainty_sentence(report["uncertainty"])
