@@ -31,11 +31,15 @@ __all__ = [
     "canvas_for",
     "closed_form_of",
     "detail_power",
+    "filled",
+    "filled_by_layers",
+    "filled_smoothly",
     "flat_means",
     "ghost_layers",
     "ghost_transfer",
     "ghost_transfer_at",
     "images_that_tell",
+    "layers_in_place",
     "left_open",
     "mosaic_layers",
     "most_likely_layers",
@@ -51,6 +55,7 @@ __all__ = [
     "variance_table",
     "varying_layers",
     "varying_pixel_layers",
+    "worth_filling",
 ]
 
 from .canvas import Canvas as Canvas
@@ -73,6 +78,11 @@ from .directional_spectra import SCORING_LONGEST_STEP as SCORING_LONGEST_STEP
 from .directional_spectra import SCORING_TURNS_LAW as SCORING_TURNS_LAW
 from .directional_spectra import SCORING_TURNS_NODES as SCORING_TURNS_NODES
 from .directional_spectra import DirectionalBands as DirectionalBands
+from .filling import filled as filled
+from .filling import filled_by_layers as filled_by_layers
+from .filling import filled_smoothly as filled_smoothly
+from .filling import layers_in_place as layers_in_place
+from .filling import worth_filling as worth_filling
 from .mosaic_closed_form import COLORS_BLUR_PX as COLORS_BLUR_PX
 from .mosaic_closed_form import LEAST_LEFT_OPEN as LEAST_LEFT_OPEN
 from .mosaic_closed_form import SAMPLED_ALIASES as SAMPLED_ALIASES

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseModel, noise_classes
-from polaropt.inversion import SCALES, Knowledge, variance_table
+from polaropt.inversion import SCALES, Knowledge, filled_smoothly, variance_table, worth_filling
 from polaropt.judging.precision import LEAST, local_precision
 from polaropt.numerics import enlarged, give_back_freed, middle_part, strips
 from polaropt.optics import FIELDS, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
-from polaropt.solving import Piece, Problem, Tile, Weights, filled_smoothly, worth_filling
+from polaropt.solving import Piece, Problem, Tile, Weights
 from priors.base import CHROMA_WEIGHT
 from solvers.kernels import in_blocks
 
@@ -193,6 +193,8 @@ _STILL_OPEN = 0.5
 _ROWS = 32
 # Precisions of a table, between which is interpolated: set by hand.
 _N_PRECISIONS = 6
+_FEWEST_TOLD, _N_DISTANCES = 2, 17
+"""Photographs that tell both layers of a pixel, and distances between which a layer's differences are interpolated."""
 
 
 @dataclass(frozen=True)
@@ -313,7 +315,28 @@ def _of_noise(part: Capture, layers: Images, noise: float, piece: Piece, growth:
         known, exact = _by_pixel(piece.pse, known, usual, part.shape[-2:])
         exact = exact if precision is None else exact * precision
     still_open = _STILL_OPEN if piece.expected else 1.0
-    return _looked_up(layers[..., piece.tile.rows, piece.tile.columns], known, exact, still_open)
+    found = _looked_up(layers[..., piece.tile.rows, piece.tile.columns], known, exact, still_open)
+    return _beside_untold(found, part, piece.known)
+
+
+def _beside_untold(found: Images, part: Capture, known: Knowledge) -> Images:
+    """The same where hardly any photograph is left, as far as a layer differs over the distance to what is told."""
+    from scipy.ndimage import distance_transform_edt
+
+    if part.samples is not None or part.valid.all():
+        return found
+    trusted = part.valid.reshape(len(part.angles_deg), -1, *part.shape[-2:])
+    untold = np.count_nonzero(trusted, axis=0) < _FEWEST_TOLD
+    for color, where in enumerate(untold):
+        if not where.any():
+            continue
+        away = distance_transform_edt(where)[where]
+        grid = np.linspace(0, float(away.max()), _N_DISTANCES)
+        for layer, differs in enumerate(np.sqrt(known.structure(grid))):
+            errors = found[layer * len(untold) + color]
+            errors[where] = np.hypot(errors[where], np.interp(away, grid, differs))
+    found[-1] = np.maximum(found[-1], untold.mean(axis=0))
+    return found
 
 
 def _of_scene(

@@ -24,7 +24,6 @@ __all__ = [
     "conditioned_observation",
     "edges_of_layers",
     "energies",
-    "filled_smoothly",
     "initializers",
     "inpainted",
     "kinds_of_pixels",
@@ -41,7 +40,6 @@ __all__ = [
     "take_start",
     "term_names",
     "whole",
-    "worth_filling",
 ]
 
 from .compiled import FusedMisfit as FusedMisfit
@@ -64,8 +62,6 @@ from .problem import Coordinates as Coordinates
 from .problem import Memory as Memory
 from .problem import Problem as Problem
 from .problem import component_strips as component_strips
-from .problem import filled_smoothly as filled_smoothly
-from .problem import worth_filling as worth_filling
 from .solution import Piece as Piece
 from .solution import Settings as Settings
 from .solution import Solution as Solution

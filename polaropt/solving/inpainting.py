@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.inversion import Canvas
+from polaropt.inversion import Canvas, layers_in_place
 from polaropt.numerics import smoothly_filled
 from polaropt.optics import SceneParameters, engine_for
 from polaropt.solving.problem import component_strips
@@ -19,8 +19,6 @@ from polaropt.solving.problem import component_strips
 Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_CONTRAST = 0.3
-"""Standard deviation of a layer before anything is measured, white = 1; set by hand."""
 _LEAST_SHARE = 1e-3
 """Share of a layer in a photograph that is divided by: a pane passes and mirrors more."""
 _CORRECTIONS = 2
@@ -54,7 +52,7 @@ def inpainted(capture: Capture, moving: Mask, scene: SceneParameters, noise: flo
         return np.concatenate([strip.components for strip in component_strips(pse, canvas, layers)], axis=-2)
 
     of_transmission, of_reflection = parts(np.ones((2, 1, height, width), np.float32))
-    layers = _in_place(photographs, of_transmission, of_reflection, noise)
+    layers = layers_in_place(photographs, of_transmission, of_reflection, noise)
     known = valid.all(axis=0) & ~moving
     layers[1] = np.where(moving, np.maximum(smoothly_filled(layers[1], known), 0), layers[1])
     shares = of_transmission / np.maximum(of_reflection, np.float32(_LEAST_SHARE))
@@ -70,16 +68,3 @@ def inpainted(capture: Capture, moving: Mask, scene: SceneParameters, noise: flo
         intensities=np.where(moving, seen, photographs).reshape(capture.intensities.shape),
         valid=np.where(moving, valid[shown], valid).reshape(capture.valid.shape),
     )
-
-
-def _in_place(photographs: Images, of_transmission: Images, of_reflection: Images, noise: float) -> Images:
-    """Layers (2, channel, h, w) of each pixel by itself, all bounces in place; where they are open, both the light."""
-    light = 2 * photographs.mean(axis=0)
-    t, r = of_transmission, of_reflection
-    beyond = photographs - (t + r) * light
-    ridge = np.float32((noise / _CONTRAST) ** 2)
-    tt, tr, rr = (t * t).sum(axis=0) + ridge, (t * r).sum(axis=0), (r * r).sum(axis=0) + ridge
-    of_t, of_r = (t * beyond).sum(axis=0), (r * beyond).sum(axis=0)
-    determinant = tt * rr - tr * tr
-    changes = np.stack([rr * of_t - tr * of_r, tt * of_r - tr * of_t]) / determinant
-    return np.asarray(light + changes, dtype=np.float32)

@@ -16,11 +16,14 @@ from polaropt.inversion import (
     ClosedForm,
     FourierPreconditioner,
     canvas_for,
+    filled,
+    filled_by_layers,
+    filled_smoothly,
     mosaic_layers,
     most_likely_layers,
     natural_image_layers,
+    worth_filling,
 )
-from polaropt.numerics import smoothly_filled
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, engine_for, vertical_reach
 from polaropt.solving.local_spectra import REACH_PX, Expectation, SeenSpectra, believed_share, expected_layers
 from polaropt.solving.mosaic_pattern import firmness, mosaic_pattern
@@ -43,46 +46,9 @@ if TYPE_CHECKING:
 
 FILLINGS = 2
 """Times that the closed form is repeated; a third hardly changes it."""
-# Share of values without trust that the closed form suffers from: set by hand.
-_MUCH = 2e-3
-
 SLOW_IS_TOLD_DEG = 30.0
 """Incidence from which on slow changes of what a flat pane mirrors are told. Known panes before photographs that no
 figure is taken of (45 random windows): beyond it both layers gain 0.04 and 0.03 dB, below they lose 0.01 and 0.03."""
-
-
-def worth_filling(capture: Capture) -> bool:
-    """Whether so much is missing that a closed form, which cannot leave pixels out, suffers from it."""
-    if capture.samples is None:
-        return capture.n_valid < (1 - _MUCH) * capture.mask.size
-    valid = capture.samples.valid
-    return bool(np.count_nonzero(valid) < (1 - _MUCH) * valid.size)
-
-
-def filled(capture: Capture, expected: NDArray[np.float32]) -> Capture:
-    """The capture with the expected photographs where its own cannot be trusted; what is clipped is no darker than it.
-
-    Parameters
-    ----------
-    capture : Capture
-    expected : ndarray, shape (k, channel, h, w)
-    """
-    observed = capture.observed
-    seen, trusted = observed.intensities.reshape(expected.shape), observed.valid.reshape(expected.shape)
-    # Whatever photographs were multiplied by since: a value that clips is as bright as any that does not.
-    brightest = seen.max(axis=(-1, -2), keepdims=True, where=trusted, initial=0)
-    clips = seen >= np.where(brightest > 0, brightest, 1)
-    values = np.where(clips, np.maximum(expected, seen), expected)
-    whole = np.where(trusted, seen, values).astype(np.float32)
-    return capture.replace(intensities=whole.reshape(capture.intensities.shape), valid=np.ones_like(capture.valid))
-
-
-def filled_smoothly(capture: Capture) -> Capture:
-    """The capture with smooth values where its own cannot be trusted; what is clipped is no darker than it."""
-    shape = (len(capture.angles_deg), -1, *capture.shape[-2:])
-    # Of a mosaic the photographs near a sample that clips are interpolated from it.
-    known = capture.valid.reshape(shape) if capture.samples is None else capture.samples.valid
-    return filled(capture, smoothly_filled(capture.intensities.reshape(shape), known))
 
 
 Images = NDArray[np.float32]
@@ -313,10 +279,19 @@ class Problem:
         if not worth_filling(self.capture):
             return self._closed_form_of(self.capture)
         # From smooth values on: what a closed form finds of its own filling it hardly changes.
-        known = self._closed_form_of(filled_smoothly(self.capture))
+        smooth = filled_smoothly(self.capture) if self.capture.samples is not None else self._filled_by_layers()
+        known = self._closed_form_of(smooth)
         for _ in range(FILLINGS):
             known = self._closed_form_of(filled(self.capture, self._photographed(known.layers)))
         return known
+
+    def _filled_by_layers(self) -> Capture:
+        """Photographs with what smooth layers behind the pane would give where their own cannot be trusted."""
+        height, width = self.capture.shape[-2:]
+        frame, ones = Canvas(height, width, 0, 0, 0, 0), np.ones((2, 1, height, width), np.float32)
+        parts = [strip.components for strip in component_strips(self.pse, frame, ones)]
+        of_transmission, of_reflection = np.concatenate(parts, axis=-2)
+        return filled_by_layers(self.capture, of_transmission, of_reflection, self.noise)
 
     @property
     def fits_windows(self) -> bool:

@@ -7,15 +7,16 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from polaropt import separate
-from polaropt.capture import ANGLES_DEG
+from polaropt.capture import ANGLES_DEG, planes_last
 from polaropt.capture.capture import Capture
 from polaropt.capture.polarization import stokes_images
 from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.inversion import filled, worth_filling
 from polaropt.inversion.closed_form import plate_entries
 from polaropt.optics import engine_for
 from polaropt.optics.engine import PSE
 from polaropt.optics.scene import SceneParameters
-from polaropt.solving.problem import filled, worth_filling
+from polaropt.simulation import simulate
 from solvers.base import Status
 from studies.camera import photograph
 from studies.photographs import shipped_pairs
@@ -106,8 +107,34 @@ def test_values_that_clip_are_no_darker_than_they_were_also_if_a_gain_was_divide
     seen[1::2] /= 1.02
     valid[1, :, 20:24] = False
     whole = filled(Capture.of_planes(seen, valid=valid), np.full_like(seen, 0.5))
-    np.testing.assert_array_equal(whole.intensities[:, :, 4:8, 4:8], seen[:, :, 4:8, 4:8])
+    np.testing.assert_array_equal(whole.intensities[:, :, 4:8, 4:8].max(axis=0), 1.0)
+    assert (whole.intensities >= np.where(valid, 0, seen))[:, :, 4:8, 4:8].all()
     assert (whole.intensities[1, :, 20:24] == 0.5).all()
+
+
+def test_where_all_photographs_clip_their_light_stays_as_polarized_as_is_expected():
+    example = blend(60, 32)
+    seen = np.minimum(example.capture.intensities, 0.9).copy()
+    seen[:, :, 4:8, 4:8] = 1.0
+    expected = np.stack([np.full((3, 32, 32), light, np.float32) for light in (0.8, 0.7, 0.4, 0.5)])
+    whole = filled(Capture.of_planes(seen, valid=seen < 1), expected).intensities[:, :, 4:8, 4:8]
+    np.testing.assert_allclose(whole, (expected / 0.4)[:, :, 4:8, 4:8], rtol=1e-6)
+
+
+def test_a_bright_cloud_that_clips_makes_no_bright_reflection():
+    """Photographs near it are all as bright as white: filled from there they would not be polarized."""
+    bright, dark = (blend(60, 96, azimuth_deg=10.0).layers[i].copy() for i in (0, 1))
+    bright = 0.3 * bright
+    bright[:2, 30:60, 30:60] += 3.0
+    pane = SceneParameters(60.0, 10.0, 0.0)
+    seen = simulate(planes_last(bright), planes_last(dark), pane, noise=0.003)
+    result = separate(seen, pane)
+    clipped = ~seen.valid.any(axis=0)
+    assert clipped[:2, 34:56, 34:56].all()
+    off = np.abs(result.layers[1] - dark)[clipped]
+    assert off.mean() < 0.3
+    assert (off < 2 * result.uncertainty[1][clipped] + 1e-3).mean() > 0.9
+    assert result.reflection_known[40:50, 40:50].mean() < 0.5
 
 
 def test_before_a_lens_a_lamp_that_clips_is_as_bright_as_its_rim_and_takes_no_light_from_around():

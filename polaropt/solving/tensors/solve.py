@@ -12,11 +12,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from polaropt.inversion import DETAIL_CUT, DETAIL_PX, ClosedForm, detail_power, open_part
+from polaropt.inversion import DETAIL_CUT, DETAIL_PX, ClosedForm, detail_power, open_part, worth_filling
 from polaropt.numerics import column_multiplicity, squared_frequencies
 from polaropt.optics import PSE
 from polaropt.solving.objective import layer_penalties, own_penalties, plugged_penalties
-from polaropt.solving.problem import Problem, worth_filling
+from polaropt.solving.problem import Problem
 from polaropt.solving.starts import take_start
 from polaropt.solving.tensors.batch import CaptureBatch, batch_of, blurred, placed
 from polaropt.solving.tensors.closed_form import closed_form
