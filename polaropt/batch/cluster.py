@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, TypeVar
@@ -294,21 +294,51 @@ def local_cluster(workers: int, threads: int, memory: int | None, *, dashboard: 
         # Each has a server of pages, whether or not there is a dashboard, and an eye on what its thread does.
         settings |= {f"distributed.{who}.http.routes": [] for who in ("scheduler", "worker", "nanny")}
         settings["distributed.worker.profile.enabled"] = False
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            memory_limit=memory or 0,
-            security=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        _leave_interruptions(client)
+    with dask.config.set(settings), ExitStack() as stack:
+        with _interruptions_later():
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    memory_limit=memory or 0,
+                    security=True,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+            client = stack.enter_context(Client(cluster, set_as_default=False))
+            _leave_interruptions(client)
         yield client
+
+
+@contextmanager
+def _interruptions_later() -> Iterator[None]:
+    """Interruptions from the keyboard wait for the end of this, and processes that start here never see them.
+
+    One that comes while workers start would end in their tracebacks, and in a cluster that cannot be closed.
+    """
+    import signal
+    import threading
+
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    # Where it starts it leaves the thread open to interruptions.
+    resource_tracker.ensure_running()
+    came: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    # Threads that start here keep the mask, and so do the processes that these start.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+    if came:
+        signal.raise_signal(signal.SIGINT)
 
 
 def _leave_interruptions(client: Any) -> None:

@@ -14,6 +14,7 @@ from polaropt.batch.job import (
     DISAGREES,
     DONE,
     FAILED,
+    REPORT,
     TOO_LARGE,
     Job,
     Row,
@@ -105,6 +106,8 @@ def run_batch(
 
             def ended(row: Row, job: Job) -> None:
                 row = replace(row, folder=Path(job.folder).relative_to(folder.absolute()).as_posix())
+                if row.status == FAILED and (Path(job.folder) / REPORT).exists():
+                    row = replace(row, message=f"{row.message}; its folder holds results of an earlier run")
                 journal.add(row)
                 rows[row.name] = row
                 counted(row)

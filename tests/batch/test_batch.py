@@ -148,6 +148,15 @@ def test_an_interruption_leaves_a_state_to_go_on_from(
     assert json.loads(capsys.readouterr().out)["reused"] == 1
 
 
+def test_a_failure_beside_results_of_an_earlier_run_is_told_as_such(shots: Path, tmp_path: Path) -> None:
+    job = job_for(shots, tmp_path)
+    run_batch([job], tmp_path, Place())
+    of_cells = replace(job, options=replace(job.options, reading={"resolution": "cell"}))
+    (row,) = run_batch([of_cells], tmp_path, Place()).rows
+    assert row.status == "failed"
+    assert row.message.endswith("; its folder holds results of an earlier run")
+
+
 def test_a_half_written_line_of_the_journal_does_no_harm(tmp_path: Path) -> None:
     with Journal(tmp_path) as journal:
         journal.add(Row("a", ("a.png",), "done"))

@@ -18,7 +18,7 @@ import pytest
 import tifffile
 
 from polaropt import SceneParameters, separate, separate_many
-from polaropt.batch.cluster import Place, WorkerDied, done, local_cluster, place_for
+from polaropt.batch.cluster import Place, WorkerDied, _interruptions_later, done, local_cluster, place_for
 from polaropt.batch.job import Job, Options
 from polaropt.batch.run import run_batch
 from polaropt.capture.files.write import write_capture
@@ -139,3 +139,14 @@ def test_no_scheduler_and_contradictions_are_refused(tmp_path: Path, monkeypatch
     for wrong in ((None, "tcp://a:1", "file", False), (2, "tcp://a:1", None, False), (None, "tcp://a:1", None, True), (0, None, None, False)):  # fmt: skip # noqa: E501
         with pytest.raises(InputError):
             place_for(*wrong)
+
+
+def test_an_interruption_while_workers_start_waits_until_they_have_and_does_not_reach_them() -> None:
+    reached = []
+    with pytest.raises(KeyboardInterrupt), _interruptions_later():  # noqa: PT012 (what follows must be reached)
+        signal.raise_signal(signal.SIGINT)
+        reached.append(1)
+        asks = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+        masked = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True).stdout
+    assert (reached, masked.strip()) == ([1], "True")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
