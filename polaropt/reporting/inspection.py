@@ -233,9 +233,11 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
     swapped = swapped_photographs(capture)
     moved = visible_shift(capture)
     cell_order = None if origin is None else origin.cell_order
-    # Swapped and shifted photographs break the same identity that the encoding does.
-    gamma = None if swapped or moved else fit_gamma(capture)
     hint = EncodingHint.NONE if origin is None or origin.gamma is not None else origin.encoding_hint
+    # Swapped and shifted photographs break the same identity that the encoding does, and so do exposures that were
+    # divided out of encoded values.
+    spoilt = hint.decides and exposed_apart(() if origin is None else origin.exposures)
+    gamma = None if swapped or moved or spoilt else fit_gamma(capture)
     return Inspection(
         width=photographs.shape[-1],
         height=photographs.shape[-2],
@@ -265,7 +267,7 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
         left_out_px=(0, 0) if origin is None else origin.left_out_px,
         defects=0 if origin is None else origin.defects,
         **_as_taken(origin or Origin()),
-        uneven_gains=() if moved else uneven_gains(capture),
+        uneven_gains=() if moved or spoilt else uneven_gains(capture),
         moving_share=_moving_share(whole, moving),
     )
 
@@ -297,6 +299,10 @@ def _saturated_share(capture: Capture) -> float:
     return (n - trusted) / n
 
 
+_SAME_EXPOSURE = 1.001
+"""Ratio of exposures that are the same: cameras round them. Set by hand."""
+
+
 def _darkest(capture: Capture) -> float | None:
     origin = capture.origin or Origin()
     if origin.gamma is not None:
@@ -305,6 +311,11 @@ def _darkest(capture: Capture) -> float | None:
     # A defect or two are darker than black.
     value = float(np.quantile(capture.intensities[..., ::step, ::step], _DARKEST_SHARE))
     return origin.black_level + value * (origin.white_level - origin.black_level)
+
+
+def exposed_apart(exposures: tuple[float, ...]) -> bool:
+    """Whether photographs were exposed differently, which was divided out."""
+    return bool(exposures) and max(exposures) > _SAME_EXPOSURE * min(exposures)
 
 
 def _looks_encoded(gamma: GammaFit | None, hint: EncodingHint) -> bool | None:

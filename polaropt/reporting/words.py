@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from polaropt.capture import PLAUSIBLE_GAIN, Capture, EncodingHint
 from polaropt.judging import SeparationWarning
 from polaropt.optics import FIELDS, Field, SceneParameters, largest_turn
-from polaropt.reporting.inspection import Inspection
+from polaropt.reporting.inspection import Inspection, exposed_apart
 from polaropt.reporting.meanings import meaning_of
 from polaropt.reporting.pictures import LAYERS
 from polaropt.reporting.report import is_set, scene_report
@@ -34,8 +34,6 @@ _DIM_BRIGHTEST = 0.1
 _LEAST_BLACK = 0.004
 # Degree of polarization that nothing is below in a capture worth separating. Set by hand.
 _WEAK_DOLP = 0.02
-# Ratio of exposures that are the same: cameras round them. Set by hand.
-_SAME_EXPOSURE = 1.001
 # Share of pixels from which a shorter exposure is advised. Set by hand.
 _MUCH_SATURATED = 0.05
 # Standard error below which a second digit of it is more than anybody knows. Set by hand.
@@ -137,7 +135,7 @@ def _size(it: Inspection) -> Finding:
 def _exposures(it: Inspection) -> str:
     if not it.exposures:
         return ""
-    if max(it.exposures) <= _SAME_EXPOSURE * min(it.exposures):
+    if not exposed_apart(it.exposures):
         return " All were exposed alike."
     listed = ", ".join(f"{exposure:.3g}" for exposure in it.exposures)
     told = f"{listed}, as given" if it.exposures_given else f"{listed} s at ISO 100"
@@ -269,7 +267,8 @@ def _encoding(it: Inspection) -> Finding:
     if it.looks_encoded:
         return Finding(
             "encoding",
-            attention=f"the values look gamma-encoded ({reasons}); if they are, read them with gamma srgb or 2.2.",
+            attention=f"the values look gamma-encoded ({reasons}); if they are, read them with gamma srgb or 2.2"
+            + (", as exposures can be divided out of linear values alone." if exposed_apart(it.exposures) else "."),
         )
     if it.looks_encoded is False:
         return Finding("encoding", f"The values are linear ({measured}).")

@@ -16,7 +16,7 @@ from skimage import data
 from polaropt.capture.capture import Capture, EncodingHint
 from polaropt.capture.files.exif import facts_of_picture, upright
 from polaropt.capture.files.jpeg import jpeg_facts, jpeg_traces
-from polaropt.capture.files.write import LINEAR_LIGHT, made_by, write_capture, write_png
+from polaropt.capture.files.write import LINEAR_LIGHT, encode_srgb, made_by, write_capture, write_png
 from polaropt.capture.noise import noise_level
 from polaropt.capture.read import read_capture
 from polaropt.cli.app import main
@@ -110,6 +110,20 @@ def test_exposures_that_the_files_tell_are_divided_out(tmp_path: Path) -> None:
     assert capture.intensities[1] == pytest.approx(images[1].transpose(2, 0, 1) / 510, abs=0.003)
     assert capture.intensities[0] == pytest.approx(images[0].transpose(2, 0, 1) / 510, abs=0.003)
     assert "exposed differently" in inspection_sentences(inspect_capture(capture))[0]
+
+
+def test_jpegs_that_were_exposed_differently_are_said_to_be_encoded_and_nothing_else(tmp_path: Path) -> None:
+    """What is divided out of encoded values makes pairs that add up to nothing, and an exponent near 1."""
+    exposed = np.array([1, 1, 2, 1], np.float32).reshape(-1, 1, 1, 1)
+    shown = encode_srgb(np.minimum(0.5 * exposed * photographs(192, 128) / 255, 1))
+    each: list[dict[str, object]] = [{"seconds": 0.02 if angle == "090" else 0.01} for angle in ANGLES]
+    files = written(tmp_path, np.round(255 * shown).astype(np.uint8), "jpg", each, quality=95)
+    told = inspect_capture(read_capture(files))
+    assert told.looks_encoded
+    assert told.gamma_exponent is None
+    assert not told.uneven_gains
+    (said,) = [line for line in inspection_sentences(told) if "gamma" in line]
+    assert "as exposures can be divided out of linear values alone" in said
 
 
 def test_exposures_can_be_given(tmp_path: Path) -> None:
