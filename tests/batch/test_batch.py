@@ -72,7 +72,7 @@ def test_a_batch_separates_names_failures_and_goes_on(
 
     written = (out / "0" / "report.json").stat().st_mtime_ns
     shutil.copy(shots / "0_135.png", tmp_path / "kept.png")
-    (shots / "three_135.png").write_bytes((shots / "three_000.png").read_bytes())
+    shutil.copy(shots / "0_135.png", shots / "three_135.png")
     try:
         assert batch(shots, "-o", out, "--json") == 3
     finally:
