@@ -202,7 +202,8 @@ class Track:
 
     def _moves(self) -> bool:
         """Whether it moves by more than is known of it until it is asked again."""
-        return any(speed * self.patience > getattr(self.known.errors, name) for name, speed in self.speed.items())
+        errors = {name: getattr(self.known.errors, name) for name in self.speed}
+        return any(speed * self.patience > (errors[name] or math.inf) for name, speed in self.speed.items())
 
     def _speed_to(self, told: Estimate, frames: int) -> dict[str, float]:
         """How far each number has moved in a frame, where that is more than the errors of what told it explain.

@@ -287,9 +287,8 @@ class Problem:
 
     def _filled_by_layers(self) -> Capture:
         """Photographs with what smooth layers behind the pane would give where their own cannot be trusted."""
-        height, width = self.capture.shape[-2:]
-        frame, ones = Canvas(height, width, 0, 0, 0, 0), np.ones((2, 1, height, width), np.float32)
-        parts = [strip.components for strip in component_strips(self.pse, frame, ones)]
+        ones = np.ones((2, 1, *self.canvas.shape), np.float32)
+        parts = [strip.components for strip in component_strips(self.pse, self.canvas, ones)]
         of_transmission, of_reflection = np.concatenate(parts, axis=-2)
         return filled_by_layers(self.capture, of_transmission, of_reflection, self.noise)
 
