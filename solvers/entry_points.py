@@ -29,9 +29,10 @@ def loaded(group: str, name: str) -> Any:
     point = plugged(group)[name]
     try:
         return point.load()
-    except Exception as error:  # whatever the code of others raises
+    except (Exception, SystemExit) as error:  # whatever the code of others raises
         package = point.dist.name if point.dist is not None else point.module
-        reason = " ".join(str(error).split()) or type(error).__name__
+        told = " ".join(str(error).split())
+        reason = told if told.isprintable() and told else ascii(told)[1:-1] or type(error).__name__
         # The place that is told is of no use: it is the package that must be mended.
         warnings.warn(f"{name!r} of the package {package} cannot be used ({reason})", PluginWarning, stacklevel=2)
         return None

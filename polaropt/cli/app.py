@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Annotated, TextIO
 
 import typer
 
@@ -72,13 +74,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
         told in one line on standard error; 3 where some of many captures failed; 130 for Ctrl-C, 143 where the system
         asked to end. Anything unexpected is raised.
     """
-    with called_now(), terminations() as received:
+    with called_now(), _plugin_warnings_in_a_line(), terminations() as received:
         outcome = _run(arguments)
         if outcome == INTERRUPTED:
             # CPython would end by SIGINT, whatever is returned, where an exec was interrupted (dataclasses are made by
             # some), until another one ends well.
             exec("")
         return 128 + received[-1] if received and outcome == INTERRUPTED else outcome
+
+
+@contextmanager
+def _plugin_warnings_in_a_line() -> Iterator[None]:
+    """Say that something of another package cannot be used as errors are said, unless somebody looks at warnings."""
+    shown = warnings.showwarning
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        # Its module is not needed otherwise.
+        if category.__name__ == "PluginWarning":
+            typer.echo(f"polaropt: {in_one_line(str(message))}", err=True)
+        else:
+            shown(message, category, filename, lineno, file, line)
+
+    if shown is not getattr(warnings, "_showwarning_orig", None):
+        yield
+        return
+    warnings.showwarning = show
+    try:
+        yield
+    finally:
+        warnings.showwarning = shown
 
 
 def _run(arguments: Sequence[str] | None) -> int:

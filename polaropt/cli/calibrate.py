@@ -86,6 +86,7 @@ def _told(found: Calibration) -> dict[str, Any]:
         "unpolarized_fields": found.n_unpolarized,
         "polarizer_turns": found.n_turns,
         "contrast_and_angles_measured": found.complete,
+        "angles_open": found.angles_open,
         "residual": found.residual,
     }
 
@@ -100,6 +101,11 @@ def _sentences(found: Calibration) -> list[str]:
         lines.append("ATTENTION: Only the gains are told: contrast and angles need 4 or more turns of a polarizer.")
     if found.ambiguous:
         lines.append("ATTENTION: Four turns alone leave up to 1 % open: add a fifth, or an unpolarized field.")
+    elif found.angles_open:
+        lines.append(
+            "ATTENTION: Turns 45 degrees apart leave open how far the two pairs are turned against each other: add one "
+            "in between."
+        )
     for angle, gain, contrast, true in zip(
         of_it.angles_deg, of_it.gains, of_it.contrasts, of_it.true_angles_deg, strict=True
     ):

@@ -24,8 +24,12 @@ _UNPOLARIZED = 0.1
 _FEWEST_TURNS = 4
 """Turns of a polarizer that tell contrast and angle: four turns of four corners are 16 numbers for 15 unknowns, of
 which a few choices fit; with a fifth turn or an unpolarized field only one does."""
-_TRUST = 1e-4
-"""Weight of analyzers being alike and as they should be, in units of a field's light; below any noise. Set by hand."""
+_TRUST = 1e-2
+"""Weight of analyzers being alike and as they should be, in units of a field's light: what fields tell hardly changes by
+it, and what they leave open stays where sensors are made. Set by hand."""
+_LEFT_OPEN = 0.3
+"""Standard error of an angle, in units of what it would be without any field, from which on fields leave it open. Set by
+hand."""
 _LEAST_TURN_DEG = 5.0
 """By which turns must differ to count as two; set by hand."""
 GAIN_LIMITS, CONTRAST_LIMITS, TURN_LIMIT_DEG = (0.5, 2.0), (0.5, 1.0), 20.0
@@ -106,12 +110,16 @@ class Calibration:
         Fields without a polarizer, and different turns of one.
     residual : float
         Root mean square of what is left, as a share of the light.
+    angles_open : bool
+        Whether the fields leave the angles open beside their common rotation, as turns do that are 45 degrees apart:
+        those of one orthogonal pair may turn against the other.
     """
 
     analyzer: Analyzer
     n_unpolarized: int
     n_turns: int
     residual: float
+    angles_open: bool = False
 
     @property
     def complete(self) -> bool:
@@ -195,7 +203,9 @@ def calibrate(fields: ArrayLike, angles_deg: Sequence[float]) -> Calibration:
         _listed(angles + np.degrees(deviations)),
     )
     left = float(np.sqrt(np.mean(np.square(residual(fitted.x)[: lit.size]))))
-    return Calibration(analyzer, n_flat, n_turns, left)
+    # The errors that all leave, were the unit of light the noise; the weakest prior counts as no field.
+    errors = np.sqrt(np.diag(np.linalg.pinv(fitted.jac.T @ fitted.jac))[2 * k : 3 * k])
+    return Calibration(analyzer, n_flat, n_turns, left, bool(errors.max() > _LEFT_OPEN / _TRUST))
 
 
 def _different(turns_deg: Floats) -> int:

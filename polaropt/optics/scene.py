@@ -187,9 +187,10 @@ class SceneParameters:
         n, absorption = self.n_panes, self.absorption
         if n is not None and not (1 <= n <= MOST_PANES and n % 1 == 0):
             raise InputError(f"n_panes is {n}; give a whole number from 1 to {MOST_PANES}")
-        darkest = -math.log(DARKEST_TINT)
+        # Up to the last digit that is written of it.
+        darkest = math.ceil(-1e3 * math.log(DARKEST_TINT)) / 1e3
         if absorption is not None and not 0 <= absorption <= darkest:
-            raise InputError(f"the absorption is {absorption}; it must lie between 0 and {darkest:.3g}")
+            raise InputError(f"the absorption is {absorption}; it must lie between 0 and {darkest:g}")
         if self.single_surface and ((n or 1) > 1 or absorption):
             raise InputError("a single surface is no window of panes, and has no tint; leave them or it out")
         if (n or 1) > 1 and (self.n_bounces is not None or self.literal_eq3):

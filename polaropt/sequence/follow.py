@@ -35,6 +35,9 @@ _DRIFT = {
 }
 _OF_UNKNOWN = ("refractive_index", "single_surface", "thickness_px", "index_known")
 """Options of `separate` for a scene that is not known."""
+_WORSE = 1.15
+"""Misfit of a frame beside the least since a frame told the pane, beyond which the next one is asked: frames of a still
+film differ by a few hundredths, a pane that has turned by a degree or two explains less by more. Set by hand."""
 _SURELY = 2.0
 """Standard errors by which a number must have changed to be seen to move; set by hand."""
 _OPEN = 1e3
@@ -102,6 +105,7 @@ class _Pane:
         self._track = Track(Estimate(shared.scene, shared.errors), every)
         self._asked, self._options = asked, options
         self._memory: FrameMemory | None = None
+        self._least_misfit = math.inf
 
     def fresh(self, frames: int) -> None:
         """It was found from so many frames, which come next."""
@@ -118,6 +122,8 @@ class _Pane:
         rung = track.known.scene.rung if model == "auto" else model
         found = estimate(capture, self._asked, **{**scene_options(self._options), "model": rung})
         track.see(Estimate(found.scene, found.errors))
+        if track.age == 0:
+            self._least_misfit = math.inf
 
     def separated(self, capture: Capture, before: Separation | None) -> Separation:
         """A frame with the pane as it is known, and with what the frame before tells of it."""
@@ -129,6 +135,11 @@ class _Pane:
         result, self._memory = separate_frame(
             capture, stated.scene, self._memory, scene_errors=stated.errors, start=start, **options
         )
+        misfit = result.diagnostics.misfit_ratio
+        if misfit > _WORSE * self._least_misfit:
+            # The camera was knocked, or moves on.
+            self._track.patience = 1
+        self._least_misfit = min(self._least_misfit, misfit)
         return result
 
 

@@ -118,6 +118,17 @@ def test_a_folder_in_the_way_of_a_file_is_an_error(tmp_path: Path) -> None:
     assert (tmp_path / "also").read_text() == "old"
 
 
+def test_a_folder_that_has_the_name_of_a_result_is_somebody_elses(tmp_path: Path) -> None:
+    for name in ("mine", "stale"):
+        (tmp_path / name).mkdir()
+        write(tmp_path / name, precious="old")
+    with pytest.raises(InputError, match="is a folder where"), result_folder(tmp_path, owned=("mine",)) as work:
+        write(work, mine="new")
+    with result_folder(tmp_path, owned=("also", "stale")) as work:
+        write(work, also="new")
+    assert [(tmp_path / name / "precious").read_text() for name in ("mine", "stale")] == ["old", "old"]
+
+
 @pytest.mark.parametrize("inside", [(), ("deeper",)])
 def test_a_file_is_no_output_folder(tmp_path: Path, inside: tuple[str, ...]) -> None:
     (tmp_path / "file").write_text("precious")

@@ -73,6 +73,16 @@ def test_numbers_that_no_sensor_has_are_refused():
         Analyzer(ANGLES, (1,) * 4, (1,) * 4, (90, 45, 0, 135))
 
 
+@pytest.mark.parametrize(("turns", "left_open"), [((0, 45, 90, 135), True), ((0, 45, 90, 135, 20), False)])
+def test_turns_45_degrees_apart_leave_open_how_the_pairs_lie_and_make_up_nothing(turns, left_open):
+    noise = 1 + 1e-4 * np.random.default_rng(1).standard_normal((len(turns) + 1, 4))
+    found = calibrate(noise * np.concatenate([behind(turns), unpolarized(0.5)]), ANGLES)
+    assert found.angles_open is left_open
+    rotation = np.subtract(found.analyzer.true_angles_deg, TRUE.true_angles_deg)
+    assert np.ptp(rotation) < (1.0 if left_open else 0.05)
+    np.testing.assert_allclose(found.analyzer.contrasts, TRUE.contrasts, atol=2e-3)
+
+
 def test_four_turns_alone_leave_something_open():
     found = calibrate(behind((0, 25, 60, 115)), ANGLES)
     assert found.complete

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -15,7 +16,7 @@ from polaropt.capture.files.formats.tiff import declared_tiff, decode_tiff
 from polaropt.capture.files.limits import MAX_PIXELS, Declared, check_declared, complaints, most_bytes
 from polaropt.capture.files.opening import AnyPath, bytes_of
 from polaropt.errors import InputError, one_line
-from solvers.entry_points import READERS, loaded, plugged
+from solvers.entry_points import READERS, PluginWarning, loaded, plugged
 
 
 def read_file(path: AnyPath, max_pixels: int = MAX_PIXELS) -> FileContent:
@@ -58,13 +59,14 @@ def decode(data: bytes, max_pixels: int = MAX_PIXELS) -> FileContent:
     """
     if not data:
         raise InputError("the file is empty; copy it again")
-    own = (decoder for decoder in DECODERS if data.startswith(decoder.first_bytes))
-    plugged_in = (decoder for decoder in _plugged_decoders() if data.startswith(decoder.first_bytes))
-    for decoder in chain(own, plugged_in):
+    # Those of other packages are imported where none of ours knows the file.
+    for decoder in chain(DECODERS, _plugged_decoders()):
+        if not data.startswith(decoder.first_bytes):
+            continue
         if decoder.declared is not None:
             check_declared(decoder.declared(data), len(data), max_pixels)
         return decoder.decode(data)
-    others = _plugged_decoders()
+    others = tuple(_plugged_decoders())
     *names, last = (decoder.name for decoder in (*DECODERS, *others))
     raise InputError(f"not a {', '.join(names)} or {last} file; convert it to one of these")
 
@@ -92,7 +94,12 @@ DECODERS = (
 )
 
 
-def _plugged_decoders() -> tuple[Decoder, ...]:
-    """Formats that other packages plug in, imported where this package knows none."""
-    found = (loaded(READERS, name) for name in plugged(READERS))
-    return tuple(decoder for decoder in found if decoder is not None)
+def _plugged_decoders() -> Iterator[Decoder]:
+    """Formats that other packages plug in, each imported when it is asked for."""
+    for name in plugged(READERS):
+        decoder = loaded(READERS, name)
+        if isinstance(decoder, Decoder):
+            yield decoder
+        elif decoder is not None:
+            told = f"the reader {name!r} of another package is no Decoder and cannot be used"
+            warnings.warn(told, PluginWarning, stacklevel=2)

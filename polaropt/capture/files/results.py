@@ -27,6 +27,8 @@ _PREFIX, _NAME_BYTES = ".polaropt-", 8
 _PREVIOUS = "previous-"
 _EXCHANGE = "polaropt-exchange.json"
 """File of a temporary folder that names what is exchanged, from when all of it is there."""
+_FOLDERS = (".zarr",)
+"""Endings of results that are folders."""
 _SETTLED_SECONDS = 10.0
 """How old a folder is before it can count as left: its run has long taken its lock. Set by hand."""
 
@@ -179,9 +181,11 @@ def _exchange(new: Path, old: Path, previous: Path) -> None:
 def _replace_files(work: Path, target: Path, owned: Collection[str]) -> None:
     """Exchange file by file, and undo everything if one of them fails."""
     names = [path.name for path in work.iterdir()]
-    stale = [name for name in owned if name not in names and (target / name).exists()]
+    # A folder of a file's name is somebody else's.
+    gone = (target / name for name in owned if name not in names)
+    stale = [path.name for path in gone if path.exists() and (path.suffix in _FOLDERS or not path.is_dir())]
     for name in names:
-        if (target / name).is_dir() and name not in owned:
+        if (target / name).is_dir() and not (name in owned and (work / name).is_dir()):
             raise InputError(f"{target / name}: is a folder where a file must go; choose another output folder")
     previous = Path(tempfile.mkdtemp(prefix=_PREVIOUS, dir=work))
     begun = work / f"{_EXCHANGE}.part"
