@@ -17,7 +17,7 @@ BLOCK = re.compile(r"^```(?:toml|python) example/(\S+)\n(.*?)^```$", re.MULTILIN
 USE = """
 import warnings
 import numpy as np
-from polaropt import SceneParameters, StoppingRule, Weights, read_capture, separate, simulate
+from polaropt import InputError, SceneParameters, StoppingRule, Weights, read_capture, separate, simulate
 from skimage.data import astronaut, coffee
 from solvers.entry_points import PluginWarning
 from solvers.registry import solver_names
@@ -34,9 +34,15 @@ assert np.square(small.reflection).sum() < np.square(plain.reflection).sum()
 mosaic = np.random.default_rng(0).uniform(0.2, 0.8, (64, 64))
 with open("frame.lines", "w") as file:
     print("mosaic", *mosaic.shape, *mosaic.ravel(), file=file)
+assert read_capture("frame.lines", sensor="mono").shape == (64, 64)
+with open("unknown.png", "w") as file:
+    print("nothing that any reader knows", file=file)
 with warnings.catch_warnings(record=True) as told:
     warnings.simplefilter("always")
-    assert read_capture("frame.lines", sensor="mono").shape == (64, 64)
+    try:
+        read_capture("unknown.png")
+    except InputError:
+        pass
 (warning,) = (one for one in told if one.category is PluginWarning)
 assert "'broken' of the package polaropt-example cannot be used" in str(warning.message)
 """
@@ -77,6 +83,9 @@ def test_a_package_plugs_in(site: Path, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(site)))}
     ran = subprocess.run([sys.executable, "-c", USE], env=environment, cwd=tmp_path, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr
+    command = [sys.executable, "-m", "polaropt", "inspect", "unknown.png"]
+    told = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+    assert [line.startswith("polaropt: ") for line in told.stderr.splitlines()] == [True, True]
     command = [sys.executable, "-m", "polaropt", "separate", "a.png", "-o", "out", "--weights", "large=1"]
     refused = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
     assert refused.returncode == 2

@@ -25,11 +25,11 @@ _FEWEST_TURNS = 4
 """Turns of a polarizer that tell contrast and angle: four turns of four corners are 16 numbers for 15 unknowns, of
 which a few choices fit; with a fifth turn or an unpolarized field only one does."""
 _TRUST = 1e-2
-"""Weight of analyzers being alike and as they should be, in units of a field's light: what fields tell hardly changes by
-it, and what they leave open stays where sensors are made. Set by hand."""
+"""Weight of analyzers being alike and as they should be, in units of a field's light: what fields tell hardly changes
+by it, and what they leave open stays where sensors are made. Set by hand."""
 _LEFT_OPEN = 0.3
-"""Standard error of an angle, in units of what it would be without any field, from which on fields leave it open. Set by
-hand."""
+"""Standard error of an angle, in units of what it would be without any field, from which on fields leave it open. Set
+by hand."""
 _LEAST_TURN_DEG = 5.0
 """By which turns must differ to count as two; set by hand."""
 GAIN_LIMITS, CONTRAST_LIMITS, TURN_LIMIT_DEG = (0.5, 2.0), (0.5, 1.0), 20.0
