@@ -124,9 +124,19 @@ def test_edges_and_tiles_together_tell_several_panes(
     assert not panes._is_told(frontal, [single], lambda _: fewer, across=across)
 
 
-@pytest.mark.parametrize(("pane_shift", "sure", "told"), [(-3.0, 4.4, False), (-3.0, 4.6, True), (-1.0, 4.4, True)])
-def test_panes_far_from_parallel_must_be_surer(pane_shift: float, sure: float, told: bool) -> None:
-    found = replace(fit(48, sure), window=replace(TWO_PANES, pane_shift=pane_shift))
+@pytest.mark.parametrize(
+    ("pane_shift", "gap_across", "sure", "told"),
+    [
+        (-3.0, 0.0, 4.4, False),
+        (-3.0, 0.0, 4.6, True),
+        (-1.0, 0.0, 4.4, True),
+        (2.0, 9.5, 4.4, False),
+        (2.0, -9.5, 4.6, True),
+        (2.0, 8.5, 4.4, True),
+    ],
+)
+def test_panes_far_from_parallel_must_be_surer(pane_shift: float, gap_across: float, sure: float, told: bool) -> None:
+    found = replace(fit(48, sure), window=replace(TWO_PANES, pane_shift=pane_shift, gap_across=gap_across))
     assert panes._is_told(found, [fit(48)], lambda _: 0.05, across=False) is told
 
 

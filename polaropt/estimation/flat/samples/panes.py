@@ -40,10 +40,11 @@ fit seeds from 200000) 7 of 74 single panes pass without this, with shares of 0.
 _SURE_ACROSS = 3.7
 """Standard errors that are needed where other axes are asked, too, with which layers would be exchanged. Of 8 windows
 across the pane that was found (256x256) 7 have 3.9 and more, those two single panes 3.0 and 3.5."""
-_SURE_OF_OPPOSED, _RESOLVED_PX = 4.5, 2.0
-"""The same where panes that shift images by so many pixels, and gaps, shift them to opposite sides, as of panes that
-are far from parallel: ghosts of single panes that lie far off pass for such. Of the mosaics of 384x384 single ones have
-4.4 at most (6 of some 220), of 4 such windows 3 have 4.7 and more."""
+_SURE_OF_UNUSUAL, _RESOLVED_PX = 4.5, 2.0
+"""The same where panes that shift images by so many pixels, and gaps, shift them to opposite sides, or gaps shift them
+rather to the side than along the azimuth, farther than is looked, as of panes that are far from parallel: ghosts of
+single panes that lie far off, and patterns, pass for such. Of the mosaics of 384x384 single ones have 4.4 at most (6 of
+some 220), of 4 such windows 3 have 4.7 and more."""
 _LEAST_DEG = 12.0
 """Incidence beyond which they are told, as those of photographs in noise are: nearer to the normal, where hardly any
 light is polarized, chance windows suit detail best. Set by hand."""
@@ -118,7 +119,10 @@ def _is_told(
     if window.incidence_deg <= _LEAST_DEG or sure <= min(_SURE):
         return False
     opposed = abs(window.pane_shift) > _RESOLVED_PX and window.pane_shift * window.gap_along < 0
-    if (across and believed <= _SURE_ACROSS) or (opposed and believed <= _SURE_OF_OPPOSED):
+    # Small gaps may have changed places with panes, whose ghosts lie along.
+    aside = abs(window.gap_across) > max(abs(window.gap_along), _ACROSS_PX)
+    unusual = opposed or aside
+    if (across and believed <= _SURE_ACROSS) or (unusual and believed <= _SURE_OF_UNUSUAL):
         return False
     fewer = fewer_edges(window)
     sure = sure if fewer > _CLEARLY_FEWER else believed
