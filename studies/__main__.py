@@ -49,6 +49,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return max(_run(study.name, ["--help"], None) for study in chosen)
     if options.out is None:
         parser.error("the following arguments are required: -o/--out")
+    if options.out.exists() and not options.out.is_dir():
+        print(f"polaropt: --out is {str(options.out)!r}, which is a file; give a folder", file=sys.stderr)
+        return _WRONG
     alone = len(chosen) == 1
     plans = {
         study.name: [*rest, *inputs_of(study, options, alone), *workers_of(study, options, rest, alone)]

@@ -153,7 +153,7 @@ class RunOptions:
             rich_help_panel=_TRAINING,
         ),
     ] = "auto"
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of everything.", rich_help_panel=_TRAINING)] = 0
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of everything.", rich_help_panel=_TRAINING)] = 0
     leaves: Annotated[int, typer.Option(metavar="N", help="Generated images.", rich_help_panel=_TRAINING)] = 192
     leaves_share: Annotated[
         float,

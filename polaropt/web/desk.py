@@ -19,7 +19,7 @@ from polaropt.progress import Progress
 MOST_FILES = 36
 """Photographs of one capture: every 5 degrees of half a turn; set by hand."""
 _LONGEST_NAME = 120
-"""Characters of a file's name that are kept, its end included; set by hand."""
+"""Bytes of a file's name that are kept, its end included; set by hand."""
 _UNSAFE = re.compile(r"[^\w.,()+= -]")
 """What of a name is not kept: what separates folders, and what a terminal or another system may take otherwise."""
 _HALF_TURN_DEG = 180.0
@@ -109,7 +109,9 @@ class Laid:
 
 def safe_name(name: str) -> str:
     """A file's name without what could lead elsewhere; its end, which tells the format, stays."""
-    kept = _UNSAFE.sub("_", name).lstrip(". ")[-_LONGEST_NAME:]
+    kept = _UNSAFE.sub("_", name).lstrip(". ")
+    # Systems count bytes.
+    kept = kept.encode("utf-8", "ignore")[-_LONGEST_NAME:].decode("utf-8", "ignore")
     return kept.strip() or "photograph"
 
 

@@ -224,7 +224,7 @@ async def _lay(desk: Desk, request: Request) -> Response:
 
     document = await _json(request)
     names = document.get("names") if isinstance(document, dict) else None
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+    if not isinstance(names, list) or not names or not all(_is_text(name) for name in names):
         raise InputError("no files are named; choose some")
     if len(names) > MOST_FILES:
         raise TooLarge(f"more than {MOST_FILES} files; give the photographs of one capture")
@@ -236,6 +236,7 @@ async def _lay(desk: Desk, request: Request) -> Response:
 
 async def _take(desk: Desk, request: Request) -> Response:
     """One of its files, written as it comes."""
+    from starlette.requests import ClientDisconnect
     from starlette.responses import JSONResponse
 
     laid = _idle(desk, request)
@@ -245,12 +246,27 @@ async def _take(desk: Desk, request: Request) -> Response:
                 laid.count(len(chunk))
                 file.write(chunk)
     except TooLarge:
-        desk.clear()
+        _drop(desk, laid)
         raise
+    except ClientDisconnect:
+        _drop(desk, laid)
+        raise Gone from None
     except OSError as error:
-        desk.clear()
+        _drop(desk, laid)
         raise InputError(f"the photographs cannot be kept ({error.strerror or error}); make room") from None
     return JSONResponse({"bytes": laid.n_bytes}, 201)
+
+
+def _drop(desk: Desk, laid: Laid) -> None:
+    """Remove a capture, unless another one took its place."""
+    with contextlib.suppress(Gone):
+        if desk.laid(laid.name) is laid:
+            desk.clear()
+
+
+def _is_text(name: object) -> bool:
+    """Whether it is text: JSON may hold halves of characters."""
+    return isinstance(name, str) and not any("\ud800" <= sign <= "\udfff" for sign in name)
 
 
 def _idle(desk: Desk, request: Request) -> Laid:
@@ -268,7 +284,7 @@ async def _start(desk: Desk, request: Request) -> Response:
     document = await _json(request)
     laid = desk.laid(request.path_params["capture"])
     kind = document.get("do") if isinstance(document, dict) else None
-    if kind not in _KINDS:
+    if not isinstance(kind, str) or kind not in _KINDS:
         raise InputError(f"there is no {kind!r}; choose one of: {', '.join(_KINDS)}")
     asked = asked_of(document.get("options", {}), len(laid.files))
 

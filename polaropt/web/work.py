@@ -135,7 +135,10 @@ def _angles(values: Any, n_files: int) -> tuple[float, ...]:
     angles = values if isinstance(values, list) else []
     if len(angles) != n_files or not all(isinstance(angle, int | float) for angle in angles):
         raise InputError("an angle is missing; give the polarizer's angle of each photograph in degrees")
-    return tuple(float(angle) for angle in angles)
+    try:
+        return tuple(float(angle) for angle in angles)
+    except OverflowError:
+        raise InputError("an angle is beyond any number; give degrees") from None
 
 
 def look(folder: Path, files: Sequence[Path], asked: Asked, tell: Progress) -> str:

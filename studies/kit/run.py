@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -47,11 +48,13 @@ def study_parser(docstring: str | None) -> argparse.ArgumentParser:
     effort = parser.add_mutually_exclusive_group()
     effort.add_argument("--quick", action="store_true", help="Few and small scenes: to see that it runs, no result.")
     effort.add_argument("--full", action="store_true", help="All scenes and sizes.")
-    parser.add_argument("--photos", metavar="FOLDER", help="Folder of photographs. Default: those inside scikit-image.")
-    parser.add_argument("--pairs", type=int, metavar="N", help="Pairs of photographs at most.")
+    parser.add_argument(
+        "--photos", type=_folder, metavar="FOLDER", help="Folder of photographs. Default: those inside scikit-image."
+    )
+    parser.add_argument("--pairs", type=partial(_at_least, 1), metavar="N", help="Pairs of photographs at most.")
     parser.add_argument(
         "--workers",
-        type=int,
+        type=partial(_at_least, 0),
         default=1,
         metavar="N",
         help="Processes (0: one per core); times are only worth something with 1.",
@@ -61,6 +64,18 @@ def study_parser(docstring: str | None) -> argparse.ArgumentParser:
         "-o", "--out", type=Path, required=True, metavar="FOLDER", help="Folder for rows, tables and figures."
     )
     return parser
+
+
+def _at_least(least: int, text: str) -> int:
+    if not text.lstrip("-").isdigit() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"is {text!r}; give a whole number from {least} on")
+    return int(text)
+
+
+def _folder(text: str) -> str:
+    if not Path(text).is_dir():
+        raise argparse.ArgumentTypeError(f"is {text!r}, which is no folder; check the name")
+    return text
 
 
 def effort_of(options: argparse.Namespace) -> Effort:

@@ -9,6 +9,7 @@ import pytest
 
 from studies.__main__ import main
 from studies.catalogue import STUDIES
+from studies.kit.run import study_parser
 
 
 @pytest.fixture
@@ -80,3 +81,28 @@ def test_among_all_only_those_that_know_an_input_are_given_it(started, tmp_path)
 def test_a_study_alone_is_given_all_there_is(started, tmp_path):
     assert main(["coverage", "--records", "trained", "-o", str(tmp_path)]) == 0
     assert started.commands["coverage"][:2] == ["--records", "trained"]
+
+
+def test_a_file_is_no_folder_of_results(started, tmp_path, capsys):
+    (tmp_path / "file").write_text("precious")
+    assert main(["coverage", "-o", str(tmp_path / "file")]) == 2
+    assert capsys.readouterr().err == f"polaropt: --out is {str(tmp_path / 'file')!r}, which is a file; give a folder\n"
+    assert not started.commands
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--pairs", "-1", "give a whole number from 1 on"),
+        ("--pairs", "some", "give a whole number from 1 on"),
+        ("--workers", "-3", "give a whole number from 0 on"),
+        ("--photos", "nowhere", "is no folder"),
+    ],
+)
+def test_numbers_and_folders_that_cannot_be_are_refused_in_a_line(option, value, said, capsys):
+    with pytest.raises(SystemExit) as ended:
+        study_parser("Anything.").parse_args(["-o", "out", option, value])
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1

@@ -42,3 +42,9 @@ def test_a_name_keeps_nothing_that_leads_elsewhere(name: str) -> None:
 def test_the_end_of_a_long_name_stays() -> None:
     assert safe_name("x" * 300 + ".tiff").endswith(".tiff")
     assert len(safe_name("x" * 300 + ".tiff")) < 255
+
+
+def test_a_long_name_is_kept_by_its_bytes() -> None:
+    kept = safe_name("\N{CYRILLIC SMALL LETTER ZHE}" * 300 + ".tiff")
+    assert kept.endswith(".tiff")
+    assert len(kept.encode()) < 255

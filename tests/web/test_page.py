@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -57,6 +57,16 @@ class Running:
             connection.request(method, path, body, named)
             answer = connection.getresponse()
             return answer.status, dict(answer.getheaders()), answer.read()
+
+    @contextlib.contextmanager
+    def sending(self, path: str, n_bytes: int) -> Iterator[Callable[[bytes], None]]:
+        """A file that comes bit by bit."""
+        connection = http.client.HTTPConnection(self.place.hostname or "", self.place.port, timeout=60)
+        with contextlib.closing(connection):
+            connection.putrequest("PUT", self.place.path + path)
+            connection.putheader("Content-Length", str(n_bytes))
+            connection.endheaders()
+            yield connection.send
 
     def lay(self, *names: str) -> str:
         status, told = self.ask("POST", "captures", json.dumps({"names": names}))
@@ -290,6 +300,7 @@ def test_one_job_at_a_time_and_it_can_be_cancelled(running: Running, small_photo
         ({"angles_deg": [0, 45, None, 135]}, "angle"),
         ({"angles_deg": [0, 45, 90, 135], "gamma": "3"}, "gamma"),
         ({"angles_deg": [0, 45, 90, 135], "shape": "many"}, "height and width"),
+        ({"angles_deg": [0, 45, 90, int("1" + 400 * "0")]}, "beyond any number"),
         ([], "options"),
     ],
 )
@@ -300,6 +311,28 @@ def test_options_that_cannot_be_are_refused(running: Running, options: Any, said
     status, told = running.ask("POST", f"{capture}job", json.dumps({"do": "inspect", "options": options}))
     assert status == 400
     assert said in told["problem"]
+
+
+@pytest.mark.parametrize("kind", [["inspect"], {}, None, 3])
+def test_work_of_another_kind_is_refused(running: Running, kind: object) -> None:
+    status, told = running.ask("POST", f"{running.lay('a')}job", json.dumps({"do": kind}))
+    assert (status, told["problem"].startswith("there is no ")) == (400, True)
+
+
+def test_half_a_character_is_no_name(running: Running) -> None:
+    status, told = running.ask("POST", "captures", b'{"names": ["\\ud800.png"]}')
+    assert (status, told["problem"]) == (400, "no files are named; choose some")
+
+
+def test_what_comes_late_removes_no_other_photographs(running: Running) -> None:
+    first = running.lay("a.png")
+    with running.sending(f"{first}files/a.png", 9_000_000) as send:
+        send(bytes(400_000))
+        second = running.lay("b.png")
+        assert running.ask("PUT", f"{second}files/b.png", b"second")[0] == 201
+        with contextlib.suppress(OSError):
+            send(bytes(1_000_000))
+    assert running.ask("GET", f"{second}job")[0] == 200
 
 
 def test_options_nested_without_end_are_refused(running: Running) -> None:
