@@ -20,6 +20,8 @@ from polaropt.progress import Progress, Stages, clocks
 
 Action = Callable[..., None]
 
+SOME_FAILED = 3
+"""Exit code where captures, or frames, failed and the others are done."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
@@ -69,6 +70,7 @@ class SequenceFiles:
         self._video, self._rate, self._uncertainty = video, frames_per_second, uncertainty
         self._files = ExitStack()
         self._layers: tuple[Write, ...] | None = None
+        self._shape: tuple[int, ...] = ()
         self._show: Callable[[Separation, Capture], None] | None = None
         self.rows: list[dict[str, Any]] = []
 
@@ -95,7 +97,8 @@ class SequenceFiles:
         if self._layers is None:
             opened = _zarr_arrays if self._kind == ZARR else _tiff_stacks
             names = (*LAYERS, *(_ERRORS if self._uncertainty else ()))
-            self._layers = self._files.enter_context(opened(self._folder, names, images[0].shape))
+            self._shape = images[0].shape
+            self._layers = self._files.enter_context(opened(self._folder, names, self._shape))
             if self._video:
                 self._show = self._files.enter_context(_video(self._folder / "side_by_side.mp4", self._rate))
         for write, image in zip(self._layers, images, strict=True):
@@ -103,6 +106,19 @@ class SequenceFiles:
         if self._show is not None:
             self._show(result, capture)
         self.rows.append(_row(len(self.rows), result, seconds))
+
+    def add_lost(self, problem: str) -> None:
+        """Write black layers for a frame that cannot be separated, and why; the first one must have been.
+
+        Parameters
+        ----------
+        problem : str
+            A sentence without a full stop.
+        """
+        assert self._layers is not None
+        for write in self._layers:
+            write(np.zeros(self._shape, np.float32))
+        self.rows.append(dict.fromkeys(self.rows[0]) | {"frame": len(self.rows), "seconds": 0.0, "problem": problem})
 
     def finish(self, request: dict[str, Any]) -> dict[str, Any]:
         """Write ``frames.csv`` and ``sequence.json``; what the latter says.
@@ -121,9 +137,11 @@ class SequenceFiles:
         document = {
             "request": json_values(request),
             "frames": len(self.rows),
+            "lost": {row["frame"]: row["problem"] for row in self.rows if row["problem"]},
+            "warnings": dict(Counter(name for row in self.rows for name in (row["warnings"] or "").split())),
             "seconds": round(seconds, 3),
             "frames_per_second": round(len(self.rows) / seconds, 3) if seconds else None,
-            "last": self.rows[-1] if self.rows else None,
+            "last": next((row for row in reversed(self.rows) if not row["problem"]), None),
         }
         text = json.dumps(document, indent=2, allow_nan=False)
         (self._folder / "sequence.json").write_text(text + "\n", encoding="utf-8")
@@ -155,6 +173,7 @@ def _row(number: int, result: Separation, seconds: float) -> dict[str, Any]:
         "evaluations": result.solver.n_evaluations,
         "warnings": " ".join(warning.name for warning in result.diagnostics.warnings),
         "seconds": round(seconds, 4),
+        "problem": "",
     }
 
 

@@ -258,6 +258,29 @@ def test_the_command_writes_layers_along_time(tmp_path: Path, capsys: pytest.Cap
     assert (tmp_path / "zarr" / "side_by_side.mp4").stat().st_size > 0
 
 
+@pytest.mark.parametrize("black", [0, 1, 3])
+def test_a_film_goes_on_after_a_frame_that_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], black: int
+) -> None:
+    frames = mosaics(4).copy()
+    frames[black] = 0
+    np.save(tmp_path / "film.npy", frames)
+    command = ["sequence", str(tmp_path / "film.npy"), "--resolution", "cell", "--white-level", "4095", "--first", "2"]
+    command += ["--model", "pixelwise", "--panes", "1", *QUICK, "--format", "tiff", "-o", str(tmp_path / "out")]
+    assert main(command) == (3 if black else 2)
+    said = capsys.readouterr()
+    if not black:
+        assert "frame 0: the capture is all black" in said.err
+        return
+    assert f"ATTENTION: frame {black} is lost, its layers are black: the capture is all black" in said.out
+    layers = tifffile.imread(tmp_path / "out" / "transmission.tiff")
+    assert [bool(layer.any()) for layer in layers] == [frame != black for frame in range(4)]
+    with (tmp_path / "out" / "frames.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["frame"] for row in rows] == ["0", "1", "2", "3"]
+    assert [bool(row["problem"]) for row in rows] == [frame == black for frame in range(4)]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

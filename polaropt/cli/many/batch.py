@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polaropt.cli.command import DOUBTFUL, Interrupted, count_bar, say, say_json, with_texts
+from polaropt.cli.command import DOUBTFUL, SOME_FAILED, Interrupted, count_bar, say, say_json, with_texts
 from polaropt.cli.options import LadderOptions, PaneOptions, ReadingOptions
 from polaropt.cli.separate import FolderOptions, SolveOptions, separating
 from polaropt.errors import InputError
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from polaropt.batch import Entry, Job, Leftover, Options, Outcome, Place
 
 
-SOME_FAILED = 3
-"""Exit code where captures failed and the others are done."""
 _MANY = "Many captures"
 # Failures and files that are named on the screen; all stand in the summary.
 _NAMED = 5

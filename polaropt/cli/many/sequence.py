@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from polaropt.cli.command import Interrupted, count_bar, say, say_json
+from polaropt.cli.command import SOME_FAILED, Interrupted, count_bar, say, say_json
 from polaropt.cli.options import LadderOptions, PaneOptions, ReadingOptions
 from polaropt.cli.separate import OutputOptions, SolveOptions, separating
 from polaropt.errors import InputError
@@ -118,7 +118,10 @@ def sequence_command(
     Writes into the folder: layers.zarr (or transmission.tiff and reflection.tiff), frames.csv (a row for each frame),
     sequence.json; where --uncertainty asks for them, standard errors of the layers (in layers.zarr, or
     transmission_error.tiff and reflection_error.tiff); where --video asks for it, side_by_side.mp4. Ctrl-C keeps the
-    frames that are done. A run that fails leaves the folder as it was.
+    frames that are done. A frame after the first that cannot be separated, such as a black one, is told in frames.csv
+    and has black layers. A run that fails leaves the folder as it was.
+
+    Exit code 3: a frame was lost; 2: the call is wrong; 130: interrupted.
     """
     from polaropt.capture import result_folder
     from polaropt.sequence import SEQUENCE_FILES, SequenceFiles, open_frames
@@ -150,10 +153,15 @@ def sequence_command(
         )
         with written as files:
             try:
-                for result, photographs, seconds in _separated(frames, sequence, reading, pane, chosen):
+                lost: dict[int, str] = {}
+                for result, photographs, seconds in _separated(frames, sequence, reading, pane, chosen, lost):
+                    while len(files.rows) in lost:
+                        files.add_lost(lost[len(files.rows)])
                     files.add(result, photographs, seconds)
                     if told is not None:
-                        told(len(files.rows), 0)
+                        told(len(files.rows), len(lost))
+                while len(files.rows) in lost:
+                    files.add_lost(lost[len(files.rows)])
             except KeyboardInterrupt:
                 interrupted = True
             if interrupted and not files.rows:
@@ -165,6 +173,8 @@ def sequence_command(
         say(*_sentences(document, folder.output, sequence))
     if interrupted:
         raise Interrupted(f"{len(files.rows)} frames are written")
+    if document["lost"]:
+        raise typer.Exit(SOME_FAILED)
 
 
 def _told(capture: ReadingOptions) -> dict[str, Any]:
@@ -172,15 +182,20 @@ def _told(capture: ReadingOptions) -> dict[str, Any]:
 
 
 def _separated(
-    frames: Frames, sequence: SequenceOptions, reading: dict[str, Any], pane: PaneOptions, chosen: dict[str, Any]
+    frames: Frames,
+    sequence: SequenceOptions,
+    reading: dict[str, Any],
+    pane: PaneOptions,
+    chosen: dict[str, Any],
+    lost: dict[int, str],
 ) -> Iterator[tuple[Any, Capture, float]]:
-    """Each frame's separation, its capture and seconds."""
+    """Each frame's separation, its capture and seconds; why frames in between are lost goes where it is asked for."""
     from polaropt.sequence import separate_sequence
 
     captures: list[Capture] = []
 
     def taken() -> Iterator[Capture]:
-        for one in _captures(frames, sequence, reading):
+        for one in _captures(frames, sequence, reading, lost):
             captures.append(one)
             yield one
 
@@ -197,8 +212,10 @@ def _separated(
         began = time.perf_counter()
 
 
-def _captures(frames: Frames, sequence: SequenceOptions, reading: dict[str, Any]) -> Iterator[Capture]:
-    """Frames as captures, all read as the first one is."""
+def _captures(
+    frames: Frames, sequence: SequenceOptions, reading: dict[str, Any], lost: dict[int, str]
+) -> Iterator[Capture]:
+    """Frames as captures, all read as the first one is; a later one that is none is lost, and the film goes on."""
     from polaropt.capture import FrameReader
 
     arguments = {name: value for name, value in reading.items() if name != "angles_deg"}
@@ -211,7 +228,10 @@ def _captures(frames: Frames, sequence: SequenceOptions, reading: dict[str, Any]
         try:
             capture = read(raw)
         except InputError as error:
-            raise InputError(f"{frames.name}, frame {i}: {error}") from None
+            if not i:
+                raise InputError(f"{frames.name}, frame {i}: {error}") from None
+            lost[i] = str(error)
+            continue
         yield capture
 
 
@@ -245,6 +265,11 @@ def _sentences(document: dict[str, Any], output: Path, sequence: SequenceOptions
     if last["incidence_deg"] is not None:
         error = "" if last["incidence_deg_error"] is None else f" ± {last['incidence_deg_error']:.2g}"
         lines.append(f"The pane at the end: incidence {last['incidence_deg']:.2f}{error} deg ({last['rung']}).")
+    lines += [
+        f"ATTENTION: frame {frame} is lost, its layers are black: {why}." for frame, why in document["lost"].items()
+    ]
+    warned = [f"{name} in {number} of {document['frames']} frames" for name, number in document["warnings"].items()]
+    lines += [f"ATTENTION: {', '.join(warned)}; frames.csv tells which."] if warned else []
     layers = "layers.zarr" if sequence.format == "zarr" else "transmission.tiff, reflection.tiff"
     if sequence.uncertainty and sequence.format == "tiff":
         layers += ", transmission_error.tiff, reflection_error.tiff"
