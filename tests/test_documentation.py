@@ -108,7 +108,8 @@ def test_a_command_that_is_shown_runs(
         # A sentence names the command alone.
         arguments.append("--help")
     if command.line.startswith(STUDY):
-        _parse_study(arguments[1], arguments[2:], monkeypatch)
+        # DIR stands for a folder of one's own.
+        _parse_study(arguments[1], ["." if word == "DIR" else word for word in arguments[2:]], monkeypatch)
         return
     if any(word.endswith(".dng") for word in arguments):
         pytest.importorskip("rawpy", reason="rawpy is not installed")
