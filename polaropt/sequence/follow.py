@@ -37,7 +37,7 @@ _OF_UNKNOWN = ("refractive_index", "single_surface", "thickness_px", "index_know
 """Options of `separate` for a scene that is not known."""
 _WORSE = 1.15
 """Misfit of a frame beside the least since a frame told the pane, beyond which the next one is asked: frames of a still
-film differ by a few hundredths, a pane that has turned by a degree or two explains less by more. Set by hand."""
+film differ by a tenth at most, a pane that has turned by a degree or two explains less by more. Set by hand."""
 _SURELY = 2.0
 """Standard errors by which a number must have changed to be seen to move; set by hand."""
 _OPEN = 1e3
@@ -138,7 +138,7 @@ class _Pane:
         misfit = result.diagnostics.misfit_ratio
         if misfit > _WORSE * self._least_misfit:
             # The camera was knocked, or moves on.
-            self._track.patience = 1
+            self._track.doubt()
         self._least_misfit = min(self._least_misfit, misfit)
         return result
 
@@ -174,10 +174,19 @@ class Track:
         self.patience = self.every
 
     @property
+    def follows(self) -> bool:
+        """Whether frames are asked at all: a pane that stands still is known from before."""
+        return math.isfinite(self.every)
+
+    def doubt(self) -> None:
+        """Let the next frame be asked."""
+        if self.follows:
+            self.patience = 1
+
+    @property
     def stated(self) -> Estimate:
         """The pane with its errors at this frame; where the last one that told of it says otherwise they reach that."""
-        # One that is not followed stands still.
-        frames = self.age if math.isfinite(self.every) else 0
+        frames = self.age if self.follows else 0
         scene, errors = self.known.scene, widened(self.known.errors, frames, self.speed)
         if self.odd is not None:
             apart = changes(self.known, self.odd[0])
@@ -199,7 +208,7 @@ class Track:
             speed = self._speed_to(odd, age)
             before = Estimate(odd.scene, widened(odd.errors, self.age - age, speed))
             if self._agree(before, told, speed):
-                self.patience = 1
+                self.doubt()
                 return
         self.odd = told, self.age
 
@@ -213,8 +222,8 @@ class Track:
 
     def _moves(self) -> bool:
         """Whether it moves by more than is known of it until it is asked again."""
-        errors = {name: getattr(self.known.errors, name) for name in self.speed}
-        return any(speed * self.patience > (errors[name] or math.inf) for name, speed in self.speed.items())
+        errors = self.known.errors
+        return any(speed * self.patience > (getattr(errors, name) or math.inf) for name, speed in self.speed.items())
 
     def _speed_to(self, told: Estimate, frames: int) -> dict[str, float]:
         """How far each number has moved in a frame, where that is more than the errors of what told it explain.

@@ -73,3 +73,10 @@ def test_the_other_way_round_it_is_the_same_pane() -> None:
     assert track.odd is None
     assert not any(track.speed.values())
     assert changes(track.known, told(azimuth_deg=0.0))["ghost_shift"] == pytest.approx(0)
+
+
+def test_a_pane_that_stands_still_is_not_asked_for_after_a_knock_either() -> None:
+    for every, asked in ((10.0, 1), (float("inf"), float("inf"))):
+        track = Track(told(), every=every)
+        track.doubt()
+        assert track.patience == asked

@@ -169,6 +169,14 @@ def test_a_pane_that_moves_is_followed() -> None:
     assert results[-1].errors.incidence_deg is not None
 
 
+def test_a_pane_that_is_said_to_stand_still_stays_though_frames_are_explained_worse() -> None:
+    frames = [*film(2), *film(3, PANE.replace(azimuth_deg=28.0))]
+    asked = PANE.replace(azimuth_deg=None)
+    results = list(separate_sequence(frames, asked, first=2, pane="still", model="ghosts"))
+    assert results[-1].diagnostics.misfit_ratio > 2 * results[0].diagnostics.misfit_ratio
+    assert len({result.scene.azimuth_deg for result in results}) == 1
+
+
 def test_frames_without_polarization_come_as_they_are() -> None:
     flat = list(film(2, PANE.replace(incidence_deg=0.0)))
     results = list(separate_sequence([*flat, *film(2)], OPEN, first=2, model="ghosts"))
