@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -49,3 +51,11 @@ def _photographed(folder: Path, side: int) -> list[str]:
     pair = [str(folder / "behind.png"), str(folder / "mirrored.png")]
     assert main(["simulate", *pair, "--incidence", "65", "--azimuth", "30", "--shift", "4", "-o", str(folder)]) == 0
     return [str(folder / f"capture_{angle}.png") for angle in ("000", "045", "090", "135")]
+
+
+@pytest.fixture
+def heard_keys() -> Iterator[None]:
+    """Ctrl-C interrupts, as it does but for what a shell has started in its background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

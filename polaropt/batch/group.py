@@ -297,18 +297,25 @@ def _found(files: list[Path], angles_deg: Sequence[float], stacks: Sequence[str]
     return groups, leftovers
 
 
+def _angle_of(file: Path, pattern: str) -> tuple[str, float] | None:
+    """The rest of a photograph's name and its angle, where that stands as one of the patterns has it."""
+    stem = unicodedata.normalize("NFC", file.stem)
+    match = re.search(pattern, stem, re.IGNORECASE)
+    if match is None:
+        return None
+    return (stem[: match.start()] + stem[match.end() :]).strip(_MARKS), float(match["angle"])
+
+
 def angles_in_name(file: Path) -> list[tuple[str, float]]:
     """What a photograph's name is beside an angle that it ends or begins with, and the angle."""
-    stem = unicodedata.normalize("NFC", file.stem)
-    matches = [match for pattern in _ANGLE if (match := re.search(pattern, stem, re.IGNORECASE)) is not None]
-    return [((stem[: match.start()] + stem[match.end() :]).strip(_MARKS), float(match["angle"])) for match in matches]
+    told = (_angle_of(file, pattern) for pattern in _ANGLE)
+    return [one for one in told if one is not None]
 
 
 def angles_in_names(files: Sequence[Path]) -> tuple[float, ...]:
     """The angles that names end in, or begin with, in the order of the files; empty unless each has one of its own."""
     for pattern in _ANGLE:
-        found = [re.search(pattern, file.stem, re.IGNORECASE) for file in files]
-        angles = tuple(float(match["angle"]) for match in found if match is not None)
+        angles = tuple(told[1] for file in files if (told := _angle_of(file, pattern)) is not None)
         if len(angles) == len(set(angles)) == len(files):
             return angles
     return ()

@@ -71,8 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         0 on success; 1 for a result that is warned of, where ``--strict`` asks for it; 2 for wrong options or input,
-        told in one line on standard error; 3 where some of many captures failed; 130 for Ctrl-C, 143 where the system
-        asked to end. Anything unexpected is raised.
+        told in one line on standard error; 3 where some of many captures or frames failed; 130 for Ctrl-C, 143 where
+        the system asked to end. Anything unexpected is raised.
     """
     with called_now(), _plugin_warnings_in_a_line(), terminations() as received:
         outcome = _run(arguments)

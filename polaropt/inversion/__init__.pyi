@@ -3,6 +3,7 @@ __all__ = [
     "COLORS_BLUR_PX",
     "DETAIL_CUT",
     "DETAIL_PX",
+    "FEWEST_TOLD",
     "LEAST_COLOR_SHARE",
     "LEAST_EDGE_POWER",
     "LEAST_INTENSITY",
@@ -78,6 +79,7 @@ from .directional_spectra import SCORING_LONGEST_STEP as SCORING_LONGEST_STEP
 from .directional_spectra import SCORING_TURNS_LAW as SCORING_TURNS_LAW
 from .directional_spectra import SCORING_TURNS_NODES as SCORING_TURNS_NODES
 from .directional_spectra import DirectionalBands as DirectionalBands
+from .filling import FEWEST_TOLD as FEWEST_TOLD
 from .filling import filled as filled
 from .filling import filled_by_layers as filled_by_layers
 from .filling import filled_smoothly as filled_smoothly

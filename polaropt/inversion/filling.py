@@ -18,7 +18,7 @@ Mask = NDArray[np.bool_]
 
 _MUCH = 2e-3
 """Share of values without trust that the closed form suffers from: set by hand."""
-_FEWEST_TOLD = 2
+FEWEST_TOLD = 2
 """Photographs that tell both layers of a pixel."""
 _CONTRAST = 0.3
 """Standard deviation of a layer before anything is measured, white = 1; set by hand."""
@@ -47,7 +47,7 @@ def filled(capture: Capture, expected: Images) -> Capture:
     clips = _clips(seen, trusted)
     values = np.where(clips, np.maximum(expected, seen), expected)
     # Brighter all together keeps how their light is polarized.
-    blown = clips & (np.count_nonzero(trusted, axis=0) < _FEWEST_TOLD)
+    blown = clips & (np.count_nonzero(trusted, axis=0) < FEWEST_TOLD)
     if blown.any():
         brighter = np.max(seen / np.maximum(expected, _LEAST), axis=0, where=blown, initial=1)
         values = np.where(blown, brighter * expected, values)

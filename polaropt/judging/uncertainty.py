@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseModel, noise_classes
-from polaropt.inversion import SCALES, Knowledge, filled_smoothly, variance_table, worth_filling
+from polaropt.inversion import FEWEST_TOLD, SCALES, Knowledge, filled_smoothly, variance_table, worth_filling
 from polaropt.judging.precision import LEAST, local_precision
 from polaropt.numerics import enlarged, give_back_freed, middle_part, strips
 from polaropt.optics import FIELDS, Field, Rival, SceneErrors, SceneParameters, VaryingPSE
@@ -193,8 +193,8 @@ _STILL_OPEN = 0.5
 _ROWS = 32
 # Precisions of a table, between which is interpolated: set by hand.
 _N_PRECISIONS = 6
-_FEWEST_TOLD, _N_DISTANCES = 2, 17
-"""Photographs that tell both layers of a pixel, and distances between which a layer's differences are interpolated."""
+_N_DISTANCES = 17
+"""Distances between which a layer's differences are interpolated."""
 
 
 @dataclass(frozen=True)
@@ -323,10 +323,12 @@ def _beside_untold(found: Images, part: Capture, known: Knowledge) -> Images:
     """The same where hardly any photograph is left, as far as a layer differs over the distance to what is told."""
     from scipy.ndimage import distance_transform_edt
 
-    if part.samples is not None or part.valid.all():
+    if part.samples is not None:
         return found
     trusted = part.valid.reshape(len(part.angles_deg), -1, *part.shape[-2:])
-    untold = np.count_nonzero(trusted, axis=0) < _FEWEST_TOLD
+    untold = np.count_nonzero(trusted, axis=0) < FEWEST_TOLD
+    if not untold.any():
+        return found
     for color, where in enumerate(untold):
         if not where.any():
             continue

@@ -141,15 +141,7 @@ def test_no_scheduler_and_contradictions_are_refused(tmp_path: Path, monkeypatch
             place_for(*wrong)
 
 
-@pytest.fixture
-def interruptible() -> Iterator[None]:
-    """Ctrl-C interrupts, as it does but for what a shell has started in its background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("interruptible")
+@pytest.mark.usefixtures("heard_keys")
 def test_an_interruption_while_workers_start_waits_until_they_have_and_does_not_reach_them() -> None:
     reached = []
     with pytest.raises(KeyboardInterrupt), _interruptions_later():  # noqa: PT012 (what follows must be reached)

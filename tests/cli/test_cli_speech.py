@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -121,14 +120,6 @@ def test_a_failing_run_leaves_the_previous_output(
     assert (out / "transmission.png").read_text() == "previous"
     assert main(["separate", *small_photographs, "-o", str(tmp_path / "new")]) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
-@pytest.fixture
-def heard_keys() -> Iterator[None]:
-    """Ctrl-C interrupts, as it does but for what a shell has started in its background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.usefixtures("heard_keys")

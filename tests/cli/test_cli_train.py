@@ -168,6 +168,7 @@ def test_a_bug_inside_a_training_keeps_its_traceback(
         main(tiny(photographs, tmp_path, "--without", "perceptual", "--form", "paper"))
 
 
+@pytest.mark.usefixtures("heard_keys")
 @pytest.mark.parametrize(("after", "said"), [(1, "nothing was written"), (2, "--resume goes on")])
 def test_an_interrupted_training_says_what_stays(
     photographs: Path,
@@ -183,10 +184,6 @@ def test_an_interrupted_training_says_what_stays(
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr("polaropt.cli.train.progress_bar", lambda wanted: nullcontext(press))
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        assert main(tiny(photographs, tmp_path, "--without", "perceptual", "--form", "paper")) == 130
-    finally:
-        signal.signal(signal.SIGINT, before)
+    assert main(tiny(photographs, tmp_path, "--without", "perceptual", "--form", "paper")) == 130
     assert said in capsys.readouterr().err
     assert (tmp_path / "state.pt").is_file() == (after == 2)
