@@ -89,9 +89,9 @@ _OF_SCENE = (
 # Share by which the noise of a film may change before what was fitted to a frame is fitted anew: set by hand.
 _SAME_NOISE = 0.1
 # When the solve of a film's frame ends, unless a rule is given: where it starts from what is expected, the first slow
-# iteration is the last that shows. A frame that moves loses at most 0.1 dB of either layer by it and by windows that
-# take one turn (six films of training photographs, 45 to 70 degrees, noise 0.5 to 2 %).
-_FRAME_CHANGE, _FRAME_ITERATIONS = 5e-4, 1
+# iteration is the last that shows. Frames lose 0.1 dB of either layer by it at most (films of training photographs, 45
+# to 70 degrees, noise 0.5 to 2 %, still and moving), and by windows that take one turn those that move lose as much.
+_FRAME_CHANGE, _FRAME_ITERATIONS = 2e-3, 1
 # Noise that an estimation is told at least (white = 1): with less, what no model has (interpolation, light from beyond
 # the frame, quantization) is taken for other rungs. By trial on random windows without noise (`studies.random_windows`,
 # training photographs, numbers from 20000): scenes told 1e-3 are found as they are with that noise.
@@ -316,7 +316,7 @@ def separate_at_once(
 
 def _problem(case: Case) -> Problem:
     """A capture whose scene is known, to be solved in one piece."""
-    still, settings = case.still, case.settings
+    still, settings = case.still.filtered(), case.settings
     scene, capture = case.found.scene, case.of_pane()
     return Problem(capture, scene, still.noise, settings.weights, settings.robust, growth=still.growth)
 
@@ -552,7 +552,7 @@ def _solved(
     judged: Diagnostics | None = None,
 ) -> tuple[Separation, tuple[Memory | None, ...]]:
     """A capture whose scene is known, solved and judged."""
-    capture, still, scene = case.capture, case.still, case.found.scene
+    capture, still, scene = case.capture, case.still.filtered(), case.found.scene
     solution = solve(
         case.of_pane(),
         scene,

@@ -95,6 +95,11 @@ STUDIES = (
         extras=("studies", "batch"),
     ),
     Study(
+        "sequences",
+        "How fast are the frames of a film separated, how steady are their layers, and how good?",
+        timed=True,
+    ),
+    Study(
         "benchmark",
         "How fast is the solver against others, at the same objective value?",
         timed=True,

@@ -12,11 +12,21 @@ from polaropt.capture import swapped_photographs
 from polaropt.capture.files.write import write_png
 from polaropt.cli.app import main
 from polaropt.inversion import canvas_for, mosaic_layers
-from polaropt.numerics import turn_between
+from polaropt.numerics import block_mean, turn_between
 from polaropt.optics import PSE
 from polaropt.reporting import inspect_capture
 from polaropt.reporting.words import attention
-from polaropt.simulation import Camera, cut, photograph_mosaic, psnr_db, sensor_image, shipped_photograph
+from polaropt.simulation import (
+    Camera,
+    cut,
+    exact_photographs,
+    photograph_mosaic,
+    psnr_db,
+    sensor_image,
+    shipped_photograph,
+    simulated_mosaic,
+    stack_layers,
+)
 from polaropt.solving.mosaic_pattern import mosaic_pattern
 from polaropt.solving.objective import Weights
 from polaropt.solving.problem import Problem
@@ -73,6 +83,41 @@ def test_what_is_expected_of_a_mosaic_in_each_place_is_nearer_than_the_closed_fo
             psnr_db(problem.canvas.crop(part)[i].reshape(truth[i].shape), truth[i], 16) for part in (closed, expected)
         ]
         assert levels[1] > levels[0] + 0.1
+
+
+def cells_in_noise(color, noise, side=192):
+    """A mosaic of strong noise at the resolution of its cells, with its true layers and photographs there."""
+    places = (("coffee", (0.5, 0.5)), ("astronaut", (0.1, 0.4)))
+    images = [cut(shipped_photograph(name), (side, side), place) for name, place in places]
+    camera = Camera(noise=noise, bits=12, seed=5, lens_blur_px=0.7)
+    raw = photograph_mosaic(*images, SCENE, camera, color)
+    capture = simulated_mosaic(raw, color, "cell")
+    seen = [camera.through_lens(sensor_image(image, color)) for image in images]
+    layers = stack_layers(*seen)
+    photographs = exact_photographs(layers, SCENE, capture.angles_deg)
+    n = side // capture.shape[-1]
+    return capture, block_mean(layers, n), block_mean(photographs.reshape(4, -1, side, side), n)
+
+
+@pytest.mark.parametrize("color", [False, True])
+@pytest.mark.parametrize("noise", [0.005, 0.02])
+def test_photographs_of_cells_are_off_by_as_much_as_is_said(color, noise):
+    capture, _, true = cells_in_noise(color, noise)
+    off = (capture.intensities.reshape(true.shape) - true)[..., 4:-4, 4:-4].std()
+    assert 0.6 < off / capture.origin.filtered_noise < 1.4
+    assert capture.origin.filtered_noise < capture.origin.raw_noise
+
+
+def test_a_solve_of_cells_ends_where_it_begins_or_nearer_and_errors_are_as_large_as_is_said():
+    capture, truth, _ = cells_in_noise(False, 0.02)
+    pane = SCENE.scaled(0.5)
+    begun, ended = (separate(capture, pane, stopping=StoppingRule(max_evaluations=n)) for n in (1, 60))
+    for i in (0, 1):
+        levels = [psnr_db(result.layers[i], truth[i], 8) for result in (begun, ended)]
+        assert levels[1] > levels[0] - 0.2
+        covered = np.abs(ended.layers[i] - truth[i]) <= 2 * np.asarray(ended.uncertainty[i])
+        assert 0.9 < covered[8:-8, 8:-8].mean() < 0.995
+    assert 0.6 < ended.diagnostics.misfit_ratio < 1.4
 
 
 @pytest.fixture(scope="module")

@@ -136,6 +136,8 @@ class Origin:
         What the file's format says about its encoding.
     raw_noise : float, optional
         Noise of a sample of a mosaic whose photographs are interpolated (white = 1).
+    filtered_noise : float, optional
+        What noise, and detail that aliases, leave in photographs of one pixel per cell that samples were filtered to.
     exposures : tuple of float
         As told by the files (seconds at ISO 100 and the first one's aperture) or given: divided out where they differ.
     exposures_given : bool
@@ -183,6 +185,7 @@ class Origin:
     gamma: float | str | None = None
     encoding_hint: EncodingHint = EncodingHint.NONE
     raw_noise: float | None = None
+    filtered_noise: float | None = None
     exposures: tuple[float, ...] = ()
     exposures_given: bool = False
     orientation: int = 1

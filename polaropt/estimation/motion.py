@@ -113,6 +113,12 @@ class StillPhotographs:
         """The same where another level of the noise is known, which grows with the light as it was measured to."""
         return replace(self, noise=noise, growth=self.growth.scaled(noise / self.noise))
 
+    def filtered(self) -> StillPhotographs:
+        """The same with the noise of the photographs, where a filter made them of a mosaic's samples."""
+        origin = self.capture.origin
+        noise = None if origin is None else origin.filtered_noise
+        return self if noise is None else self.with_noise(noise)
+
     @property
     def moving_share(self) -> float:
         """Share of the frame that moves."""

@@ -76,10 +76,8 @@ class ClosedForm:
 
     def thinned(self, share: float) -> ClosedForm:
         """The same layers, of which only a share of the photographs' values tell."""
-        sampled = replace(
-            self.sampled, told=np.float32(share) * self.sampled.told, cross=np.float32(share**2) * self.sampled.cross
-        )
-        return replace(self, told=np.float32(share) * self.told, cross=np.float32(share) * self.cross, sampled=sampled)
+        told, cross = np.float32(share) * self.told, np.float32(share) * self.cross
+        return replace(self, told=told, cross=cross, sampled=self.sampled.told_by(share))
 
 
 def plate_entries(capture: Capture, pse: PSE) -> Images:

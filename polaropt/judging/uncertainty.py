@@ -256,6 +256,7 @@ def estimate_uncertainty(
         Called with the fraction done, 0..1.
     """
     colors, (height, width) = layers.shape[1], layers.shape[-2:]
+    pieces = _as_told_by_samples(capture, noise, pieces)
     doubtful = doubts(pieces[0].pse.scene, of_scene, rivals)
     blocks = _Blocks.of(capture, noise, doubtful, growth) if doubtful else None
     done = 0.0
@@ -289,6 +290,19 @@ def estimate_uncertainty(
             uncertainty = Uncertainty(errors.reshape(2, *capture.shape[:-2], *known.shape), known)
             yield UncertaintyStrip(slice(top + rows.start, top + rows.stop), uncertainty)
         total = [plane[end - top :] for plane in total]
+
+
+def _as_told_by_samples(capture: Capture, noise: float, pieces: Sequence[Piece]) -> Sequence[Piece]:
+    """Pieces whose layers are known as well as samples of this noise tell them.
+
+    The photographs that a filter makes of a mosaic's samples have less noise, but what is slow, of which most of the
+    layers' errors are, has that of the samples.
+    """
+    filtered = None if capture.origin is None else capture.origin.filtered_noise
+    if filtered is None:
+        return pieces
+    precision = (filtered / noise) ** 2
+    return [replace(piece, known=piece.known.told_by(precision)) for piece in pieces]
 
 
 def _continued(rows: Images, n: int) -> Images:

@@ -23,6 +23,7 @@ CAPTIONS = {
     "real_mosaics": "Layers of real raw mosaics: the middle of each capture as it was separated.",
     "shared_scene": "Errors of the pane's numbers that captures tell together, true and stated, over how many there "
     "are; grey: as the root of their number.",
+    "sequences": "Frames per second of films by each camera, at the resolution of its cells or of its sensor.",
     "stability_map": "PSNR of both layers over incidence and noise; framed where a pair fails, dashed where that was "
     "not announced.",
     "stability_reflection": "PSNR of the reflection as scenes leave the plain case, for every method.",

@@ -39,7 +39,7 @@ def test_a_filter_of_cells_is_wieners_averaged_over_the_patterns(color: bool) ->
     assert noise is not None
     values = filled_samples(samples.values, samples.valid, samples.sampling, expected)
     full = wiener_photographs(samples.values, samples.valid, samples.sampling, capture.angles_deg, noise, expected)
-    cell_filter = CellFilter.fitted(values, samples.sampling, capture.angles_deg, noise, expected)
+    cell_filter = CellFilter.fitted(values, samples.sampling, capture.angles_deg, noise, expected, detail_power=1.0)
     found = cell_filter.photographs(values)
     np.testing.assert_allclose(found, block_mean(full, samples.sampling.period), atol=1e-4)
 

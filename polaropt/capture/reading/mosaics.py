@@ -126,7 +126,7 @@ def next_frame(content: FileContent, levels: Levels, options: ReaderOptions, sen
         values = filled_samples(samples.values, samples.valid, sensor.sampling, expected)
     full = sensor.cell_filter.photographs(values)
     registered = RegisteredCells(1, share_of_noise(sensor.sampling), cells)
-    origin = replace(sensor.origin, raw_noise=sensor.noise)
+    origin = replace(sensor.origin, raw_noise=sensor.noise, filtered_noise=sensor.cell_filter.error)
     planes = (full, valid) if color else (full[:, 0], valid[:, 0])
     return Capture.of_planes(planes[0], options.counted(sensor.angles), planes[1], origin, None, registered)
 
@@ -178,7 +178,7 @@ def _of_samples(
     at_sensor = options.resolution == "sensor"
     level = (noise_of_color_samples(samples) if color else None) or noise_level(cells) / noise_share
     noise = max(level, step / math.sqrt(12))
-    rows = None if analyzer is None else analyzer.matrix
+    rows, filtered_noise = None if analyzer is None else analyzer.matrix, None
     if at_sensor:
         full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs, rows)
         samples, period = _with_missing(samples, full, angles, analyzer), sampling.period
@@ -188,7 +188,7 @@ def _of_samples(
         values = filled_samples(samples.values, samples.valid, sampling, photographs)
         cell_filter = CellFilter.fitted(values, sampling, angles, noise, photographs, rows)
         full, every, period = cell_filter.photographs(values), valid, 1
-        sensor = replace(sensor, cell_filter=cell_filter)
+        sensor, filtered_noise = replace(sensor, cell_filter=cell_filter), cell_filter.error
         of_cells = partial(_both, cells, samples) if analyzer is None else partial(_cells_of, samples, sensor, options)
     registered = RegisteredCells(period, noise_share, of_cells)
     planes = (full, every) if color else (full[:, 0], every[:, 0])
@@ -196,7 +196,7 @@ def _of_samples(
         planes[0],
         options.counted(angles),
         planes[1],
-        replace(origin, raw_noise=noise),
+        replace(origin, raw_noise=noise, filtered_noise=filtered_noise),
         samples if at_sensor else None,
         registered,
     )

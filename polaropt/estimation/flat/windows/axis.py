@@ -321,13 +321,14 @@ class WindowAxis:
             turned = spectra if direction is None else spectra.with_ghosts_along(direction)
             return np.asarray(ShiftLikelihood(turned, single, DETAIL).misfit(incidences_deg, shifts, ROUNDS))
 
-        misfits = misfit(self._spectra, _TURNED_INCIDENCES_DEG, shifts)
+        told = self._asked.incidence_deg
+        incidences = _TURNED_INCIDENCES_DEG if told is None else np.array([told])
+        misfits = misfit(self._spectra, incidences, shifts)
         i, k = np.unravel_index(np.argmin(misfits), misfits.shape)
-        rest = [misfit(part, _TURNED_INCIDENCES_DEG[[i]], shifts[[k]]).item() for part in self._spectra.left_out()]
+        rest = [misfit(part, incidences[[i]], shifts[[k]]).item() for part in self._spectra.left_out()]
         error = jackknife_error(np.array(rest) - found.parts[0])
         tiles = self.tiles if direction is None else self.tiles.with_ghosts_along(direction)
-        pane = Window(float(_TURNED_INCIDENCES_DEG[i]), float(shifts[k]))
-        turned = tiles.nearest(pane, single.index, (*_INCIDENCE, *_OF_SHIFT))
+        turned = self.nearest_by_tiles(Window(float(incidences[i]), float(shifts[k])), _OF_SHIFT, tiles)
         spectra = float(misfits[i, k] - found.misfit) / max(error, NO_ERROR)
         return Evidence(self.tiles_under(window).believed_over(turned), spectra).together > _BEYOND_TURNED
 
