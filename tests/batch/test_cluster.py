@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -24,28 +25,12 @@ from polaropt.batch.run import run_batch
 from polaropt.capture.files.write import write_capture
 from polaropt.errors import InputError
 from tests.captured import photographed
+from tests.workers import always_die, die_once
 
 ROOT = Path(__file__).parents[2]
 SECONDS = 60
 # Dask leaves sockets to the garbage collector.
 pytestmark = pytest.mark.filterwarnings("default")
-
-
-def die_once(number: int, folder: str) -> int:
-    """Kill the own process when first asked for 0."""
-    mark = Path(folder) / "killed"
-    if number == 0 and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number**2
-
-
-def always_die(number: int) -> int:
-    if number == 1:
-        os.kill(os.getpid(), signal.SIGKILL)
-    if number == 2:
-        raise InputError("no")
-    return number**2
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +76,18 @@ def started(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
         process.wait()
 
 
-def wait_for(condition: object, what: str) -> None:
-    assert callable(condition)
+@contextmanager
+def others() -> Iterator[Any]:
+    """The scheduler of somebody's cluster with one worker, both threads of this process."""
+    pytest.importorskip("dask")
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        yield cluster.scheduler
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
     end = time.monotonic() + SECONDS
     while not condition():
         assert time.monotonic() < end, what
@@ -113,16 +108,16 @@ def test_a_cluster_of_others_loses_a_worker_and_nothing_else(tmp_path: Path) -> 
 
     file = tmp_path / "scheduler.json"
     worker = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard")
-    listening = ("scheduler", "--scheduler-file", str(file), "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
-    with started(*listening):
-        wait_for(file.is_file, "no scheduler")
-        with started(*worker) as first, started(*worker):
+    with others() as scheduler:
+        file.write_text(json.dumps(scheduler.identity()))
+        with started(*worker) as killed:
+            wait_for(lambda: len(scheduler.workers) == 2, "no worker")
             place = place_for(None, None, str(file), False)
             assert place.elsewhere
 
             def told(ended: int, failed: int) -> None:
                 if ended == 1:
-                    first.kill()
+                    killed.kill()
 
             outcome = run_batch(jobs("there"), tmp_path / "there", place, told)
     assert [(row.name, row.status) for row in outcome.rows if row.status != "done"] == [("bad", "failed")]
