@@ -8,6 +8,7 @@ from functools import lru_cache
 import pytest
 
 from polaropt import SceneParameters, Separation, SeparationWarning, estimate, separate
+from polaropt.capture import match_photographs, noise_level
 from polaropt.estimation.flat.estimate import estimate_scene
 from polaropt.numerics import turn_between
 from polaropt.simulation.metrics import psnr_db
@@ -130,10 +131,11 @@ def test_photographs_without_any_noise(color: bool) -> None:
     assert psnr_db(result.layers[1], made.layers[1], 16) > 35
 
 
-@pytest.mark.parametrize("incidence_deg", [55.0, 65.0])
-def test_double_images_in_hardly_any_noise_are_no_polarized_light(incidence_deg: float) -> None:
-    sample = photographed(0, SceneParameters(incidence_deg, 30.0, 6.0), noise=0.0, bits=16)
-    result = separate(sample.capture, sample.hint)
-    assert result.scene.rung == "ghosts"
-    assert result.matching is None
-    assert abs(result.scene.incidence_deg - incidence_deg) < 1.0
+def test_double_images_in_hardly_any_noise_are_no_polarized_light() -> None:
+    """Nor layers that moved between the photographs, as was found: pictures leave more unexplained than such noise."""
+    sample = photographed(0, SceneParameters(50.0, 30.0, 5.0), size=96, noise=0.0, bits=16)
+    found = estimate(sample.capture, sample.hint).scene
+    assert found.rung == "ghosts"
+    assert found.values() == pytest.approx((50, 30, 5), abs=0.5)
+    sample = photographed(0, SceneParameters(45.0, 30.0, 6.0), noise=0.0, bits=16)
+    assert match_photographs(sample.capture, noise_level(sample.capture)) is None

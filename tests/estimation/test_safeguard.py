@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, separate
+from polaropt.capture import checks
 from polaropt.capture.capture import ANGLES_DEG
 from polaropt.capture.checks import Mistakes, find_mistakes, identity_ratio
 from polaropt.capture.noise import noise_level
@@ -60,18 +63,32 @@ def test_three_photographs_break_no_identity():
 
 
 @pytest.mark.parametrize("distance", [0.2, 0.5, 5.0])
-def test_movement_is_seen_and_the_pane_is_found_in_spite_of_it(distance):
-    example = shifted_blend(60, 112, distance * APART)
-    result = separate(example.capture, BLIND)
-    mistakes = find_mistakes(example.capture)
-    assert mistakes == Mistakes(shift_px=mistakes.shift_px)
-    assert mistakes.shift_px > 0
-    # The second and the fourth photograph lie twice as far apart.
+def test_movement_is_seen(distance):
+    mistakes = find_mistakes(shifted_blend(60, 112, distance * APART).capture)
+    # The second and the fourth photograph lie twice as far apart; beyond a pixel the look is a hint of the size.
+    assert mistakes == Mistakes(shift_px=pytest.approx(2 * distance, rel=0.15 if distance < 1 else 0.5))
     assert mistakes.moved == (2 * distance > 0.5)
+
+
+def test_what_moves_by_a_quarter_of_a_pixel_is_no_movement():
+    assert find_mistakes(shifted_blend(60, 112, 0.125 * APART).capture) == Mistakes()
+
+
+def test_the_pane_is_found_in_spite_of_movement():
+    example = shifted_blend(60, 112, 5.0 * APART)
+    result = separate(example.capture, BLIND)
     assert result.scene.incidence_deg == pytest.approx(60, abs=4)
     assert result.layers.shape == example.layers.shape
     nothing = psnr_db(example.capture.stokes[0], example.layers[0], 16)
     assert psnr_db(result.layers[0], example.layers[0], 16) > nothing
+
+
+@pytest.mark.parametrize(("ratio", "measured", "shift"), [(1.16, 0.31, 0.31), (1.16, 0.29, 0.0), (1.14, 0.31, 0.0)])
+def test_where_the_identity_is_clearly_broken_a_sharper_look_tells_movement(ratio, measured, shift, monkeypatch):
+    monkeypatch.setattr(checks, "identity_ratio", lambda capture: ratio)
+    monkeypatch.setattr(checks, "measure_shifts", lambda capture: SimpleNamespace(certain=True, largest=measured))
+    assert find_mistakes(blend(60, 64).capture).shift_px == shift
+    assert (Mistakes(shift_px=0.49).moved, Mistakes(shift_px=0.51).moved) == (False, True)
 
 
 def test_the_cells_of_a_mosaic_are_not_moved():
@@ -87,15 +104,32 @@ def test_photographs_too_far_apart_stay_where_they_are():
 
 
 def test_an_encoding_is_seen_and_the_pane_is_found_in_spite_of_it():
-    gamma, example = 1.6, blend(60, 144, noise=0.003)
+    gamma, example = 2.2, blend(60, 96, noise=0.003)
     capture = encoded(example.capture, gamma)
-    # The noise of dark blocks, which an encoding enlarges, adds to the exponent.
-    assert find_mistakes(capture).gamma == pytest.approx(gamma, rel=0.3)
+    assert find_mistakes(capture).gamma == pytest.approx(gamma, rel=0.15)
     result = separate(capture, BLIND)
-    assert result.scene.incidence_deg == pytest.approx(60, abs=4)
+    # 63 degrees where contrasts are taken as they are.
+    assert result.scene.incidence_deg == pytest.approx(60, abs=1.5)
     # What such a camera would show without glass.
     behind = 2 * (example.layers[0] / 2) ** (1 / gamma)
     assert psnr_db(result.layers[0], behind, 16) > psnr_db(capture.stokes[0], behind, 16) + 3
+
+
+@pytest.mark.parametrize(
+    ("ratio", "error", "seen"),
+    [
+        (1.03, 0.13, True),
+        (1.01, 0.13, False),
+        (1.03, 0.14, False),
+        (1.16, 0.22, True),
+        (1.14, 0.22, False),
+        (1.16, 0.24, False),
+    ],
+)
+def test_an_exponent_accuses_where_it_is_sure_or_the_identity_is_clearly_broken(ratio, error, seen, monkeypatch):
+    monkeypatch.setattr(checks, "identity_ratio", lambda capture: ratio)
+    monkeypatch.setattr(checks, "fit_gamma", lambda capture, blocks: checks.GammaFit(2.0, error))
+    assert find_mistakes(blend(60, 64).capture).gamma == (2.0 if seen else 1.0)
 
 
 def test_linear_photographs_are_the_encoded_ones_raised():

@@ -15,8 +15,8 @@ from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import estimate_scene, find_scene, still_photographs
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles
-from polaropt.estimation.flat.window import _likelier, _may_be_one, with_window
-from polaropt.estimation.flat.windows.axis import Evidence
+from polaropt.estimation.flat.window import _likelier, _may_be_one, _tinted_or, with_window
+from polaropt.estimation.flat.windows.axis import Evidence, tells_of_tint
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
 from polaropt.estimation.flat.windows.search import (
@@ -25,7 +25,7 @@ from polaropt.estimation.flat.windows.search import (
     equivalent_incidences,
     equivalent_single,
 )
-from polaropt.estimation.flat.windows.tiles import TileFit
+from polaropt.estimation.flat.windows.tiles import MOST_ABSORPTION, TileFit
 from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.numerics import jackknife_error, turn_between
 from polaropt.optics import in_place_reflectance
@@ -171,12 +171,43 @@ def test_a_pane_whose_ghost_was_missed_is_no_window_of_two_thin_ones() -> None:
     assert scene.values()[2] == pytest.approx(true.values()[2], abs=0.5)
 
 
-def test_clear_glass_is_not_tinted() -> None:
-    """One whose tinted look-alike has its ghost at the end of what is searched, one that only edges speak for.
+@pytest.mark.parametrize(
+    ("absorption", "ghost_px", "told"),
+    [
+        (0.16, 6.0, True),
+        (0.14, 6.0, False),
+        (MOST_ABSORPTION - 0.06, 6.0, True),
+        (MOST_ABSORPTION - 0.04, 6.0, False),
+        (0.5, -1.3, True),
+        (0.5, 1.2, False),
+    ],
+)
+def test_a_ghost_that_lies_close_or_is_hardly_dimmer_or_all_but_gone_tells_of_no_tint(
+    absorption: float, ghost_px: float, told: bool
+) -> None:
+    assert tells_of_tint(Window(60.0, ghost_px, absorption=absorption)) is told
 
-    And one whose own ghosts look dimmer than they are.
-    """
-    assert [found_at_random(number, n_panes=1).absorption for number in (224, 308, 528)] == [0, 0, 0]
+
+@pytest.mark.parametrize(("tiles", "spectra", "edges", "turned", "found"), [
+    (2.1, 4.0, 0.0, False, "tinted"), (1.9, 7.0, 4.0, False, "plain"), (2.1, 3.6, 0.0, False, "plain"),
+    (2.5, 2.0, 2.1, False, "tinted"), (2.5, 2.0, 1.9, False, "plain"), (9.0, 8.0, 4.0, True, "clear"),
+])  # fmt: skip
+def test_clear_glass_is_not_tinted(tiles: float, spectra: float, edges: float, turned: bool, found: str) -> None:
+    """Tiles tell it beside mean spectra and edges, and no clear pane whose angles start elsewhere suits them better."""
+    fit = SimpleNamespace(window=Window(60.0, 6.0, absorption=0.4), misfit=0.0, believed_over=lambda other: tiles)
+
+    def judged(window: Window) -> SimpleNamespace:
+        return SimpleNamespace(window=window, surer_than=lambda other: (spectra, edges))
+
+    axis = SimpleNamespace(
+        tinted_near=lambda starts, clear: fit,
+        nearest_by_tiles=lambda window, names: SimpleNamespace(window=window),
+        tiles_under=lambda window: fit,
+        judged=judged,
+        is_clear_and_turned=lambda tinted: turned,
+    )
+    windows = {"plain": Window(57.0, 2.0), "clear": Window(60.0, 6.0), "tinted": fit.window}
+    assert _tinted_or(axis, [], judged(windows["plain"])).window == windows[found]  # type: ignore[arg-type]
 
 
 FAR, CLOSE = Window(45.0, 0.0, -6.0, n_panes=2), Window(45.0, 0.5, 1.5, n_panes=2)
