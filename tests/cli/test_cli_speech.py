@@ -8,7 +8,8 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import nullcontext
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
 
@@ -80,27 +81,29 @@ def test_a_pipe_sees_no_progress_bar(
     assert not set("\x1b\r━") & set(said.out)
 
 
-def test_a_terminal_sees_a_progress_bar(small_photographs: list[str], tmp_path: Path) -> None:
-    ours, theirs = pty.openpty()
+def test_a_terminal_sees_a_progress_bar(
+    small_photographs: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     given = [*PANE, "--write", "layers", *QUICK]
-    command = [sys.executable, "-m", "polaropt", "separate", *small_photographs, "-o", str(tmp_path), *given]
-    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
-    with subprocess.Popen(command, cwd=ROOT, stdout=theirs, stderr=theirs, env=environment) as running:
-        os.close(theirs)
-        seen = b""
-        while chunk := _read(ours):
+    ours, theirs = pty.openpty()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "100")
+    with ThreadPoolExecutor(1) as reader, os.fdopen(theirs, "w") as terminal, monkeypatch.context() as patched:
+        seen = reader.submit(_read_all, ours)
+        patched.setattr(sys, "stdout", terminal)
+        patched.setattr(sys, "stderr", terminal)
+        assert main(["separate", *small_photographs, "-o", str(tmp_path), *given]) == 0
+    assert "━".encode() in seen.result()
+    assert b"Pane: " in seen.result()
+
+
+def _read_all(terminal: int) -> bytes:
+    """All that comes through a terminal until its other end is closed."""
+    seen = b""
+    with os.fdopen(terminal, "rb", buffering=0) as opened, suppress(OSError):
+        while chunk := opened.read(4096):
             seen += chunk
-    os.close(ours)
-    assert running.returncode == 0
-    assert "━".encode() in seen
-    assert b"Pane: " in seen
-
-
-def _read(terminal: int) -> bytes:
-    try:
-        return os.read(terminal, 4096)
-    except OSError:  # the other end is closed
-        return b""
+    return seen
 
 
 def test_a_failing_run_leaves_the_previous_output(
@@ -172,22 +175,33 @@ def test_an_interrupted_study_is_waited_for_and_not_said_to_have_written_nothing
     assert len(waits) == (2 if heard else 1)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_run_that_is_asked_to_end_leaves_nothing(small_photographs: list[str], tmp_path: Path, number: int) -> None:
+def test_a_run_that_is_asked_to_end_leaves_nothing(small_photographs: list[str], tmp_path: Path) -> None:
     command = [sys.executable, "-m", "polaropt", "separate", *small_photographs, "-o", str(tmp_path / "out")]
     # What started the tests may ignore a closed terminal, and what it starts does so, too.
-    heard = partial(signal.signal, number, signal.SIG_DFL)
+    heard = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heard
     ) as process:
         while process.poll() is None and not list(tmp_path.iterdir()):
             time.sleep(0.01)
         assert list(tmp_path.glob(".polaropt-*"))
-        process.send_signal(number)
+        process.send_signal(signal.SIGHUP)
         out, err = process.communicate()
-    assert process.returncode == 128 + number
+    assert process.returncode == 128 + signal.SIGHUP
     assert (out, err) == ("", "polaropt: interrupted; nothing was written\n")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_request_to_end_interrupts(number: signal.Signals) -> None:
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        with pytest.raises(KeyboardInterrupt), terminations() as received:
+            signal.raise_signal(number)
+        assert received == [number]
+        assert signal.getsignal(number) is signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
 
 
 def test_a_program_that_minds_its_signals_keeps_them(tmp_path: Path) -> None:
