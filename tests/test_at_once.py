@@ -55,7 +55,7 @@ def test_one_thread_and_two_find_the_same(
     chosen: dict[str, str], within: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     torch = pytest.importorskip("torch")
-    capture, found, before = blend(60, 96).capture, [], torch.get_num_threads()
+    capture, found, before = blend(60, 64).capture, [], torch.get_num_threads()
     try:
         for threads in (1, 2):
             monkeypatch.setenv("OMP_NUM_THREADS", str(threads))

@@ -55,11 +55,8 @@ CLIMBED = {"ghosts half out of sight", "nearly frontal", "grazing", "hardly a pa
 
 def told(name: str, options: list[str]) -> list[str]:
     """What else is told: how panes and rungs are chosen is tested elsewhere."""
-    rung = (
-        []
-        if name in CLIMBED or {"--model", "--focal-px", "--field-of-view-deg"} & {*options}
-        else ["--model", "ghosts"]
-    )
+    others = {"--model", "--focal-px", "--field-of-view-deg"}
+    rung = [] if name in CLIMBED or others & {*options} else ["--model", "ghosts"]
     return [*rung, *([] if "--panes" in options else ["--panes", "1"])]
 
 

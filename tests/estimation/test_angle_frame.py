@@ -162,7 +162,7 @@ def turned_file(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_the_command_line_finds_the_start_and_tells(
     turned_file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pane = ["--incidence", "60", "--shift", "7"]
+    pane = ["--incidence", "60", "--shift", "7", "--panes", "1", "--model", "ghosts"]
     relative = ["--angles", "relative", *pane]
     assert main(["separate", turned_file, *relative, "-o", str(tmp_path), "--max-evaluations", "3"]) == 0
     assert "Start of the angles: +52 deg" in capsys.readouterr().out.replace("+51", "+52").replace("+53", "+52")

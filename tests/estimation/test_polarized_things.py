@@ -18,7 +18,7 @@ from polaropt.judging import SeparationWarning
 from polaropt.numerics import turn_between
 from polaropt.simulation import dead_leaves, digitized, exact_engine, psnr_db
 
-SIDE_PX, NOISE, THINGS_PX = 192, 0.004, 14.0
+SIDE_PX, NOISE, THINGS_PX = 144, 0.004, 12.0
 # Of one clear pane.
 BLIND = SceneParameters(None, None, None)
 

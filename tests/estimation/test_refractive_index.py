@@ -148,5 +148,5 @@ def test_edges_alone_do_not_speak_against_an_index() -> None:
     window = replace(window, scene=window.scene.replace(refractive_index=GLASS_INDEX), index_told=GLASS_INDEX)
     capture = window.sample(None, 192).capture
     asked = SceneParameters(None, None, None)
-    found = find_scene(capture, asked, window.taking.noise)
+    found = find_scene(capture, asked, window.taking.noise, "ghosts")
     assert likelier_index(capture, found.scene, window.taking.noise) is None
