@@ -48,7 +48,7 @@ def mistake(capture: Capture, model: str = "ghosts") -> AngleMistake | None:
 
 @pytest.mark.parametrize(("incidence", "azimuth", "turned"), [(45, 110, 52.0), (60, 25, 90.0)])
 def test_ghosts_tell_where_the_angles_start(incidence: float, azimuth: float, turned: float) -> None:
-    example = blend(incidence, SIZE, azimuth_deg=azimuth, ghost_shift=7.0)
+    example = blend(incidence, SIZE, azimuth_deg=azimuth, ghost_shift=7.0, color=False)
     found = find_start_angle(counted(example.capture, turned))
     assert found.origin is not None
     assert found.origin.start_deg is not None
@@ -58,7 +58,7 @@ def test_ghosts_tell_where_the_angles_start(incidence: float, azimuth: float, tu
 
 
 def test_a_separation_from_an_unknown_start_is_as_good() -> None:
-    example = blend(60, SMALL, ghost_shift=7.0)
+    example = blend(60, SMALL, ghost_shift=7.0, color=False)
     relative = find_start_angle(counted(example.capture, 52))
     reached = [separate(capture, OPEN).layers for capture in (example.capture, relative)]
     for layer in (0, 1):
@@ -155,7 +155,7 @@ def test_the_separation_warns() -> None:
 @pytest.fixture(scope="module")
 def turned_file(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("turned") / "turned.tiff"
-    write_capture(counted(blend(60, SMALL, ghost_shift=7.0).capture, 52), path)
+    write_capture(counted(blend(60, SMALL, ghost_shift=7.0, color=False).capture, 52), path)
     return str(path)
 
 

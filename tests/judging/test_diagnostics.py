@@ -76,7 +76,7 @@ def test_good_captures_at_other_angles_earn_no_warning(angles, seed):
 
 @pytest.mark.parametrize(("angles", "noise", "asked"), [((0, 45, 90), 0.003, BLIND), ((0, 60, 120), 0.01, None)])
 def test_three_good_photographs_earn_no_warning(angles, noise, asked):
-    example = blend(60, 128, angles_deg=angles, noise=noise)
+    example = blend(60, 128, color=False, angles_deg=angles, noise=noise)
     assert separate(example.capture, asked).diagnostics.warnings == ()
 
 

@@ -103,7 +103,7 @@ def test_each_number_of_a_bend_is_in_doubt_and_ghosts_are_left_out():
 
 
 def test_tiles_add_what_the_whole_adds(monkeypatch):
-    example = blend(75, 200)
+    example = blend(75, 200, color=False)
     whole = separate(example.capture, example.scene.replace(incidence_deg=None))
     monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 160))
     parts = separate(example.capture, whole.scene, scene_errors=whole.errors)

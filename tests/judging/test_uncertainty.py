@@ -119,7 +119,7 @@ def test_the_reflection_is_known_best_where_the_pane_is_oblique():
 
 
 def test_tiles_state_what_the_whole_states(monkeypatch):
-    example = blend(60, 200)
+    example = blend(60, 200, color=False)
     whole = separate(example.capture, example.scene)
     monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 160))
     parts = separate(example.capture, example.scene)
@@ -242,7 +242,7 @@ def test_large_frames_state_on_blocks_what_every_pixel_would(monkeypatch, pane, 
 
 def test_what_is_done_of_a_frame_of_several_tiles_is_told_and_its_rows_come_once(monkeypatch):
     monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 96))
-    example = blend(60, 160)
+    example = blend(60, 160, color=False)
     result = separate(example.capture, example.scene)
     done = []
     strips = list(result.judge.func(*result.judge.args, **{**result.judge.keywords, "tell": done.append}))
