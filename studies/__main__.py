@@ -7,6 +7,8 @@ a break, they go on with what is left.
 from __future__ import annotations
 
 import argparse
+import difflib
+import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -16,16 +18,16 @@ from studies.catalogue import STUDIES, Study
 from studies.kit.page import write_index
 
 ALL = "all"
-_INTERRUPTED, _WRONG = 130, 2
+_INTERRUPTED, _WRONG, _UNREAD = 130, 2, 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a study as a program of its own, each in its folder below OUT; the largest of their exit codes."""
     # Its help is `overview`; all other options go to the study.
     parser = argparse.ArgumentParser(prog="polaropt study", add_help=False)
-    parser.add_argument("name", choices=[*(study.name for study in STUDIES), ALL], nargs="?")
+    parser.add_argument("name", nargs="?")
     parser.add_argument("-h", "--help", action="store_true")
-    parser.add_argument("-o", "--out", type=Path)
+    parser.add_argument("-o", "--out")
     parser.add_argument("--workers")
     for name in dict.fromkeys(name for study in STUDIES for name in study.inputs):
         parser.add_argument(name)
@@ -33,6 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.name is None:
         print(overview())
         return 0
+    names = [*(study.name for study in STUDIES), ALL]
+    if options.name not in names:
+        return _refuse(_no_such(options.name, names))
     chosen = [study for study in STUDIES if options.name in (ALL, study.name)]
     lacking = _lacking(chosen)
     if lacking and options.help:
@@ -43,25 +48,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return 0
     if lacking:
-        print(f"polaropt: {lacking}", file=sys.stderr)
-        return _WRONG
+        return _refuse(lacking)
     if options.help:
         return max(_run(study.name, ["--help"], None) for study in chosen)
-    if options.out is None:
-        parser.error("the following arguments are required: -o/--out")
-    if options.out.exists() and not options.out.is_dir():
-        print(f"polaropt: --out is {str(options.out)!r}, which is a file; give a folder", file=sys.stderr)
-        return _WRONG
+    if not options.out:
+        return _refuse("the study's results need a folder; give its name: -o OUT")
+    out = Path(options.out)
+    if out.exists() and not out.is_dir():
+        return _refuse(f"--out is {options.out!r}, which is a file; give a folder")
     alone = len(chosen) == 1
     plans = {
         study.name: [*rest, *inputs_of(study, options, alone), *workers_of(study, options, rest, alone)]
         for study in chosen
     }
     try:
-        return _run_each(plans, options.out)
+        return _run_each(plans, out)
     except KeyboardInterrupt:
         # The study has said what there is to say.
         return _INTERRUPTED
+
+
+def _refuse(sentence: str) -> int:
+    print(f"polaropt: {sentence}", file=sys.stderr)
+    return _WRONG
+
+
+def _no_such(name: str, names: Sequence[str]) -> str:
+    """That there is no such study, and which of them may be meant."""
+    near = difflib.get_close_matches(name, names)
+    meant = f"did you mean {' or '.join(near)}? " if near else ""
+    return f"there is no study {name!r}; {meant}polaropt study lists all of them"
 
 
 def _lacking(chosen: Sequence[Study]) -> str:
@@ -125,5 +141,17 @@ def _run(name: str, rest: Sequence[str], out: Path | None) -> int:
         raise
 
 
+def _listened() -> int:
+    """The studies as a program; whoever closes the pipe early, such as head, has read enough."""
+    try:
+        code = main()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Nothing is left to be flushed when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _UNREAD
+    return code
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(_listened())

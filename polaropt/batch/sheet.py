@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from collections.abc import Sequence
 from importlib.resources import files
@@ -42,7 +43,7 @@ def write_sheet(folder: Path, rows: Sequence[Row]) -> None:
         rows=json.dumps([_shown(folder, row) for row in rows], separators=(",", ":")).replace("</", "<\\/"),
     )
     with result_file(folder / SHEET) as work:
-        work.write_text(page, encoding="utf-8")
+        work.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def _sentence(warning: str) -> str:
@@ -56,7 +57,7 @@ def _shown(folder: Path, row: Row) -> dict[str, Any]:
     told: dict[str, Any] = {"name": row.name, "seconds": round(row.seconds, 2)}
     if row.status != DONE:
         return {**told, "message": row.message or row.status}
-    place = quote(row.folder)
+    place = quote(os.fsencode(row.folder))
     report = _PAGE if (folder / row.folder / _PAGE).is_file() else REPORT
     told |= {"picture": f"{place}/{THUMBNAIL}", "report": f"{place}/{report}", "warnings": list(row.warnings)}
     return {**told, "rung": row.scene["rung"], "incidence": row.scene.get("incidence_deg"), "misfit": row.misfit}

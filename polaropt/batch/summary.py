@@ -34,7 +34,10 @@ def summary_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def write_summary(folder: Path, rows: Sequence[Row], *, parquet: bool = False) -> None:
     """Write the rows as CSV and, if asked for, as Parquet, each file as a whole."""
     flat = summary_rows(rows)
-    with result_file(folder / SUMMARY) as work, work.open("w", encoding="utf-8", newline="") as file:
+    with (
+        result_file(folder / SUMMARY) as work,
+        work.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file,
+    ):
         writer = csv.DictWriter(file, list(flat[0]) if flat else ["name"])
         writer.writeheader()
         writer.writerows(flat)

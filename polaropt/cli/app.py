@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,7 +12,15 @@ import typer
 
 import polaropt
 from polaropt.cli.calibrate import calibrate_command
-from polaropt.cli.command import INTERRUPTED, Interrupted, add_command, called_now, say, terminations
+from polaropt.cli.command import (
+    INTERRUPTED,
+    Interrupted,
+    add_command,
+    called_now,
+    say,
+    speaking_any_encoding,
+    terminations,
+)
 from polaropt.cli.demo import demo_command
 from polaropt.cli.inspect import estimate_command, inspect_command
 from polaropt.cli.many.batch import batch_command
@@ -74,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         told in one line on standard error; 3 where some of many captures or frames failed; 130 for Ctrl-C, 143 where
         the system asked to end. Anything unexpected is raised.
     """
-    with called_now(), _plugin_warnings_in_a_line(), terminations() as received:
+    with called_now(), speaking_any_encoding(), _plugin_warnings_in_a_line(), terminations() as received:
         outcome = _run(arguments)
         if outcome == INTERRUPTED:
             # CPython would end by SIGINT, whatever is returned, where an exec was interrupted (dataclasses are made by
@@ -112,8 +121,20 @@ def _plugin_warnings_in_a_line() -> Iterator[None]:
         warnings.showwarning = shown
 
 
+def _check_none_empty(arguments: Sequence[str]) -> None:
+    """InputError for an empty argument, as of a shell's variable that is not set: as a name it is this very folder."""
+    for before, given in zip(("", *arguments), arguments, strict=False):
+        option = before if not given and before.startswith("-") else given.removesuffix("=")
+        if not given or (given.startswith("--") and given.endswith("=")):
+            what = f"{option} is empty" if option else "a name is empty"
+            raise InputError(
+                f"{what}; give one, or leave it out (a shell gives nothing for a variable that is not set)"
+            )
+
+
 def _run(arguments: Sequence[str] | None) -> int:
     try:
+        _check_none_empty(sys.argv[1:] if arguments is None else arguments)
         outcome = app(args=arguments, prog_name="polaropt", standalone_mode=False)
     except InputError as error:
         return _refuse(str(error))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import inspect
+import io
 import json
+import os
 import signal
 import sys
 import threading
@@ -141,10 +144,59 @@ def _value(name: str, text: str, hint: Any) -> Any:
         raise InputError(f"{name} is {text!r}; give a {'whole number' if kinds[0] is int else 'number'}") from None
 
 
+# Signs that a terminal may lack, and what is as wide or means the same.
+_LIKE_SIGNS = {"…": ".", "±": "+-"}
+_SPELLED = "polaropt.spelled"
+
+
+def _spelled(error: UnicodeError) -> tuple[str, int]:
+    """What stands for characters that a stream cannot take, such as those of a file's name: as Python spells them."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    alike = (_LIKE_SIGNS.get(sign, sign).encode("ascii", "backslashreplace").decode() for sign in lacking)
+    return "".join(alike), error.end
+
+
+codecs.register_error(_SPELLED, _spelled)
+
+
+@contextmanager
+def speaking_any_encoding() -> Iterator[None]:
+    """Within this context standard output takes every character, as standard error does anyway.
+
+    A terminal or pipe of another encoding than UTF-8 has no ellipsis for the help, and names of files may be bytes in
+    none.
+    """
+    out = sys.stdout
+    if not isinstance(out, io.TextIOWrapper):  # closed, or somebody's own
+        yield
+        return
+    errors = out.errors
+    out.reconfigure(errors=_SPELLED)
+    try:
+        yield
+    finally:
+        out.reconfigure(errors=errors)
+
+
 def say(*sentences: str) -> None:
-    """Sentences for people, one per line."""
-    for sentence in sentences:
-        typer.echo(sentence)
+    """Sentences for people, one per line.
+
+    Raises
+    ------
+    InputError
+        Standard output takes no more, as on a full disk. Whoever closes a pipe early has read enough.
+    """
+    try:
+        for sentence in sentences:
+            typer.echo(sentence)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise InputError(
+            f"standard output cannot be written ({os.strerror(error.errno or 0)}); what the command wrote stays"
+        ) from None
 
 
 def say_warnings(*sentences: str) -> None:
@@ -155,7 +207,7 @@ def say_warnings(*sentences: str) -> None:
 
 def say_json(document: dict[str, Any]) -> None:
     """One JSON object on standard output."""
-    typer.echo(json.dumps(document, indent=2, allow_nan=False))
+    say(json.dumps(document, indent=2, allow_nan=False))
 
 
 # When the command line was called: options are read, and what they need is loaded, before a command is.
@@ -181,23 +233,29 @@ def watched(wanted: bool = True) -> Iterator[Stages]:
         yield stages
 
 
+def _on_a_terminal() -> bool:
+    """Whether somebody watches; a stream that was closed is None."""
+    return all(stream is not None and stream.isatty() for stream in (sys.stdout, sys.stderr))
+
+
 @contextmanager
 def progress_bar(wanted: bool = True) -> Iterator[Progress | None]:
     """Bar on a terminal, taking a stage's sentence and the fraction done overall; None where nobody watches."""
-    if not (wanted and sys.stdout.isatty() and sys.stderr.isatty()):
+    if not (wanted and _on_a_terminal()):
         yield None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+    console = Console(stderr=True)
     columns = (
-        SpinnerColumn(),
+        SpinnerColumn("line" if console.options.ascii_only else "dots"),
         TextColumn("{task.description}"),
         BarColumn(),
         TaskProgressColumn(),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(STARTING, total=1.0)
         yield lambda stage, fraction: bar.update(task, description=stage, completed=fraction)
 
@@ -205,7 +263,7 @@ def progress_bar(wanted: bool = True) -> Iterator[Progress | None]:
 @contextmanager
 def count_bar(total: int, what: str, wanted: bool = True) -> Iterator[Callable[[int, int], None] | None]:
     """Bar on a terminal with the time left, taking how many are done and how many of them failed; None elsewhere."""
-    if not (wanted and sys.stdout.isatty() and sys.stderr.isatty()):
+    if not (wanted and _on_a_terminal()):
         yield None
         return
     from rich.console import Console

@@ -25,6 +25,9 @@ def study_command(context: typer.Context) -> None:
     # Neither the folder that the command is called in nor anything in it is looked at: it may hold another solvers.py.
     paths = filter(None, (str(house), os.environ.get("PYTHONPATH")))
     environment = os.environ | {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(paths)}
+    if sys.stdout is not None:
+        # Its tables hold signs that a terminal may lack.
+        environment |= {"PYTHONIOENCODING": f"{sys.stdout.encoding}:backslashreplace"}
     process = subprocess.Popen([sys.executable, "-m", "studies", *context.args], env=environment)
     try:
         code = process.wait()

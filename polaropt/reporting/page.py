@@ -377,7 +377,8 @@ def write_html_report(
         solver=solver_sentence(report["solver"]),
         time=time_sentence(report["seconds"]),
     )
-    path.write_text(page, encoding="utf-8")
+    # Names of files may be bytes in no encoding.
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def _title(names: list[str]) -> str:

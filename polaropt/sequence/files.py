@@ -129,7 +129,7 @@ class SequenceFiles:
             What was asked for.
         """
         self._files.close()
-        with (self._folder / "frames.csv").open("w", encoding="utf-8", newline="") as file:
+        with (self._folder / "frames.csv").open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
             writer = csv.DictWriter(file, list(self.rows[0]) if self.rows else ["frame"])
             writer.writeheader()
             writer.writerows(self.rows)

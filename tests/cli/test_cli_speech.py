@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pty
+import shutil
 import signal
 import subprocess
 import sys
@@ -214,3 +216,70 @@ def test_a_program_that_minds_its_signals_keeps_them(tmp_path: Path) -> None:
     with terminations():
         assert signal.getsignal(signal.SIGTERM) not in (signal.SIG_DFL, signal.SIG_IGN)
     assert signal.getsignal(signal.SIGTERM) is minded
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+@pytest.mark.parametrize("command", [(), ("separate",), ("sequence",)])
+def test_help_is_read_in_any_encoding(encoding: str, command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    # As of PYTHONIOENCODING=ascii, or a pipe in the C locale.
+    with io.TextIOWrapper(io.BytesIO(), encoding=encoding) as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        assert main([*command, "--help"]) == 0
+        assert pipe.errors == "strict"
+        pipe.flush()
+        said = pipe.buffer.getvalue().decode(encoding)  # type: ignore[attr-defined]
+    assert "Usage: polaropt" in said
+    assert "\\u2026" not in said
+
+
+@pytest.mark.parametrize("lacking", ["stdout", "stderr"])
+def test_a_command_runs_without_a_terminal_or_pipe(
+    lacking: str, small_photographs: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, lacking, None)  # as `>&-` has it
+    assert main(["inspect", *small_photographs]) == 0
+    assert main(["inspect", "nofile.png"]) == 2
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("form", ["--json", "--no-match"])
+def test_a_full_disk_behind_the_pipe_is_told_in_a_line(
+    form: str, small_photographs: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["estimate", *small_photographs, *PANE, form]
+    with open(os.open("/dev/full", os.O_WRONLY), "wb", buffering=0) as full:
+        monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(full, write_through=True))
+        assert main(command) == 2
+        sys.stdout.detach()  # type: ignore[attr-defined]
+    assert "standard output cannot be written (No space left on device)" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "darwin", reason="its names of files are UTF-8")
+def test_names_in_no_encoding_are_told(
+    small_photographs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shots = tmp_path / os.fsdecode(b"caf\xe9")
+    shots.mkdir()
+    for name in small_photographs:
+        shutil.copy(name, shots)
+    files = sorted(map(str, shots.iterdir()))
+    assert "caf\\udce9" in spoken(capsys, "separate", *files, *PANE, *QUICK, "-o", str(shots / "out"))
+    assert (shots / "out" / "report.html").is_file()
+    told = ["--write", "layers", "--workers", "1", "-o", str(shots / "many")]
+    assert "1 of 1 captures" in spoken(capsys, "batch", *files, *PANE, *QUICK, *told)
+    assert "caf\\udce9" in (shots / "many" / "summary.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["separate", "a.png", "-o", ""], "-o is empty"),
+        (["study", "coverage", "--out="], "--out is empty"),
+        (["batch", ""], "a name is empty"),
+    ],
+)
+def test_what_is_empty_is_not_taken_for_this_folder(
+    arguments: list[str], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.startswith(f"polaropt: {named}; ")

@@ -92,3 +92,25 @@ def test_what_lies_in_the_folder_does_not_get_in_the_way(tmp_path):
     )
     assert run.returncode == 0, run.stderr
     assert "coverage" in run.stdout
+
+
+@pytest.mark.parametrize(("name", "near"), [("ablations", "did you mean ablation or ablation_losses?"), ("nois", "")])
+def test_a_study_that_does_not_exist_is_told_in_one_line_with_those_that_may_be_meant(capsys, name, near):
+    assert main([name, "-o", "out"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"polaropt: there is no study '{name}'; {near}")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("output", [[], ["-o", ""]])
+def test_the_folder_of_a_study_is_asked_for_in_one_line(capsys, output):
+    assert main(["coverage", *output]) == 2
+    assert capsys.readouterr().err == "polaropt: the study's results need a folder; give its name: -o OUT\n"
+
+
+def test_a_list_of_studies_may_be_cut_short():
+    command = [sys.executable, "-m", "studies"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as listing:
+        listing.stdout.close()  # as `| head -1` may be done before the first line
+        assert listing.stderr.read() == ""
+    assert listing.returncode == 1
