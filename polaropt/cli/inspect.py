@@ -10,6 +10,7 @@ import typer
 
 from polaropt.cli.command import say, say_json, watched
 from polaropt.cli.options import CaptureOptions, LadderOptions, OutputOptions, PaneOptions
+from polaropt.errors import InputError
 
 if TYPE_CHECKING:
     from polaropt.capture import Capture
@@ -29,6 +30,11 @@ class PictureOption:
         ),
     ] = None
 
+    def check(self) -> None:
+        """InputError where the name is not that of a PNG."""
+        if self.output is not None and self.output.suffix.lower() != ".png":
+            raise InputError(f"{self.output}: the picture is a PNG; give a name that ends in .png")
+
 
 def inspect_command(capture: CaptureOptions, picture: PictureOption, output: OutputOptions) -> None:
     """Tell what a capture is, before anything is solved.
@@ -40,6 +46,7 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, output: Out
     """
     from polaropt.reporting import inspect_capture, inspection_sentences
 
+    picture.check()
     with watched(not output.json) as stages:
         photographs = capture.read(stages, 0.7)
         stages.begin("Inspecting", 0.7)
@@ -59,11 +66,8 @@ def inspect_command(capture: CaptureOptions, picture: PictureOption, output: Out
 
 def _write_picture(photographs: Capture, target: Path) -> None:
     from polaropt.capture import result_file, write_picture
-    from polaropt.errors import InputError
     from polaropt.reporting import inspection_picture
 
-    if target.suffix.lower() != ".png":
-        raise InputError(f"{target}: the picture is a PNG; give a name that ends in .png")
     with result_file(target) as temporary:
         write_picture(temporary, inspection_picture(photographs))
 
@@ -86,8 +90,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         unglazed_share,
     )
 
-    pane.scene()  # its checks, before anything is read
-    ladder.check()
+    ladder.check(pane.scene())  # their checks, before anything is read
     capture.check(pane)
     with watched(not output.json) as stages:
         photographs = capture.read(stages, 0.3)

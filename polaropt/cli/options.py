@@ -273,12 +273,13 @@ class LadderOptions:
         ),
     ] = True
 
-    def check(self) -> None:
-        """InputError where there is no such model."""
-        from polaropt.estimation import model_names
+    def check(self, pane: SceneParameters) -> None:
+        """InputError where there is no such model, or it has no place for what is told of the pane."""
+        from polaropt.estimation import check_model, model_names
 
         if self.model not in model_names():
             raise InputError(f"--model {self.model!r} does not exist; choose one of: {', '.join(model_names())}")
+        check_model(pane, self.model)
 
 
 AsJson = Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")]

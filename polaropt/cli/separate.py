@@ -226,7 +226,7 @@ def separate_command(
 
 def separating(pane: PaneOptions, ladder: LadderOptions, solving: SolveOptions) -> dict[str, Any]:
     """What `separate` takes beside the capture; InputError where options are wrong or contradict each other."""
-    chosen = {
+    chosen: dict[str, Any] = {
         "scene": pane.scene(),
         "weights": parse_weights(solving.weights),
         "stopping": solving.stopping(),
@@ -242,7 +242,7 @@ def separating(pane: PaneOptions, ladder: LadderOptions, solving: SolveOptions) 
         "match_photographs": ladder.match,
         "leave_out_unglazed": ladder.unglazed,
     }
-    ladder.check()
+    ladder.check(chosen["scene"])
     solving.check_names()
     return chosen
 

@@ -10,6 +10,7 @@ __all__ = [
     "StillPhotographs",
     "agreeing_photographs",
     "angle_mistake",
+    "check_model",
     "clear_pane",
     "estimate_scene",
     "find_scene",
@@ -44,6 +45,7 @@ from .index_by_tiles import LikelierIndex as LikelierIndex
 from .index_by_tiles import likelier_index_of_mosaic as likelier_index_of_mosaic
 from .ladder import LadderResult as LadderResult
 from .ladder import RungReport as RungReport
+from .ladder import check_model as check_model
 from .ladder import find_scene as find_scene
 from .ladder import in_full as in_full
 from .ladder import model_names as model_names

@@ -144,6 +144,19 @@ def model_names() -> tuple[str, ...]:
     return tuple(dict.fromkeys(("auto", *_LOWER, *(rung.name for rung in RUNGS))))
 
 
+def check_model(asked: SceneParameters, model: str) -> None:
+    """InputError where a model has no place for what is told of the pane, which would be left out of account."""
+    told = asked.incidence_deg is not None or asked.azimuth_deg is not None
+    if asked.complete or (not told and asked.focal_px is None):
+        return
+    if asked.focal_px is not None and model in ("pixelwise", "ghosts"):
+        raise InputError(
+            f"the focal length is that of a wide lens, which the model {model} has not; leave one of them out"
+        )
+    if told and (model == "curved" or (model == "polarized" and asked.focal_px is not None)):
+        raise InputError(f"the model {model} finds incidence and azimuth itself; leave them out, or the model")
+
+
 def find_scene(
     capture: Capture,
     asked: SceneParameters,
@@ -175,6 +188,7 @@ def find_scene(
     """
     if asked.ghost_shift is not None and thickness_px is not None:
         raise InputError("the ghost shift and the thickness both say how far ghosts lie apart; give one of them")
+    check_model(asked, model)
     fit = with_index(capture, asked, noise, thickness_px=thickness_px, thickness_kind=thickness_kind)
     found = _completed(
         capture,
@@ -505,6 +519,7 @@ def _error_of_cells(found: LadderResult) -> float:
 
 
 _ASKED = "It is the one asked for."
+_CANNOT = "The one asked for cannot be found with what is given."
 _NEARLY_FLAT = 1.6
 """Polarized light beside the plane of incidence, noise included, in units of it, up to which cells of a mosaic are of
 a flat window: what aliases in them is some, more than noise, of one in three. Set by hand."""
@@ -598,7 +613,12 @@ def _share(evidence: Evidence, step: _Step) -> float:
 
 def _reason(evidence: Evidence, steps: list[_Step], step: _Step, taken: _Step) -> str:
     if evidence.wanted != "auto":
-        return _ASKED if step is taken else "Another one was asked for."
+        if step is not taken:
+            return "Another one was asked for."
+        # Of pixelwise and ghosts, the photographs tell which is.
+        return (
+            _ASKED if step.rung in (evidence.wanted, *_LOWER) and evidence.wanted in (step.rung, *_LOWER) else _CANNOT
+        )
     if step is steps[0]:
         if step is not taken:
             what = "edges" if evidence.explained else "polarized light"

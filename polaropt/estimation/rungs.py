@@ -16,7 +16,13 @@ from polaropt.estimation.polarized.search import fit_polarized
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.blocks import SCATTERS
 from polaropt.estimation.wide.edges import MOST_NEGATIVE, negative_light
-from polaropt.estimation.wide.fits import PerspectiveFit, fit_curved, fit_perspective, fit_tolerant
+from polaropt.estimation.wide.fits import (
+    PerspectiveFit,
+    fit_curved,
+    fit_perspective,
+    fit_told_perspective,
+    fit_tolerant,
+)
 from polaropt.estimation.wide.ghosts import VaryingSpectra
 from polaropt.estimation.wide.pane import LONGEST
 from polaropt.optics import SceneErrors, SceneParameters
@@ -93,6 +99,29 @@ def with_ghosts(evidence: Evidence, attempt: RungFit) -> RungFit:
     mean, error = weighted_incidence((incidence, error), (incidence + told[0], told[1]))
     errors = replace(attempt.errors, incidence_deg=error)
     return replace(attempt, scene=scene.replace(incidence_deg=mean), remark=remark, errors=errors)
+
+
+def _may_be_told_to_vary(evidence: Evidence) -> bool:
+    """Whether a lens is asked for and incidence or azimuth are not for us to find."""
+    asked = evidence.asked
+    told = asked.incidence_deg is not None or asked.azimuth_deg is not None
+    return evidence.wanted == "perspective" and told and not evidence.capture.start_unknown
+
+
+def _told_perspective(evidence: Evidence) -> RungFit:
+    """What is told of the pane stays as it is; the rest of it, and a lens that nothing tells, are fitted."""
+    asked, told = evidence.asked, evidence.focal_px is not None
+    fit = fit_told_perspective(evidence.stokes, asked.incidence_deg, asked.azimuth_deg, evidence.focal_px)
+    incidence = fit.incidence_deg if asked.incidence_deg is None else asked.incidence_deg
+    azimuth = fit.azimuth_deg if asked.azimuth_deg is None else asked.azimuth_deg
+    focal = evidence.focal_px or fit.focal_px
+    scene = _plain(evidence).replace(incidence_deg=incidence, azimuth_deg=azimuth, focal_px=focal)
+    errors = SceneErrors(
+        fit.incidence_error_deg if asked.incidence_deg is None else None,
+        fit.azimuth_error_deg if asked.azimuth_deg is None else None,
+        focal_px=None if told else fit.focal_error_px,
+    )
+    return RungFit(scene, fit.misfit, 2 - told, True, "", errors)
 
 
 def _perspective(evidence: Evidence) -> RungFit:
@@ -246,6 +275,7 @@ def _polarized_perspective(evidence: Evidence) -> RungFit:
 
 RUNGS = (
     Rung("polarized", _may_be_polarized, _polarized),
+    Rung("perspective", _may_be_told_to_vary, _told_perspective),
     Rung("perspective", _may_vary, _perspective),
     Rung("curved", _may_vary, _curved),
     Rung("polarized", _may_be_polarized_and_vary, _polarized_perspective),

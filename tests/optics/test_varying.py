@@ -222,6 +222,44 @@ def test_a_rung_can_be_asked_for():
     assert found.scene.azimuth_deg == pytest.approx(scene.azimuth_deg, abs=0.5)
 
 
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"focal_px": 112.0, "azimuth_deg": 25.0},
+        {"focal_px": 112.0, "incidence_deg": 55.0},
+        {"focal_px": 112.0, "azimuth_deg": 25.0, "incidence_deg": 55.0},
+        {"azimuth_deg": 25.0},
+        {"incidence_deg": 55.0},
+    ],
+    ids=" ".join,
+)
+def test_what_is_told_of_a_pane_before_a_lens_stays_and_the_rest_is_found(told):
+    # A lens that was told beside incidence or azimuth was left out of account, and one asked for was not looked for.
+    capture, _, scene = seen_wide(96, focal_px=112.0, azimuth_deg=25.0)
+    found = find_scene(capture, BLIND.replace(**told), 0.005, model="perspective")
+    assert {name: getattr(found.scene, name) for name in told} == told
+    assert found.scene.incidence_deg == pytest.approx(55, abs=0.5)
+    assert found.scene.azimuth_deg == pytest.approx(scene.azimuth_deg, abs=0.5)
+    assert found.scene.focal_px == pytest.approx(112, rel=0.05)
+    assert [tried.rung for tried in found.tried if tried.taken] == ["perspective"]
+    assert all(getattr(found.errors, name) in (None, 0.0) for name in told)
+
+
+@pytest.mark.parametrize(
+    ("told", "model"),
+    [
+        ({"focal_px": 112.0}, "ghosts"),
+        ({"focal_px": 112.0}, "pixelwise"),
+        ({"azimuth_deg": 25.0}, "curved"),
+        ({"azimuth_deg": 25.0, "focal_px": 112.0}, "polarized"),
+    ],
+)
+def test_a_model_without_a_place_for_what_is_told_is_refused(told, model):
+    capture, _, _ = seen_wide(32)
+    with pytest.raises(InputError, match="leave"):
+        find_scene(capture, BLIND.replace(**told), 0.005, model=model)
+
+
 def test_a_wide_lens_that_was_asked_for_but_does_not_show_costs_nothing():
     example = blend(60, 112, ghost_shift=0.0)
     plain, asked = (separate(example.capture, BLIND, model=model) for model in ("pixelwise", "perspective"))

@@ -16,7 +16,9 @@ of itself beside the noise, and blocks that are left far off lose their weight, 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,6 +137,29 @@ def fit_perspective(
     return fit_result(blocks, completed.fit, agree)
 
 
+def fit_told_perspective(
+    stokes: StokesImages, incidence_deg: float | None, azimuth_deg: float | None, focal_px: float | None
+) -> PerspectiveFit:
+    """Fit what is left of normal and focal length where incidence or azimuth are told; edges have nothing to add.
+
+    Parameters
+    ----------
+    stokes : StokesImages
+    incidence_deg, azimuth_deg, focal_px : float or None
+        None: to be fitted.
+    """
+    told = {INCIDENCE: incidence_deg, AZIMUTH: azimuth_deg}
+    known = {number: math.radians(value) for number, value in told.items() if value is not None}
+    free = tuple(number for number in _free(focal_px) if number not in known)
+    coarse, blocks = PolarizedBlocks(stokes, COARSE_BLOCKS), PolarizedBlocks(stokes)
+    starts = _starts_before_lens(coarse, focal_px, known)
+    if not free:
+        return fit_result(blocks, PaneFit(starts[0], np.zeros((N_NUMBERS, N_NUMBERS))), True)
+    rough = [fitted(coarse, start, free) for start in starts]
+    begin = min(rough, key=lambda point: coarse.misfit(*named(point, coarse)))
+    return fit_result(blocks, candidate_near(blocks, NO_PRIOR, free, begin).fit, True)
+
+
 def with_edges(
     pane: Candidate, overlap: VaryingOverlap, blocks: PolarizedBlocks, plain: SceneParameters
 ) -> tuple[Candidate, bool]:
@@ -183,8 +208,10 @@ def fit_result(blocks: PolarizedBlocks, fit: PaneFit, edges_agree: bool) -> Pers
     )
 
 
-def _starts_before_lens(blocks: PolarizedBlocks, focal_px: float | None) -> list[Values]:
-    """The best points of a grid, the valleys' floors among them."""
+def _starts_before_lens(
+    blocks: PolarizedBlocks, focal_px: float | None, known: Mapping[int, float] = MappingProxyType({})
+) -> list[Values]:
+    """The best points of a grid, the valleys' floors among them; numbers that are known are as they are."""
     ratios = _FOCAL_RATIOS if focal_px is None else (focal_px / (2 * blocks.half_px),)
     grid = [
         (math.radians(incidence), math.radians(azimuth), 0.5 / ratio, 0.0, 0.0, 0.0)
@@ -193,6 +220,9 @@ def _starts_before_lens(blocks: PolarizedBlocks, focal_px: float | None) -> list
         for ratio in ratios
     ]
     points = np.array(grid)
+    for number, value in known.items():
+        points[:, number] = value
+    points = np.unique(points, axis=0) if known else points
     best = np.argsort(_misfits(blocks, points))[:_N_STARTS]
     return [points[i] for i in best]
 
