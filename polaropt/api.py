@@ -247,7 +247,8 @@ def separate(
         leave_out_unglazed=leave_out_unglazed,
     )
     if found.diagnostics.warnings:
-        told = "; ".join(warning.value.rstrip(".") for warning in found.diagnostics.warnings)
+        judged = found.diagnostics
+        told = "; ".join(judged.sentence(warning).rstrip(".") for warning in judged.warnings)
         warnings.warn(f"{told}.", ResultWarning, stacklevel=2)
     return _with_capture(found, capture)
 

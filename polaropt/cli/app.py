@@ -13,7 +13,6 @@ import typer
 import polaropt
 from polaropt.cli.calibrate import calibrate_command
 from polaropt.cli.command import (
-    INTERRUPTED,
     Interrupted,
     add_command,
     called_now,
@@ -28,6 +27,7 @@ from polaropt.cli.many.sequence import sequence_command
 from polaropt.cli.page import app_command
 from polaropt.cli.separate import separate_command
 from polaropt.cli.simulate import simulate_command
+from polaropt.cli.start import INTERRUPTED
 from polaropt.cli.study import add_study_command
 from polaropt.cli.train import train_command
 from polaropt.errors import InputError, in_one_line

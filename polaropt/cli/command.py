@@ -25,9 +25,6 @@ Action = Callable[..., None]
 
 SOME_FAILED = 3
 """Exit code where captures, or frames, failed and the others are done."""
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
-
 
 DOUBTFUL = 1
 """Exit code of a result that is warned of, where that is asked for."""

@@ -14,6 +14,7 @@ from polaropt.errors import InputError
 
 if TYPE_CHECKING:
     from polaropt.capture import Capture
+    from polaropt.separation import Case
 
 
 @dataclass(frozen=True)
@@ -72,10 +73,38 @@ def _write_picture(photographs: Capture, target: Path) -> None:
         write_picture(temporary, inspection_picture(photographs))
 
 
+def _doubts(case: Case) -> list[str]:
+    """What `separate` would warn of before it solves, but for what is said anyway."""
+    from polaropt.judging import SeparationWarning, diagnose
+
+    still, found = case.still, case.found
+    # That the reflection is not told follows where nothing is polarized.
+    names = ("NO_POLARIZATION", "REFLECTION_NOT_IDENTIFIABLE", "CELL_ORDER_FOUND", "MOVING")
+    said = [SeparationWarning[name] for name in names]
+    judged = diagnose(
+        still.capture,
+        still.noise,
+        misfit_ratio=1.0,
+        reflection_unknown=0.0,
+        estimate=found.estimate,
+        scene=found.scene,
+        unexplained=found.unexplained,
+        mistakes=still.mistakes,
+        moving=still.moving,
+        valid_share=still.valid_share,
+        doubtful_incidence=case.doubtful_incidence,
+        coated=case.coated,
+        likelier_index=case.likelier_index,
+        polarized_things=found.things is not None,
+    )
+    return [judged.sentence(warning) for warning in judged.warnings if warning not in said]
+
+
 def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderOptions, output: OutputOptions) -> None:
     """Estimate how the pane stands: incidence, azimuth and the distance between double images.
 
-    Nothing is separated. What is given with an option stays as it is.
+    Nothing is separated. What is given with an option stays as it is; where the photographs speak against it, or
+    against themselves, that is told.
     """
     from polaropt.reporting import (
         cell_order_attention,
@@ -109,17 +138,26 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
             progress=stages.part(0.3, 1.0),
         )
     found, scene = case.found, case.asked
-    hint, doubts = (
-        photographs.focal_px,
-        [*cell_order_attention(photographs), *motion_attention(case.still.moving_share)],
-    )
+    hint = photographs.focal_px
+    doubts = [
+        *cell_order_attention(photographs),
+        *motion_attention(case.still.moving_share),
+        *_doubts(case),
+    ]
     matching = None if case.matching is None else matching_report(case.matching.transfer)
     share = unglazed_share(case.unglazed)
     if output.json:
         polarized = found.estimate is None or found.estimate.polarized
         basis = {"errors": json_values(found.errors), "rungs": json_values(found.tried), "polarized": polarized}
         beside = {"matching": matching, "unglazed_share": share}
-        say_json({**beside, **scene_report(found.scene, scene, hint), **basis, "attention": doubts})
+        say_json(
+            {
+                **beside,
+                **scene_report(found.scene, scene, hint),
+                **basis,
+                "attention": [*capture.contradictions(), *doubts],
+            }
+        )
         return
     sentences = estimate_sentences(found, scene, hint, from_thickness=pane.thickness_px is not None)
     left_out = (*matching_sentences(matching), *unglazed_sentences(share))

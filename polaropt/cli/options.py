@@ -550,6 +550,22 @@ class CaptureOptions(ReadingOptions):
         named = angles_in_names(self.captures)
         return named if set(named) <= set(super().angles_deg) else ()
 
+    def contradictions(self) -> list[str]:
+        """That the names of the photographs tell other angles than --angles; not where all are turned by as much."""
+        from polaropt.batch import angles_in_names
+
+        named, given = angles_in_names(self.captures), super().angles_deg
+        usual = set(numbers(_USUAL_ANGLES, "--angles"))
+        told = {angle % 180 for angle in named}
+        # Numbers at the end of names may count photographs.
+        if len(named) != len(given) or not (told <= usual or told == {angle % 180 for angle in given}):
+            return []
+        turns = {round((one - other) % 180, 6) for one, other in zip(given, named, strict=True)}
+        if self._angles_of_names() or len(turns) == 1:
+            return []
+        files = ", ".join(f"{path.name} at {angle:g}" for path, angle in zip(self.captures, given, strict=True))
+        return [f"the names tell other angles than --angles, which count ({files}): check their order."]
+
     def read(self, stages: Stages, until: float = 1.0) -> Capture:
         """Read the files, align them and look for the start of the angles where that is asked for.
 
@@ -580,10 +596,11 @@ class CaptureOptions(ReadingOptions):
 
     def preparation(self, capture: Capture) -> list[str]:
         """What aligning and looking for the start of the angles did to a capture that was read, where asked for."""
-        from polaropt.reporting import alignment_sentence, start_sentence
+        from polaropt.reporting import alignment_sentence, marked, start_sentence
 
         named = self._angles_of_names()
         told = f"Angles, as the names tell: {', '.join(f'{angle:g}' for angle in named)} deg."
         sentences = [told] if named and named != super().angles_deg else []
+        sentences += marked(self.contradictions())
         sentences += [alignment_sentence(capture)] if self.align else []
         return [*sentences, start_sentence(capture)] if self.relative else sentences

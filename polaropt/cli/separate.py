@@ -217,7 +217,7 @@ def separate_command(
         say_json({"output": str(folder.output), **report})
     elif not folder.quiet:
         say(*capture.preparation(photographs), *report_sentences(report, folder.output))
-    doubts = report_attention(report)
+    doubts = [*capture.contradictions(), *report_attention(report)]
     if folder.quiet and not folder.json:
         say_warnings(*doubts)
     if folder.strict and doubts:

@@ -10,7 +10,8 @@ from pathlib import Path
 import typer
 
 import polaropt
-from polaropt.cli.command import INTERRUPTED, Interrupted
+from polaropt.cli.command import Interrupted
+from polaropt.cli.start import INTERRUPTED
 from polaropt.errors import InputError
 
 

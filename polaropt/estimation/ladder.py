@@ -19,7 +19,13 @@ import numpy as np
 from polaropt.capture import Capture, StokesImages, plate_frame, registered_noise, stokes_images
 from polaropt.errors import InputError
 from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
-from polaropt.estimation.flat.estimate import LEAST_INDEX, SceneEstimate, estimate_scene, shift_by_spectra
+from polaropt.estimation.flat.estimate import (
+    LEAST_INDEX,
+    SceneEstimate,
+    estimate_scene,
+    shift_by_spectra,
+    with_shift_checked,
+)
 from polaropt.estimation.flat.ghosts import cross_spectra, is_of_two_faces
 from polaropt.estimation.flat.gradients import incidence_by_gradients
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
@@ -302,6 +308,8 @@ def _of_photographs(
     is_flat = misfit <= noise_misfit(blocks.n)
     if model == "auto" and asked.ghost_shift is None and thickness_px is None:
         estimate = with_ghosts_by_tiles(estimate, stokes, flat, is_flat=is_flat)
+    if climbs and is_flat and estimate.polarized and not capture.low_passed:
+        estimate = with_shift_checked(estimate, stokes, asked)
     seconds = time.perf_counter() - began
     unpolarized = not estimate.polarized and asked.incidence_deg is None
     if unpolarized or model == "none":

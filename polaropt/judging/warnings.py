@@ -125,6 +125,10 @@ class SeparationWarning(Enum):
         "third too much or too little. Check it, or leave it to be found. Where it would do "
         "harm the intensity is returned as transmission, unless a model is asked for by its name."
     )
+    SHIFT_DOUBTFUL = (
+        "The photographs speak against the distance between double images that was given, or it is farther than the "
+        "picture reaches: check it, in pixels of these photographs, or leave it to be found."
+    )
     COATED = (
         "The colours tell of different panes, as coated glass mirrors each in its own way: the layers' colours are "
         "off, and what is left of the other layer in each differs."
@@ -203,6 +207,18 @@ class Diagnostics:
     loss: SceneLoss | None = None
     angles: AngleMistake | None = None
     contradictory: bool = False
+
+    def sentence(self, warning: SeparationWarning) -> str:
+        """What a warning of these says; where nothing is polarized that the reflection is not told means more."""
+        nothing = SeparationWarning.NO_POLARIZATION in self.warnings
+        if warning is SeparationWarning.REFLECTION_NOT_IDENTIFIABLE and nothing:
+            return _NO_REFLECTION
+        return warning.value
+
+
+_NO_REFLECTION = (
+    "Nothing is told of the reflection: it is left black, and what there is of it stays in the transmission."
+)
 
 
 def diagnose(
@@ -293,6 +309,7 @@ def diagnose(
         **_of_angles(mistake),
         SeparationWarning.POLARIZED_SOURCE: polarized_things or _found_polarized(scene, estimate),
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
+        SeparationWarning.SHIFT_DOUBTFUL: _shift_is_doubtful(scene, estimate, capture),
         SeparationWarning.COATED: coated,
         SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate, capture),
         SeparationWarning.POLARIZATION_DOUBTFUL: _loses(loss) and alike,
@@ -365,6 +382,17 @@ def _far_apart(capture: Capture) -> bool:
 def _found_polarized(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
     """Whether polarized light was found, not given."""
     return estimate is not None and scene is not None and scene.polarized
+
+
+def _shift_is_doubtful(scene: SceneParameters | None, estimate: SceneEstimate | None, capture: Capture) -> bool:
+    """Whether no double image of the reflection can be seen where it was given, or others are."""
+    if scene is None or not scene.signal or scene.single_surface:
+        return False
+    if abs(scene.ghost_shift or 0.0) >= max(capture.shape[-2:]):
+        return True
+    # Other panes have other spectra.
+    plain = scene.single_and_clear and not scene.varies and not scene.polarized
+    return plain and estimate is not None and estimate.doubtful_shift
 
 
 def _may_lie_across(scene: SceneParameters | None, estimate: SceneEstimate | None, capture: Capture) -> bool:

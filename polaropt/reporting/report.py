@@ -144,7 +144,7 @@ def solver_report(solver: SolverResult) -> dict[str, Any]:
 def diagnostics_report(diagnostics: Any) -> dict[str, Any]:
     """All that was diagnosed; every warning with its sentence."""
     fields = json_values(diagnostics)
-    warnings = [{"name": warning.name, "sentence": warning.value} for warning in diagnostics.warnings]
+    warnings = [{"name": one.name, "sentence": diagnostics.sentence(one)} for one in diagnostics.warnings]
     return {**fields, "warnings": warnings}
 
 

@@ -53,3 +53,40 @@ def test_angles_that_are_given_count(tmp_path: Path) -> None:
     files = written(tmp_path, {f"shot_{45 * k}.tiff": k for k in range(4)})
     report = taken(tmp_path, files, "--angles", "10,145,55,100")
     assert report["input"]["angles_deg"] == [10, 145, 55, 100]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("angles", "contradict"),
+    [
+        ("0,90,45,135", True),  # in another order than the names
+        ("0,60,120,150", True),
+        ("10,145,55,100", False),  # all turned by as much: a filter whose zero is known
+        ("0,135,45,90", False),
+    ],
+)
+def test_angles_that_contradict_the_names_are_said(
+    tmp_path: Path, angles: str, contradict: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = written(tmp_path, {f"shot_{45 * k}.tiff": k for k in range(4)})
+    taken(tmp_path, files, "--angles", angles)
+    said = [line for line in capsys.readouterr().out.splitlines() if "the names tell other angles" in line]
+    assert len(said) == contradict
+    if contradict:
+        assert "shot_135.tiff at " + angles.split(",")[1] in said[0]
+        assert main(["estimate", *files, *PANE, "--angles", angles, "--json"]) == 0
+        assert "the names tell other angles" in json.loads(capsys.readouterr().out)["attention"][0]
+
+
+def test_numbers_that_count_photographs_contradict_no_angles(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    taken(tmp_path, written(tmp_path, {f"shot_{k}.tiff": k for k in range(4)}), "--angles", "0,46,91,135")
+    assert "the names tell" not in capsys.readouterr().out
+
+
+def test_an_estimate_tells_what_a_separation_would_be_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = written(tmp_path, {f"shot_{name}.tiff": k for k, name in enumerate("abcd")})
+    assert main(["estimate", files[0], files[2], files[1], files[3], *PANE]) == 0
+    assert "ATTENTION: The photographs look as if they were given in a wrong order" in capsys.readouterr().out

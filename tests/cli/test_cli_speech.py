@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 import typer
 
+from polaropt.cli import start
 from polaropt.cli.app import app, main
 from polaropt.cli.command import terminations
 from tests.command_line import QUICK, spoken
@@ -283,3 +284,17 @@ def test_what_is_empty_is_not_taken_for_this_folder(
 ) -> None:
     assert main(arguments) == 2
     assert capsys.readouterr().err.startswith(f"polaropt: {named}; ")
+
+
+def test_ctrl_c_while_the_command_line_is_loaded_is_a_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Interrupting:
+        def find_spec(self, name: str, *_: object) -> None:
+            if name == "polaropt.cli.app":
+                raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, "polaropt.cli.app")
+    monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
+    assert start.main(["--version"]) == 130
+    assert capsys.readouterr().err == "polaropt: interrupted; nothing was written\n"

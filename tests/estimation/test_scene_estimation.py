@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from skimage import data
 
+from polaropt import SeparationWarning, separate
 from polaropt.capture.capture import Capture
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.optics.scene import SceneParameters, ghost_step
@@ -129,3 +130,11 @@ def test_constant_layers_give_something_finite() -> None:
     flat = np.broadcast_to(np.array([0.3, 0.35, 0.4, 0.35])[:, None, None], (4, 40, 40)).copy()
     flat[:, 0, 0] += 0.01
     assert all(np.isfinite(value) for value in estimate_scene(Capture(flat)).scene.values())
+
+
+@pytest.mark.parametrize("told", [6.0, -6.0, 3.0, 12.0, 1000.0])
+def test_photographs_speak_against_another_ghost_shift_than_theirs(told):
+    example = blend(60, 160, ghost_shift=6.0)
+    result = separate(example.capture, SceneParameters(None, None, told), model="ghosts")
+    assert (SeparationWarning.SHIFT_DOUBTFUL in result.diagnostics.warnings) == (abs(told) != 6)
+    assert result.scene.ghost_shift == told

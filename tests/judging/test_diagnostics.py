@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, separate
+from polaropt import Capture, ResultWarning, SceneParameters, SeparationWarning, StoppingRule, separate
 from polaropt.capture.checks import visible_shift
 from polaropt.capture.files.write import encode_srgb
 from polaropt.capture.noise import noise_level
@@ -98,6 +98,8 @@ def test_an_unpolarized_capture_is_not_said_to_be_frontal():
     )
     found = warnings_of(capture)
     assert {SeparationWarning.NO_POLARIZATION, SeparationWarning.REFLECTION_NOT_IDENTIFIABLE} <= found
+    with pytest.warns(ResultWarning, match="is left black, and what there is of it is in the transmission"):
+        separate(capture)
     assert found.isdisjoint({SeparationWarning.NEAR_NORMAL, SeparationWarning.GRAZING})
 
 

@@ -6,12 +6,15 @@ import csv
 import json
 import threading
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
 
+import polaropt.sequence
 from polaropt import (
     Capture,
     FrameReader,
@@ -264,6 +267,24 @@ def test_the_command_writes_layers_along_time(tmp_path: Path, capsys: pytest.Cap
     assert layers["reflection_error"].shape == (2, 32, 32)
     assert np.all(layers["transmission_error"][:] > 0)
     assert (tmp_path / "zarr" / "side_by_side.mp4").stat().st_size > 0
+
+
+@pytest.mark.parametrize(("done", "said"), [(0, "nothing was written"), (1, "1 frame is written")])
+def test_an_interrupted_film_keeps_what_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], done: int, said: str
+) -> None:
+    tifffile.imwrite(tmp_path / "film.tiff", np.stack(raw_film(0, 2)[0]), photometric="minisblack")
+    separated = polaropt.sequence.separate_sequence
+
+    def interrupted(*given: Any, **chosen: Any) -> Iterator[Any]:
+        yield from islice(separated(*given, **chosen), done)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(polaropt.sequence, "separate_sequence", interrupted)
+    command = ["sequence", str(tmp_path / "film.tiff"), "--incidence", "60", "--azimuth", "20", "--shift", "4", *QUICK]
+    assert main([*command, "--resolution", "cell", "--panes", "1", "-o", str(tmp_path / "out")]) == 130
+    assert capsys.readouterr().err == f"polaropt: interrupted; {said}\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["film.tiff", *(["out"] if done else [])]
 
 
 @pytest.mark.parametrize("black", [0, 1, 3])

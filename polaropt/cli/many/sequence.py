@@ -172,7 +172,7 @@ def sequence_command(
     elif not folder.quiet:
         say(*_sentences(document, folder.output, sequence))
     if interrupted:
-        raise Interrupted(f"{len(files.rows)} frames are written")
+        raise Interrupted(f"{len(files.rows)} frame{'s are' if len(files.rows) > 1 else ' is'} written")
     if document["lost"]:
         raise typer.Exit(SOME_FAILED)
 

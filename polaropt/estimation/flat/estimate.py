@@ -79,6 +79,8 @@ class SceneEstimate:
         Other scenes that explain the capture about as well; the errors do not reach them.
     shift_error_of_side : float or None
         Standard error of the ghost shift once it is known on which side the ghosts lie, in pixels.
+    doubtful_shift : bool
+        Whether the photographs speak against the ghost shift that was given.
     """
 
     scene: SceneParameters
@@ -95,6 +97,7 @@ class SceneEstimate:
     shift_misfit: Curve
     rivals: tuple[Rival, ...] = ()
     shift_error_of_side: float | None = None
+    doubtful_shift: bool = False
 
     def scaled(self, factor: float) -> SceneEstimate:
         """The same of photographs with so many times the pixels a side."""
@@ -189,6 +192,25 @@ def estimate_scene(
         rivals=tuple(Rival(_completed(scene, frame.azimuth_deg, other), chance) for other, chance in far),
         shift_error_of_side=of_shifts.of_side,
     )
+
+
+def with_shift_checked(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParameters) -> SceneEstimate:
+    """The same, with whether the spectra speak against a ghost shift that was given, on either side.
+
+    Parameters
+    ----------
+    estimate : SceneEstimate
+        Of photographs; a mosaic's cells show no double images as they are.
+    stokes : StokesImages
+    asked : SceneParameters
+        Of a single pane with one ghost shift for both layers; what else there is has other spectra.
+    """
+    told = asked.ghost_shift
+    if told is None or asked.transmission_ghost_shift is not None or asked.stacked or asked.single_surface:
+        return estimate
+    incidence, azimuth, _ = estimate.scene.values()
+    search = SceneSearch(evidence(plate_frame(stokes, azimuth)), estimate.scene.replace(ghost_shift=None), None)
+    return replace(estimate, doubtful_shift=search.speaks_against(Trial(incidence, told, 0.0)))
 
 
 def shift_by_spectra(stokes: StokesImages, scene: SceneParameters) -> float:

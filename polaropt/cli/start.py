@@ -1,0 +1,21 @@
+"""Where the command line begins, before anything that takes its time is loaded."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line, see `polaropt.cli.app.main`; Ctrl-C while it is loaded is told as later on."""
+    try:
+        from polaropt.cli.app import main as run
+    except KeyboardInterrupt:
+        print("polaropt: interrupted; nothing was written", file=sys.stderr)
+        # As in `polaropt.cli.app.main`: loading executes code for dataclasses.
+        exec("")
+        return INTERRUPTED
+    return run(arguments)
