@@ -11,6 +11,9 @@ _LONGEST_REASON = 120
 """Characters of what a library says; set by hand."""
 _LEFT_OUT = " ... "
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
+
 
 class ResultWarning(UserWarning):
     """A result that is not to be trusted as it is; its text is what `SeparationWarning` says of it.

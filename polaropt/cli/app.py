@@ -27,10 +27,9 @@ from polaropt.cli.many.sequence import sequence_command
 from polaropt.cli.page import app_command
 from polaropt.cli.separate import separate_command
 from polaropt.cli.simulate import simulate_command
-from polaropt.cli.start import INTERRUPTED
 from polaropt.cli.study import add_study_command
 from polaropt.cli.train import train_command
-from polaropt.errors import InputError, in_one_line
+from polaropt.errors import INTERRUPTED, InputError, in_one_line
 
 WRONG_INPUT = 2
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
+from polaropt.errors import INTERRUPTED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,8 +11,7 @@ import typer
 
 import polaropt
 from polaropt.cli.command import Interrupted
-from polaropt.cli.start import INTERRUPTED
-from polaropt.errors import InputError
+from polaropt.errors import INTERRUPTED, InputError
 
 
 def study_command(context: typer.Context) -> None:
