@@ -2,4 +2,4 @@ __all__ = [
     "main",
 ]
 
-from .start import main as main
+from .app import main as main

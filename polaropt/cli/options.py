@@ -448,8 +448,8 @@ class ReadingOptions:
         str | None,
         typer.Option(
             metavar="T,T,...",
-            help="How long each photograph was exposed, in the order of the files, in any unit; divided out. Default: what the camera wrote into "
-            "the files (EXIF: time, aperture, speed).",
+            help="How long each photograph was exposed, in the order of the files and in any unit; divided out. "
+            "Default: what the camera wrote into the files (EXIF: time, aperture, speed).",
             rich_help_panel=_FILES,
         ),
     ] = None

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from polaropt.cli import start
+from polaropt.__main__ import main as begin
 from polaropt.cli.app import app, main
 from polaropt.cli.command import terminations
 from tests.command_line import QUICK, spoken
@@ -296,5 +296,5 @@ def test_ctrl_c_while_the_command_line_is_loaded_is_a_line(
 
     monkeypatch.delitem(sys.modules, "polaropt.cli.app")
     monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
-    assert start.main(["--version"]) == 130
+    assert begin(["--version"]) == 130
     assert capsys.readouterr().err == "polaropt: interrupted; nothing was written\n"
