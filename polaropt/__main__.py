@@ -11,7 +11,7 @@ from polaropt.errors import INTERRUPTED
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, see `polaropt.cli.app.main`; Ctrl-C while it is loaded is told as later on."""
     try:
-        from polaropt.cli.app import main as run
+        from polaropt.cli import main as run
     except KeyboardInterrupt:
         print("polaropt: interrupted; nothing was written", file=sys.stderr)
         # As in `polaropt.cli.app.main`: loading executes code for dataclasses.

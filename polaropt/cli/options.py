@@ -280,6 +280,10 @@ class LadderOptions:
         if self.model not in model_names():
             raise InputError(f"--model {self.model!r} does not exist; choose one of: {', '.join(model_names())}")
         check_model(pane, self.model)
+        if pane.complete and self.model not in ("auto", pane.rung):
+            raise InputError(
+                f"--model {self.model} has nothing to find, as the whole pane is given; leave one of them out"
+            )
 
 
 AsJson = Annotated[bool, typer.Option("--json", metavar="", help="Print one JSON object, for machines.")]
@@ -550,6 +554,22 @@ class CaptureOptions(ReadingOptions):
         named = angles_in_names(self.captures)
         return named if set(named) <= set(super().angles_deg) else ()
 
+    def _check_number(self) -> None:
+        """InputError that tells the angles which the names seem to tell, where three, or five and more, lack them."""
+        from polaropt.batch import angles_in_names
+
+        number = len(self.captures)
+        if self.angles != _USUAL_ANGLES or number in (1, 2, 4) or self._angles_of_names():
+            return
+        named = angles_in_names(self.captures)
+        # Numbers that count photographs lie otherwise.
+        steps = {round(angle % (180 / number), 6) for angle in named}
+        if len(steps) == 1 and len({angle % 180 for angle in named}) == number:
+            listed = ",".join(f"{angle:g}" for angle in named)
+            raise InputError(
+                f"{number} photographs need one angle each; give them, as the names seem to tell: --angles {listed}"
+            )
+
     def contradictions(self) -> list[str]:
         """That the names of the photographs tell other angles than --angles; not where all are turned by as much."""
         from polaropt.batch import angles_in_names
@@ -577,6 +597,7 @@ class CaptureOptions(ReadingOptions):
         """
         from polaropt.capture import read_capture
 
+        self._check_number()
         # Shares of the progress, by what they take on large photographs: set by hand.
         read_until = until * (0.2 if self.align else 1.0)
         stages.begin("Reading", 0.0)

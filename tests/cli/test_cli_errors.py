@@ -62,6 +62,12 @@ BAD = {
     "equal angles": ([*FOUR, "--angles", "0,45,90,180"], "equal"),
     "number of angles": ([*FOUR, "--angles", "0,60,120"], "one angle each"),
     "angles of three": (["three_000.png", "three_060.png", "three_120.png"], "one angle each"),
+    "angles that names tell": (["three_060.png", "three_000.png", "three_120.png"], "--angles 60,0,120"),
+    "a model of a pane that is given": (
+        [*FOUR, "--incidence=60", "--azimuth=20", "--shift=4", "--panes=1", "--tint=1", "--model=none"],
+        "leave one of them out",
+    ),
+    "a lens without a place": ([*FOUR, "--model", "ghosts", "--focal-px", "100"], "leave one of them out"),
     "no angles": ([*FOUR, "--angles", "0,x,90,135"], "--angles"),
     "NaN": (["nan.tiff"], "NaN"),
     "negative": (["negative.tiff"], "black level"),

@@ -13,6 +13,7 @@ from skimage import data
 
 from polaropt.capture.files.write import write_png
 from polaropt.capture.read import read_capture
+from polaropt.cli.app import main
 from tests.command_line import RESULTS, spoken
 
 
@@ -79,3 +80,14 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: p
         assert str(tmp_path / name) in said
     for score in json.loads((tmp_path / "scores.json").read_text()):
         assert score["separated_db"] > score["doing_nothing_db"] + 3
+
+
+def test_files_lie_in_the_order_of_their_angles(tmp_path: Path) -> None:
+    photographs = [tmp_path / "T.png", tmp_path / "R.png"]
+    for name in photographs:
+        write_png(name, np.arange(32 * 32, dtype=np.uint16).reshape(32, 32))
+    angles = [0.0, 22.5, 45.0, 67.5, 90.0, 112.5]
+    given = ",".join(map(str, angles))
+    assert main(["simulate", *map(str, photographs), "--angles", given, "-o", str(tmp_path / "out")]) == 0
+    names = [path.stem for path in sorted((tmp_path / "out").glob("capture_*.png"))]
+    assert [float(name.removeprefix("capture_")) for name in names] == angles

@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 import typer
 
+import polaropt.cli
 from polaropt.__main__ import main as begin
 from polaropt.cli.app import app, main
 from polaropt.cli.command import terminations
@@ -295,6 +296,8 @@ def test_ctrl_c_while_the_command_line_is_loaded_is_a_line(
                 raise KeyboardInterrupt
 
     monkeypatch.delitem(sys.modules, "polaropt.cli.app")
+    monkeypatch.delattr(polaropt.cli, "app")
+    monkeypatch.delitem(vars(polaropt.cli), "main", raising=False)  # kept from the first look
     monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
     assert begin(["--version"]) == 130
     assert capsys.readouterr().err == "polaropt: interrupted; nothing was written\n"

@@ -367,8 +367,14 @@ def _write_tiff(capture: Capture, target: Path) -> None:
         )
 
 
+def _in_order(angle: float) -> str:
+    """An angle in a name that a shell sorts as the angle: 005, 022.5, 112.5."""
+    whole, point, part = f"{angle:g}".partition(".")
+    return f"{whole:0>3}{point}{part}" if angle >= 0 else f"{angle:g}"
+
+
 def _write_pngs(capture: Capture, target: Path) -> tuple[Path, ...]:
-    files = tuple(target.with_name(f"{target.stem}_{angle:03g}.png") for angle in capture.angles_deg)
+    files = tuple(target.with_name(f"{target.stem}_{_in_order(angle)}.png") for angle in capture.angles_deg)
     for name, photograph, valid in zip(files, capture.intensities, capture.mask, strict=True):
 
         def rows_of(rows: slice, photograph: FloatImages = photograph, valid: AnyMask = valid) -> Pixels:
