@@ -228,3 +228,15 @@ def test_the_summary_holds_a_row_for_each_capture(tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow.parquet")
     write_summary(tmp_path, ROWS, parquet=True)
     assert pyarrow.read_table(tmp_path / "summary.parquet").to_pylist()[0]["incidence_deg"] == 60
+
+
+def test_warnings_are_counted_on_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    seen = photographed((48, 48))
+    alike = np.stack([seen.intensities.mean(axis=0)] * 4)
+    noisy = alike + 0.005 * np.random.default_rng(0).standard_normal(alike.shape)
+    write_capture(seen.replace(intensities=noisy.astype(np.float32)), tmp_path / "alike.png")
+    assert batch(tmp_path / "alike_*.png", "-o", tmp_path / "out", "--write", "layers") == 0
+    told = "NO_POLARIZATION in 1, REFLECTION_NOT_IDENTIFIABLE in 1 of 1 captures"
+    assert f"ATTENTION: {told}; summary.csv tells which." in capsys.readouterr().out
+    assert batch(tmp_path / "alike_*.png", "-o", tmp_path / "out", "--write", "layers", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["warnings"]["NO_POLARIZATION"] == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -261,10 +262,18 @@ def _sentences(output: Path, jobs: list[Job], outcome: Outcome, leftovers: tuple
         lines.append(f"! ... and {len(failed) - _NAMED} more; summary.csv names all.")
     doubted = [row for row in outcome.rows if row.status == DONE and row.message]
     lines += [f"! {row.name}: {row.message}" for row in doubted[:_NAMED]]
+    if warned := _warned(outcome):
+        told = ", ".join(f"{name} in {number}" for name, number in warned.items())
+        lines.append(f"ATTENTION: {told} of {len(outcome.rows)} captures; summary.csv tells which.")
     lines += [f"! {left.file}: {left.reason}; left out." for left in leftovers[:_NAMED]]
     if len(leftovers) > _NAMED:
         lines.append(f"! ... and {len(leftovers) - _NAMED} more files; --json names all.")
     return [*lines, f"Written to {output}: summary.csv, index.html, and a folder for each capture."]
+
+
+def _warned(outcome: Outcome) -> dict[str, int]:
+    """How many captures each warning is of, most first."""
+    return dict(Counter(warning for row in outcome.rows for warning in row.warnings).most_common())
 
 
 def _document(output: Path, jobs: list[Job], outcome: Outcome, leftovers: tuple[Leftover, ...]) -> dict[str, Any]:
@@ -274,6 +283,7 @@ def _document(output: Path, jobs: list[Job], outcome: Outcome, leftovers: tuple[
         "separated": len(outcome.rows) - len(outcome.failed),
         "reused": outcome.reused,
         "interrupted": outcome.interrupted,
+        "warnings": _warned(outcome),
         "failed": [{"name": row.name, "files": list(row.files), "message": row.message} for row in outcome.failed],
         "left_out": [{"file": str(left.file), "reason": left.reason} for left in leftovers],
     }
