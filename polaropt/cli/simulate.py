@@ -120,9 +120,9 @@ class SetOptions:
 def simulate_command(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> None:
     """Blend two photographs as a pane of glass does and photograph them behind a polarizer, with the truth.
 
-    One pair: the photographs (capture...), true_transmission.tiff and true_reflection.tiff (linear) and scene.json.
-    The pane is at 60 degrees, azimuth 0, ghost shift 6.3 px unless given. With --sensor: mosaic.png instead of the
-    photographs.
+    One pair: the photographs (capture...), true_transmission.tiff and true_reflection.tiff (linear) and scene.json,
+    which --scene takes. The pane is at 60 degrees, azimuth 0, ghost shift 6.3 px unless given. With --sensor:
+    mosaic.png instead of the photographs.
 
     With --pairs: a data set of random pairs; what is given of the pane is the same in all of them.
     """
@@ -162,6 +162,7 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
             _check_mosaic(layers, images[0])
             images = [whole_patterns(image, color) for image in images]
         stages.begin("Writing the truth", 0.2)
+        height, width = images[0].shape[:2]
         for name, image, share in zip(TRUE_LAYERS, images, (scene.tint, 1.0), strict=True):
             seen = camera.through_lens(image if color is None else sensor_image(image, color))
             write_tiff(work / name, seen if share == 1 else seen * np.float32(share))
@@ -177,6 +178,8 @@ def _simulate_one(layers: LayerOptions, pane: PaneOptions, many: SetOptions) -> 
             write_png(work / MOSAIC, np.round(np.clip(raw, 0, 1) * WHITE_16).astype(np.uint16))
             files = [MOSAIC]
         document = {"polaropt": polaropt.__version__, "scene": json_values(scene), "camera": json_values(camera)}
+        # With it the document is one that --scene takes.
+        document |= {"input": {"width": width, "height": height}}
         document |= {"photographs": [str(path) for path in layers.layers], "files": files, "truth": list(TRUE_LAYERS)}
         (work / "scene.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     return {**document, "summary": ", ".join([*files, *TRUE_LAYERS, "scene.json"])}

@@ -14,6 +14,8 @@ from skimage import data
 from polaropt.capture.files.write import write_png
 from polaropt.capture.read import read_capture
 from polaropt.cli.app import main
+from polaropt.optics import SceneParameters
+from polaropt.reporting.notebook import scene_of_report
 from tests.command_line import RESULTS, spoken
 
 
@@ -91,3 +93,15 @@ def test_files_lie_in_the_order_of_their_angles(tmp_path: Path) -> None:
     assert main(["simulate", *map(str, photographs), "--angles", given, "-o", str(tmp_path / "out")]) == 0
     names = [path.stem for path in sorted((tmp_path / "out").glob("capture_*.png"))]
     assert [float(name.removeprefix("capture_")) for name in names] == angles
+
+
+@pytest.mark.parametrize("sensor", [[], ["--sensor", "mono"]])
+def test_the_true_scene_can_be_told(tmp_path: Path, sensor: list[str]) -> None:
+    photographs = [tmp_path / "T.png", tmp_path / "R.png"]
+    for name in photographs:
+        write_png(name, np.arange(32 * 48, dtype=np.uint16).reshape(32, 48))
+    out = tmp_path / "out"
+    pane = ["--incidence", "50", "--shift", "3"]
+    assert main(["simulate", *map(str, photographs), *pane, *sensor, "-o", str(out)]) == 0
+    assert scene_of_report(out / "scene.json", (32, 48)) == SceneParameters(50.0, 0.0, 3.0)
+    assert scene_of_report(out / "scene.json", (64, 96)).ghost_shift == 6
