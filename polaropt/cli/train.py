@@ -252,7 +252,8 @@ def train_command(network: NetworkOptions, run: RunOptions) -> None:
     """Train the networks of the learned start on samples that the engine makes as it goes.
 
     Writes into the folder: weights.safetensors, log.csv, state.pt (to go on from) and record.json (data, seed, losses,
-    figures). A training that was interrupted goes on with --resume and the same options.
+    figures). A training that was interrupted goes on with --resume and the same options; its steps, seconds, device and
+    workers may be others.
     """
     _check_installed()
     from polaropt.training import TrainingJob, train

@@ -52,6 +52,8 @@ class Pictures:
     ----------
     source : str
         What they are, for the record.
+    added : str or None
+        What of them is the folder's.
     """
 
     def __init__(self, folder: Path | None = None, leaves: int = N_LEAVES, leaves_share: float = 0.5) -> None:
@@ -65,7 +67,8 @@ class Pictures:
         self._drawn: dict[int, NDArray[np.uint8]] = {}
         sources = [f"{leaves} generated dead-leaves images (share {leaves_share:g})"] if leaves_share else []
         sources += [", ".join(FROM_SKIMAGE + FROM_SKLEARN)]
-        sources += [f"{len(files)} photographs of the folder {folder.name}"] if folder is not None else []
+        self.added = None if folder is None else f"{len(files)} photographs of the folder {folder.name}"
+        sources += [self.added] if self.added is not None else []
         self.source = "; ".join(sources)
 
     def draw(self, workers: int) -> None:

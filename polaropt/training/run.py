@@ -19,10 +19,12 @@ from polaropt.training.store import SampleStore
 
 if TYPE_CHECKING:
     from priors.networks.fusionnet import Architecture, SeparationNetwork
-    from priors.training.trainer import SampleSource, TrainingOptions
+    from priors.training.trainer import Choice, SampleSource, TrainingOptions
 
 
 Progress = Callable[[str, float], None]
+# Of a digest that is told, enough to tell files apart.
+_DIGITS = 8
 
 
 @dataclass(frozen=True)
@@ -102,11 +104,11 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
         check_device(options.device)
     except InputError as error:
         raise InputError(f"--{error}") from None
-    source, data = _source(job)
+    source, data, added = _source(job)
     features, compared = _features(job)
     torch.manual_seed(options.seed)
     try:
-        training = Training(_network(job), source, options, features)
+        training = Training(_network(job), source, options, features, _course(job, added, compared))
         if job.resume:
             training.resume(job.folder / STATE)
     except (WrongWeights, WrongState) as error:
@@ -147,16 +149,45 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
     return record
 
 
-def _source(job: TrainingJob) -> tuple[SampleSource, str]:
-    """Samples, and what they are made of."""
+def _course(job: TrainingJob, added: str | None, compared: str | None) -> dict[str, Choice]:
+    """What the course depends on, by the options that say it. Steps and time may be given anew, and where it runs."""
+    from priors.networks.fusionnet import FUSION_SIZES
+
+    options, networks = job.options, job.architecture
+    begun = _digest(job.begin_with)
+    fusion = (size for size, widths in FUSION_SIZES.items() if all(getattr(networks, w) == widths[w] for w in widths))
+    return {
+        "--form": networks.form,
+        "--polarnet": networks.polarnet,
+        "--fusionnet": next(fusion, "another"),
+        "--head": networks.head,
+        "--begin-with": begun and f"weights of digest {begun[:_DIGITS]}",
+        "--size": job.side_px,
+        "--batch": options.batch_size,
+        "--rate": options.learning_rate,
+        "--without": " and ".join(name for name, factor in asdict(options.weights).items() if not factor),
+        "--features": compared,
+        "--window": options.window,
+        "--fresh": options.fresh,
+        "averaging": options.averaging,
+        "--half": None if options.half_precision is None else "on" if options.half_precision else "off",
+        "--device-samples": "on" if job.makes_there else None,
+        "--leaves": job.leaves if job.leaves_share else 0,
+        "--leaves-share": job.leaves_share,
+        "--data": added,
+    }
+
+
+def _source(job: TrainingJob) -> tuple[SampleSource, str, str | None]:
+    """Samples, what they are made of, and what of that was added to what ships with libraries."""
     if job.store is not None:
-        return job.store.on(job.options.device), job.store.data
+        return job.store.on(job.options.device), job.store.data, job.store.data
     pictures = Pictures(job.data, job.leaves, job.leaves_share)
     if job.workers and job.leaves_share:
         pictures.draw(job.workers)
     source = TrainingData(pictures, job.architecture.form, job.side_px, job.options.seed, workers=job.workers)
     if not job.makes_there:
-        return source, pictures.source
+        return source, pictures.source, pictures.added
     if not source.takes_mosaics:
         raise InputError(
             f"--device-samples needs the conditioned form and frames of {SMALLEST_SIDE * PATTERN_PX} px or more, "
@@ -166,7 +197,7 @@ def _source(job: TrainingJob) -> tuple[SampleSource, str]:
         raise InputError("--device-samples simulates no photographs for the loss pse; leave one of both out")
     from polaropt.training.pool import SamplePool
 
-    return SamplePool(source, job.options.device), pictures.source
+    return SamplePool(source, job.options.device), pictures.source, pictures.added
 
 
 def _network(job: TrainingJob) -> SeparationNetwork:
@@ -211,4 +242,4 @@ def _features(job: TrainingJob) -> tuple[Any, str | None]:
     except WrongWeights as error:
         raise InputError(str(error)) from None
     digest = json.loads((WEIGHTS / "conditioned.json").read_text(encoding="utf-8"))["sha256"]
-    return encoder.to(job.options.device), f"compact encoder of the shipped conditioned form {digest[:8]}"
+    return encoder.to(job.options.device), f"compact encoder of the shipped conditioned form {digest[:_DIGITS]}"

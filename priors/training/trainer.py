@@ -7,7 +7,7 @@ import io
 import math
 import pickle
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -140,6 +140,7 @@ _FIRST_TEST = 1 << 40
 # Steps between looks whether the loss is still a number.
 _LOOK_EVERY = 20
 Progress = Callable[[str, float], None]
+Choice = str | float | None
 
 
 class NotFinite(ArithmeticError):
@@ -160,6 +161,8 @@ class Training:
     options : TrainingOptions
     features : callable, optional
         For the perceptual loss; None compares raw pixels.
+    course : dict of str to text or number, optional
+        By its name each choice that the training's course depends on: who resumes it must have made the same.
     """
 
     def __init__(
@@ -168,13 +171,14 @@ class Training:
         source: SampleSource,
         options: TrainingOptions,
         features: Callable[[Tensor], Sequence[Tensor]] | None = None,
+        course: Mapping[str, Choice] | None = None,
     ) -> None:
         network = network.to(options.device)
         if options.device.startswith("cuda"):
             # As the GPU's convolutions in half precision want them.
             network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.network, self.options, self.step = network, options, 0
-        self._source = source
+        self._source, self._course = source, dict(course or {})
         average: Any = get_ema_multi_avg_fn(options.averaging)  # type: ignore[no-untyped-call]
         self._averaged = AveragedModel(self.network, multi_avg_fn=average)
         trained = [parameter for parameter in network.parameters() if parameter.requires_grad]
@@ -326,6 +330,7 @@ class Training:
         state = {
             "step": self.step,
             "seed": self.options.seed,
+            "course": self._course,
             "network": self.network.state_dict(),
             "averaged": self._averaged.state_dict(),
             "optimizer": self._optimizer.state_dict(),
@@ -341,7 +346,7 @@ class Training:
         Raises
         ------
         WrongState
-            No such file, another architecture, other losses or another seed.
+            No such file, other choices, another architecture, other losses or another seed.
         """
         if not path.is_file():
             raise WrongState(f"{path}: no state to resume from; leave --resume out to begin anew")
@@ -350,7 +355,14 @@ class Training:
         except (EOFError, RuntimeError, pickle.UnpicklingError) as error:
             raise WrongState(f"{path}: cannot be read as a state; leave --resume out to begin anew") from error
         critics = (self._critics.discriminator, self._judge_optimizer)
-        if not (_is_state(state) and self._fits(state)):
+        whole = _is_state(state)
+        # States of earlier versions do not tell their choices.
+        differing = _differing(state.get("course", self._course), self._course) if whole else ""
+        if differing:
+            raise WrongState(
+                f"{path}: was begun with {differing}; give the same options, or leave --resume out to begin anew"
+            )
+        if not (whole and self._fits(state)):
             raise WrongState(f"{path}: is no state of this training; resume with the options it was begun with")
         if state["seed"] != self.options.seed:
             raise WrongState(f"{path}: was begun with seed {state['seed']}, not {self.options.seed}")
@@ -388,7 +400,18 @@ def _is_state(state: Any) -> bool:
         return False
     network, critics = state["network"], state["critics"]
     tensors = isinstance(network, dict) and all(isinstance(weights, Tensor) for weights in network.values())
-    return tensors and isinstance(critics, list)
+    return tensors and isinstance(critics, list) and isinstance(state.get("course", {}), dict)
+
+
+def _differing(before: dict[str, Choice], now: dict[str, Choice]) -> str:
+    """Choices that are not what they were, in words; empty where all are."""
+    names = (*now, *(name for name in before if name not in now))
+    pairs = [(name, before.get(name), now.get(name)) for name in names]
+    return ", ".join(f"{name} {_words(was)}, not {_words(given)}" for name, was, given in pairs if was != given)
+
+
+def _words(choice: Choice) -> str:
+    return f"{choice:g}" if isinstance(choice, int | float) else choice or "none"
 
 
 @dataclass(frozen=True)

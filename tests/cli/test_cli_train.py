@@ -71,6 +71,14 @@ def test_it_writes_weights_log_state_and_record_and_goes_on_where_it_stopped(
     assert main([*command, "--resume"]) == 0
     assert json.loads((tmp_path / "record.json").read_text())["steps"] == 3
     assert steps_logged(tmp_path) == [2, 3]
+    # With other options the record would tell of a training that was none.
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    command[command.index("32")] = "64"
+    assert main([*command, "--resume", "--rate", "0.01", "--leaves", "3"]) == 2
+    told = capsys.readouterr().err
+    assert f"was begun with --size 32, not 64, --rate {record['options']['learning_rate']:g}, not 0.01; give" in told
+    assert told.count("\n") == 1
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
 
 
 def test_the_papers_form_is_trained_without_its_head(photographs: Path, tmp_path: Path) -> None:
