@@ -25,6 +25,17 @@ HeadKind = Literal["panes", "none"]
 _QUICK_STEPS, _QUICK_SIZE = 40, 64
 # Steps between tests at least, tests at most, and samples that are tested on. Set by hand.
 _TEST_EVERY, _MOST_TESTS, _TEST_SAMPLES = 250, 30, 16
+# The least and the most of each count: pictures have no more pixels a side, and no computer more memory. Set by hand.
+_RANGES = {
+    "steps": (1, 10**9),
+    "batch": (1, 4096),
+    "size": (32, 2048),
+    "leaves": (1, 10**6),
+    "window": (1, 10**6),
+    "workers": (0, 1024),
+}
+# What torch's generators take.
+_LARGEST_SEED = 2**63 - 1
 _NETWORK = "The networks"
 _TRAINING = "The training"
 
@@ -102,6 +113,14 @@ class NetworkOptions:
         size = self.fusionnet or ("large" if self.form == "conditioned" else "compact")
         return Architecture(self.form, self.polarnet, **FUSION_SIZES[size], head=self.head or "panes")
 
+    def check_vgg19(self, compares: bool) -> None:
+        """InputError where VGG-19's weights are given and nothing takes them: neither PolarNet nor a loss that does."""
+        if self.vgg19 is not None and self.polarnet != "vgg19" and not compares:
+            raise InputError(
+                "--vgg19 is for --polarnet vgg19, or for a perceptual loss of features, which --form paper has; "
+                "give one of them, or leave it out"
+            )
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -153,7 +172,10 @@ class RunOptions:
             rich_help_panel=_TRAINING,
         ),
     ] = "auto"
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of everything.", rich_help_panel=_TRAINING)] = 0
+    seed: Annotated[
+        int,
+        typer.Option(min=0, max=_LARGEST_SEED, metavar="N", help="Seed of everything.", rich_help_panel=_TRAINING),
+    ] = 0
     leaves: Annotated[int, typer.Option(metavar="N", help="Generated images.", rich_help_panel=_TRAINING)] = 192
     leaves_share: Annotated[
         float,
@@ -236,10 +258,12 @@ class RunOptions:
         )
 
     def _check(self, steps: int) -> None:
-        counts = {"batch": (self.batch, 1), "leaves": (self.leaves, 1), "window": (self.window, 1)}
-        for name, (count, least) in {"steps": (steps, 1), **counts, "workers": (self.workers, 0)}.items():
-            if count < least:
-                raise InputError(f"--{name} is {count}; give {least} or more")
+        counts = {name: getattr(self, name) for name in _RANGES} | {"steps": steps, "size": self.side_px}
+        for name, (least, most) in _RANGES.items():
+            if counts[name] < least:
+                raise InputError(f"--{name} is {counts[name]}; give {least} or more")
+            if counts[name] > most:
+                raise InputError(f"--{name} is {counts[name]}; give {most} at most")
         if self.seconds is not None and not self.seconds > 0:
             raise InputError(f"--seconds is {self.seconds:g}; give more than 0")
         if not 0 <= self.leaves_share <= 1:
@@ -259,10 +283,12 @@ def train_command(network: NetworkOptions, run: RunOptions) -> None:
     from polaropt.training import TrainingJob, train
     from priors.training.trainer import STATE
 
+    options = run.training(network.form)
+    network.check_vgg19(run.features == "auto" and options.weights.perceptual > 0)
     job = TrainingJob(
         network.output,
         network.architecture(),
-        run.training(network.form),
+        options,
         run.side_px,
         data=run.data,
         leaves=run.leaves,
