@@ -68,6 +68,17 @@ def one_line(error: Exception) -> str:
     return in_one_line(str(error), _LONGEST_REASON) or type(error).__name__
 
 
+def check_installed(packages: Iterable[str], asked: str, install: str) -> None:
+    """InputError where one of the packages that something asks for is not installed, or broken; imports them."""
+    from solvers.base import MissingPackage, check_package
+
+    for package in packages:
+        try:
+            check_package(package, asked, install)
+        except MissingPackage as error:
+            raise InputError(str(error)) from None
+
+
 def check_numbers(named: Iterable[tuple[str, object]], *, none: bool = True) -> None:
     """InputError where a value that has a name is no number, nor None where that says something."""
     for name, value in named:

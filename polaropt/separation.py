@@ -71,7 +71,7 @@ from polaropt.solving import (
 from solvers.ahead import compile_ahead
 from solvers.base import SolverResult, Status, StoppingRule
 from solvers.kernels import compilations_reported_to
-from solvers.registry import get_solver
+from solvers.registry import ready_solver
 
 Images = NDArray[np.float32]
 Tell = Callable[[float], None]
@@ -398,7 +398,7 @@ def _blind(refractive_index: float | None, single_surface: bool) -> SceneParamet
 
 def _check(settings: Settings) -> None:
     """ValueError where a solver, start or model does not exist, or lacks a package or its device."""
-    get_solver(settings.solver)
+    ready_solver(settings.solver)
     check_start(settings.init)
     if settings.model not in model_names():
         raise InputError(f"unknown model {settings.model!r}; there are: {', '.join(model_names())}")

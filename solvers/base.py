@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, Protocol
 
 import numpy as np
@@ -70,7 +72,41 @@ class TooLarge(ValueError):
 
 
 class MissingPackage(ImportError):
-    """A solver's package is not installed; the text is one line that says how to install it."""
+    """A package is not installed, or broken; the text is one line that says how to install it."""
+
+
+def check_package(package: str, asked: str, install: str) -> None:
+    """Import a package that something asks for.
+
+    Parameters
+    ----------
+    package : str
+    asked : str
+        What needs it, as a sentence begins.
+    install : str
+        What pip is told to install.
+
+    Raises
+    ------
+    MissingPackage
+        It is not there, or is there and cannot be imported.
+    """
+    if find_spec(package) is None:
+        raise MissingPackage(f"{asked} needs the package {package}: pip install {install}", name=package)
+    try:
+        import_module(package)
+    except (Exception, SystemExit) as error:  # whatever a broken package raises
+        raise MissingPackage(
+            f"{asked} needs the package {package}, which is installed and broken ({reason_of(error)}): "
+            f"pip install --force-reinstall {package}",
+            name=package,
+        ) from error
+
+
+def reason_of(error: BaseException) -> str:
+    """What the code of others raised, on one line."""
+    told = " ".join(str(error).split())
+    return told if told.isprintable() and told else ascii(told)[1:-1] or type(error).__name__
 
 
 class Status(Enum):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import EntryPoint
 from importlib.util import find_spec
 
-from solvers.base import MissingPackage, Solver
+from solvers.base import MissingPackage, Solver, check_package
 from solvers.entry_points import SOLVERS, loaded, plugged
 
 # Module, class, the package it needs and the extra that brings it ("": a dependency of polaropt itself).
@@ -20,7 +21,7 @@ BACKENDS = {
 
 def solver_names() -> tuple[str, ...]:
     """Names that `get_solver` knows, installed or not; those that other packages plug in among them."""
-    return tuple(sorted({*BACKENDS, *plugged(SOLVERS)}))
+    return tuple(sorted({*BACKENDS, *_others()}))
 
 
 def get_solver(name: str) -> Solver:
@@ -33,7 +34,7 @@ def get_solver(name: str) -> Solver:
     MissingPackage
         The package that it needs is not installed; the message says how to install it.
     """
-    if name not in BACKENDS and name in plugged(SOLVERS):
+    if name in _others():
         plugin = loaded(SOLVERS, name)
         if plugin is None:
             raise MissingPackage(f"solver {name!r} is of another package and cannot be imported; mend or remove it")
@@ -47,3 +48,24 @@ def get_solver(name: str) -> Solver:
         raise MissingPackage(f"solver {name!r} needs the package {package}: pip install {wanted}", name=package)
     solver: Solver = getattr(import_module(module), cls)()
     return solver
+
+
+def ready_solver(name: str) -> Solver:
+    """The solver called `name`, whose package is imported where an extra brings it: now, not in the middle of a solve.
+
+    Raises
+    ------
+    ValueError
+        As `get_solver`.
+    MissingPackage
+        The package that it needs is not installed, or broken.
+    """
+    solver = get_solver(name)
+    if name in BACKENDS and BACKENDS[name][3]:
+        check_package(BACKENDS[name][2], f"solver {name!r}", f"'polaropt[{BACKENDS[name][3]}]'")
+    return solver
+
+
+def _others() -> dict[str, EntryPoint]:
+    """Solvers that other packages plug in."""
+    return plugged(SOLVERS, tuple(BACKENDS))

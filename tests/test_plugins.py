@@ -8,9 +8,18 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from collections.abc import Callable, Iterator
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
+
+from polaropt import InputError, Weights
+from polaropt.solving import Settings, plugged_names
+from solvers import entry_points
+from solvers.entry_points import READERS, REGULARIZERS, SOLVERS, PluginWarning, loaded, plugged
+from solvers.registry import BACKENDS, get_solver, solver_names
 
 ROOT = Path(__file__).parent.parent
 BLOCK = re.compile(r"^```(?:toml|python) example/(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -44,7 +53,7 @@ with warnings.catch_warnings(record=True) as told:
     except InputError:
         pass
 (warning,) = (one for one in told if one.category is PluginWarning)
-assert "'broken' of the package polaropt-example cannot be used" in str(warning.message)
+assert "'broken' of the package polaropt-example (polaropt.readers) cannot be used" in str(warning.message)
 """
 
 
@@ -90,3 +99,54 @@ def test_a_package_plugs_in(site: Path, tmp_path: Path) -> None:
     refused = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
     assert refused.returncode == 2
     assert "natural_image, small" in refused.stderr
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str, str], None]]:
+    """Lets a package plug in something: its name, the group and the entry point."""
+    kept = (entry_points.plugged, entry_points._first, entry_points.loaded)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def install(package: str, group: str, point: str) -> None:
+        about = tmp_path / f"{package}-1.0.dist-info"
+        about.mkdir()
+        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+        (about / "entry_points.txt").write_text(f"[{group}]\n{point}\n")
+        for cached in kept:
+            cached.cache_clear()
+
+    yield install
+    for cached in kept:
+        cached.cache_clear()
+
+
+def test_a_name_of_polaropts_own_is_left_out_and_told(installed: Callable[[str, str, str], None]) -> None:
+    installed("rival", SOLVERS, "lbfgs = fractions:Fraction")
+    told = r"'lbfgs' of the package rival \(polaropt.solvers\) is left out: polaropt has one of this name"
+    with pytest.warns(PluginWarning, match=told):
+        assert not isinstance(get_solver("lbfgs"), Fraction)
+    assert set(solver_names()) == set(BACKENDS)
+    installed("penalist", REGULARIZERS, "misfit = fractions:Fraction")
+    with pytest.warns(PluginWarning, match="'misfit' of the package penalist"):
+        assert plugged_names() == ()
+
+
+@pytest.mark.parametrize("group", [SOLVERS, READERS, REGULARIZERS])
+def test_of_two_packages_with_one_name_the_second_is_told(
+    installed: Callable[[str, str, str], None], group: str
+) -> None:
+    installed("early", group, "same = fractions:Fraction")
+    installed("late", group, "same = decimal:Decimal")
+    with pytest.warns(PluginWarning, match=r"'same' of the package .*'same' of the package .* has its name") as warned:
+        assert set(plugged(group)) == {"same"}
+    assert len(warned) == 1
+    assert loaded(group, "same") in (Fraction, Decimal)
+
+
+def test_a_plugged_term_is_named_once_and_known_before_anything_is_worked_out() -> None:
+    with pytest.raises(InputError, match="the weight misfit is in `plugged` and has a factor already"):
+        Weights(plugged=(("misfit", 1.0),))
+    with pytest.raises(InputError, match="the weight small is in `plugged` and has a factor already"):
+        Weights(plugged=(("small", 1.0), ("small", 2.0)))
+    with pytest.raises(InputError, match="there is no term 'nowhere'"):
+        Settings(weights=Weights(plugged=(("nowhere", 1.0),)))

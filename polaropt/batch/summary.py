@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from polaropt.batch.job import Row
 from polaropt.capture import result_file
-from polaropt.errors import InputError
+from polaropt.errors import check_installed
 
 SUMMARY, PARQUET = "summary.csv", "summary.parquet"
 
@@ -52,5 +51,4 @@ def write_summary(folder: Path, rows: Sequence[Row], *, parquet: bool = False) -
 
 def check_parquet() -> None:
     """InputError where the package that writes Parquet is missing."""
-    if find_spec("pyarrow") is None:
-        raise InputError("--parquet needs the package pyarrow; install it with: pip install pyarrow")
+    check_installed(("pyarrow",), "--parquet", "pyarrow")

@@ -110,14 +110,14 @@ class SolveOptions:
         """InputError that lists the solvers or starts, where one does not exist."""
         from polaropt.solving import check_device, check_start, start_names
         from solvers.base import MissingPackage
-        from solvers.registry import get_solver, solver_names
+        from solvers.registry import ready_solver, solver_names
 
         for option, name, known in (("--solver", self.solver, solver_names()), ("--init", self.init, start_names())):
             if name not in known:
                 raise InputError(f"{option} {name!r} does not exist; choose one of: {', '.join(known)}")
         check_start(self.init)
         try:
-            get_solver(self.solver)
+            ready_solver(self.solver)
         except MissingPackage as error:
             raise InputError(f"--solver: {error}") from None
         if self.device is not None:
@@ -255,10 +255,9 @@ def parse_weights(text: str) -> Weights:
     InputError
         A term that does not exist, or no number.
     """
-    from polaropt.solving import Weights, term_names
-    from solvers.entry_points import REGULARIZERS, plugged
+    from polaropt.solving import Weights, plugged_names, term_names
 
-    names, others = term_names(), tuple(plugged(REGULARIZERS))
+    names, others = term_names(), tuple(plugged_names())
     chosen: dict[str, Any] = {}
     for part in filter(None, (part.strip() for part in text.split(","))):
         name, _, factor = part.partition("=")

@@ -10,7 +10,7 @@ import typer
 
 from polaropt.cli.command import Interrupted, progress_bar, say, say_json
 from polaropt.cli.options import AsJson
-from polaropt.errors import InputError
+from polaropt.errors import InputError, check_installed
 
 if TYPE_CHECKING:
     from priors.networks.fusionnet import Architecture
@@ -279,7 +279,7 @@ def train_command(network: NetworkOptions, run: RunOptions) -> None:
     figures). A training that was interrupted goes on with --resume and the same options; its steps, seconds, device and
     workers may be others.
     """
-    _check_installed()
+    check_installed(("torch", "safetensors", "kornia"), "training", "'polaropt[torch]'")
     from polaropt.training import TrainingJob, train
     from priors.training.trainer import STATE
 
@@ -318,14 +318,6 @@ def train_command(network: NetworkOptions, run: RunOptions) -> None:
 def _written(path: Path) -> int | None:
     """When a file was written, in ns; None where there is none."""
     return path.stat().st_mtime_ns if path.is_file() else None
-
-
-def _check_installed() -> None:
-    from importlib.util import find_spec
-
-    for package in ("torch", "safetensors", "kornia"):
-        if find_spec(package) is None:
-            raise InputError(f"training needs the package {package}: pip install 'polaropt[torch]'")
 
 
 def _weights(form: Form, without: list[str]) -> Any:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polaropt.capture import Capture, encode_srgb, planes_last, read_json
-from polaropt.errors import InputError
+from polaropt.errors import InputError, check_installed
 from polaropt.numerics import block_mean
 from polaropt.optics import SEARCHED, SceneParameters
 from polaropt.reporting.pictures import LAYERS, Image, reduced_intensity, viewing_exposure
@@ -86,10 +86,9 @@ def plot_layers(result: Separation, capture: Capture) -> Figure:
     InputError
         It is not installed.
     """
-    try:
-        from matplotlib import pyplot
-    except ImportError:
-        raise InputError("a plot needs the package matplotlib; install it with: pip install matplotlib") from None
+    check_installed(("matplotlib",), "a plot", "'polaropt[plot]'")
+    from matplotlib import pyplot
+
     light = planes_last(reduced_intensity(capture, 1))
     shown = [("photograph", light), *zip(LAYERS, map(planes_last, result.layers), strict=True)]
     figure, axes = pyplot.subplots(1, len(shown), figsize=(4 * len(shown), 4), layout="constrained")

@@ -7,7 +7,6 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, encode_srgb, planes_last
-from polaropt.errors import InputError
+from polaropt.errors import InputError, check_installed
 from polaropt.numerics import block_mean
 from polaropt.reporting import LAYERS, json_values, reduced_intensity, viewing_exposure
 from polaropt.separation import Separation
@@ -33,7 +32,7 @@ SEQUENCE_FILES = (
 )
 """All that a sequence may write: what of it a run does not write, an earlier one has left."""
 _ERRORS = tuple(f"{name}_error" for name in LAYERS)
-_EXTRA = "pip install 'polaropt[sequence]'"
+_EXTRA = "'polaropt[sequence]'"
 # Longest side in pixels of each of the three pictures of a video; set by hand.
 _WIDEST = 640
 
@@ -152,10 +151,10 @@ def check_packages(kind: str, video: bool) -> None:
     """InputError where a package is missing."""
     if kind not in (ZARR, TIFF):
         raise InputError(f"--format {kind!r} does not exist; choose one of: {ZARR}, {TIFF}")
-    if kind == ZARR and find_spec("zarr") is None:
-        raise InputError(f"--format zarr needs the package zarr; install it with: {_EXTRA}; or give --format tiff")
-    if video and find_spec("imageio_ffmpeg") is None:
-        raise InputError(f"--video needs the package imageio[ffmpeg]; install it with: {_EXTRA}")
+    if kind == ZARR:
+        check_installed(("zarr",), "--format zarr", f"{_EXTRA}, or give --format tiff")
+    if video:
+        check_installed(("imageio_ffmpeg",), "--video", _EXTRA)
 
 
 def _row(number: int, result: Separation, seconds: float) -> dict[str, Any]:

@@ -34,6 +34,7 @@ __all__ = [
     "placed",
     "plain_observation",
     "plate_views",
+    "plugged_names",
     "solve",
     "solve_at_once",
     "start_names",
@@ -53,6 +54,7 @@ from .objective import Misfit as Misfit
 from .objective import Term as Term
 from .objective import Weights as Weights
 from .objective import build_objective as build_objective
+from .objective import plugged_names as plugged_names
 from .objective import term_names as term_names
 from .observation import conditioned_observation as conditioned_observation
 from .observation import plain_observation as plain_observation

@@ -124,8 +124,11 @@ class Weights:
     plugged: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
+        names = [*term_names(), *(name for name, _ in self.plugged)]
         for name, factor in [*((name, getattr(self, name)) for name in term_names()), *self.plugged]:
             check_numbers([(f"weight {name}", factor)])
+            if names.count(name) > 1:
+                raise InputError(f"the weight {name} is in `plugged` and has a factor already; give one")
             if factor is not None and not 0 <= factor <= MOST_WEIGHT:
                 raise InputError(f"weight {name} is {factor}; give a factor of 0 (off) to {MOST_WEIGHT:g}")
 
@@ -140,6 +143,20 @@ def term_names() -> tuple[str, ...]:
     return tuple(term.name for term in fields(Weights) if term.name != "plugged")
 
 
+def plugged_names() -> tuple[str, ...]:
+    """Terms that other packages plug in."""
+    return tuple(plugged(REGULARIZERS, term_names()))
+
+
+def check_plugged(weights: Weights) -> None:
+    """InputError where a term is of another package and there is none of this name, or it cannot be imported."""
+    for name, _ in weights.plugged:
+        if name not in plugged_names():
+            raise InputError(f"there is no term {name!r}; no package that is installed plugs it in")
+        if loaded(REGULARIZERS, name) is None:
+            raise InputError(f"the term {name!r} is of another package and cannot be imported; mend or remove it")
+
+
 def plugged_penalties(weights: Weights, known: ClosedForm, noise: float) -> dict[str, Regularizer]:
     """Penalties of other packages that are switched on.
 
@@ -148,16 +165,8 @@ def plugged_penalties(weights: Weights, known: ClosedForm, noise: float) -> dict
     InputError
         There is none of this name, or it cannot be imported.
     """
-    made: dict[str, Regularizer] = {}
-    for name, factor in weights.plugged:
-        if name not in plugged(REGULARIZERS):
-            raise InputError(f"there is no term {name!r}; no package that is installed plugs it in")
-        make = loaded(REGULARIZERS, name)
-        if make is None:
-            raise InputError(f"the term {name!r} is of another package and cannot be imported; mend or remove it")
-        if factor:
-            made[name] = make(known, noise)
-    return made
+    check_plugged(weights)
+    return {name: loaded(REGULARIZERS, name)(known, noise) for name, factor in weights.plugged if factor}
 
 
 @dataclass(frozen=True)

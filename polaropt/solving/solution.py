@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseModel
-from polaropt.errors import InputError, check_numbers
+from polaropt.errors import InputError, check_installed, check_numbers
 from polaropt.inversion import Canvas, Knowledge, thinned
 from polaropt.numerics import MUCH_VALUES, give_back_freed
 from polaropt.optics import GHOST_STEPS, PSE, SceneParameters, VaryingPSE, engine_for
 from polaropt.progress import Stages
-from polaropt.solving.objective import Term, Weights
+from polaropt.solving.objective import Term, Weights, check_plugged
 from polaropt.solving.problem import Coordinates, Memory, Problem
 from polaropt.solving.starts import pulled_to_start, take_start
 from solvers.base import Solver, SolverResult, Status, TooLarge, TracePoint
@@ -182,6 +182,7 @@ class Settings:
         for name, kind in (("weights", Weights), ("stopping", StoppingRule)):
             if not isinstance(getattr(self, name), kind):
                 raise InputError(f"{name} is a {type(getattr(self, name)).__name__}; give {kind.__name__}(...)")
+        check_plugged(self.weights)
         check_numbers([("keep_start", self.keep_start)], none=False)
         check_numbers([("thickness_px", self.thickness_px)])
         if not 0 <= self.keep_start <= 1:
@@ -199,10 +200,9 @@ def check_device(device: str, solver: str = _OWN) -> None:
     """InputError where torch or a device of this name is not there, or where the solver cannot work on it."""
     if solver not in (_OWN, _OF_TORCH):
         raise InputError(f"device {device!r} is for the solver {_OWN} or {_OF_TORCH}, not {solver}")
-    try:
-        import torch
-    except ImportError:
-        raise InputError(f"device {device!r} needs torch: pip install 'polaropt[torch]'") from None
+    check_installed(("torch",), f"device {device!r}", "'polaropt[torch]'")
+    import torch
+
     try:
         torch.empty(1, device=device)
     except (RuntimeError, AssertionError) as error:

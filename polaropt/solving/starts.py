@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture
-from polaropt.errors import InputError
+from polaropt.errors import InputError, check_installed
 from polaropt.inversion import per_pixel_layers, varying_pixel_layers
 from polaropt.optics import PSE
 from polaropt.solving.objective import Term
 from polaropt.solving.problem import Coordinates, Problem
 
 Images = NDArray[np.float32]
+_OF_NETWORKS = ("torch", "safetensors")
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def initializers() -> tuple[Initializer, ...]:
     >>> [start.name for start in initializers()]
     ['closed-form', 'cold', 'learned', 'per-pixel']
     """
-    there = all(find_spec(package) is not None for package in ("torch", "safetensors"))
+    there = all(find_spec(package) is not None for package in _OF_NETWORKS)
     return (
         Initializer("closed-form", "A Wiener filter per frequency, with all ghosts (the default)."),
         Initializer("cold", "The plain intensity."),
@@ -73,12 +74,12 @@ def start_names() -> tuple[str, ...]:
 
 
 def check_start(name: str) -> None:
-    """InputError where there is no such start, or where it lacks a package."""
+    """InputError where there is no such start, or where a package that it needs is not there, or broken."""
     known = {start.name: start for start in initializers()}
     if name not in known:
         raise InputError(f"unknown start {name!r}; there are: {', '.join(known)}")
-    if not known[name].installed:
-        raise InputError(f"the start {name!r} needs torch and safetensors: pip install 'polaropt[torch]'")
+    if name == "learned":
+        check_installed(_OF_NETWORKS, f"the start {name!r}", "'polaropt[torch]'")
 
 
 def take_start(problem: Problem, name: str, layers: Images | None = None) -> Images:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from polaropt.capture import parsed_json
-from polaropt.errors import InputError
+from polaropt.errors import InputError, check_installed
 from polaropt.progress import Progress
 from polaropt.reporting import RESULT_FILES, page_template
 from polaropt.web.desk import MOST_FILES, Busy, Desk, Gone, Laid, TooLarge, names_in_order
@@ -68,12 +68,9 @@ def serve(port: int, most_bytes: int, ready: Callable[[str], None]) -> None:
     InputError
         The port is taken, or the extra is not installed.
     """
-    try:
-        import uvicorn
-    except ImportError:
-        raise InputError(
-            f"the page needs two packages more; install them with: pip install 'polaropt[{EXTRA}]'"
-        ) from None
+    check_installed(("starlette", "uvicorn"), "the page", f"'polaropt[{EXTRA}]'")
+    import uvicorn
+
     try:
         listening = socket.create_server((_LOOPBACK, port))
     except OSError as error:

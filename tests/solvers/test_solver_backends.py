@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 import warnings
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 
 import solvers.registry
-from polaropt import StoppingRule
+from polaropt import InputError, StoppingRule
+from polaropt.solving import check_device, check_start
 from solvers import nlopt_lbfgs
 from solvers.base import (
     MissingPackage,
@@ -28,7 +30,7 @@ from solvers.base import (
     largest,
 )
 from solvers.casadi import ipopt
-from solvers.registry import get_solver, solver_names
+from solvers.registry import get_solver, ready_solver, solver_names
 from tests.solvers.test_solvers import TO_THE_END, quadratic, rosenbrock
 
 ROOT = Path(__file__).parents[2]
@@ -56,6 +58,40 @@ def test_a_missing_package_is_named_with_the_way_to_install_it(monkeypatch, name
         get_solver(name)
     assert str(caught.value).endswith(f"pip install {wanted}")
     assert "\n" not in str(caught.value)
+
+
+def broken(folder: Path, package: str, raises: str) -> None:
+    """Put a package that is there and cannot be imported into a folder."""
+    (folder / package).mkdir()
+    (folder / package / "__init__.py").write_text(raises)
+
+
+@pytest.mark.parametrize("name", ["casadi", "torch"])
+@pytest.mark.parametrize(
+    ("raises", "reason"),
+    [
+        ("raise ImportError('libx.so.1: cannot open shared object file')", "libx.so.1: cannot open shared object file"),
+        ("raise OSError('libx.so.1:\\nundefined symbol')", "libx.so.1: undefined symbol"),
+        ("import nowhere", "No module named 'nowhere'"),
+        ("raise AttributeError", "AttributeError"),
+    ],
+)
+def test_a_package_that_is_broken_is_told_from_one_that_is_missing(monkeypatch, tmp_path, name, raises, reason):
+    broken(tmp_path, name, raises)
+    monkeypatch.syspath_prepend(tmp_path)
+    for module in [module for module in sys.modules if module.partition(".")[0] == name]:
+        monkeypatch.delitem(sys.modules, module)
+    with pytest.raises(MissingPackage) as caught:
+        ready_solver(name)
+    assert str(caught.value) == (
+        f"solver '{name}' needs the package {name}, which is installed and broken ({reason}): "
+        f"pip install --force-reinstall {name}"
+    )
+    if name == "torch":
+        with pytest.raises(InputError, match=f"device 'cpu' needs .* broken .{re.escape(reason)}"):
+            check_device("cpu")
+        with pytest.raises(InputError, match=f"the start 'learned' needs .* broken .{re.escape(reason)}"):
+            check_start("learned")
 
 
 @pytest.mark.parametrize("name", ["lbfgs", "casadi", "nlopt", "scipy", "torch"])

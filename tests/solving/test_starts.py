@@ -73,7 +73,7 @@ def test_the_list_of_starts() -> None:
 def test_unknown_starts_and_missing_packages_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="there are: closed-form, cold, learned, per-pixel"):
         check_start("warm")
-    monkeypatch.setattr("polaropt.solving.starts.find_spec", lambda package: None)
+    monkeypatch.setattr("solvers.base.find_spec", lambda package: None)
     with pytest.raises(InputError, match=r"pip install 'polaropt\[torch\]'"):
         check_start("learned")
 

@@ -106,13 +106,13 @@ def test_the_learned_start_is_what_separate_does(example, found, solved):
 
 
 def test_without_torch_the_learned_start_is_not_run(monkeypatch):
-    monkeypatch.setattr("polaropt.solving.starts.find_spec", lambda package: None)
+    monkeypatch.setattr("solvers.base.find_spec", lambda package: None)
     monkeypatch.setattr("studies.ablation.PARTS", (named(WHOLE), named("learned start")))
     monkeypatch.setattr("studies.ablation.WEIGHTINGS", ())
     made = run(SceneJob(protocol(60.0), 0, size=48))
     assert [bool(row.not_run) for row in made] == [False, True]
     text = tables(frame_of(Row, made))
-    assert "| not run: the start 'learned' needs torch" in text
+    assert "| not run: the start 'learned' needs the package torch" in text
     assert "| with learned start | not run |" in text
 
 
