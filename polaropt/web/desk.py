@@ -8,7 +8,8 @@ import shutil
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,6 +32,10 @@ _PATIENCE_S = 20.0
 
 class Busy(Exception):
     """A job is running, and there is one at a time."""
+
+
+class Arriving(Exception):
+    """A file of the capture is still being sent: what is there of it is no photograph."""
 
 
 class Gone(Exception):
@@ -81,9 +86,11 @@ class Laid:
     most_bytes: int
     files: list[Path] = field(default_factory=list)
     n_bytes: int = 0
+    n_arriving: int = 0
 
-    def new_file(self, name: str) -> Path:
-        """Where the next file goes, in a folder of its own so that it keeps its name.
+    @contextmanager
+    def new_file(self, name: str) -> Iterator[Path]:
+        """Where the next file goes, in a folder of its own so that it keeps its name; it arrives within this context.
 
         Raises
         ------
@@ -95,7 +102,17 @@ class Laid:
         folder = self.folder / str(len(self.files))
         folder.mkdir()
         self.files.append(folder / safe_name(name))
-        return self.files[-1]
+        self.n_arriving += 1
+        try:
+            yield self.files[-1]
+        finally:
+            self.n_arriving -= 1
+
+    def whole_files(self) -> tuple[Path, ...]:
+        """Its files; Arriving where one is not there as a whole."""
+        if self.n_arriving:
+            raise Arriving
+        return tuple(self.files)
 
     def count(self, n_bytes: int) -> None:
         """Count bytes before they are written; TooLarge where they are too many."""

@@ -17,7 +17,7 @@ from polaropt.capture import parsed_json
 from polaropt.errors import InputError, check_installed
 from polaropt.progress import Progress
 from polaropt.reporting import RESULT_FILES, page_template
-from polaropt.web.desk import MOST_FILES, Busy, Desk, Gone, Laid, TooLarge, names_in_order
+from polaropt.web.desk import MOST_FILES, Arriving, Busy, Desk, Gone, Laid, TooLarge, names_in_order
 from polaropt.web.work import ARCHIVE, LOOK, PHOTOGRAPH, RESULTS, asked_of, look, separated
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ _SECONDS_TO_END = 3
 _KINDS = {"inspect": look, "separate": separated}
 _WORDS = {
     Busy: (409, "Another capture is being worked on; wait until it is done, or cancel it."),
+    Arriving: (409, "The photographs are still being sent; wait until all are here."),
     Gone: (404, "These photographs are no longer here: others took their place. Choose them again."),
 }
 _SCRIPTS = "script-src 'self'"
@@ -187,7 +188,7 @@ def _answering(answer: Callable[[Request], Any]) -> Callable[[Request], Any]:
         try:
             response: Response = await answer(request)
             return response
-        except (Busy, Gone) as error:
+        except (Busy, Arriving, Gone) as error:
             code, sentence = _WORDS[type(error)]
             return JSONResponse({"problem": sentence}, code)
         except TooLarge as error:
@@ -238,7 +239,7 @@ async def _take(desk: Desk, request: Request) -> Response:
 
     laid = _idle(desk, request)
     try:
-        with laid.new_file(request.path_params["name"]).open("wb") as file:
+        with laid.new_file(request.path_params["name"]) as path, path.open("wb") as file:
             async for chunk in request.stream():
                 laid.count(len(chunk))
                 file.write(chunk)
@@ -251,6 +252,8 @@ async def _take(desk: Desk, request: Request) -> Response:
     except OSError as error:
         _drop(desk, laid)
         raise InputError(f"the photographs cannot be kept ({error.strerror or error}); make room") from None
+    # Others may have taken its place meanwhile.
+    desk.laid(laid.name)
     return JSONResponse({"bytes": laid.n_bytes}, 201)
 
 
@@ -283,10 +286,11 @@ async def _start(desk: Desk, request: Request) -> Response:
     kind = document.get("do") if isinstance(document, dict) else None
     if not isinstance(kind, str) or kind not in _KINDS:
         raise InputError(f"there is no {kind!r}; choose one of: {', '.join(_KINDS)}")
-    asked = asked_of(document.get("options", {}), len(laid.files))
+    files = laid.whole_files()
+    asked = asked_of(document.get("options", {}), len(files))
 
     def work(tell: Progress) -> str:
-        return _KINDS[kind](laid.folder, tuple(laid.files), asked, tell)
+        return _KINDS[kind](laid.folder, files, asked, tell)
 
     desk.start(kind, work)
     return JSONResponse({}, 202)

@@ -335,6 +335,28 @@ def test_what_comes_late_removes_no_other_photographs(running: Running) -> None:
     assert running.ask("GET", f"{second}job")[0] == 200
 
 
+def test_nothing_begins_on_a_photograph_that_is_still_being_sent(
+    running: Running, small_photographs: list[str]
+) -> None:
+    capture = running.lay("a.png", "b.png", "c.png")
+    first, second, third = (Path(name).read_bytes() for name in small_photographs[:3])
+    job = json.dumps({"do": "inspect", "options": {"angles_deg": [0, 45, 90]}})
+    for content in (first, second):
+        assert running.ask("PUT", f"{capture}files/a.png", content)[0] == 201
+    with running.sending(f"{capture}files/c.png", len(third)) as send:
+        send(third[:-100])
+        while len(running.kept()) < 3:
+            time.sleep(0.01)
+        status, told = running.ask("POST", f"{capture}job", job)
+        assert (status, told["problem"]) == (409, "The photographs are still being sent; wait until all are here.")
+        send(third[-100:])
+        while running.ask("POST", f"{capture}job", job)[0] == 409:
+            time.sleep(0.01)
+    while (state := running.ask("GET", f"{capture}job")[1])["running"]:
+        time.sleep(0.05)
+    assert "3 photographs" in state["outcome"]
+
+
 def test_options_nested_without_end_are_refused(running: Running) -> None:
     nested = b"[" * 20_000
     status, told = running.ask("POST", "captures", nested)
