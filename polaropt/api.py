@@ -5,7 +5,6 @@ The steps themselves are in the wings below; the command line and the studies us
 
 from __future__ import annotations
 
-import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from polaropt import batch, separation, sequence
 from polaropt.batch import SHARED
 from polaropt.capture import ANGLES_DEG, Capture, result_folder
-from polaropt.errors import InputError, ResultWarning
+from polaropt.errors import InputError, check_flags
 from polaropt.estimation import LadderResult
 from polaropt.optics import GLASS_INDEX, SceneErrors, SceneParameters
 from polaropt.progress import Progress
@@ -47,7 +46,7 @@ if TYPE_CHECKING:
 SceneLike = SceneParameters | str | PathLike[str]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Separation(separation.Separation):
     """Two layers and how they were found; shows itself as a table, in notebooks with pictures.
 
@@ -113,6 +112,8 @@ class Separation(separation.Separation):
         InputError
             It cannot be written.
         """
+        if not str(folder):
+            raise InputError("the folder has no name; give one, or '.' for the folder that you are in")
         target = Path(folder)
         with result_folder(target, RESULT_FILES) as work:
             write_separation(work, self, self.capture, uncertainty=uncertainty, layers_only=layers_only)
@@ -157,7 +158,8 @@ def separate(
         Where the solve starts: "closed-form" (per frequency, with all ghosts), "learned" (networks that improve it),
         "per-pixel" or "cold" (the plain intensity); see `initializers`. The layers are those where the solve ends.
     refractive_index : float or None
-        Index of the pane, where no scene is given. None: it is found, as far as the photographs tell it.
+        Index of the pane, where no scene is given. None: it is found, as far as the photographs tell it. A scene of
+        another index is refused, as with the next two.
     single_surface : bool
         No back face (water), where no scene is given.
     weights : Weights
@@ -224,6 +226,8 @@ def separate(
     ((128, 128, 3), True)
     """
     asked, known = _given(scene, _checked(capture).shape)
+    _check_agreeing(asked, refractive_index, single_surface, model)
+    check_flags([("index_known", index_known)])
     found = separation.separate(
         capture,
         asked,
@@ -246,10 +250,7 @@ def separate(
         match_photographs=match_photographs,
         leave_out_unglazed=leave_out_unglazed,
     )
-    if found.diagnostics.warnings:
-        judged = found.diagnostics
-        told = "; ".join(judged.sentence(warning).rstrip(".") for warning in judged.warnings)
-        warnings.warn(f"{told}.", ResultWarning, stacklevel=2)
+    found.diagnostics.warn(stacklevel=2)
     return _with_capture(found, capture)
 
 
@@ -290,6 +291,11 @@ def separate_many(
     InputError
         As `separate`; an array of another shape.
 
+    Warns
+    -----
+    ResultWarning
+        As `separate`, of each result as it is made; of an array from whoever computes it.
+
     Examples
     --------
     Two captures behind one pane that stands still, estimated from all of them:
@@ -311,6 +317,7 @@ def separate_many(
         known = None
         if scene != SHARED:
             asked, known = _given(scene, array.shape[2:4])
+            _check_agreeing(asked, **_told_beside(options))
         return batch.separate_many(array, asked, angles_deg=angles_deg, **_with_errors(options, known))
     return _many(captures, scene, client, options)
 
@@ -320,6 +327,7 @@ def _many(captures: Iterable[Capture], scene: Any, client: Any, options: dict[st
     noted, known = _noted(captures, taken), None
     if scene != SHARED:
         noted, scene, known = _with_scene(noted, scene)
+        _check_agreeing(scene, **_told_beside(options))
     yield from _shown(batch.separate_many(noted, scene, client=client, **_with_errors(options, known)), taken)
 
 
@@ -369,6 +377,11 @@ def separate_sequence(
     InputError
         As `separate`.
 
+    Warns
+    -----
+    ResultWarning
+        As `separate`, of each result as it comes.
+
     Examples
     --------
     >>> from skimage.data import astronaut, coffee
@@ -389,6 +402,7 @@ def _sequence(
 ) -> Iterator[Separation]:
     taken: deque[Capture] = deque()
     noted, asked, known = _with_scene(_noted(captures, taken), scene)
+    _check_agreeing(asked, **_told_beside(options))
     found = sequence.separate_sequence(noted, asked, **how, **_with_errors(options, known))
     yield from _shown(found, taken)
 
@@ -403,6 +417,8 @@ def _noted(captures: Iterable[Capture], taken: deque[Capture]) -> Iterator[Captu
 def _shown(results: Iterable[separation.Separation], taken: deque[Capture]) -> Iterator[Separation]:
     """Results that show themselves, in the order of the captures that were taken."""
     for result in results:
+        # Who asks for the next one stands above this generator and the one that it is part of.
+        result.diagnostics.warn(stacklevel=3)
         yield _with_capture(result, taken.popleft())
 
 
@@ -504,9 +520,12 @@ def estimate(
     >>> found.scene.rung, abs(found.scene.azimuth_deg - 20) < 1
     ('ghosts', True)
     """
+    asked, _ = _given(scene, _checked(capture).shape)
+    _check_agreeing(asked, refractive_index, single_surface, model)
+    check_flags([("index_known", index_known)])
     case = separation.scene_case(
-        _checked(capture),
-        _given(scene, capture.shape)[0],
+        capture,
+        asked,
         refractive_index=refractive_index,
         single_surface=single_surface,
         model=model,
@@ -544,6 +563,32 @@ def _given(scene: Any, shape: tuple[int, ...]) -> tuple[SceneParameters | None, 
             raise InputError("scene is empty; give the report.json of a separation, or leave it out")
         return scene_of_report(Path(scene), shape[-2:]), None
     raise InputError(f"scene is a {type(scene).__name__}; give SceneParameters, or the report.json of a separation")
+
+
+def _check_agreeing(
+    scene: SceneParameters | None,
+    refractive_index: float | None = GLASS_INDEX,
+    single_surface: bool = False,
+    model: str = "auto",
+) -> None:
+    """InputError where a scene is given, and beside it what it says otherwise and would be left out in silence."""
+    if scene is None:
+        return
+    if refractive_index not in (GLASS_INDEX, scene.refractive_index):
+        raise InputError(
+            f"refractive_index is {refractive_index}, that of the scene {scene.refractive_index}; give it in the scene"
+        )
+    if single_surface and not scene.single_surface:
+        raise InputError("single_surface is asked for, and the scene is a pane; give it in the scene")
+    if scene.complete and model not in ("auto", scene.rung):
+        raise InputError(
+            f"the model {model!r} is asked for, and the scene is given as a whole, as {scene.rung!r}; leave one out"
+        )
+
+
+def _told_beside(options: dict[str, Any]) -> dict[str, Any]:
+    """What options say that a scene says, too."""
+    return {name: options[name] for name in ("refractive_index", "single_surface", "model") if name in options}
 
 
 def _with_scene(

@@ -18,7 +18,8 @@ INTERRUPTED = 130
 class ResultWarning(UserWarning):
     """A result that is not to be trusted as it is; its text is what `SeparationWarning` says of it.
 
-    Issued by `polaropt.separate` where its diagnostics hold warnings. The command line prints these itself.
+    Issued by `polaropt.separate` where its diagnostics hold warnings, and for each result of `separate_many` and
+    `separate_sequence`. The command line prints these itself.
 
     Examples
     --------
@@ -85,6 +86,14 @@ def check_numbers(named: Iterable[tuple[str, object]], *, none: bool = True) -> 
         # Asked of thousands of scenes: most values are floats.
         if type(value) is not float and not (none and value is None) and not isinstance(value, Real):
             raise InputError(f"{name} is {value!r}; give a number")
+
+
+def check_flags(named: Iterable[tuple[str, object]]) -> None:
+    """InputError where a value that has a name is neither True nor False: a text such as "no" would count as True."""
+    for name, value in named:
+        # numpy, which this need not import, has truth values of its own.
+        if not isinstance(value, bool) and str(getattr(value, "dtype", "")) != "bool":
+            raise InputError(f"{name} is {value!r}; give True or False")
 
 
 def check_whole(named: Iterable[tuple[str, object]], least: int = 0) -> None:

@@ -100,7 +100,7 @@ _LEAST_NOISE_OF_SCENE = 1e-3
 _INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Separation:
     """Two layers and how they were found.
 
@@ -406,14 +406,14 @@ def _check(settings: Settings) -> None:
         check_device(settings.device, settings.solver)
 
 
-def _check_start(start: Images | None, shape: tuple[int, ...]) -> None:
+def _check_start(start: Any, shape: tuple[int, ...]) -> None:
     """InputError where layers to start from are none of a capture of this shape."""
     if start is None:
         return
     if np.shape(start) != (2, *shape):
         raise InputError(f"the start has shape {np.shape(start)}, the layers {(2, *shape)}; make them equal")
-    if not np.isfinite(start).all():
-        raise InputError("the start holds NaN or infinite values; replace them")
+    if not isinstance(start, np.ndarray) or not np.isfinite(start).all():
+        raise InputError("the start holds NaN or infinite values, or is no array; give an array of numbers")
 
 
 @dataclass(frozen=True)

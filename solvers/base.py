@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from importlib import import_module
 from importlib.util import find_spec
+from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -153,6 +154,9 @@ class StoppingRule:
     """Iterations in a row that must lower the objective by so little."""
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not isinstance(value, Real) and not (name == "seconds" and value is None):
+                raise ValueError(f"{name} is {value!r}; give a number")
         # Written so that NaN fails too.
         for name in ("max_evaluations", "slow_iterations"):
             if not (getattr(self, name) >= 1 and getattr(self, name) % 1 == 0):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+import json
 import pydoc
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +151,16 @@ def test_a_result_that_is_warned_of_warns(capture: polaropt.Capture) -> None:
         polaropt.separate(capture, PANE)
 
 
+@pytest.mark.parametrize("several", [polaropt.separate_many, polaropt.separate_sequence])
+def test_results_of_many_that_are_warned_of_warn(several: Callable[..., Iterator[polaropt.Separation]]) -> None:
+    grey = polaropt.Capture(np.repeat(np.random.default_rng(0).uniform(0.2, 0.8, (1, 32, 32)), 4, axis=0))
+    for result in [polaropt.separate(grey)]:
+        assert result.diagnostics.warnings
+    with pytest.warns(ResultWarning) as told:
+        results = list(several([grey, grey]))
+    assert len([warning for warning in told if Path(warning.filename) == Path(__file__)]) == len(results) == 2
+
+
 @pytest.mark.parametrize("of_report", [True, False])
 def test_a_scene_is_given_to_many_as_to_one(
     capture: polaropt.Capture, result: polaropt.Separation, found: LadderResult, tmp_path: Path, *, of_report: bool
@@ -181,6 +194,12 @@ def test_a_report_is_for_captures_of_one_size(result: polaropt.Separation, tmp_p
         ({"scene": ""}, "scene is empty"),
         ({"scene": "."}, "is a folder; give the report.json in it"),
         ({"start": np.full((2, 3, 96, 96), np.nan, np.float32)}, "the start holds NaN"),
+        ({"start": np.zeros((2, 3, 96, 96)).tolist()}, "or is no array"),
+        ({"robust": "no"}, "robust is 'no'; give True or False"),
+        ({"index_known": "no"}, "index_known is 'no'"),
+        ({"scene": PANE, "refractive_index": 1.7}, "refractive_index is 1.7, that of the scene 1.5; give it in"),
+        ({"scene": PANE.replace(incidence_deg=None), "single_surface": True}, "single_surface is asked for, and the"),
+        ({"scene": PANE, "model": "pixelwise"}, "the model 'pixelwise' is asked for, and the scene is given as a"),
     ],
 )
 def test_what_separate_cannot_use_gets_one_sentence(
@@ -188,6 +207,19 @@ def test_what_separate_cannot_use_gets_one_sentence(
 ) -> None:
     with pytest.raises(InputError, match=re.escape(said)):
         polaropt.separate(capture, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("several", [polaropt.separate_many, polaropt.separate_sequence])
+def test_what_contradicts_the_scene_is_refused_of_many_too(
+    capture: polaropt.Capture, several: Callable[..., Iterator[object]]
+) -> None:
+    with pytest.raises(InputError, match="the model 'none' is asked for, and the scene is given as a whole"):
+        next(several([capture], PANE, model="none"))
+
+
+def test_what_agrees_with_the_scene_is_taken(capture: polaropt.Capture) -> None:
+    glass = PANE.replace(refractive_index=1.6)
+    assert polaropt.estimate(capture, glass, refractive_index=1.6, model="ghosts").scene == glass
 
 
 @pytest.mark.parametrize("several", [polaropt.separate_many, polaropt.separate_sequence])
@@ -208,6 +240,11 @@ def test_an_unknown_option_is_named_at_once(several: Callable[..., object]) -> N
         (lambda: simulate(np.ones((32, 32)), np.ones((32, 32)), PANE, bits=1.5), "bits is 1.5"),
         (lambda: simulate(np.ones((32, 32)), np.ones((32, 32)), PANE, seed=-1), "seed is -1"),
         (lambda: simulate(np.ones((32, 32)), np.ones((32, 32)), "report.json"), "scene is a str"),
+        (lambda: PANE.replace(single_surface="no"), "single_surface is 'no'; give True or False"),
+        (lambda: StoppingRule(max_evaluations="3"), "max_evaluations is '3'; give a number"),
+        (lambda: polaropt.ghost_step("60", 1.5, 1.0), "incidence_deg is '60'; give a number"),
+        (lambda: polaropt.ghost_step(np.array([60.0, 70.0]), 1.5, 1.0), "incidence_deg is array"),
+        (lambda: polaropt.Capture(np.ones((4, 32, 32)), (0, 0.785, 1.571, 2.356)), "give degrees, not radians"),
         (lambda: list(polaropt.separate_sequence([], first=2.5)), "first is 2.5; give a whole number"),
         (lambda: list(polaropt.separate_sequence([], start=np.zeros(2))), "leave out start"),
     ],
@@ -220,6 +257,36 @@ def test_numbers_of_another_type_get_one_sentence(make: Callable[[], object], sa
 def test_whole_numbers_may_come_as_others() -> None:
     pane = PANE.replace(n_panes=2.0, gap_shift=9.0)
     assert isinstance(pane.n_panes, int)
+
+
+def test_a_scene_of_json_is_the_one_that_it_was_written_of() -> None:
+    pane = PANE.replace(transmission_polarization=(0.3, 20.0), focal_px=300.0, bend_deg_per_px=(0.01, 0.0, 0.0))
+    again = SceneParameters(**json.loads(json.dumps(asdict(pane))))
+    assert again == pane
+    assert hash(again) == hash(pane)
+
+
+def test_results_can_be_compared_and_kept_in_sets(result: polaropt.Separation) -> None:
+    other = copy.deepcopy(result)
+    assert result == result
+    assert result != other
+    assert len({result, other}) == 2
+    np.testing.assert_array_equal(other.layers, result.layers)
+
+
+@pytest.mark.parametrize("angles", [(0, 45, 90, 135), np.array([0, 45, 90, 135]), range(0, 180, 45)])
+def test_angles_come_in_any_sequence(capture: polaropt.Capture, angles: object) -> None:
+    photographs = np.moveaxis(capture.intensities, 1, -1)
+    for given in (angles, iter(angles)):  # type: ignore[call-overload]
+        assert polaropt.Capture(photographs, given).angles_deg == (0.0, 45.0, 90.0, 135.0)
+
+
+def test_tensors_are_photographs_and_what_is_no_array_is_named(capture: polaropt.Capture) -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    tensor = torch.from_numpy(np.moveaxis(capture.intensities, 1, -1).copy()).requires_grad_()
+    np.testing.assert_array_equal(polaropt.Capture(tensor).intensities, capture.intensities)
+    with pytest.raises(InputError, match="the photographs cannot be read as an array of numpy"):
+        polaropt.Capture(tensor.to(torch.bfloat16))
 
 
 def test_no_captures_share_no_scene_and_give_no_results() -> None:

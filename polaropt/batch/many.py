@@ -159,5 +159,10 @@ def _estimates_of(block: NDArray[Any], angles_deg: tuple[float, ...], options: d
 
 def _layers_of(block: NDArray[Any], angles_deg: tuple[float, ...], chosen: dict[str, Any]) -> NDArray[np.float32]:
     """Both layers of photographs along time."""
-    results = (separate(Capture(photographs, angles_deg), **chosen) for photographs in block)
-    return np.stack([np.stack([result.transmission, result.reflection]) for result in results])
+    layers = []
+    for photographs in block:
+        result = separate(Capture(photographs, angles_deg), **chosen)
+        # The array has no other place for it.
+        result.diagnostics.warn()
+        layers.append(np.stack([result.transmission, result.reflection]))
+    return np.stack(layers)

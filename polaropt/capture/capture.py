@@ -369,7 +369,8 @@ class Capture:
         hidden = np.ma.getmaskarray(intensities) if isinstance(intensities, np.ma.MaskedArray) else None
         images = photographs_of(intensities if hidden is None else np.ma.filled(intensities, 0))
         trusted = None if valid is None else np.asarray(valid, dtype=bool)
-        check_order(images.shape, len(angles_of(angles_deg)))
+        angles_deg = angles_of(angles_deg)
+        check_order(images.shape, len(angles_deg))
         if trusted is not None:
             check_mask(trusted.shape, images.shape)
         if images.ndim == 4:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polaropt.capture.pair_gain import redundancy_residual
-from polaropt.errors import InputError
+from polaropt.errors import InputError, one_line
 from polaropt.numerics import (
     AnyMask,
     block_mean,
@@ -25,6 +25,8 @@ FloatImages = NDArray[np.float32]
 
 _EQUAL_DEG = 1e-3
 """Polarizer angles that are nearer to each other are equal; set by hand, far below what a filter is turned to."""
+_FULL_TURN_RAD = 2 * math.pi
+"""Angles within so many degrees are radians, or tell nothing."""
 SMALLEST_SIDE = 16
 """Least height and width of a capture in pixels; set by hand."""
 MOST_NEGATIVE = -0.01
@@ -42,9 +44,13 @@ _DARKEST_SHARE, _ENOUGH_DARK, _MOST_DARK = 0.1, 500, 2**18
 
 
 def photographs_of(intensities: ArrayLike) -> NDArray[Any]:
+    if hasattr(intensities, "detach"):  # a tensor, wherever it lies and whatever follows it
+        intensities = intensities.detach().cpu()
     try:
         images = np.asarray(intensities)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError) as error:
+        if hasattr(intensities, "shape"):
+            raise InputError(f"the photographs cannot be read as an array of numpy ({one_line(error)})") from None
         raise InputError("the photographs differ in shape; give images of one size") from None
     if images.dtype.kind not in "buif":
         raise InputError(f"photographs hold values of type {images.dtype}; real numbers are needed, white = 1")
@@ -93,6 +99,9 @@ def check_angles(angles_deg: tuple[float, ...]) -> None:
         raise InputError(f"{len(angles_deg)} polarizer angles; at least 3 different ones are needed")
     if not np.all(np.isfinite(angles_deg)):
         raise InputError("a polarizer angle is not a number; give angles in degrees")
+    if max(angles_deg) - min(angles_deg) <= _FULL_TURN_RAD:
+        listed = ", ".join(f"{angle:g}" for angle in angles_deg)
+        raise InputError(f"the polarizer angles {listed} lie within a few degrees; give degrees, not radians")
     wrapped = np.sort(np.asarray(angles_deg) % 180)
     gaps = np.diff(np.append(wrapped, wrapped[0] + 180))
     if gaps.min() < _EQUAL_DEG:

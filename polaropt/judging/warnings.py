@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from enum import Enum
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, Mistakes, NoiseModel, closure_share, find_mistakes, registered_noise
+from polaropt.errors import ResultWarning
 from polaropt.estimation import (
     NOTABLE_CHANCE,
     NOTABLE_CHANCE_OF_MOSAIC,
@@ -214,6 +216,18 @@ class Diagnostics:
         if warning is SeparationWarning.REFLECTION_NOT_IDENTIFIABLE and nothing:
             return _NO_REFLECTION
         return warning.value
+
+    def warn(self, stacklevel: int = 1) -> None:
+        """Issue what speaks against the result as a `ResultWarning`; nothing where nothing does.
+
+        Parameters
+        ----------
+        stacklevel : int
+            Of the place that is told, as `warnings.warn` counts: 1 is who calls this.
+        """
+        if self.warnings:
+            told = "; ".join(self.sentence(warning).rstrip(".") for warning in self.warnings)
+            warnings.warn(f"{told}.", ResultWarning, stacklevel=stacklevel + 1)
 
 
 _NO_REFLECTION = (

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from polaropt.errors import InputError, check_numbers
+from polaropt.errors import InputError, check_flags, check_numbers
 from polaropt.optics.fresnel import refraction_angle
 
 SEARCHED = ("incidence_deg", "azimuth_deg", "ghost_shift")
@@ -149,6 +149,7 @@ class SceneParameters:
 
     def __post_init__(self) -> None:
         check_numbers((name, getattr(self, name)) for name in _NUMBERS)
+        check_flags((name, getattr(self, name)) for name in ("single_surface", "literal_eq3", "signal"))
         _check_incidence(self.incidence_deg)
         if self.refractive_index is not None:
             _check_index(self.refractive_index)
@@ -177,6 +178,10 @@ class SceneParameters:
             if not math.isfinite(aolp_deg):
                 raise InputError(f"{name} has angle {aolp_deg}; give degrees")
         self._check_window()
+        for name in ("bend_deg_per_px", "transmission_polarization", "reflection_polarization"):
+            # Lists, as of JSON: a scene is equal to one like it, and can be a key.
+            if isinstance(getattr(self, name), list):
+                object.__setattr__(self, name, tuple(getattr(self, name)))
         for name in ("n_bounces", "n_panes"):
             # Whole numbers that came as others.
             if isinstance(getattr(self, name), float):
@@ -361,6 +366,8 @@ def ghost_step(
     >>> round(ghost_step(60.0, 1.5, thickness_px=10.0, kind="plate"), 1)
     7.1
     """
+    numbers = {"incidence_deg": incidence_deg, "refractive_index": refractive_index, "thickness_px": thickness_px}
+    check_numbers(numbers.items(), none=False)
     _check_incidence(incidence_deg)
     _check_index(refractive_index)
     if not 0 <= thickness_px < math.inf:

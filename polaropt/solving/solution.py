@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import Capture, NoiseModel
-from polaropt.errors import InputError, check_installed, check_numbers
+from polaropt.errors import InputError, check_flags, check_installed, check_numbers
 from polaropt.inversion import Canvas, Knowledge, thinned
 from polaropt.numerics import MUCH_VALUES, give_back_freed
 from polaropt.optics import GHOST_STEPS, PSE, SceneParameters, VaryingPSE, engine_for
@@ -183,6 +183,8 @@ class Settings:
             if not isinstance(getattr(self, name), kind):
                 raise InputError(f"{name} is a {type(getattr(self, name)).__name__}; give {kind.__name__}(...)")
         check_plugged(self.weights)
+        flags = ("robust", "match_photographs", "leave_out_unglazed")
+        check_flags((name, getattr(self, name)) for name in flags)
         check_numbers([("keep_start", self.keep_start)], none=False)
         check_numbers([("thickness_px", self.thickness_px)])
         if not 0 <= self.keep_start <= 1:
@@ -204,7 +206,7 @@ def check_device(device: str, solver: str = _OWN) -> None:
     import torch
 
     try:
-        torch.empty(1, device=device)
+        torch.zeros(1, device=device).cpu()
     except (RuntimeError, AssertionError) as error:
         raise InputError(f"device {device!r} cannot be used: {str(error).splitlines()[0]}") from None
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from polaropt import Capture, InputError, SceneParameters, separate, separate_many, simulate
+from polaropt import Capture, InputError, ResultWarning, SceneParameters, separate, separate_many, simulate
 
 PANE = SceneParameters(60.0, 20.0, 4.0)
 
@@ -65,3 +65,10 @@ def test_arrays_of_another_shape_are_refused() -> None:
     array = pytest.importorskip("dask.array")
     with pytest.raises(InputError, match="4 angles"):
         separate_many(array.zeros((3, 5, 32, 32)))
+
+
+def test_frames_of_an_array_that_are_warned_of_warn() -> None:
+    array = pytest.importorskip("dask.array")
+    grey = np.repeat(np.random.default_rng(0).uniform(0.2, 0.8, (1, 1, 32, 32)), 4, axis=1)
+    with pytest.warns(ResultWarning):
+        separate_many(array.from_array(grey)).compute(scheduler="synchronous")
