@@ -17,6 +17,7 @@ from skimage import data
 
 import polaropt
 from polaropt import InputError, ResultWarning, SceneParameters, StoppingRule, Weights, simulate
+from polaropt.cli.app import main
 from polaropt.estimation.ladder import LadderResult
 from polaropt.optics import SceneErrors
 from tests.command_line import RESULTS
@@ -215,6 +216,14 @@ def test_what_contradicts_the_scene_is_refused_of_many_too(
 ) -> None:
     with pytest.raises(InputError, match="the model 'none' is asked for, and the scene is given as a whole"):
         next(several([capture], PANE, model="none"))
+
+
+def test_a_model_beside_an_earlier_scene_is_refused(
+    result: polaropt.Separation, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report = str(result.save(tmp_path, layers_only=True) / "report.json")
+    assert main(["separate", "a.png", "--scene", report, "--model", "ghosts", "-o", "out"]) == 2
+    assert capsys.readouterr().err == "polaropt: --scene gives the whole pane; leave it or --model out\n"
 
 
 def test_what_agrees_with_the_scene_is_taken(capture: polaropt.Capture) -> None:

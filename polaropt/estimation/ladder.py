@@ -527,7 +527,7 @@ def _error_of_cells(found: LadderResult) -> float:
 
 
 _ASKED = "It is the one asked for."
-_CANNOT = "The one asked for cannot be found with what is given."
+_UNSUITED = "The one asked for does not suit what is given or found."
 _NEARLY_FLAT = 1.6
 """Polarized light beside the plane of incidence, noise included, in units of it, up to which cells of a mosaic are of
 a flat window: what aliases in them is some, more than noise, of one in three. Set by hand."""
@@ -623,10 +623,7 @@ def _reason(evidence: Evidence, steps: list[_Step], step: _Step, taken: _Step) -
     if evidence.wanted != "auto":
         if step is not taken:
             return "Another one was asked for."
-        # Of pixelwise and ghosts, the photographs tell which is.
-        return (
-            _ASKED if step.rung in (evidence.wanted, *_LOWER) and evidence.wanted in (step.rung, *_LOWER) else _CANNOT
-        )
+        return _ASKED if step.rung == evidence.wanted else _UNSUITED
     if step is steps[0]:
         if step is not taken:
             what = "edges" if evidence.explained else "polarized light"

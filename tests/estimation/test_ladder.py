@@ -118,6 +118,8 @@ CLIMBS = {
     "asked for, and not told": (
         {"polarized 1": leaves(MOST, False), "polarized 2": leaves(HALF, False)},
         {"wanted": "polarized"}, 2, [ANOTHER, ANOTHER, ASKED]),
+    "one without double images is asked for, and some are given": (
+        {}, {"wanted": "pixelwise"}, 0, ["The one asked for does not suit what is given or found. A remark."]),
     "the plain one is asked for": ({"curved": leaves(ALL)}, {"wanted": "ghosts"}, 0, [ASKED + " A remark."]),
 }  # fmt: skip
 
