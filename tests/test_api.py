@@ -319,3 +319,7 @@ def test_what_a_masked_array_masks_is_not_trusted(capture: polaropt.Capture) -> 
     masked = polaropt.Capture(photographs)
     assert not masked.valid[0, :, 40:60, 40:60].any()
     np.testing.assert_array_equal(masked.valid[1:], capture.valid[1:])
+    told = polaropt.Capture(photographs.data, valid=~photographs.mask)
+    np.testing.assert_array_equal(told.intensities, masked.intensities)
+    with pytest.raises(InputError, match="NaN"):
+        polaropt.Capture(photographs.data, valid=np.ones(photographs.shape, dtype=bool))

@@ -310,7 +310,7 @@ class Capture:
     angles_deg : sequence of k floats
         Polarizer angles in degrees, counter-clockwise from the image's x axis.
     valid : array_like of bool, same shape, optional
-        Pixels that can be trusted. Default: those below white (at white and above a sensor clips).
+        Pixels that can be trusted; others may be NaN. Default: those below white (at white and above a sensor clips).
 
     Attributes
     ----------
@@ -373,6 +373,9 @@ class Capture:
         check_order(images.shape, len(angles_deg))
         if trusted is not None:
             check_mask(trusted.shape, images.shape)
+            # What is not trusted may be NaN, as where a mask of numpy hides it.
+            if not np.isfinite(images).all():
+                images = np.where(trusted | np.isfinite(images), images, 0)
         if images.ndim == 4:
             images = np.moveaxis(images, -1, 1)
             trusted = None if trusted is None else np.moveaxis(trusted, -1, 1)
