@@ -18,7 +18,8 @@ def told_pane(monkeypatch: pytest.MonkeyPatch) -> None:
         capture: Capture, scene: SceneParameters | None = None, *settings: Any, model: str = "auto", **more: Any
     ) -> Separation:
         left_open = scene or SceneParameters(None, None, None)
-        return separate(capture, left_open, *settings, model="ghosts" if model == "auto" else model, **more)
+        taken = "ghosts" if model == "auto" and not left_open.complete else model
+        return separate(capture, left_open, *settings, model=taken, **more)
 
     for module in ("ways", "mosaic.layers", "benchmark.separations"):
         monkeypatch.setattr(f"studies.{module}.separate", separated)
