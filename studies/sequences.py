@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
@@ -105,7 +104,7 @@ class Row:
         Size is that of the layers.
     pair, frames : int
     first_s, s, cpu_s : float
-        Seconds until the first frame is there; mean seconds, and seconds of the processor in all threads, of the others.
+        Seconds until the first frame is there; mean seconds of the others, and those of the processor in all threads.
     transmission, reflection : float
         Mean PSNR in dB.
     change_transmission, change_reflection : float or None

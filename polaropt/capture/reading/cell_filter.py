@@ -36,8 +36,8 @@ aliases is amplified. By trial of six values on films of training photographs (`
 sensors, 45 to 70 degrees, noise 0.5 to 2 %): layers gain 0.4 to 1.2 dB against 1, R at 45 degrees and 0.5 % nothing;
 3 gains 0.2 dB more at 2 % and loses 0.4 dB there."""
 _OF_ALIASES = {1: 0.3, 3: 0.5}
-"""Share of the detail that the prior lets alias, which does, by the number of the sensor's colours: lenses leave less of
-it. By trial: what photographs made of those films are off by."""
+"""Share of the detail that the prior lets alias, which does, by the number of the sensor's colours: lenses leave less
+of it. By trial: what photographs made of those films are off by."""
 _EVERY_ROW = 16
 """Rows of frequencies, one of which the error of the photographs is found from."""
 
