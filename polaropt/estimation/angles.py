@@ -74,8 +74,9 @@ class GhostDirection:
         What they gain in the best of the directions well apart from it.
     least : float
         What they must gain to be believed.
-    shift_error_px : float
-        Standard error of their shift, by leaving parts of the frame out; infinite where they gain too little to ask.
+    shift_px, shift_error_px : float
+        Their shift, and its standard error, by leaving parts of the frame out; infinite where they gain too little to
+        ask.
     """
 
     direction_deg: float
@@ -84,6 +85,7 @@ class GhostDirection:
     gain: float
     rival: float
     least: float
+    shift_px: float
     shift_error_px: float
 
     @property
@@ -91,6 +93,13 @@ class GhostDirection:
         """Whether the ghosts tell a direction at all."""
         told = self.gain > self.least and self.rival < _RIVAL * self.gain and self.shift_error_px < _STEADY_PX
         return told and LEAST_DEG <= self.incidence_deg <= MOST_DEG
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether they surely lie along another direction than the azimuth."""
+        aside_px = abs(self.shift_px * math.sin(math.radians(self.start_deg)))
+        beside = aside_px > _ELSEWHERE * max(self.shift_error_px, _LEAST_ASIDE_PX)
+        return self.certain and beside and abs(self.start_deg) >= _ELSEWHERE_DEG
 
     @property
     def start_deg(self) -> float:
@@ -186,11 +195,12 @@ def _likeliest(spectra: CrossSpectra, pane: SceneParameters, incidences: Curve, 
     apart = np.abs(turn_between(_DIRECTIONS_DEG, _DIRECTIONS_DEG[best])) > _APART_DEG
     row, column = places[best]
     direction, incidence, error = float(_DIRECTIONS_DEG[best]), float(incidences[row]), math.inf
+    shift = float(_SHIFTS[column])
     if gains[best] > least:
-        direction = _refined(spectra, pane, incidence, float(_SHIFTS[column]), direction)
+        direction = _refined(spectra, pane, incidence, shift, direction)
         error = _shift_error(spectra.with_ghosts_along(direction), pane, incidence)
     azimuth, rival = spectra.azimuth_deg % 180, float(gains[apart].max())
-    return GhostDirection(direction % 180, azimuth, incidence, float(gains[best]), rival, least, error)
+    return GhostDirection(direction % 180, azimuth, incidence, float(gains[best]), rival, least, shift, error)
 
 
 def _refined(
@@ -216,6 +226,9 @@ _ELSEWHERE_DEG = 5.0
 """Angle between ghosts and azimuth from which on the angles start elsewhere. Of 17 single panes at 36 to 75 degrees
 whose ghosts tell their direction (photographs that nothing was tuned on) it is off by 1.2 degrees, root mean square,
 and by 2.9 at most."""
+_ELSEWHERE, _LEAST_ASIDE_PX = 4.0, 0.2
+"""Standard errors, and one at least, by which their images lie beside the azimuth then: patterns of the layers turn
+those of ghosts a few pixels apart by 7 to 12 degrees. Set by hand."""
 _MIRRORED_DEG, _MIRRORED_FROM_DEG = 6.0, 12.0
 """Angle up to which ghosts lie along the azimuth's mirror image, and between both from which on the sense is more often
 wrong than where the angles start. Set by hand."""
@@ -273,7 +286,7 @@ def angle_mistake(
     if capture.low_passed or not LEAST_DEG <= incidence <= MOST_DEG - min(LOWER_DEG):
         return None
     found = ghost_direction(capture, noise, incidence, azimuth, scene)
-    if not found.certain or abs(found.start_deg) < _ELSEWHERE_DEG:
+    if not found.elsewhere:
         return None
     mirrored = turn_between(found.direction_deg, -found.azimuth_deg)
     reversed_sense = abs(mirrored) < _MIRRORED_DEG and abs(found.start_deg) > _MIRRORED_FROM_DEG

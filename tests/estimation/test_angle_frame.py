@@ -7,8 +7,9 @@ import math
 from pathlib import Path
 
 import pytest
+from skimage.data import astronaut, rocket
 
-from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, find_start_angle, separate
+from polaropt import Capture, SceneParameters, SeparationWarning, StoppingRule, find_start_angle, separate, simulate
 from polaropt.capture.capture import ANGLES_DEG
 from polaropt.capture.files.write import write_capture
 from polaropt.cli.app import main
@@ -197,6 +198,14 @@ def test_the_angles_are_checked_with_the_pane_of_the_scene(monkeypatch: pytest.M
     estimate = estimate_scene(example.capture, noise=NOISE)
     angle_mistake(example.capture, NOISE, water, estimate, unexplained=3.0)
     assert asked == [SceneParameters(40.0, -70.0, 0.0, 1.33, single_surface=True)]
+
+
+def test_patterns_that_turn_ghosts_a_little_do_not_turn_the_angles() -> None:
+    behind, mirrored = astronaut()[226:386, 193:353], rocket()[22:182, 13:173]
+    capture = simulate(behind, mirrored, SceneParameters(63.9, 96.87, -4.0), noise=0.002)
+    found = ghost_direction(capture, 0.002, 63.9, 96.87)
+    assert abs(found.start_deg) > 5
+    assert not found.elsewhere
 
 
 def test_ghosts_are_looked_for_behind_a_pane_of_the_scenes_index() -> None:

@@ -147,13 +147,14 @@ def test_the_limit_of_polarization(errors: float, polarized: bool) -> None:
     assert (SeparationWarning.NO_POLARIZATION in said) is not polarized
 
 
-DIRECTION = GhostDirection(25.0, 25.0, 50.0, 0.1, 0.01, 0.008, 0.1)
+DIRECTION = GhostDirection(25.0, 25.0, 50.0, 0.1, 0.01, 0.008, 12.0, 0.1)
 # Of ghosts in a direction: what is so within the limit, beyond it, and what else; and what is then said.
 DIRECTIONS = {
     "beside the azimuth": ({"direction_deg": 29.9}, {"direction_deg": 30.1}, "ANGLES_ROTATED"),
     "on the other side": ({"direction_deg": 148.9}, {"direction_deg": 149.1}, "ANGLES_REVERSED"),
     "too few": ({"gain": 0.0079}, {"gain": 0.0081}, "ANGLES_ROTATED"),
     "a rival": ({"rival": 0.0601}, {"rival": 0.0599}, "ANGLES_ROTATED"),
+    "hardly aside": ({"shift_px": 1.38}, {"shift_px": 1.41}, "ANGLES_ROTATED"),
     "unsteady": ({"shift_error_px": 0.31}, {"shift_error_px": 0.29}, "ANGLES_ROTATED"),
     "faint": ({"incidence_deg": 31.9}, {"incidence_deg": 32.1}, "ANGLES_ROTATED"),
     "steep": ({"incidence_deg": 76.1}, {"incidence_deg": 75.9}, "ANGLES_ROTATED"),
