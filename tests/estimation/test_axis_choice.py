@@ -8,8 +8,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+from skimage.data import coffee, rocket
 
-from polaropt import SceneParameters, SeparationWarning, estimate, separate
+from polaropt import SceneParameters, SeparationWarning, estimate, separate, simulate
 from polaropt.capture.capture import Capture
 from polaropt.capture.mosaic import sampling_of
 from polaropt.capture.noise import noise_level
@@ -74,6 +75,26 @@ def test_scores_that_differ_by_more_than_the_noise_bends_them_settle_it(
     better = replace(panes[1], trial=replace(panes[1].trial, score=panes[0].trial.score - 3 * NOISE))
     assert choose_axis((panes[0], better), BLIND, NOISE, POLARIZED_DB) == AxisChoice(1)
     assert choose_axis((panes[0], better), BLIND, 2 * NOISE, POLARIZED_DB).chance > 0
+
+
+def test_a_score_by_a_few_levels_is_overruled_by_all_else_together(
+    panes: tuple[AxisCandidate, AxisCandidate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def taken(levels: float, odds: float) -> int:
+        monkeypatch.setattr("polaropt.estimation.flat.azimuth.log_odds", lambda *_, **__: odds)
+        better = replace(panes[1], trial=replace(panes[1].trial, score=panes[0].trial.score - levels * NOISE))
+        return choose_axis((panes[0], better), BLIND, NOISE, POLARIZED_DB).best
+
+    assert (taken(3, 2.1), taken(3, 1.9), taken(3.9, 2.1), taken(4.1, 2.1)) == (0, 1, 0, 1)
+
+
+def test_noise_that_passes_for_ghosts_of_a_grazing_pane_exchanges_no_layers() -> None:
+    behind, mirrored = rocket()[214:374, 171:331], coffee()[45:205, 210:370]
+    for seed in (0, 8):
+        capture = simulate(behind, mirrored, SceneParameters(68.5, 155.0, 0.0), noise=0.015, seed=seed)
+        found = estimate_scene(capture, BLIND, noise=0.015).scene
+        assert abs(found.incidence_deg - 68.5) < 2
+        assert abs(found.azimuth_deg - 155) < 1
 
 
 def test_a_pane_as_good_as_itself_is_as_likely_and_worth_the_risk_where_polarized_light_is_seen(
