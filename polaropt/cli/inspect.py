@@ -119,7 +119,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         unglazed_share,
     )
 
-    ladder.check(pane.scene())  # their checks, before anything is read
+    ladder.check(pane)  # their checks, before anything is read
     capture.check(pane)
     with watched(not output.json) as stages:
         photographs = capture.read(stages, 0.3)

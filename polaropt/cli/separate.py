@@ -242,7 +242,7 @@ def separating(pane: PaneOptions, ladder: LadderOptions, solving: SolveOptions) 
         "match_photographs": ladder.match,
         "leave_out_unglazed": ladder.unglazed,
     }
-    ladder.check(chosen["scene"])
+    ladder.check(pane)
     solving.check_names()
     return chosen
 

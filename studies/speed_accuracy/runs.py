@@ -17,8 +17,9 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from polaropt.capture import NoiseModel, measured_noise
+from polaropt.capture import NoiseModel
 from polaropt.errors import InputError
+from polaropt.estimation import still_photographs
 from polaropt.optics import SceneParameters
 from polaropt.progress import Stages
 from polaropt.solving import Settings, Solution, solve
@@ -170,7 +171,8 @@ class _Round:
             sum(seconds for stage, seconds in clock.items() if stage not in _OF_THE_SOLVE)
             for clock in (result.seconds, result.cpu_seconds)
         )
-        noise = measured_noise(sample.capture)
+        still = still_photographs(sample.capture).filtered()
+        noise = still.noise, still.growth
         return _Found(result.scene, result.scene.rung, noise, Seconds(elapsed, cpu).after(reading))
 
     def _solve(self, found: _Found, way: Way) -> Solution:

@@ -44,7 +44,7 @@ def test_all_share_the_cores_but_those_about_seconds(started, tmp_path):
     assert main(["all", "--full", "-o", str(tmp_path)]) == 0
     assert list(started.commands) == [study.name for study in STUDIES]
     alone = {study.name for study in STUDIES if study.timed}
-    assert alone == {"benchmark", "many_captures", "speed_accuracy"}
+    assert alone == {"benchmark", "many_captures", "sequences", "speed_accuracy"}
     assert {name for name, command in started.commands.items() if "--workers" not in command} == alone
     assert "--full" in started.commands["benchmark"]
 
