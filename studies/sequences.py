@@ -38,8 +38,8 @@ PANE = SceneParameters(60.0, 20.0, 4.0)
 _SPEEDS_PX = ((2, 1), (-1, 2))
 """Rows and columns by which the scene behind the pane and the mirrored one pass by from frame to frame, where the
 camera turns."""
-FRAMES = {"quick": 6, "default": 12, "full": 24}
-ALONE = 4
+FRAMES = {"quick": 4, "default": 12, "full": 12}
+ALONE = 3
 """Frames that are separated each by itself as well, to see what noise does to layers."""
 
 
@@ -64,22 +64,25 @@ class Sensor:
         return Size(self.size.height // self.scale, self.size.width // self.scale)
 
 
+_CELLS = (
+    Sensor("mono", Size(1024, 1224), "cell"),
+    Sensor("color", Size(2048, 2448), "cell"),
+    Sensor("mono", Size(2048, 2448), "cell"),
+)
 SENSORS = {
     "quick": (Sensor("mono", Size(256, 256), "cell"),),
-    "default": (
-        Sensor("mono", Size(1024, 1224), "cell"),
-        Sensor("color", Size(2048, 2448), "cell"),
-        Sensor("mono", Size(2048, 2448), "cell"),
-    ),
-    "full": (
-        Sensor("mono", Size(1024, 1224), "cell"),
-        Sensor("color", Size(2048, 2448), "cell"),
-        Sensor("mono", Size(2048, 2448), "cell"),
-        Sensor("mono", Size(1024, 1224), "sensor"),
-        Sensor("color", Size(1024, 1224), "sensor"),
-    ),
+    "default": _CELLS,
+    "full": (*_CELLS, Sensor("mono", Size(1024, 1224), "sensor"), Sensor("color", Size(1024, 1224), "sensor")),
 }
 """Those of the cameras that there are, whole and a quarter."""
+
+
+Way = tuple[Literal["still", "turning"], Literal["known", "followed"]]
+WAYS: dict[str, tuple[Way, ...]] = {
+    "cell": (("still", "known"), ("turning", "known"), ("turning", "followed")),
+    "sensor": (("turning", "known"),),
+}
+"""Whether the camera turns, and what is known of the pane."""
 
 
 @dataclass(frozen=True)
@@ -269,12 +272,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = study_parser(__doc__).parse_args(arguments)
     effort = effort_of(options)
     compile_kernels()
-    ways = (("still", "known"), ("turning", "known"), ("turning", "followed"))
     pairs = n_pairs_of(options, 1)
     jobs = [
         Job(options.photos, pair, sensor, motion, pane, FRAMES[effort])
         for sensor in SENSORS[effort]
-        for motion, pane in ways
+        for motion, pane in WAYS[sensor.resolution]
         for pair in range(pairs)
     ]
     frame = run_study(NAME, run, jobs, Row, options)

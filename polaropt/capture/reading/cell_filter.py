@@ -38,8 +38,8 @@ sensors, 45 to 70 degrees, noise 0.5 to 2 %): layers gain 0.4 to 1.2 dB against 
 _OF_ALIASES = {1: 0.3, 3: 0.5}
 """Share of the detail that the prior lets alias, which does, by the number of the sensor's colours: lenses leave less
 of it. By trial: what photographs made of those films are off by."""
-_EVERY_ROW = 16
-"""Rows of frequencies, one of which the error of the photographs is found from."""
+_ROWS_OF_ERROR = 12
+"""Rows of frequencies, evenly apart, that the error of the photographs is found from; set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,15 +159,15 @@ class _Row:
         Of each pixel of the pattern.
     seen : ndarray of complex64, shape (alias, group)
         Weight of the frame's frequencies in means over the patterns.
-    power : ndarray of complex64, shape (color, 3, 3, alias, group)
-        Of the frame's Stokes images at these.
+    law : ndarray, shape (alias, group)
+        How the power of the frame's Stokes images falls at these.
     counted : ndarray of complex64, shape (color, 3, alias, group)
         What the spectrum of the samples counts at these.
     """
 
     phase: NDArray[Any]
     seen: NDArray[np.complex64]
-    power: NDArray[np.complex64]
+    law: Images
     counted: NDArray[np.complex64]
 
     @classmethod
@@ -182,7 +182,7 @@ class _Row:
         law = groups.members(row, columns).of(prior.law)
         own = np.where(law == law.max(axis=0), detail_power * law, law)
         counted = filter_of_groups(prior.combs, prior.covariance(own), noise**2, seen)
-        return cls(phase, seen, prior.covariance(law), counted)
+        return cls(phase, seen, law, counted)
 
 
 def _phases_of_aliases(period: int) -> NDArray[Any]:
@@ -217,12 +217,13 @@ def _error(prior: StokesPrior, noise: float, detail_power: float, shown: Floats)
     own = np.eye(3 * len(prior.basis)).reshape(2 * (len(prior.basis), 3))
     weights = np.where(np.isin(np.arange(groups.n_columns), (0, groups.width / groups.period / 2)), 1.0, 2.0)
     total = np.zeros((3, 3))
-    for row in range(0, groups.n_rows, _EVERY_ROW):
+    rows = range(0, groups.n_rows, max(1, groups.n_rows // _ROWS_OF_ERROR))
+    for row in rows:
         made = _Row.of(prior, noise, detail_power, row)
         missed = own[..., None, None] * made.seen - np.einsum("csag,dtam->csdtmg", made.counted, prior.combs)
-        of_detail = np.einsum("csdtmg,dtumg,cvdumg,g->sv", missed, made.power, missed.conj(), weights, optimize=True)
+        power = prior.covariance(made.law)
+        of_detail = np.einsum("csdtmg,dtumg,cvdumg,g->sv", missed, power, missed.conj(), weights, optimize=True)
         of_noise = np.einsum("csag,cvag,g->sv", made.counted, made.counted.conj(), weights)
         total += (_OF_ALIASES[len(prior.basis)] ** 2 * of_detail + noise**2 * of_noise).real
-    n_rows = len(range(0, groups.n_rows, _EVERY_ROW))
-    covariance = total / (n_rows * weights.sum() * len(prior.basis))
+    covariance = total / (len(rows) * weights.sum() * len(prior.basis))
     return float(np.sqrt(np.trace(shown @ covariance @ shown.T) / len(shown)))
