@@ -11,6 +11,7 @@ from skimage import data
 from polaropt import SeparationWarning, separate
 from polaropt.capture.capture import Capture
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
+from polaropt.estimation.flat.search import Trial, _Judged
 from polaropt.optics.scene import SceneParameters, ghost_step
 from studies.camera import take
 from studies.photographs import shipped_pairs
@@ -44,6 +45,12 @@ def test_all_is_found_blind(capture: Blend) -> None:
     assert found.axis_margin > 0
     assert found.overlap.shape == found.incidence_grid_deg.shape
     assert found.shift_misfit.min() == 0
+
+
+def test_trials_whose_edges_leave_other_parts_out_are_compared_by_the_errors_of_each() -> None:
+    parts = np.array([1.0, 2.0, 3.0, 4.0])
+    one, other = (_Judged(Trial(50.0, 0.0, 0.0), 0.0, score, (parts, parts[:n])) for score, n in ((0.0, 4), (-1.0, 2)))
+    assert 0 < one.chance_beside(other) < 0.5 < other.chance_beside(one) < 1
 
 
 @pytest.mark.parametrize(("incidence_deg", "ghost_shift"), [(40, 4.1), (75, -5.0)])

@@ -112,8 +112,15 @@ class _Judged:
 
     def chance_beside(self, best: _Judged) -> float:
         """Chance that it is the true one and not the best, for what parts of the frame say of the two."""
-        error = math.hypot(*(jackknife_error(a - b) for a, b in zip(self.parts, best.parts, strict=True)))
+        error = math.hypot(*(_error_between(a, b) for a, b in zip(self.parts, best.parts, strict=True)))
         return NormalDist().cdf((best.score - self.score) / max(error, _NO_ERROR))
+
+
+def _error_between(one: Curve, other: Curve) -> float:
+    """Jackknife error of a difference; of a small frame edges on other scales leave other parts out."""
+    if one.size == other.size:
+        return jackknife_error(one - other)
+    return math.hypot(jackknife_error(one), jackknife_error(other))
 
 
 @dataclass(frozen=True)
