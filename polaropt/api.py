@@ -122,7 +122,7 @@ class Separation(separation.Separation):
 
 def separate(
     capture: Capture,
-    scene: SceneLike | LadderResult | None = None,
+    scene: SceneLike | LadderResult | Separation | None = None,
     solver: str = "lbfgs",
     init: str = "closed-form",
     refractive_index: float | None = GLASS_INDEX,
@@ -148,10 +148,10 @@ def separate(
     Parameters
     ----------
     capture : Capture
-    scene : SceneParameters, path or what `estimate` returns, optional
+    scene : SceneParameters, path, or what `estimate` or `separate` returns, optional
         Fields that are None are estimated, the others stay fixed; or the ``report.json`` of an earlier separation,
-        whose scene is taken as it was found, or an estimate, with its errors. Default: all is found blind, with the two
-        parameters below.
+        whose scene is taken as it was found, or an estimate or a result, with its errors. Default: all is found blind,
+        with the two parameters below.
     solver : str
         Name of a minimizer, see `solvers.registry.solver_names`.
     init : str
@@ -256,7 +256,7 @@ def separate(
 
 def separate_many(
     captures: Iterable[Capture] | Any,
-    scene: SceneLike | LadderResult | Literal["shared"] | None = None,
+    scene: SceneLike | LadderResult | Separation | Literal["shared"] | None = None,
     *,
     client: Any = None,
     angles_deg: Sequence[float] = ANGLES_DEG,
@@ -268,7 +268,7 @@ def separate_many(
     ----------
     captures : iterable of Capture, or dask.array.Array
         An array is photographs along time, (time, angle, height, width) or (time, angle, height, width, 3), white = 1.
-    scene : SceneParameters, path, what `estimate` returns, or "shared", optional
+    scene : SceneParameters, path, what `estimate` or `separate` returns, or "shared", optional
         As of `separate`, the same for all; captures behind that of a report have one size. "shared": the pane stands
         still against the camera, and one scene is estimated from all captures together.
     client : distributed.Client, optional
@@ -333,7 +333,7 @@ def _many(captures: Iterable[Capture], scene: Any, client: Any, options: dict[st
 
 def separate_sequence(
     captures: Iterable[Capture],
-    scene: SceneLike | LadderResult | None = None,
+    scene: SceneLike | LadderResult | Separation | None = None,
     *,
     pane: Literal["follow", "still"] = "follow",
     first: int = FIRST,
@@ -352,7 +352,7 @@ def separate_sequence(
     captures : iterable of Capture
         Such as frames that a camera gives; no more of them is taken than `first`, and one ahead, before the first
         result comes.
-    scene : SceneParameters, path or what `estimate` returns, optional
+    scene : SceneParameters, path, or what `estimate` or `separate` returns, optional
         As of `separate`. A complete one is not looked for, nor followed.
     pane : {"follow", "still"}
         Whether the pane may move against the camera.
@@ -477,7 +477,7 @@ def inspect(capture: Capture) -> Inspection:
 
 def estimate(
     capture: Capture,
-    scene: SceneLike | LadderResult | None = None,
+    scene: SceneLike | LadderResult | Separation | None = None,
     *,
     refractive_index: float | None = GLASS_INDEX,
     single_surface: bool = False,
@@ -494,7 +494,7 @@ def estimate(
     Parameters
     ----------
     capture : Capture
-    scene : SceneParameters, path or what `estimate` returns, optional
+    scene : SceneParameters, path, or what `estimate` or `separate` returns, optional
         As for `separate`. Default: a pane of glass of which nothing else is known.
     refractive_index, single_surface, model, thickness_px, thickness_kind, index_known, match_photographs,
     leave_out_unglazed, progress
@@ -553,10 +553,10 @@ def _checked(capture: Any) -> Capture:
 
 
 def _given(scene: Any, shape: tuple[int, ...]) -> tuple[SceneParameters | None, SceneErrors | None]:
-    """A scene as it is given, from an earlier report, or from an estimate, with its errors, for photographs' shape."""
+    """A scene as it is given, from an earlier report, or as it was found, with its errors, for photographs' shape."""
     if scene is None or isinstance(scene, SceneParameters):
         return scene, None
-    if isinstance(scene, LadderResult):
+    if isinstance(scene, LadderResult | separation.Separation):
         return scene.scene, scene.errors
     if isinstance(scene, str | PathLike):
         if not str(scene):

@@ -143,6 +143,11 @@ def test_an_estimate_can_be_separated_with(capture: polaropt.Capture, found: Lad
     assert result.errors == found.errors
 
 
+def test_the_scene_of_a_result_can_be_separated_with(capture: polaropt.Capture, result: polaropt.Separation) -> None:
+    again = polaropt.separate(capture, result)
+    assert (again.scene, again.errors) == (result.scene, result.errors)
+
+
 def test_a_result_that_is_warned_of_warns(capture: polaropt.Capture) -> None:
     grey = polaropt.Capture(np.repeat(np.moveaxis(capture.intensities[:1], 1, -1), 4, axis=0))
     with pytest.warns(ResultWarning):

@@ -13,6 +13,8 @@ from polaropt.errors import InputError
 TABLE = ".csv"
 _NAME, _FILES, _FILE = "name", "files", "file"
 _BETWEEN = ";"
+_OTHER_MARKS = (";", "\t", "|")
+"""What programs of tables set columns apart by where a comma is a decimal point, or are told to."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,9 @@ def _is_file(column: str) -> bool:
 
 
 def _check_columns(path: Path, columns: Collection[str], options: Collection[str]) -> None:
+    (first,) = list(columns)[:1] or [""]
+    if len(columns) < 2 and (between := next((mark for mark in _OTHER_MARKS if mark in first), None)):
+        raise InputError(f"{path}: its columns are set apart by {between!r}; save it as CSV, with commas between them")
     if not any(map(_is_file, columns)):
         raise InputError(f"{path}: has no column {_FILES!r}; give the files of each capture, set apart by {_BETWEEN!r}")
     unknown = [name for name in columns if not _is_file(name) and name not in {_NAME, *options}]

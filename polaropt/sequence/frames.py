@@ -33,12 +33,15 @@ class Frames:
         Depth of its integers, where it is known to be less than that of their type.
     name : str
         Of the whole.
+    missing : tuple of int
+        Numbers that no file has, between those of the files.
     """
 
     number: int
     read: Callable[[int], Mosaic]
     bits: int | None
     name: str
+    missing: tuple[int, ...] = ()
 
     def __iter__(self) -> Iterator[Mosaic]:
         return (self.read(i) for i in range(self.number))
@@ -97,6 +100,16 @@ def _in_folder(folder: Path, headless: bool) -> list[Path]:
     return sorted(files, key=lambda path: [int(part) if part.isdigit() else part for part in _parts(path.name)])
 
 
+def numbers_missing(files: Sequence[Path]) -> tuple[int, ...]:
+    """Numbers between those of files whose names differ in one number alone; none of others."""
+    names = [_parts(path.name) for path in files]
+    apart = [k for k, parts in enumerate(zip(*names, strict=False)) if len(set(parts)) > 1]
+    if len({len(name) for name in names}) > 1 or len(apart) != 1 or not names[0][apart[0]].isdigit():
+        return ()
+    numbers = {int(name[apart[0]]) for name in names}
+    return tuple(sorted(set(range(min(numbers), max(numbers))) - numbers))
+
+
 def _parts(name: str) -> list[str]:
     """Text and numbers in turn, so that 10 comes after 9."""
     return re.split(r"(\d+)", name)
@@ -121,7 +134,7 @@ def _of_files(
             raise InputError(f"{files[i]}: differs from {files[0]} in size or depth; give frames of one camera")
         return pixels
 
-    return Frames(len(files), read, first.bits, name)
+    return Frames(len(files), read, first.bits, name, numbers_missing(files))
 
 
 def _of_array(path: Path) -> Frames:

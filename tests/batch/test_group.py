@@ -173,6 +173,8 @@ def test_a_table_names_files_and_options(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("name\nx\n", "has no column 'files'"),
+        ("name;files\nx;a.png\n", "its columns are set apart by ';'"),
+        ("name\tfiles\nx\ta.png\n", "its columns are set apart by"),
         ("files,colour\na.png,red\n", "there is no column 'colour'"),
         ("files\n", "holds no captures"),
         ("files\na.png,b.png\n", "line 2: holds more fields"),

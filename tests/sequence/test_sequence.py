@@ -234,6 +234,34 @@ def test_all_ways_to_store_frames_are_read(tmp_path: Path) -> None:
                 open_frames([str(tmp_path / source)], shape, "Mono12" if shape else None)
 
 
+@pytest.mark.parametrize(
+    ("names", "missing"),
+    [
+        (("f000", "f001", "f004", "f007"), (2, 3, 5, 6)),
+        (("f9", "f10", "f11"), ()),
+        (("cam1_3", "cam1_5"), (4,)),
+        (("cam1_3", "cam2_5"), ()),
+        (("one", "two"), ()),
+        (("f0",), ()),
+    ],
+)
+def test_numbers_that_no_frame_has_are_told(tmp_path: Path, names: tuple[str, ...], missing: tuple[int, ...]) -> None:
+    frame = mosaics(1)[0]
+    for name in names:
+        tifffile.imwrite(tmp_path / f"{name}.tif", frame, photometric="minisblack")
+    assert open_frames([str(tmp_path)]).missing == missing
+
+
+def test_the_command_says_which_numbers_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "film").mkdir()
+    for i, frame in zip((0, 1, 9), mosaics(3), strict=True):
+        tifffile.imwrite(tmp_path / "film" / f"f{i}.tif", frame, photometric="minisblack")
+    command = ["sequence", str(tmp_path / "film"), "--resolution", "cell", "--white-level", "4095", "--first", "2"]
+    command += ["--model", "pixelwise", "--panes", "1", *QUICK, "--format", "tiff", "-o", str(tmp_path / "out")]
+    assert main(command) == 0
+    assert "ATTENTION: no file has the number 2, 3, 4, 5, 6, ...;" in capsys.readouterr().out
+
+
 def test_means_take_frames_that_lie_on_each_other() -> None:
     frames = mosaics(6)
     means = list(averaged(frames, 3))

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 
 _SEQUENCE = "The sequence"
+_LISTED = 5
+"""Missing numbers that are listed at most; set by hand."""
 Format = Literal["zarr", "tiff"]
 
 
@@ -166,7 +168,8 @@ def sequence_command(
                 interrupted = True
             if interrupted and not files.rows:
                 raise KeyboardInterrupt
-            document = files.finish({"frames": frames.name, "pane_still": sequence.pane_still, **_told(capture)})
+            asked = {"frames": frames.name, "missing_numbers": frames.missing, "pane_still": sequence.pane_still}
+            document = files.finish({**asked, **_told(capture)})
     if folder.json:
         say_json({"output": str(folder.output), **document})
     elif not folder.quiet:
@@ -265,6 +268,10 @@ def _sentences(document: dict[str, Any], output: Path, sequence: SequenceOptions
     if last["incidence_deg"] is not None:
         error = "" if last["incidence_deg_error"] is None else f" ± {last['incidence_deg_error']:.2g}"
         lines.append(f"The pane at the end: incidence {last['incidence_deg']:.2f}{error} deg ({last['rung']}).")
+    missing = document["request"]["missing_numbers"]
+    if missing:
+        listed = ", ".join(map(str, missing[:_LISTED])) + (", ..." if len(missing) > _LISTED else "")
+        lines.append(f"ATTENTION: no file has the number {listed}; the next one there is was taken to follow.")
     lines += [
         f"ATTENTION: frame {frame} is lost, its layers are black: {why}." for frame, why in document["lost"].items()
     ]
