@@ -149,8 +149,10 @@ def agreeing_photographs(
     """Photographs made to agree by what stands still, and what stands still of them; all as it was where they do.
 
     What moves is seen by each photograph elsewhere, and stays as each saw it, unless both layers have moved: then that
-    may have been all that moved.
+    may have been all that moved. Photographs in a wrong order agree only once they are in the right one.
     """
+    if still.mistakes.swapped:
+        return capture, still, None
     matching = match_photographs(still.capture, still.noise)
     if matching is None:
         return capture, still, None

@@ -13,6 +13,7 @@ from polaropt.capture.checks import visible_shift
 from polaropt.capture.files.write import encode_srgb
 from polaropt.capture.noise import noise_level
 from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.estimation.motion import agreeing_photographs, still_photographs
 from polaropt.judging.loss import SceneLoss
 from polaropt.judging.warnings import diagnose, noise_share
 from polaropt.reporting.files import write_separation
@@ -141,6 +142,13 @@ def test_a_wrong_order(order):
     assert SeparationWarning.ANGLES_SWAPPED in found
     # They break the same identity: one mistake, one warning.
     assert found.isdisjoint({SeparationWarning.GAMMA_ENCODED, SeparationWarning.MISALIGNED})
+
+
+@pytest.mark.parametrize("order", [(0, 2, 1, 3), (0, 1, 3, 2)])
+def test_photographs_in_a_wrong_order_are_not_made_to_agree(order):
+    capture = Capture.of_planes(blend(60, 128).capture.intensities[list(order)])
+    still = still_photographs(capture)
+    assert agreeing_photographs(capture, still) == (capture, still, None)
 
 
 @pytest.mark.parametrize("color", [False, True])
