@@ -220,8 +220,9 @@ def test_samples_look_for_ghosts_that_tiles_tell_near_these_only() -> None:
     cells = mosaic("mono", FAR).cells
     assert cells is not None
     angles = mosaic("mono", FAR).angles_deg
-    shift, _ = sampled_shift(cells.samples, angles, FAR.replace(ghost_shift=12.5), NOISE, 0.4)
+    shift, error = sampled_shift(cells.samples, angles, FAR.replace(ghost_shift=12.5), NOISE, 0.4)
     assert shift == pytest.approx(13.0, abs=0.4)
+    assert 0.2 < error < 0.5
     shift, _ = sampled_shift(cells.samples, angles, FAR.replace(ghost_shift=-6.0), NOISE, 0.4)
     assert shift == pytest.approx(-6.0, abs=1.6)
 

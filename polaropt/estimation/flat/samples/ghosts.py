@@ -77,6 +77,10 @@ _NEAR_DEG = 12.0
 """Farthest from the cells' incidence that is tried. Set by hand."""
 _SUREST_PX = 0.2
 """Standard error of a shift in pixels below which none is believed. Set by hand."""
+_MODEL_PX = {2: 0.15, 4: 0.55}
+"""Standard error of a shift in pixels that a jackknife does not see, by the side of the sensor's pattern: patterns of
+the scene draw the shift their way in all tiles alike. Of 40 simulated mosaics of training photographs (35 to 75
+degrees, shifts of 2 to 10 px, noise 0.3 to 1.5 %) 28 told one, off by 0.15 (mono) and 0.58 px (colour), the median."""
 _MODEL_DEG = 0.6
 """Standard error of the incidence that a jackknife does not see, as all tiles share it: spectra are not quite of the
 shape that they are taken to have. By trial on mosaics of photographs that no figure is taken of."""
@@ -185,7 +189,8 @@ def sampled_shift(
     near = float(local_minimum(misfit, shift, (low, high), _STEP_PX / 2, _TOLERANCE_PX))
     if not low + _TOLERANCE_PX < near < high - _TOLERANCE_PX:
         return shift, error_px
-    return weighted_mean((near, _shift_error(likelihood, near, incidence)), (shift, error_px), _SUREST_PX)
+    mean, error = weighted_mean((near, _shift_error(likelihood, near, incidence)), (shift, error_px), _SUREST_PX)
+    return mean, math.hypot(error, _MODEL_PX[samples.sampling.period])
 
 
 def _likelihood(
