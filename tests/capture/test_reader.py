@@ -291,6 +291,16 @@ def test_a_raw_file_whose_size_does_not_fit_is_one_line(tmp_path):
         read_capture(written(tmp_path, GOOD), pixel_format="Mono8")
 
 
+def test_a_photograph_in_colour_may_be_an_npy_file(tmp_path):
+    intensities = scene_intensities((3, 32, 40))
+    files = [tmp_path / f"n_{angle}.npy" for angle in (0, 45, 90, 135)]
+    for file, image in zip(files, intensities, strict=True):
+        np.save(file, np.moveaxis(image, 0, -1))
+    capture = read_capture(files)
+    assert capture.color
+    np.testing.assert_allclose(capture.intensities, intensities, atol=1e-6)
+
+
 def test_a_mosaic_in_an_npy_file(tmp_path):
     raw = mono_mosaic(scene_intensities((48, 64))).astype(np.float32)
     np.save(tmp_path / "a.npy", raw)

@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import IO, Any
 
 import numpy as np
@@ -132,4 +133,7 @@ def decode_array(data: bytes) -> FileContent:
         array = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise InputError(_ARRAY_ASKED.format(one_line(error))) from None
-    return _npz_content({"intensities": array})
+    content = _npz_content({"intensities": array})
+    # No photograph is three pixels wide.
+    in_color = array.ndim == 3 and array.shape[-1] == 3 < min(array.shape[:2])
+    return replace(content, stack=False) if in_color else content
