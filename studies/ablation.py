@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from pandas import DataFrame
-from scipy.stats import bootstrap
 from threadpoolctl import threadpool_limits
 
 from polaropt.capture import noise_level, planes_last
@@ -160,6 +159,8 @@ Gain = tuple[float, float, float]
 
 def difference(frame: DataFrame, part: Part, layer: str) -> Gain:
     """Mean PSNR with the part less that without it, in dB, and its 95 % interval over pairs."""
+    from scipy.stats import bootstrap  # two seconds: only where there are pairs
+
     whole, other = (where(frame, variant=name).groupby("pair")[layer].mean() for name in (WHOLE, part.name))
     gain = (other - whole if part.added else whole - other).to_numpy()
     average = float(gain.mean())

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from pandas import DataFrame, Series
-from scipy.stats import t as student
 
 from studies.ablation_losses.records import ALL, PIXELS, PLAIN, Group, Training, groups_of
 from studies.ablation_losses.trainings import COMMAND
@@ -56,8 +55,10 @@ class Interval:
 
 def interval_of(values: Series) -> Interval:
     """Of a figure of each seed."""
+    from scipy.special import stdtrit
+
     n = len(values)
-    half = student.ppf((1 + CONFIDENCE) / 2, n - 1) * float(values.std()) / n**0.5 if n > 1 else np.nan
+    half = stdtrit(n - 1, (1 + CONFIDENCE) / 2) * float(values.std()) / n**0.5 if n > 1 else np.nan
     return Interval(float(values.mean()), float(half))
 
 
