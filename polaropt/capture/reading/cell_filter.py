@@ -8,6 +8,7 @@ lack some of it, of which a solve takes its share once more.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,15 +30,18 @@ from solvers.kernels import in_blocks
 Images = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
-DETAIL_POWER = 2.0
-"""Power that the patterns' own detail is taken to have, in units of that of the prior. With 1 the photographs are the
-likeliest ones, whose noise is gone together with detail, and a solve takes more of it; with much more, detail that
-aliases is amplified. By trial of six values on films of training photographs (`studies.sequences`, mono and colour
-sensors, 45 to 70 degrees, noise 0.5 to 2 %): layers gain 0.4 to 1.2 dB against 1, R at 45 degrees and 0.5 % nothing;
-3 gains 0.2 dB more at 2 % and loses 0.4 dB there."""
-_OF_ALIASES = {1: 0.3, 3: 0.5}
-"""Share of the detail that the prior lets alias, which does, by the number of the sensor's colours: lenses leave less
-of it. By trial: what photographs made of those films are off by."""
+_MOST_DETAIL, _NOISE_SHARES = 2.0, (0.25, 0.5)
+"""Power that the patterns' own detail is taken to have, in units of that of the prior, where so much of what the
+likeliest photographs are off by (their variance) is noise as in the second; 1 where it is as little as in the first,
+as more would amplify detail that aliases. Likeliest photographs have lost detail together with noise, and a solve
+takes more of it. By trial on films of training photographs (`studies.sequences`, mono and colour sensors, 45 to 70
+degrees, noise 0.5 to 2 %): layers behind a lens that blurs by 0.7 px gain 0.4 to 1.2 dB by 2 against 1, and the
+reflection of sharp scenes at 45 degrees loses up to 5 dB."""
+_FAST = 0.38
+"""Cycles per pixel along rows and columns beyond which samples show nothing but the finest detail of the light, what a
+lens leaves of it, and noise: neither colours nor polarizers of a pattern alternate there. Set by hand."""
+_SURELY = 3.0
+"""Standard errors of the noise's power beyond which detail is seen there; set by hand."""
 _ROWS_OF_ERROR = 12
 """Rows of frequencies, evenly apart, that the error of the photographs is found from; set by hand."""
 
@@ -74,7 +78,7 @@ class CellFilter:
         expected: Images,
         analyzer: Floats | None = None,
         *,
-        detail_power: float = DETAIL_POWER,
+        detail_power: float | None = None,
     ) -> CellFilter:
         """The filter that is best for a frame.
 
@@ -82,17 +86,21 @@ class CellFilter:
         ----------
         values, sampling, angles_deg, noise, expected, analyzer
             As of `wiener_photographs`, all samples good.
-        detail_power : float
+        detail_power : float, optional
             That the patterns' own detail is taken to have, in units of that of the prior; 1 for the likeliest
-            photographs.
+            photographs. Default: as it suits a solve.
         """
         shown = analyzer_matrix(angles_deg)
         analyzer = shown if analyzer is None else analyzer
         level = analyzer @ np.linalg.pinv(analyzer) @ expected.mean(axis=(-1, -2), dtype=np.float64)
         framed = framed_samples(values, sampling, level)
         prior = fitted_prior(framed, sampling, noise, expected, analyzer)
-        gains = _gains(prior, noise, detail_power)
-        return cls(sampling, gains, analyzer, shown, _error(prior, noise, detail_power, shown))
+        if detail_power is None:
+            of_detail, of_noise = _errors(prior, noise, 1.0, shown)
+            share = of_noise / (of_detail + of_noise)
+            detail_power = 1 + (_MOST_DETAIL - 1) * float(np.interp(share, _NOISE_SHARES, (0, 1)))
+        error = math.sqrt(sum(_errors(prior, noise, detail_power, shown)))
+        return cls(sampling, _gains(prior, noise, detail_power), analyzer, shown, error)
 
     def photographs(self, values: Images) -> Images:
         """Photographs (k, channel, h / period, w / period) of linear samples (h, w), all of them good."""
@@ -159,15 +167,12 @@ class _Row:
         Of each pixel of the pattern.
     seen : ndarray of complex64, shape (alias, group)
         Weight of the frame's frequencies in means over the patterns.
-    law : ndarray, shape (alias, group)
-        How the power of the frame's Stokes images falls at these.
     counted : ndarray of complex64, shape (color, 3, alias, group)
         What the spectrum of the samples counts at these.
     """
 
     phase: NDArray[Any]
     seen: NDArray[np.complex64]
-    law: Images
     counted: NDArray[np.complex64]
 
     @classmethod
@@ -182,7 +187,7 @@ class _Row:
         law = groups.members(row, columns).of(prior.law)
         own = np.where(law == law.max(axis=0), detail_power * law, law)
         counted = filter_of_groups(prior.combs, prior.covariance(own), noise**2, seen)
-        return cls(phase, seen, law, counted)
+        return cls(phase, seen, counted)
 
 
 def _phases_of_aliases(period: int) -> NDArray[Any]:
@@ -211,19 +216,38 @@ def _gains(prior: StokesPrior, noise: float, detail_power: float) -> tuple[Image
     return gains
 
 
-def _error(prior: StokesPrior, noise: float, detail_power: float, shown: Floats) -> float:
-    """Standard deviation of the photographs' errors under a prior, all frequencies, photographs and channels alike."""
-    groups = prior.groups
+def _errors(prior: StokesPrior, noise: float, detail_power: float, shown: Floats) -> tuple[float, float]:
+    """Variance of what detail, missed or aliased, and noise leave in photographs, the mean of all of them."""
+    groups, law = prior.groups, prior.law * _left_by_lens(prior, noise)
     own = np.eye(3 * len(prior.basis)).reshape(2 * (len(prior.basis), 3))
-    weights = np.where(np.isin(np.arange(groups.n_columns), (0, groups.width / groups.period / 2)), 1.0, 2.0)
-    total = np.zeros((3, 3))
+    columns = np.arange(groups.n_columns)
+    weights = np.where(np.isin(columns, (0, groups.width / groups.period / 2)), 1.0, 2.0)
+    of_detail, of_noise = np.zeros((2, 3, 3))
     rows = range(0, groups.n_rows, max(1, groups.n_rows // _ROWS_OF_ERROR))
     for row in rows:
         made = _Row.of(prior, noise, detail_power, row)
         missed = own[..., None, None] * made.seen - np.einsum("csag,dtam->csdtmg", made.counted, prior.combs)
-        power = prior.covariance(made.law)
-        of_detail = np.einsum("csdtmg,dtumg,cvdumg,g->sv", missed, power, missed.conj(), weights, optimize=True)
-        of_noise = np.einsum("csag,cvag,g->sv", made.counted, made.counted.conj(), weights)
-        total += (_OF_ALIASES[len(prior.basis)] ** 2 * of_detail + noise**2 * of_noise).real
-    covariance = total / (len(rows) * weights.sum() * len(prior.basis))
-    return float(np.sqrt(np.trace(shown @ covariance @ shown.T) / len(shown)))
+        power = prior.covariance(groups.members(row, columns).of(law))
+        both = np.einsum("csdtmg,dtumg,cvdumg,g->sv", missed, power, missed.conj(), weights, optimize=True)
+        of_detail += both.real
+        of_noise += noise**2 * np.einsum("csag,cvag,g->sv", made.counted, made.counted.conj(), weights).real
+    n = len(rows) * weights.sum() * len(prior.basis) * len(shown)
+    detail, by_noise = (float(np.trace(shown @ part @ shown.T)) / n for part in (of_detail, of_noise))
+    return detail, by_noise
+
+
+def _left_by_lens(prior: StokesPrior, noise: float) -> Floats:
+    """Share of the power of detail that a lens leaves at each frequency, (H, W // 2 + 1), as fast samples show it.
+
+    The lens makes a Gaussian of a point; where no detail is seen it is as wide as noise lets detail be missed.
+    """
+    height, width = prior.groups.height, prior.groups.width
+    down, across = np.abs(np.fft.fftfreq(height))[:, None], np.fft.rfftfreq(width)
+    fast = (down > _FAST) & (across > _FAST)
+    squared = down**2 + across**2
+    seen = float(np.square(np.abs(prior.data[fast])).mean()) - noise**2
+    light = np.square(np.abs(prior.combs[:, 0, 0, 0])) @ prior.powers[:, 0, 0]
+    expected = float(light * prior.law[fast].mean())
+    least = _SURELY * noise**2 / math.sqrt(np.count_nonzero(fast))
+    share = min(1.0, max(seen, least) / expected)
+    return np.asarray(np.exp(math.log(share) / squared[fast].mean() * squared))
