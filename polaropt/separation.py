@@ -91,7 +91,7 @@ _SAME_NOISE = 0.1
 # When the solve of a film's frame ends, unless a rule is given: where it starts from what is expected, the first slow
 # iteration is the last that shows. Frames lose 0.1 dB of either layer by it at most (films of training photographs, 45
 # to 70 degrees, noise 0.5 to 2 %, still and moving), and by windows that take one turn those that move lose as much.
-_FRAME_CHANGE, _FRAME_ITERATIONS = 2e-3, 1
+_FRAME_CHANGE, _FRAME_ITERATIONS = 1e-3, 1
 # Noise that an estimation is told at least (white = 1): with less, what no model has (interpolation, light from beyond
 # the frame, quantization) is taken for other rungs. By trial on random windows without noise (`studies.random_windows`,
 # training photographs, numbers from 20000): scenes told 1e-3 are found as they are with that noise.

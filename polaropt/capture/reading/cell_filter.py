@@ -30,13 +30,17 @@ from solvers.kernels import in_blocks
 Images = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
-_MOST_DETAIL, _NOISE_SHARES = 2.0, (0.25, 0.5)
+_MOST_DETAIL, _NOISE_SHARES = 2.0, (0.35, 0.5)
 """Power that the patterns' own detail is taken to have, in units of that of the prior, where so much of what the
 likeliest photographs are off by (their variance) is noise as in the second; 1 where it is as little as in the first,
 as more would amplify detail that aliases. Likeliest photographs have lost detail together with noise, and a solve
 takes more of it. By trial on films of training photographs (`studies.sequences`, mono and colour sensors, 45 to 70
 degrees, noise 0.5 to 2 %): layers behind a lens that blurs by 0.7 px gain 0.4 to 1.2 dB by 2 against 1, and the
 reflection of sharp scenes at 45 degrees loses up to 5 dB."""
+_COUNTED, _SHARP = {1: 0.5, 3: 0.75}, 0.05
+"""Share of what detail leaves that a solve counts as noise behind a lens that blurs, by the number of the sensor's
+colours, and share of the finest detail's power from which on a lens does not, and all counts: what aliases lies at
+edges, and where noise of one strength stands for it calm places lose theirs. By trial on the same films."""
 _FAST = 0.38
 """Cycles per pixel along rows and columns beyond which samples show nothing but the finest detail of the light, what a
 lens leaves of it, and noise: neither colours nor polarizers of a pattern alternate there. Set by hand."""
@@ -99,7 +103,9 @@ class CellFilter:
             of_detail, of_noise = _errors(prior, noise, 1.0, shown)
             share = of_noise / (of_detail + of_noise)
             detail_power = 1 + (_MOST_DETAIL - 1) * float(np.interp(share, _NOISE_SHARES, (0, 1)))
-        error = math.sqrt(sum(_errors(prior, noise, detail_power, shown)))
+        of_detail, of_noise = _errors(prior, noise, detail_power, shown)
+        counted = np.interp(_finest_left(prior, noise)[0], (0, _SHARP), (_COUNTED[sampling.n_channels], 1))
+        error = math.sqrt(counted**2 * of_detail + of_noise)
         return cls(sampling, _gains(prior, noise, detail_power), analyzer, shown, error)
 
     def photographs(self, values: Images) -> Images:
@@ -237,17 +243,22 @@ def _errors(prior: StokesPrior, noise: float, detail_power: float, shown: Floats
 
 
 def _left_by_lens(prior: StokesPrior, noise: float) -> Floats:
-    """Share of the power of detail that a lens leaves at each frequency, (H, W // 2 + 1), as fast samples show it.
+    """Share of the power of detail that a lens leaves at each frequency, (H, W // 2 + 1): it blurs by a Gaussian."""
+    share, squared = _finest_left(prior, noise)
+    down, across = np.fft.fftfreq(prior.groups.height)[:, None], np.fft.rfftfreq(prior.groups.width)
+    return np.asarray(np.exp(math.log(share) / squared * (down**2 + across**2)))
 
-    The lens makes a Gaussian of a point; where no detail is seen it is as wide as noise lets detail be missed.
+
+def _finest_left(prior: StokesPrior, noise: float) -> tuple[float, float]:
+    """Share of the power of the finest detail that a lens leaves, and the squared frequency that it is of.
+
+    Where no detail is seen it is as much as noise lets detail be missed.
     """
-    height, width = prior.groups.height, prior.groups.width
-    down, across = np.abs(np.fft.fftfreq(height))[:, None], np.fft.rfftfreq(width)
+    down = np.abs(np.fft.fftfreq(prior.groups.height))[:, None]
+    across = np.fft.rfftfreq(prior.groups.width)
     fast = (down > _FAST) & (across > _FAST)
-    squared = down**2 + across**2
     seen = float(np.square(np.abs(prior.data[fast])).mean()) - noise**2
     light = np.square(np.abs(prior.combs[:, 0, 0, 0])) @ prior.powers[:, 0, 0]
     expected = float(light * prior.law[fast].mean())
     least = _SURELY * noise**2 / math.sqrt(np.count_nonzero(fast))
-    share = min(1.0, max(seen, least) / expected)
-    return np.asarray(np.exp(math.log(share) / squared[fast].mean() * squared))
+    return min(1.0, max(seen, least) / expected), float((down**2 + across**2)[fast].mean())
