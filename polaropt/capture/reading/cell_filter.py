@@ -46,6 +46,9 @@ _FAST = 0.38
 lens leaves of it, and noise: neither colours nor polarizers of a pattern alternate there. Set by hand."""
 _SURELY = 3.0
 """Standard errors of the noise's power beyond which detail is seen there; set by hand."""
+_LEAST_NOISE = 1e-4
+"""Standard deviation of the noise (white = 1) that the filter counts with at least: with less, rounding to float32
+decides. Set by hand."""
 _ROWS_OF_ERROR = 12
 """Rows of frequencies, evenly apart, that the error of the photographs is found from; set by hand."""
 
@@ -94,6 +97,7 @@ class CellFilter:
             That the patterns' own detail is taken to have, in units of that of the prior; 1 for the likeliest
             photographs. Default: as it suits a solve.
         """
+        noise = max(noise, _LEAST_NOISE)
         shown = analyzer_matrix(angles_deg)
         analyzer = shown if analyzer is None else analyzer
         level = analyzer @ np.linalg.pinv(analyzer) @ expected.mean(axis=(-1, -2), dtype=np.float64)
@@ -105,7 +109,7 @@ class CellFilter:
             detail_power = 1 + (_MOST_DETAIL - 1) * float(np.interp(share, _NOISE_SHARES, (0, 1)))
         of_detail, of_noise = _errors(prior, noise, detail_power, shown)
         counted = np.interp(_finest_left(prior, noise)[0], (0, _SHARP), (_COUNTED[sampling.n_channels], 1))
-        error = math.sqrt(counted**2 * of_detail + of_noise)
+        error = max(_LEAST_NOISE, math.sqrt(counted**2 * of_detail + of_noise))
         return cls(sampling, _gains(prior, noise, detail_power), analyzer, shown, error)
 
     def photographs(self, values: Images) -> Images:
