@@ -61,6 +61,7 @@ from polaropt.solving import (
     Term,
     Weights,
     check_device,
+    check_given_start,
     check_start,
     edges_of_layers,
     inpainted,
@@ -253,7 +254,7 @@ def separate(
     )
     _check(settings)
     asked = scene or _blind(refractive_index, single_surface)
-    _check_start(start, capture.shape)
+    check_given_start(start, capture.shape)
     return _separate(
         capture,
         asked,
@@ -404,16 +405,6 @@ def _check(settings: Settings) -> None:
         raise InputError(f"unknown model {settings.model!r}; there are: {', '.join(model_names())}")
     if settings.device is not None:
         check_device(settings.device, settings.solver)
-
-
-def _check_start(start: Any, shape: tuple[int, ...]) -> None:
-    """InputError where layers to start from are none of a capture of this shape."""
-    if start is None:
-        return
-    if np.shape(start) != (2, *shape):
-        raise InputError(f"the start has shape {np.shape(start)}, the layers {(2, *shape)}; make them equal")
-    if not isinstance(start, np.ndarray) or not np.isfinite(start).all():
-        raise InputError("the start holds NaN or infinite values, or is no array; give an array of numbers")
 
 
 @dataclass(frozen=True)
@@ -683,6 +674,22 @@ class Case:
         return capture if self.unglazed is None or capture.samples is not None else capture.left_out(self.unglazed)
 
     @property
+    def known(self) -> dict[str, Any]:
+        """What `diagnose` is told of it, whatever its solve says."""
+        return {
+            "estimate": self.found.estimate,
+            "scene": self.found.scene,
+            "unexplained": self.found.unexplained,
+            "mistakes": self.still.mistakes,
+            "moving": self.still.moving,
+            "valid_share": self.still.valid_share,
+            "doubtful_incidence": self.doubtful_incidence,
+            "coated": self.coated,
+            "likelier_index": self.likelier_index,
+            "polarized_things": self.found.things is not None,
+        }
+
+    @property
     def errors(self) -> SceneErrors:
         """Standard errors of the scene, as they were found or given."""
         return self.found.errors if self.given_errors is None else self.given_errors
@@ -705,20 +712,11 @@ def _separated(case: Case, solution: Solution, stages: Stages, judged: Diagnosti
         noise,
         misfit_ratio=solution.misfit_ratio,
         reflection_unknown=solution.reflection_unknown,
-        estimate=found.estimate,
-        scene=found.scene,
-        unexplained=found.unexplained,
         noise_share=noise_share(capture, solution.layers[0], float(solution.variance[0])),
-        mistakes=still.mistakes,
-        moving=still.moving,
-        valid_share=still.valid_share,
-        doubtful_incidence=case.doubtful_incidence,
-        coated=case.coated,
-        likelier_index=case.likelier_index,
         loss=scene_loss(capture, noise, found.scene, case.near_errors, solution.variance, still.growth, rivals),
         finite=solution.solver.status is not Status.NOT_FINITE,
-        polarized_things=found.things is not None,
         before=judged,
+        **case.known,
     )
     stages.end()
     layers, parts = solution.layers, partial(solved_parts, solution, capture.color)

@@ -18,10 +18,11 @@ from pandas import DataFrame
 
 from polaropt.capture import FrameReader
 from polaropt.kernels import compile_kernels
+from polaropt.numerics import block_mean
 from polaropt.optics import SceneParameters
 from polaropt.separation import Separation, separate
 from polaropt.sequence import flicker, separate_sequence
-from polaropt.simulation import Camera, photograph_mosaic
+from polaropt.simulation import Camera, photograph_mosaic, sensor_image, stack_layers
 from studies.kit.charts import BLUE, ORANGE, new_figure
 from studies.kit.frames import markdown, summary
 from studies.kit.run import effort_of, publish, run_study, study_parser
@@ -165,14 +166,10 @@ def _turned(pair: Pair, k: int) -> Pair:
 
 def true_layers(pair: Pair, camera: Camera, sensor: Sensor) -> Images:
     """Layers (2, channel, h, w) as the lens images them, their means over cells where a cell is one pixel."""
-    images = (camera.through_lens(image) for image in (pair.transmission, pair.reflection))
-    layers = pair.cropped(np.stack([np.moveaxis(image, -1, 0) for image in images]))
-    if sensor.kind == "mono":
-        layers = layers.mean(axis=1, keepdims=True)
-    size, n = sensor.layers_size, sensor.scale
-    whole = layers[..., : size.height * n, : size.width * n]
-    cells = whole.reshape(*layers.shape[:2], size.height, n, size.width, n)
-    return np.asarray(cells.mean(axis=(-3, -1)), dtype=np.float32)
+    images = (sensor_image(image, sensor.kind == "color") for image in (pair.transmission, pair.reflection))
+    layers = stack_layers(*map(camera.through_lens, images))
+    cells = block_mean(pair.cropped(layers), sensor.scale)
+    return np.asarray(cells.reshape(2, -1, *cells.shape[-2:]))
 
 
 def run(job: Job) -> list[Row]:

@@ -69,8 +69,9 @@ def _is_file(column: str) -> bool:
 
 
 def _check_columns(path: Path, columns: Collection[str], options: Collection[str]) -> None:
-    (first,) = list(columns)[:1] or [""]
-    if len(columns) < 2 and (between := next((mark for mark in _OTHER_MARKS if mark in first), None)):
+    alone = next(iter(columns)) if len(columns) == 1 else ""
+    between = next((mark for mark in _OTHER_MARKS if mark in alone), None)
+    if between is not None:
         raise InputError(f"{path}: its columns are set apart by {between!r}; save it as CSV, with commas between them")
     if not any(map(_is_file, columns)):
         raise InputError(f"{path}: has no column {_FILES!r}; give the files of each capture, set apart by {_BETWEEN!r}")

@@ -77,26 +77,11 @@ def _doubts(case: Case) -> list[str]:
     """What `separate` would warn of before it solves, but for what is said anyway."""
     from polaropt.judging import SeparationWarning, diagnose
 
-    still, found = case.still, case.found
     # That the reflection is not told follows where nothing is polarized.
     names = ("NO_POLARIZATION", "REFLECTION_NOT_IDENTIFIABLE", "CELL_ORDER_FOUND", "MOVING")
     said = [SeparationWarning[name] for name in names]
-    judged = diagnose(
-        still.capture,
-        still.noise,
-        misfit_ratio=1.0,
-        reflection_unknown=0.0,
-        estimate=found.estimate,
-        scene=found.scene,
-        unexplained=found.unexplained,
-        mistakes=still.mistakes,
-        moving=still.moving,
-        valid_share=still.valid_share,
-        doubtful_incidence=case.doubtful_incidence,
-        coated=case.coated,
-        likelier_index=case.likelier_index,
-        polarized_things=found.things is not None,
-    )
+    still = case.still
+    judged = diagnose(still.capture, still.noise, misfit_ratio=1.0, reflection_unknown=0.0, **case.known)
     return [judged.sentence(warning) for warning in judged.warnings if warning not in said]
 
 
@@ -119,7 +104,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         unglazed_share,
     )
 
-    ladder.check(pane)  # their checks, before anything is read
+    ladder.check(pane, pane.scene())  # their checks, before anything is read
     capture.check(pane)
     with watched(not output.json) as stages:
         photographs = capture.read(stages, 0.3)

@@ -273,15 +273,14 @@ class LadderOptions:
         ),
     ] = True
 
-    def check(self, pane: PaneOptions) -> None:
-        """InputError where there is no such model, or it has no place for what is told of the pane."""
+    def check(self, pane: PaneOptions, scene: SceneParameters) -> None:
+        """InputError where there is no such model, or it has no place for what is told of the pane, its scene."""
         from polaropt.estimation import check_model, model_names
 
         if self.model not in model_names():
             raise InputError(f"--model {self.model!r} does not exist; choose one of: {', '.join(model_names())}")
         if self.model != "auto" and pane.earlier is not None:
             raise InputError("--scene gives the whole pane; leave it or --model out")
-        scene = pane.scene()
         check_model(scene, self.model)
         if scene.complete and self.model not in ("auto", scene.rung):
             raise InputError(

@@ -242,7 +242,7 @@ def separating(pane: PaneOptions, ladder: LadderOptions, solving: SolveOptions) 
         "match_photographs": ladder.match,
         "leave_out_unglazed": ladder.unglazed,
     }
-    ladder.check(pane)
+    ladder.check(pane, chosen["scene"])
     solving.check_names()
     return chosen
 

@@ -19,6 +19,7 @@ __all__ = [
     "Weights",
     "build_objective",
     "check_device",
+    "check_given_start",
     "check_start",
     "component_strips",
     "conditioned_observation",
@@ -76,6 +77,7 @@ from .solution import solve as solve
 from .solution import solve_at_once as solve_at_once
 from .solution import whole as whole
 from .starts import Initializer as Initializer
+from .starts import check_given_start as check_given_start
 from .starts import check_start as check_start
 from .starts import initializers as initializers
 from .starts import start_names as start_names

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,16 @@ def check_start(name: str) -> None:
         raise InputError(f"unknown start {name!r}; there are: {', '.join(known)}")
     if name == "learned":
         check_installed(_OF_NETWORKS, f"the start {name!r}", "'polaropt[torch]'")
+
+
+def check_given_start(start: Any, shape: tuple[int, ...]) -> None:
+    """InputError where layers to start from are none of a capture of this shape; None is no start."""
+    if start is None:
+        return
+    if np.shape(start) != (2, *shape):
+        raise InputError(f"the start has shape {np.shape(start)}, the layers {(2, *shape)}; make them equal")
+    if not isinstance(start, np.ndarray) or not np.isfinite(start).all():
+        raise InputError("the start holds NaN or infinite values, or is no array; give an array of numbers")
 
 
 def take_start(problem: Problem, name: str, layers: Images | None = None) -> Images:

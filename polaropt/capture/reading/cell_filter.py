@@ -23,7 +23,7 @@ from polaropt.capture.mosaic import (
     framed_samples,
     mirrored_patterns,
 )
-from polaropt.numerics import filter_of_groups, mixed_spectra
+from polaropt.numerics import AliasGroups, Members, filter_of_groups, mixed_spectra
 from polaropt.optics import Sampling, analyzer_matrix
 from solvers.kernels import in_blocks
 
@@ -103,12 +103,15 @@ class CellFilter:
         level = analyzer @ np.linalg.pinv(analyzer) @ expected.mean(axis=(-1, -2), dtype=np.float64)
         framed = framed_samples(values, sampling, level)
         prior = fitted_prior(framed, sampling, noise, expected, analyzer)
+        finest, squared = _finest_left(prior, noise)
+        law = prior.law * _left_by_lens(prior.groups, finest, squared)
+        of_detail, of_noise = _errors(prior, noise, 1.0, law, shown)
         if detail_power is None:
-            of_detail, of_noise = _errors(prior, noise, 1.0, shown)
             share = of_noise / (of_detail + of_noise)
             detail_power = 1 + (_MOST_DETAIL - 1) * float(np.interp(share, _NOISE_SHARES, (0, 1)))
-        of_detail, of_noise = _errors(prior, noise, detail_power, shown)
-        counted = np.interp(_finest_left(prior, noise)[0], (0, _SHARP), (_COUNTED[sampling.n_channels], 1))
+        if detail_power != 1:
+            of_detail, of_noise = _errors(prior, noise, detail_power, law, shown)
+        counted = np.interp(finest, (0, _SHARP), (_COUNTED[sampling.n_channels], 1))
         error = max(_LEAST_NOISE, math.sqrt(counted**2 * of_detail + of_noise))
         return cls(sampling, _gains(prior, noise, detail_power), analyzer, shown, error)
 
@@ -175,13 +178,16 @@ class _Row:
     ----------
     phase : ndarray, shape (place, group)
         Of each pixel of the pattern.
+    members : Members
+        The frame's frequencies.
     seen : ndarray of complex64, shape (alias, group)
-        Weight of the frame's frequencies in means over the patterns.
+        Weight of these in means over the patterns.
     counted : ndarray of complex64, shape (color, 3, alias, group)
         What the spectrum of the samples counts at these.
     """
 
     phase: NDArray[Any]
+    members: Members
     seen: NDArray[np.complex64]
     counted: NDArray[np.complex64]
 
@@ -194,10 +200,11 @@ class _Row:
         )
         # The mean over a pattern, of every frequency that the patterns' images alias.
         seen = ((_phases_of_aliases(period).conj() @ phase.conj()) / period**3).astype(np.complex64)
-        law = groups.members(row, columns).of(prior.law)
+        members = groups.members(row, columns)
+        law = members.of(prior.law)
         own = np.where(law == law.max(axis=0), detail_power * law, law)
         counted = filter_of_groups(prior.combs, prior.covariance(own), noise**2, seen)
-        return cls(phase, seen, counted)
+        return cls(phase, members, seen, counted)
 
 
 def _phases_of_aliases(period: int) -> NDArray[Any]:
@@ -226,18 +233,20 @@ def _gains(prior: StokesPrior, noise: float, detail_power: float) -> tuple[Image
     return gains
 
 
-def _errors(prior: StokesPrior, noise: float, detail_power: float, shown: Floats) -> tuple[float, float]:
-    """Variance of what detail, missed or aliased, and noise leave in photographs, the mean of all of them."""
-    groups, law = prior.groups, prior.law * _left_by_lens(prior, noise)
+def _errors(prior: StokesPrior, noise: float, detail_power: float, law: Floats, shown: Floats) -> tuple[float, float]:
+    """Variance of what detail, missed or aliased, and noise leave in photographs, the mean of all of them.
+
+    The law is that of the detail that a lens has left, (H, W // 2 + 1).
+    """
+    groups = prior.groups
     own = np.eye(3 * len(prior.basis)).reshape(2 * (len(prior.basis), 3))
-    columns = np.arange(groups.n_columns)
-    weights = np.where(np.isin(columns, (0, groups.width / groups.period / 2)), 1.0, 2.0)
+    weights = np.where(np.isin(np.arange(groups.n_columns), (0, groups.width / groups.period / 2)), 1.0, 2.0)
     of_detail, of_noise = np.zeros((2, 3, 3))
     rows = range(0, groups.n_rows, max(1, groups.n_rows // _ROWS_OF_ERROR))
     for row in rows:
         made = _Row.of(prior, noise, detail_power, row)
         missed = own[..., None, None] * made.seen - np.einsum("csag,dtam->csdtmg", made.counted, prior.combs)
-        power = prior.covariance(groups.members(row, columns).of(law))
+        power = prior.covariance(made.members.of(law))
         both = np.einsum("csdtmg,dtumg,cvdumg,g->sv", missed, power, missed.conj(), weights, optimize=True)
         of_detail += both.real
         of_noise += noise**2 * np.einsum("csag,cvag,g->sv", made.counted, made.counted.conj(), weights).real
@@ -246,10 +255,10 @@ def _errors(prior: StokesPrior, noise: float, detail_power: float, shown: Floats
     return detail, by_noise
 
 
-def _left_by_lens(prior: StokesPrior, noise: float) -> Floats:
-    """Share of the power of detail that a lens leaves at each frequency, (H, W // 2 + 1): it blurs by a Gaussian."""
-    share, squared = _finest_left(prior, noise)
-    down, across = np.fft.fftfreq(prior.groups.height)[:, None], np.fft.rfftfreq(prior.groups.width)
+def _left_by_lens(groups: AliasGroups, share: float, squared: float) -> Floats:
+    """Share of the power of detail at each frequency, (H, W // 2 + 1), that a Gaussian leaves which leaves one of them
+    at a squared frequency."""
+    down, across = np.fft.fftfreq(groups.height)[:, None], np.fft.rfftfreq(groups.width)
     return np.asarray(np.exp(math.log(share) / squared * (down**2 + across**2)))
 
 
