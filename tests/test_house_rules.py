@@ -29,8 +29,7 @@ _CAPTURES = {"errors", "numerics", "optics", "progress"}
 _INVERSION = _CAPTURES | {"capture"}
 _SOLVING = _INVERSION | {"inversion", "progress"}
 _JUDGING = _SOLVING | {"estimation", "solving"}
-_PARTS = _JUDGING | {"judging"}
-_SEPARATION = _PARTS | {"kernels", "parts"}
+_SEPARATION = _JUDGING | {"judging", "kernels"}
 BELOW = {
     "errors": set(),
     "progress": set(),
@@ -43,7 +42,6 @@ BELOW = {
     "estimation": _INVERSION | {"inversion"},
     "solving": _SOLVING,
     "judging": _JUDGING,
-    "parts": _PARTS,
     "separation": _SEPARATION,
     "reporting": _SEPARATION | {"separation"},
     "batch": _SEPARATION | {"separation", "reporting"},
