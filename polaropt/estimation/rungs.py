@@ -50,6 +50,7 @@ _LEAST_GAIN, _LEAST_GAIN_OF_EDGES = 0.004, 0.03
 _DOUBLED_DEG = 1.6
 # Standard error of an incidence in degrees below which spectra of parts of the frame have nothing to add. Set by hand.
 _SURER_DEG = 0.5
+_NO_TURN_TOLD = "The polarized light does not tell how incidence and azimuth change over the picture."
 
 
 def _may_vary(evidence: Evidence) -> bool:
@@ -102,26 +103,40 @@ def with_ghosts(evidence: Evidence, attempt: RungFit) -> RungFit:
 
 
 def _may_be_told_to_vary(evidence: Evidence) -> bool:
-    """Whether a lens is asked for and incidence or azimuth are not for us to find."""
+    """Whether a lens is asked for, or something is left to explain, and incidence or azimuth are not for us to find."""
     asked = evidence.asked
     told = asked.incidence_deg is not None or asked.azimuth_deg is not None
-    return evidence.wanted == "perspective" and told and not evidence.capture.start_unknown
+    wanted = evidence.wanted == "perspective" or (evidence.wanted == "auto" and not evidence.explained)
+    return told and wanted and not evidence.capture.start_unknown
 
 
 def _told_perspective(evidence: Evidence) -> RungFit:
     """What is told of the pane stays as it is; the rest of it, and a lens that nothing tells, are fitted."""
     asked, told = evidence.asked, evidence.focal_px is not None
-    fit = fit_told_perspective(evidence.stokes, asked.incidence_deg, asked.azimuth_deg, evidence.focal_px)
+    azimuth, remark = asked.azimuth_deg, ""
+    fit = fit_told_perspective(evidence.stokes, asked.incidence_deg, azimuth, evidence.focal_px)
+    if azimuth is not None:
+        # From far both are the same.
+        opposite = (azimuth + 180) % 360
+        other = fit_told_perspective(evidence.stokes, asked.incidence_deg, opposite, evidence.focal_px)
+        if fit.misfit - other.misfit > SCATTERS * evidence.scatter:
+            azimuth, fit = opposite, other
+            remark = f"It leans to the other side than told: its azimuth is {opposite:.0f} degrees."
     incidence = fit.incidence_deg if asked.incidence_deg is None else asked.incidence_deg
-    azimuth = fit.azimuth_deg if asked.azimuth_deg is None else asked.azimuth_deg
     focal = evidence.focal_px or fit.focal_px
-    scene = _plain(evidence).replace(incidence_deg=incidence, azimuth_deg=azimuth, focal_px=focal)
+    scene = _plain(evidence).replace(
+        incidence_deg=incidence, azimuth_deg=fit.azimuth_deg if azimuth is None else azimuth, focal_px=focal
+    )
     errors = SceneErrors(
         fit.incidence_error_deg if asked.incidence_deg is None else None,
-        fit.azimuth_error_deg if asked.azimuth_deg is None else None,
+        fit.azimuth_error_deg if azimuth is None else None,
         focal_px=None if told else fit.focal_error_px,
     )
-    return RungFit(scene, fit.misfit, 2 - told, True, "", errors)
+    known = evidence.wanted == "perspective"
+    if not known:
+        known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
+        remark = remark if known else _NO_TURN_TOLD
+    return RungFit(scene, fit.misfit, 2 - told, known, remark, errors)
 
 
 def _perspective(evidence: Evidence) -> RungFit:
@@ -138,7 +153,7 @@ def _perspective(evidence: Evidence) -> RungFit:
     scene = _plain(evidence).replace(incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=focal)
     negative = negative_light(evidence.blocks, scene)
     known = asked or (told_well and negative <= MOST_NEGATIVE)
-    remark = "The polarized light does not tell how incidence and azimuth change over the picture."
+    remark = _NO_TURN_TOLD
     if told_well and not known:
         remark = _less_than_no_light(negative)
     elif known and not (fit.edges_agree or asked):

@@ -233,16 +233,32 @@ def test_a_rung_can_be_asked_for():
     ],
     ids=" ".join,
 )
-def test_what_is_told_of_a_pane_before_a_lens_stays_and_the_rest_is_found(told):
+@pytest.mark.parametrize("model", ["perspective", "auto"])
+def test_what_is_told_of_a_pane_before_a_lens_stays_and_the_rest_is_found(told, model):
     # A lens that was told beside incidence or azimuth was left out of account, and one asked for was not looked for.
     capture, _, scene = seen_wide(96, focal_px=112.0, azimuth_deg=25.0)
-    found = find_scene(capture, BLIND.replace(**told), 0.005, model="perspective")
+    found = find_scene(capture, BLIND.replace(**told), 0.005, model=model)
     assert {name: getattr(found.scene, name) for name in told} == told
     assert found.scene.incidence_deg == pytest.approx(55, abs=0.5)
     assert found.scene.azimuth_deg == pytest.approx(scene.azimuth_deg, abs=0.5)
     assert found.scene.focal_px == pytest.approx(112, rel=0.05)
     assert [tried.rung for tried in found.tried if tried.taken] == ["perspective"]
     assert all(getattr(found.errors, name) in (None, 0.0) for name in told)
+
+
+def test_an_azimuth_told_from_the_other_side_is_turned_before_a_lens():
+    # From far both are the same; before a lens the incidence came out at 86 degrees.
+    capture, _, _ = seen_wide(96, focal_px=112.0, azimuth_deg=25.0)
+    found = find_scene(capture, BLIND.replace(azimuth_deg=205.0), 0.005)
+    assert found.scene.azimuth_deg == 25.0
+    assert found.scene.incidence_deg == pytest.approx(55, abs=0.5)
+    assert "leans to the other side" in found.tried[-1].reason
+
+
+@pytest.mark.parametrize("told", [{"azimuth_deg": 40.0}, {"incidence_deg": 30.0}], ids=" ".join)
+def test_a_lens_does_not_excuse_what_is_told_wrongly_of_a_pane_seen_from_far(told):
+    found = find_scene(blend(60, 96, azimuth_deg=25.0).capture, BLIND.replace(**told), 0.005)
+    assert not found.scene.varies
 
 
 @pytest.mark.parametrize(
