@@ -217,7 +217,6 @@ class _Descent:
         self._value, gradient = traced(self._x)
         self._pairs: Pairs = Pairs(self._x.size, HISTORY)
         self._gram = Gram(HISTORY)
-        self._unit = min(1 / traced.trace[-1].gradient_norm, _LARGEST_UNIT)
         self._begin(gradient)
 
     def iterate(self) -> None:
@@ -241,6 +240,8 @@ class _Descent:
         self._begin(gradient)
 
     def _begin(self, gradient: Vector) -> None:
+        """Without pairs, from the gradient of the last evaluation, which becomes the unit of those that follow."""
+        self._unit = min(1 / self._traced.trace[-1].gradient_norm, _LARGEST_UNIT)
         self._gram.begin(self._pairs.begin(_flat(gradient), self._unit))
 
     def _moved(self) -> bool:
@@ -292,7 +293,11 @@ class _Descent:
         (before, gradient), self._last = self._last, None
         slot = self._gram.take_slot()
         sums = self._pairs.absorb((before, self._x), gradient, slot)
-        self._gram.remember(slot[0], sums)
+        if np.isfinite(sums).all():
+            self._gram.remember(slot[0], sums)
+        else:
+            # In units of what it was, the gradient has grown beyond float32.
+            self._begin(gradient)
         self._reach = math.sqrt(sums[-1])
 
 

@@ -139,7 +139,7 @@ def distinct(groups: Iterable[Group]) -> Iterator[Group]:
 
 def _all_of(sources: Sequence[str], output: Path) -> Iterator[_Source]:
     """Files of each folder and pattern; those that are named one by one, as a shell does, belong together."""
-    named = tuple(path for path in map(Path, sources) if path.exists() and not path.is_dir())
+    named = tuple(path for path in map(Path, sources) if os.path.exists(path) and not os.path.isdir(path))
     if named:
         yield _Source(Path(os.path.commonpath([path.parent for path in named])), named)
     for source in sources:
@@ -149,7 +149,7 @@ def _all_of(sources: Sequence[str], output: Path) -> Iterator[_Source]:
 
 def _files_of(source: str, output: Path) -> _Source:
     path = Path(source)
-    if path.is_dir():
+    if os.path.isdir(path):
         return _Source(path, tuple(_below(path, output)))
     if not glob.has_magic(source):
         raise InputError(f"{source}: no such file or folder; check the name")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -317,7 +318,7 @@ def train_command(network: NetworkOptions, run: RunOptions) -> None:
 
 def _written(path: Path) -> int | None:
     """When a file was written, in ns; None where there is none."""
-    return path.stat().st_mtime_ns if path.is_file() else None
+    return path.stat().st_mtime_ns if os.path.isfile(path) else None
 
 
 def _weights(form: Form, without: list[str]) -> Any:

@@ -64,7 +64,8 @@ def _invert_root(t: Array, r: Array, k_re: Array, k_im: Array, mixed: Array) -> 
     for x in range(t.size):
         determinant = _determinant(t[x], r[x], k_re[x], k_im[x])
         root = np.sqrt(determinant)
-        factor = _ONE / np.sqrt(determinant * (t[x] + r[x] + root + root))
+        # Not of the product of both: it is beyond single precision where H is 1e13, as where there is next to no noise.
+        factor = _ONE / (root * np.sqrt(t[x] + r[x] + root + root))
         of_t = t[x]
         t[x] = factor * (r[x] + root)
         r[x] = factor * (of_t + root)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from itertools import takewhile
 from pathlib import Path
@@ -42,7 +43,7 @@ def reader_of(path: Paths) -> Callable[[Paths], list[LayerData]] | None:
         Several files that are no capture: one line, which napari shows.
     """
     files = [Path(path)] if isinstance(path, str) else [Path(one) for one in path]
-    if len(files) == 1 and files[0].is_dir():
+    if len(files) == 1 and os.path.isdir(files[0]):
         folder = files[0]
         return (lambda _: layers_of_folder(folder)) if _is_result(folder) else None
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import fields
 from html import escape
 from pathlib import Path
@@ -116,7 +117,7 @@ def scene_of_report(path: Path, shape: tuple[int, ...] | None = None) -> ScenePa
     InputError
         Another file, a separation without a scene, or photographs of another shape.
     """
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(f"{path}: is a folder; give the report.json in it")
     try:
         report = read_json(path)

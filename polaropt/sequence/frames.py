@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -73,9 +74,9 @@ def open_frames(
     """
     if len(sources) == 1:
         path = Path(sources[0])
-        if path.is_dir():
+        if os.path.isdir(path):
             return _of_files(_in_folder(path, shape is not None), shape, pixel_format, str(path), max_pixels)
-        if not path.exists():
+        if not os.path.exists(path):
             raise InputError(f"{path}: no such file or folder; check the name")
         if shape is not None:
             number, read, bits = headless_frames(path, shape, pixel_format)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,7 @@ def photographs_in(folder: Path) -> list[Path]:
     InputError
         No folder, or fewer than two photographs in it.
     """
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError(f"{folder}: is no folder; give one that holds photographs")
     photographs = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
     if len(photographs) < 2:

@@ -232,3 +232,25 @@ def test_what_nobody_expected_is_a_traceback(shelf: Path, tmp_path: Path, monkey
     monkeypatch.setattr("polaropt.reporting.inspect_capture", broken)
     with pytest.raises(ZeroDivisionError):
         main(["inspect", str(shelf / "glass_000.png")])
+
+
+# More than any file system takes: whether it is a folder cannot even be asked.
+TOO_LONG = "x" * 3000
+NAMED = {
+    "scene": ["estimate", *FOUR, "--scene", TOO_LONG],
+    "sequence": ["sequence", TOO_LONG, "-o", "out"],
+    "batch": ["batch", TOO_LONG, "-o", "out"],
+    "pattern": ["batch", f"*{TOO_LONG}", "-o", "out"],
+    "scheduler": ["batch", "glass_000.png", "-o", "out", "--scheduler-file", TOO_LONG],
+    "photographs": ["train", "-o", "out", "--steps", "1", "--data", TOO_LONG],
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_name_longer_than_names_can_be_is_refused(name, shelf, monkeypatch, capsys):
+    monkeypatch.chdir(shelf)
+    there = set(shelf.iterdir())
+    assert main(NAMED[name]) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err.count("\n")) == ("", 1)
+    assert set(shelf.iterdir()) == there

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polaropt import Capture, InputError, SceneParameters, Weights
+from polaropt import Capture, InputError, SceneParameters, Weights, read_capture
 from polaropt.capture.files.write import write_capture
 from polaropt.cli.app import main
 from polaropt.estimation import estimate_scene
 from polaropt.optics import DARKEST_TINT, FARTHEST_SHIFT_PX
 from polaropt.separation import separate
 from polaropt.simulation import simulate
-from solvers.base import StoppingRule
+from solvers.base import Status, StoppingRule
 from tests.captured import photographed, scene_intensities
 from tests.command_line import QUICK
 
@@ -212,6 +212,35 @@ def test_extreme_photographs_are_separated_or_refused_in_a_line(name, tmp_path, 
         assert all(np.isfinite(layer).all() for layer in layers)
     else:
         assert not (tmp_path / "out").exists()
+
+
+def patterned() -> np.ndarray:
+    """Samples that change with the pattern and nothing else."""
+    return np.tile(np.random.default_rng(0).uniform(0.1, 0.9, (4, 4)), (16, 16))
+
+
+# Of floating point and without noise: what is told is 1e11 times what is expected, or the other way round.
+MOSAICS = {
+    "next to one grey": lambda: 0.4 + 1e-5 * np.random.default_rng(0).standard_normal((64, 64)),
+    "stripes": lambda: 0.4 + 0.2 * (np.arange(4096).reshape(64, 64) % 2),
+    "patterns alike": patterned,
+    "noise alone": lambda: np.random.default_rng(0).uniform(0, 1, (64, 64)),
+    "smooth": lambda: 0.4 + 0.2 * np.sin(np.arange(64) / 9)[:, None] * np.cos(np.arange(64) / 7),
+    "next to nothing": lambda: 1e-36 * (1 + patterned()),
+}
+
+
+@pytest.mark.filterwarnings("ignore::polaropt.ResultWarning")
+@pytest.mark.parametrize("resolution", ["sensor", "cell"])
+@pytest.mark.parametrize("sensor", ["mono", "color"])
+@pytest.mark.parametrize("name", MOSAICS)
+def test_mosaics_without_noise_have_layers(name, sensor, resolution, tmp_path):
+    np.save(tmp_path / "raw.npy", MOSAICS[name]().astype(np.float32))
+    capture = read_capture(tmp_path / "raw.npy", sensor=sensor, resolution=resolution)
+    result = separate(capture, SceneParameters(60.0, 20.0, 3.0), stopping=StoppingRule(max_evaluations=4))
+    assert result.solver.status is not Status.NOT_FINITE
+    assert np.isfinite(result.layers).all()
+    assert np.isfinite(result.uncertainty).all()
 
 
 REFUSED = {

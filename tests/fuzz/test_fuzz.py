@@ -39,6 +39,8 @@ PAST = (
     ["simulate", "color_000.png", "color_090.png", "--angles=inf,inf", "-o", "out"],
     ["inspect", "black.tiff", "--white-level=1e-320"],
     ["estimate", "black.tiff", "--exposures=10,55,100,145"],
+    ["estimate", "glass.npz", "--white-level=1e20", "--incidence=7"],
+    ["estimate", "levels.tiff", "--scene=" + "x" * 3000],
 )
 # In a process of their own these are read at a second each.
 QUICK = sorted(set(PICTURES) - {"jpeg.tiff"})

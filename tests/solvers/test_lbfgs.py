@@ -168,3 +168,17 @@ def test_far_away_units_of_the_objective_do_not_matter(scale):
 
     result = LBFGS().minimize(scaled, np.full(200, 5, np.float32), TO_THE_END)
     assert result.value / scale == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_slope_that_grows_beyond_the_unit_of_the_first_one_is_measured_anew():
+    # Next to level at the start, and steep a step away: squares in the first slope's unit are beyond float32.
+    def cliff(x):
+        away = x.astype(np.float64) - 1
+        level = x < 0.5
+        value = np.where(level, 1 - 1e-25 * x, np.square(away))
+        return float(value.sum()), np.where(level, -1e-25, 2 * away).astype(np.float32)
+
+    result = LBFGS().minimize(cliff, np.zeros(4, np.float32), TO_THE_END)
+    assert result.status.success
+    np.testing.assert_allclose(result.x, 1, atol=1e-3)

@@ -32,7 +32,7 @@ from polaropt.capture.mosaic import (
     share_of_noise,
     wiener_photographs,
 )
-from polaropt.capture.noise import noise_level, noise_of_color_samples
+from polaropt.capture.noise import LEAST_NOISE, noise_level, noise_of_color_samples
 from polaropt.capture.pair_gain import divide_out_gain, orthogonal_pairs, pair_gain_of, plausible
 from polaropt.capture.reading.cell_filter import CellFilter
 from polaropt.capture.reading.defects import defective_samples, without_defects
@@ -177,7 +177,7 @@ def _of_samples(
     noise_share = share_of_noise(sampling)
     at_sensor = options.resolution == "sensor"
     level = (noise_of_color_samples(samples) if color else None) or noise_level(cells) / noise_share
-    noise = max(level, step / math.sqrt(12))
+    noise = max(LEAST_NOISE, level, step / math.sqrt(12))
     rows, filtered_noise = None if analyzer is None else analyzer.matrix, None
     if at_sensor:
         full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs, rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -114,7 +115,7 @@ class BatchOptions:
         from polaropt.batch import place_for
 
         file = None if self.scheduler_file is None else str(self.scheduler_file)
-        if file is not None and not Path(file).is_file():
+        if file is not None and not os.path.isfile(file):
             raise InputError(f"{file}: no such file; a Dask scheduler writes it with --scheduler-file")
         return place_for(self.workers, self.scheduler, file, self.dashboard)
 

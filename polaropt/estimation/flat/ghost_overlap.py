@@ -115,8 +115,8 @@ def coarse_overlap(layers: Images) -> float:
 
 
 def overlap_of(sums: Sums) -> Sums:
-    """Overlap of sums (3, ...) as of `LayerOverlap.parts`."""
-    overlap: Sums = sums[0] / np.sqrt(sums[1] * sums[2] + _NOTHING)
+    """Overlap of sums (3, ...) as of `LayerOverlap.parts`; 1 where a layer has no edges."""
+    overlap: Sums = (sums[0] + math.sqrt(_NOTHING)) / np.sqrt(sums[1] * sums[2] + _NOTHING)
     return overlap
 
 
