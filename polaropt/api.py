@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from polaropt import batch, separation, sequence
 from polaropt.batch import SHARED
-from polaropt.capture import ANGLES_DEG, Capture, result_folder
+from polaropt.capture import ANGLES_DEG, Capture, check_capture, result_folder
 from polaropt.errors import InputError, check_flags
 from polaropt.estimation import LadderResult
 from polaropt.optics import GLASS_INDEX, SceneErrors, SceneParameters
@@ -225,7 +225,7 @@ def separate(
     >>> result.transmission.shape, abs(result.scene.incidence_deg - 60) < 2
     ((128, 128, 3), True)
     """
-    asked, known = _given(scene, _checked(capture).shape)
+    asked, known = _given(scene, check_capture(capture).shape)
     _check_agreeing(asked, refractive_index, single_surface, model)
     check_flags([("index_known", index_known)])
     found = separation.separate(
@@ -410,7 +410,7 @@ def _sequence(
 def _noted(captures: Iterable[Capture], taken: deque[Capture]) -> Iterator[Capture]:
     """Captures, noted as they are taken."""
     for capture in captures:
-        taken.append(_checked(capture))
+        taken.append(check_capture(capture))
         yield capture
 
 
@@ -472,7 +472,7 @@ def inspect(capture: Capture) -> Inspection:
     >>> inspect(capture).looks_encoded, 0.002 < inspect(capture).noise < 0.008
     (False, True)
     """
-    return _Facts(**vars(inspect_capture(_checked(capture))))
+    return _Facts(**vars(inspect_capture(check_capture(capture))))
 
 
 def estimate(
@@ -520,7 +520,7 @@ def estimate(
     >>> found.scene.rung, abs(found.scene.azimuth_deg - 20) < 1
     ('ghosts', True)
     """
-    asked, _ = _given(scene, _checked(capture).shape)
+    asked, _ = _given(scene, check_capture(capture).shape)
     _check_agreeing(asked, refractive_index, single_surface, model)
     check_flags([("index_known", index_known)])
     case = separation.scene_case(
@@ -537,19 +537,6 @@ def estimate(
         progress=_called(progress),
     )
     return _FoundScene(**vars(case.found), asked=case.asked, from_thickness=thickness_px is not None)
-
-
-def _checked(capture: Any) -> Capture:
-    """InputError where something else is given for a capture."""
-    if isinstance(capture, Capture):
-        return capture
-    kind = type(capture).__name__
-    if isinstance(capture, str | PathLike) or (isinstance(capture, list | tuple) and capture):
-        raise InputError(f"capture is a {kind}; read files with read_capture, and give what it returns")
-    raise InputError(
-        f"capture is a {kind}; make one of photographs (angle, height, width[, colour]) with Capture(photographs, "
-        "angles_deg), or of files with read_capture"
-    )
 
 
 def _given(scene: Any, shape: tuple[int, ...]) -> tuple[SceneParameters | None, SceneErrors | None]:

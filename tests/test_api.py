@@ -63,6 +63,12 @@ def test_a_notebook_sees_layers_and_scene(result: polaropt.Separation) -> None:
     assert "incidence" in page
 
 
+def test_the_table_tells_all_seconds_as_such(result: polaropt.Separation) -> None:
+    rows = dict(line.strip().split(maxsplit=1) for line in repr(result).splitlines()[1:])
+    assert rows["solve"] == f"{result.solver.n_evaluations} evaluations"
+    assert rows["time"] == f"{sum(result.seconds.values()):.1f} s altogether"
+
+
 def test_a_result_can_be_plotted(result: polaropt.Separation) -> None:
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
@@ -108,7 +114,14 @@ def test_a_file_that_is_no_report_is_refused(capture: polaropt.Capture, tmp_path
     ],
 )
 def test_wrong_types_get_one_sentence(wrong: object, advice: str) -> None:
-    for function in (polaropt.separate, polaropt.inspect, polaropt.estimate):
+    functions = (
+        polaropt.separate,
+        polaropt.inspect,
+        polaropt.estimate,
+        polaropt.align,
+        polaropt.find_start_angle,
+    )
+    for function in functions:
         with pytest.raises(InputError, match=advice) as error:
             function(wrong)  # type: ignore[operator]
         assert "\n" not in str(error.value)

@@ -38,6 +38,7 @@ __all__ = [
     "angles_of",
     "blocks_of",
     "check_angles",
+    "check_capture",
     "closure_share",
     "encode_srgb",
     "exchanged_order",
@@ -96,6 +97,7 @@ from .capture import FileContent as FileContent
 from .capture import Origin as Origin
 from .capture import RawSamples as RawSamples
 from .capture import RegisteredCells as RegisteredCells
+from .capture import check_capture as check_capture
 from .capture import grey_levels as grey_levels
 from .capture import planes_first as planes_first
 from .capture import planes_last as planes_last

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture.capture import Capture
+from polaropt.capture.capture import Capture, check_capture
 from polaropt.capture.registration import (
     MIRRORED_PX,
     WHOLE,
@@ -56,7 +56,7 @@ def align(capture: Capture, *, overwrite: bool = False, progress: Progress | Non
     Raises
     ------
     InputError
-        The photographs lie so far apart that too little of them overlaps, or come from a mosaic.
+        The photographs lie so far apart that too little of them overlaps, or come from a mosaic; it is no capture.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def align(capture: Capture, *, overwrite: bool = False, progress: Progress | Non
     >>> [round(right) for down, right in aligned.origin.shifts_px]
     [0, 3, 0, 0]
     """
-    if capture.cells is not None:
+    if check_capture(capture).cells is not None:
         raise InputError("a mosaic's photographs are taken at once, through one filter each pixel; leave --align out")
 
     def tell(fraction: float) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property, partial
 from operator import methodcaller
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from polaropt.capture.validity import (
     check_white_level,
     photographs_of,
 )
+from polaropt.errors import InputError
 from polaropt.numerics import (
     AnyMask,
     BitMask,
@@ -610,6 +612,19 @@ class Capture:
 
     def __repr__(self) -> str:
         return f"Capture(shape={self.intensities.shape}, angles_deg={self.angles_deg})"
+
+
+def check_capture(capture: Any) -> Capture:
+    """The capture; InputError where something else is given for one."""
+    if isinstance(capture, Capture):
+        return capture
+    kind = type(capture).__name__
+    if isinstance(capture, str | PathLike) or (isinstance(capture, list | tuple) and capture):
+        raise InputError(f"capture is a {kind}; read files with read_capture, and give what it returns")
+    raise InputError(
+        f"capture is a {kind}; make one of photographs (angle, height, width[, colour]) with Capture(photographs, "
+        "angles_deg), or of files with read_capture"
+    )
 
 
 def _below_white(intensities: FloatImages) -> AnyMask:

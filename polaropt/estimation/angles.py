@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, plate_frame, registered_noise, stokes_images
+from polaropt.capture import Capture, check_capture, plate_frame, registered_noise, stokes_images
 from polaropt.estimation.flat.estimate import LEAST_NOISE, SceneEstimate, estimate_scene
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood, cross_spectra
 from polaropt.estimation.rung import noise_misfit
@@ -121,6 +121,11 @@ def find_start_angle(capture: Capture) -> Capture:
         With angles from the image's x axis, if the ghosts tell the start (`origin.start_deg`); else with its own ones
         and a note (`origin.start_unknown`) that double images and wide lenses, which need it, cannot be modelled.
 
+    Raises
+    ------
+    InputError
+        It is no capture.
+
     Examples
     --------
     The polarizer stood at 25, 70, 115 and 160 degrees, of which the steps alone are known:
@@ -133,7 +138,7 @@ def find_start_angle(capture: Capture) -> Capture:
     >>> found.start_unknown, abs(found.origin.start_deg - 25) < 3
     (False, True)
     """
-    registered = capture.registered
+    registered = check_capture(capture).registered
     noise = registered_noise(capture)
     incidence, azimuth, _ = estimate_scene(registered, _OPEN.replace(ghost_shift=0.0), noise=noise).scene.values()
     found = ghost_direction(registered, noise, incidence, azimuth)
