@@ -35,9 +35,15 @@ def _rows(result: Separation) -> list[tuple[str, str]]:
     errors = json_values(result.errors)
     rows = [(field.label, amount_of(field, scene[field.name], errors.get(field.name))) for field in shown_fields(scene)]
     warned = ", ".join(warning.name for warning in result.diagnostics.warnings)
-    evaluations = f"{result.solver.n_evaluations} evaluations, {sum(result.seconds.values()):.1f} s"
-    shown = rows if result.scene.signal else [("scene", "not polarized: the intensity is returned as transmission")]
-    return [*shown, ("model", result.scene.rung), ("solve", evaluations), ("warnings", warned or "none")]
+    if not result.scene.signal:
+        rows = [("scene", "not polarized: the intensity is returned as transmission")]
+    how_found = [
+        ("model", result.scene.rung),
+        ("solve", f"{result.solver.n_evaluations} evaluations"),
+        ("time", f"{sum(result.seconds.values()):.1f} s altogether"),
+        ("warnings", warned or "none"),
+    ]
+    return [*rows, *how_found]
 
 
 def _title(result: Separation) -> str:

@@ -122,9 +122,9 @@ def marked_picture(capture: Capture, marked: NDArray[np.bool_], block: int = 1) 
 
 Floats = NDArray[np.floating[Any]]
 
-# Of the panels of an inspection, in pixels: most and least width, room between panels, height of title and colour key,
-# size of letters.
-_WIDEST, _NARROWEST, _PANEL_GAP, _PANEL_TITLE, _KEY, _PANEL_LETTERS = 640, 240, 12, 26, 48, 13
+# Of the panels of an inspection, in pixels: most and least width, room between panels, height of title and colour key
+# with its note, size of letters.
+_WIDEST, _NARROWEST, _PANEL_GAP, _PANEL_TITLE, _KEY, _PANEL_LETTERS = 640, 260, 12, 26, 68, 13
 # Length and height of a key's bar and the room left of it, in pixels.
 _BAR, _BAR_HEIGHT, _BAR_LEFT = 200, 12, 4
 # Quantile of the degree of polarization from which the angle has its full colour, and the least such degree.
@@ -248,7 +248,7 @@ def _masked(colors: Picture, valid: NDArray[np.bool_]) -> Picture:
 
 
 def _column(panel: Picture, title: str, key: Picture | None, ticks: tuple[str, ...], note: str) -> Picture:
-    """One panel with its title above and its key below."""
+    """One panel with its title above, its key and what that leaves open below."""
     from PIL import Image, ImageDraw, ImageFont
 
     width = max(panel.shape[1], _NARROWEST)
@@ -256,12 +256,14 @@ def _column(panel: Picture, title: str, key: Picture | None, ticks: tuple[str, .
     canvas.paste(Image.fromarray(panel), (0, _PANEL_TITLE))
     draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(_PANEL_LETTERS)
     below = _PANEL_TITLE + panel.shape[0]
-    draw.text((0, 6), f"{title}   {note}" if note else title, fill=0, font=font)
+    draw.text((0, 6), title, fill=0, font=font)
+    draw.text((_BAR_LEFT, below + 44), note, fill=0, font=font)
     if key is not None:
         length = min(_BAR, width - 40)
         canvas.paste(Image.fromarray(key).resize((length, _BAR_HEIGHT)), (_BAR_LEFT, below + 8))
         for k, tick in enumerate(ticks):
-            draw.text((_BAR_LEFT + round(k * (length - 1) / (len(ticks) - 1)) - 3, below + 24), tick, fill=0, font=font)
+            left = _BAR_LEFT + round(k * (length - 1) / (len(ticks) - 1)) - 3
+            draw.text((min(left, width - font.getlength(tick)), below + 24), tick, fill=0, font=font)
     return np.asarray(canvas, dtype=np.uint8)
 
 

@@ -84,9 +84,7 @@ def capture_findings(inspection: Inspection) -> tuple[Finding, ...]:
         _size(inspection),
         _values(inspection),
         _black(inspection),
-        Finding(
-            "noise", f"The noise of one photograph is {100 * inspection.noise:.2g} % of white (standard deviation)."
-        ),
+        _noise(inspection),
         _saturation(inspection),
         _polarization(inspection),
         _gain(inspection),
@@ -422,7 +420,10 @@ def shown_fields(scene: Mapping[str, Any]) -> list[Field]:
 
 def source_of(name: str, estimated: Collection[str]) -> str:
     """Where the value of a field comes from, in a word."""
-    return "estimated" if name in estimated else "given"
+    if name in estimated:
+        return "estimated"
+    # Glass has 1.5 unless something else is asked for.
+    return "given or assumed" if name == "refractive_index" else "given"
 
 
 def pane_sentence(report: dict[str, Any]) -> str:
@@ -493,8 +494,6 @@ def estimate_sentences(
     """
     report = scene_report(found.scene, given, focal_hint_px)
     sources = {field.name: source_of(field.name, report["estimated"]) for field in FIELDS}
-    if given.refractive_index is not None:
-        sources["refractive_index"] = "given or assumed"
     if from_thickness:
         sources["ghost_shift"] = "from the thickness"
     fields = shown_fields(report["scene"])

@@ -185,6 +185,15 @@ def test_the_picture_fits_any_capture(shape):
     assert picture.shape[1] <= 3 * 640 + 4 * 12 + 3
 
 
+def test_no_text_of_the_picture_is_cut_off():
+    """Titles, notes and numbers of its keys end before their panel does."""
+    picture = inspection_picture(photographed((3, 40, 50)))
+    panel = (picture.shape[1] - 4 * 12) // 3
+    for k in range(3):
+        right = (k + 1) * (panel + 12) - 1
+        assert (picture[:, right : right + 2] == 255).all()
+
+
 def test_angles_half_a_turn_apart_have_one_colour():
     angles = np.arange(0.0, 180.0, 5)
     np.testing.assert_array_equal(aolp_colors(angles, np.ones(36)), aolp_colors(angles + 180, np.ones(36)))
