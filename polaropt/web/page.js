@@ -2,7 +2,8 @@
 "use strict";
 
 const POLL_MS = 250;
-let capture = null, files = [], busy = false;
+/* Inspected: how the photographs were read that were looked at. */
+let capture = null, files = [], busy = false, inspected = null;
 
 function tell(sentence) { byId("status").textContent = sentence; }
 function complain(sentence) {
@@ -46,7 +47,10 @@ async function guarded(work) {
 /* Sends the files; none of an earlier capture stays. */
 async function take(chosen) {
   const megabytes = chosen.reduce((sum, file) => sum + file.size, 0) / 1e6, most = byId("drop").dataset.limitMb;
-  if (megabytes > most) throw new Error(`These are ${megabytes.toFixed(0)} MB, and at most ${most} are taken.`);
+  if (megabytes > most) {
+    const size = megabytes.toPrecision(3);
+    throw new Error(`These are ${size} MB, and at most ${most} are taken; polaropt app --limit-mb takes more.`);
+  }
   forget();
   byId("cancel").hidden = true;
   const laid = await ask("captures", "POST", JSON.stringify({ names: chosen.map((file) => file.name) }));
@@ -97,12 +101,20 @@ function options() {
   };
 }
 
+/* What of the options says how photographs are read. */
+function reading() {
+  const { surface, uncertainty, ...read } = options();
+  return JSON.stringify(read);
+}
+
 /* Has polaropt do something, tells how far it is, and shows what comes of it. */
 async function run(kind) {
   const [place, told] = kind === "inspect" ? ["inspection", "inspection-told"] : ["result", "result-told"];
   byId(place).hidden = true;
   byId("cancel").hidden = false;
   byId("cancel").disabled = false;
+  const read = reading();
+  if (kind === "inspect") inspected = null;
   await ask(of("job"), "POST", JSON.stringify({ do: kind, options: options() }));
   let job;
   for (;;) {
@@ -123,12 +135,13 @@ async function run(kind) {
     tell(byId(told).querySelector(".alarm-box") ? "Separated, with warnings." : "Separated.");
     byId("result").focus();
   } else {
+    inspected = read;
     tell(byId(told).querySelector(".alarm-box") ? "Looked at: something needs attention." : "Looked at.");
   }
 }
 
 function forget() {
-  capture = null;
+  capture = inspected = null;
   files = [];
   for (const name of ["list", "options", "actions", "inspection", "result"]) byId(name).hidden = true;
   for (const name of ["list", "inspection-told", "result-told"]) byId(name).replaceChildren();
@@ -139,6 +152,14 @@ function chosen(list) {
 }
 
 byId("files").addEventListener("change", () => chosen(byId("files").files));
+/* What they are is said of photographs as they were read; once they are to be read otherwise it is out of date. */
+for (const name of ["list", "options"]) {
+  byId(name).addEventListener("change", () => {
+    if (inspected === null || busy) return;
+    byId("inspection").hidden = inspected !== reading();
+    tell(byId("inspection").hidden ? "They will be read otherwise: look again, or separate." : "Looked at.");
+  });
+}
 byId("separate").addEventListener("click", () => guarded(() => run("separate")));
 byId("inspect").addEventListener("click", () => guarded(() => run("inspect")));
 byId("cancel").addEventListener("click", () => {
@@ -169,6 +190,12 @@ for (const kind of ["dragleave", "drop"]) {
 }
 document.addEventListener("drop", (event) => {
   if (busy || !event.dataTransfer.files.length) return;
+  const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.());
+  const folder = entries.find((entry) => entry?.isDirectory);
+  if (folder) {
+    complain(`${folder.name} is a folder; drop the photographs that are in it.`);
+    return;
+  }
   byId("files").files = event.dataTransfer.files;
   chosen(event.dataTransfer.files);
 });

@@ -183,7 +183,26 @@ def test_what_is_wrong_is_said_in_one_line(
 def test_too_much_is_not_even_sent(page: Tab, running: Running, tmp_path: Path) -> None:
     (tmp_path / "huge.tiff").write_bytes(bytes(1_200_000))
     drop(page, [str(tmp_path / "huge.tiff")])
-    assert page.run("byId('problem').textContent") == "These are 1 MB, and at most 1 are taken."
+    said = page.run("byId('problem').textContent")
+    assert said == "These are 1.20 MB, and at most 1 are taken; polaropt app --limit-mb takes more."
+
+
+def test_a_folder_is_told_from_photographs(page: Tab, small_photographs: list[str]) -> None:
+    folder = Path(small_photographs[0]).parent
+    drop(page, [str(folder)])
+    said = page.run("byId('problem').textContent")
+    assert said == f"{folder.name} is a folder; drop the photographs that are in it."
+
+
+def test_what_was_looked_at_is_not_shown_of_other_angles(page: Tab, small_photographs: list[str]) -> None:
+    drop(page, small_photographs)
+    assert page.run("byId('inspection').hidden") is False
+    write = "byId('angle-1').value = {}; byId('angle-1').dispatchEvent(new Event('change', {{bubbles: true}}))"
+    page.run(write.format(50))
+    assert page.run("byId('inspection').hidden") is True
+    assert page.run("byId('status').textContent").startswith("They will be read otherwise")
+    page.run(write.format(45))
+    assert page.run("byId('inspection').hidden") is False
 
 
 def test_a_mosaic_is_one_file_without_an_angle(page: Tab, tmp_path: Path) -> None:
