@@ -14,6 +14,7 @@ import polaropt
 from polaropt.cli.calibrate import calibrate_command
 from polaropt.cli.command import (
     Interrupted,
+    PlainGroup,
     add_command,
     called_now,
     say,
@@ -34,6 +35,7 @@ from polaropt.errors import INTERRUPTED, InputError, in_one_line
 WRONG_INPUT = 2
 
 app = typer.Typer(
+    cls=PlainGroup,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Start with: polaropt demo",
@@ -156,4 +158,5 @@ def _usage_sentence(error: typer.TyperException) -> str:
     """What is wrong with the options, and where they are explained."""
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "polaropt"
-    return f"{error.format_message().rstrip('.')}; see {command} --help"
+    said = error.format_message().rstrip(".")
+    return f"{said} See {command} --help" if said.endswith("?") else f"{said}; see {command} --help"

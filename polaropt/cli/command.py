@@ -17,6 +17,7 @@ from contextvars import ContextVar
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from polaropt.errors import InputError
 from polaropt.progress import Progress, Stages, clocks
@@ -68,6 +69,32 @@ def _is_default(number: int) -> bool:
     return signal.getsignal(number) is signal.SIG_DFL
 
 
+def _in_plain_words(parameters: list[Any]) -> list[Any]:
+    """Parameters as the help shows them: without Python's types of those whose names say what to give, or of flags."""
+    for parameter in parameters:
+        if parameter.param_type_name == "argument":
+            parameter.display_type = lambda ctx: None
+        elif parameter.is_flag and parameter.metavar is None:
+            parameter.metavar = ""
+    return parameters
+
+
+class PlainCommand(TyperCommand):
+    """A command whose help needs no Python to be read."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """All parameters, typer's own among them."""
+        return _in_plain_words(super().get_params(ctx))
+
+
+class PlainGroup(TyperGroup):
+    """The same of several commands."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """All parameters, typer's own among them."""
+        return _in_plain_words(super().get_params(ctx))
+
+
 def add_command(app: typer.Typer, action: Action, example: str) -> None:
     """Register a function of options dataclasses as a command with one flat list of options.
 
@@ -90,7 +117,7 @@ def add_command(app: typer.Typer, action: Action, example: str) -> None:
     parameters = [parameter for group in groups.values() for parameter in _parameters(group)]
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__doc__ = _joined(inspect.getdoc(action) or "")
-    app.command(action.__name__.removesuffix("_command"), epilog=f"Example: {example}")(run)
+    app.command(action.__name__.removesuffix("_command"), cls=PlainCommand, epilog=f"Example: {example}")(run)
 
 
 def _joined(text: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import pty
+import re
 import shutil
 import signal
 import subprocess
@@ -37,11 +38,15 @@ def test_help_explains_with_an_example(command: str, capsys: pytest.CaptureFixtu
     assert "Usage" in said
 
 
-@pytest.mark.parametrize("command", ["", *COMMANDS, "train"])
-def test_flags_ask_for_no_value(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = spoken(capsys, *filter(None, [command]), "--help").splitlines()
-    # Its own options for help and completion are typer's business.
-    assert all("--help" in line or "-completion" in line for line in lines if "<bool>" in line)
+@pytest.mark.parametrize("command", ["", *COMMANDS, "train", "batch", "sequence", "app", "calibrate"])
+def test_help_names_no_types_of_python(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = spoken(capsys, *filter(None, [command]), "--help")
+    assert not re.search(r"<\w+(\[\w+\])?>|Path|9223372036854775807", said)
+
+
+def test_a_command_that_is_meant_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["separat"]) == 2
+    assert capsys.readouterr().err.endswith("Did you mean 'separate'? See polaropt --help\n")
 
 
 def test_options_of_an_example_exist() -> None:
