@@ -384,15 +384,15 @@ class ReadingOptions:
     """How the values of photographs are to be taken."""
 
     angles: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="DEG,DEG,...",
             help="Polarizer angles in degrees, counter-clockwise from horizontal. relative, or relative,DEG,DEG,...: "
             "only the steps between them are known (0,45,90,135 unless given), the start is found from double images. "
-            "Default: those of these that the files' names end in, else these.",
+            f"Default: those of {_USUAL_ANGLES} that the files' names end in, else these.",
             rich_help_panel=_FILES,
         ),
-    ] = _USUAL_ANGLES
+    ] = None
     angle_sense: Annotated[
         AngleSense,
         typer.Option(
@@ -491,12 +491,13 @@ class ReadingOptions:
     @property
     def relative(self) -> bool:
         """Whether only the steps between the angles are known."""
-        return self.angles.startswith(_RELATIVE)
+        return (self.angles or "").startswith(_RELATIVE)
 
     @property
     def angles_deg(self) -> tuple[float, ...]:
         """The angles, from an unknown start where they are relative."""
-        return numbers(self.angles.removeprefix(_RELATIVE).removeprefix(",") or _USUAL_ANGLES, "--angles")
+        given = (self.angles or "").removeprefix(_RELATIVE).removeprefix(",")
+        return numbers(given or _USUAL_ANGLES, "--angles")
 
     def arguments(self) -> dict[str, Any]:
         """What `read_capture` takes beside the files."""
@@ -541,7 +542,7 @@ class CaptureOptions(ReadingOptions):
 
     @property
     def angles_deg(self) -> tuple[float, ...]:
-        """The angles: those that the names of the photographs end in, unless other ones are given."""
+        """The angles: those that the names of the photographs end in, unless some are given."""
         return self._angles_of_names() or super().angles_deg
 
     def _angles_of_names(self) -> tuple[float, ...]:
@@ -551,7 +552,7 @@ class CaptureOptions(ReadingOptions):
         """
         from polaropt.batch import angles_in_names
 
-        if self.angles != _USUAL_ANGLES or len(self.captures) < 3:
+        if self.angles is not None or len(self.captures) < 3:
             return ()
         named = angles_in_names(self.captures)
         return named if set(named) <= set(super().angles_deg) else ()
@@ -561,7 +562,7 @@ class CaptureOptions(ReadingOptions):
         from polaropt.batch import angles_in_names
 
         number = len(self.captures)
-        if self.angles != _USUAL_ANGLES or number in (1, 2, 4) or self._angles_of_names():
+        if self.angles is not None or number in (1, 2, 4) or self._angles_of_names():
             return
         named = angles_in_names(self.captures)
         # Numbers that count photographs lie otherwise.

@@ -55,6 +55,14 @@ def test_angles_that_are_given_count(tmp_path: Path) -> None:
     assert report["input"]["angles_deg"] == [10, 145, 55, 100]  # type: ignore[index]
 
 
+def test_the_usual_angles_count_where_they_are_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Names may be wrong: only where nothing is given they tell."""
+    files = written(tmp_path, {f"shot_{angle}.tiff": k for k, angle in enumerate((0, 90, 45, 135))})
+    report = taken(tmp_path, files, "--angles", "0,45,90,135")
+    assert report["input"]["angles_deg"] == [0, 45, 90, 135]  # type: ignore[index]
+    assert "the names tell other angles" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("angles", "contradict"),
     [
