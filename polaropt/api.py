@@ -52,7 +52,8 @@ class Separation(separation.Separation):
 
     `transmission` and `reflection` are float32 arrays (h, w) or (h, w, channel), linear; `scene` with `errors` is the
     pane, `diagnostics.warnings` what speaks against the result, `uncertainty` the standard error in every pixel.
-    All other attributes are those of `polaropt.separation.Separation`.
+    `layers`, `tried`, `terms`, `solver`, `seconds` and all other attributes are those of
+    `polaropt.separation.Separation`.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -168,6 +168,34 @@ def test_every_warning_has_an_entry_under_its_name() -> None:
 def test_the_page_of_the_api_has_every_public_name() -> None:
     listed = re.findall(r"^   ([A-Za-z_]+)$", (DOCS / "api" / "index.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert sorted(listed) == sorted(polaropt.__all__)
+
+
+@pytest.mark.parametrize("function", [polaropt.separate, polaropt.inspect, polaropt.estimate])
+def test_the_attributes_of_what_is_returned_are_on_the_site(function: Any) -> None:
+    kind = get_type_hints(function, vars(import_module("polaropt.api")))["return"]
+    page = (DOCS / "api" / "results.md").read_text(encoding="utf-8")
+    # A result of `separate` adds to those of its base what shows it.
+    named = next(base for base in reversed(kind.__mro__) if base is not object)
+    assert re.search(rf"^\.\. autoclass:: polaropt\.\w+\.{named.__name__}$", page, re.MULTILINE)
+
+
+# What README quotes and another page does, too: each as a pattern of the numbers in both.
+TOLD_TWICE = {
+    WARNINGS: r"(\d+) % c[oa]me within 3 dB of the solve with the scene known,\s+(?:and )?(\d+) of the other (\d+)",
+    DOCS / "capabilities" / "glass_and_water.md": (
+        r"told as 1\.5, (?:came to|60 deg \| [\d.]+ \|) ([\d.]+)[^|\d]*\|? ?([\d.]+)"
+    ),
+    DOCS / "capabilities" / "speed.md": r"takes ([\d.]+) s on two cores, ([\d.]+) s of them .*?it takes ([\d.]+) s",
+}
+
+
+@pytest.mark.parametrize("page", TOLD_TWICE, ids=lambda page: page.stem)
+def test_numbers_that_are_told_twice_agree(page: Path) -> None:
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "README.md", page)]
+    told = [re.search(TOLD_TWICE[page], text, re.DOTALL) for text in texts]
+    in_readme, in_page = (tuple(map(float, found.groups())) if found else () for found in told)
+    assert in_page
+    assert in_page == tuple(round(number, 1) for number in in_readme)
 
 
 def test_a_page_is_in_a_table_of_contents() -> None:

@@ -4,8 +4,8 @@ Reproduce the ablation table
 
 What is each part of the separation worth? ``polaropt study ablation`` takes one part away at a time. Here the
 study's own functions do it for two incidences and one pair of photographs, at 96x96 px: small and quick, so that
-its figures tell less than those of the full run, which stand in :doc:`/results`. The learned start is not run: its
-networks were trained on these photographs. It needs the extra ``studies``, and to run in a clone.
+its figures tell less than those of the full run, which stand in :doc:`/results`. The learned start is no part of the
+separation: there it is put in. It needs the extra ``studies``, and for that row ``torch``.
 """
 
 from dataclasses import asdict
@@ -36,7 +36,7 @@ for layer in ("transmission", "reflection"):
 table.round(2)
 
 # %%
-# As a chart: what is lost without each part.
+# As a chart: what is lost without each part, and what the learned start loses (less than nothing: it gains).
 
 lost = table[["transmission lost", "reflection lost"]].iloc[1:][::-1]
 axis = lost.plot.barh(figsize=(8, 6), color=["tab:blue", "tab:orange"])

@@ -20,6 +20,7 @@ capture = simulate(transmission, reflection, pane)
 # The ladder of scene models
 # --------------------------
 # The lowest rung that leaves no polarized light unexplained is taken; the result tells which were looked at.
+# ``POLARIZED_SOURCE`` asks to look at the layers, ``SCENE_UNCERTAIN`` says that other panes cannot be excluded.
 
 result = separate(capture)
 for rung in result.tried:
@@ -29,7 +30,7 @@ print(f"light from behind: degree {dolp:.2f} (0.60 is true), angle {aolp:.0f} de
 print("warnings:", ", ".join(warning.name for warning in result.diagnostics.warnings) or "none")
 
 # %%
-# Without that rung the layers hold each other's light, and a warning says so.
+# Without that rung nearly all light is taken for mirrored, and a warning says so.
 
 unpolarized = separate(capture, model="ghosts")
 print("warnings:", ", ".join(warning.name for warning in unpolarized.diagnostics.warnings) or "none")
@@ -42,5 +43,5 @@ pictures = {
     "reflection, taken for unpolarized": unpolarized.reflection,
 }
 for axis, (title, picture) in zip(axes.flat, pictures.items(), strict=True):
-    axis.imshow(np.clip(picture, 0, 1))
+    axis.imshow(np.clip(picture / np.quantile(picture, 0.99), 0, 1))
     axis.set(title=title, xticks=[], yticks=[])

@@ -19,8 +19,8 @@ for start in initializers():
 # %%
 # Two photographs, at three incidences
 # ------------------------------------
-# PSNR in dB, 16 px at the border left out. The networks were trained on photographs inside scikit-image, these two
-# among them: on others they gain less, see :doc:`/results`.
+# PSNR in dB, 16 px at the border left out. The networks were not trained on these two photographs; what they gain
+# in the mean over others stands in :doc:`/results`.
 
 transmission, reflection = coffee()[100:292, 150:342] / 255, chelsea()[40:232, 100:292] / 255
 

@@ -86,9 +86,17 @@ class RungReport:
 class LadderResult:
     """A complete scene, how it was estimated (None where it was given) and the rungs that were looked at.
 
-    Where all but the index was given, `index_error` is its standard error; else it is one of the estimate's. `of_gains`
-    are the standard errors of incidence and azimuth, in degrees, by gains that photographs which do not add up tell of,
-    `things` is what was left out of the photographs, as it is polarized by itself.
+    Attributes
+    ----------
+    scene : SceneParameters
+    estimate : SceneEstimate or None
+    tried : tuple of RungReport
+    index_error : float or None
+        Standard error of the index where all else was given; otherwise it is one of the estimate's.
+    of_gains : (float, float)
+        Standard errors of incidence and azimuth, in degrees, by gains that photographs which do not add up tell of.
+    things : PolarizedThings or None
+        What was left out of the photographs, as it is polarized by itself.
     """
 
     scene: SceneParameters
