@@ -69,6 +69,8 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "copyfile_regex": "",
     "remove_config_comments": True,
+    # A notebook is opened far from these pages.
+    "first_notebook_cell": "# This needs polaropt with matplotlib: in its folder, pip install '.[plot]'",
     "show_memory": False,
     "min_reported_time": 0,
     # They would lie among the sources, and no reader asks.

@@ -188,7 +188,7 @@ class Desk:
         ------
         Busy
         """
-        if self._working():
+        if self.working:
             raise Busy
         job = Job(kind)
         self._job = job
@@ -203,7 +203,7 @@ class Desk:
 
     def clear(self) -> None:
         """Remove the capture and its files; Busy where it is worked on."""
-        if self._working():
+        if self.working:
             raise Busy
         if self._laid is not None:
             shutil.rmtree(self._laid.folder, ignore_errors=True)
@@ -216,7 +216,9 @@ class Desk:
             self._thread.join(_PATIENCE_S)
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _working(self) -> bool:
+    @property
+    def working(self) -> bool:
+        """Whether a job runs."""
         return self._job is not None and self._job.running
 
 

@@ -9,6 +9,7 @@ function tell(sentence) { byId("status").textContent = sentence; }
 function complain(sentence) {
   byId("problem").textContent = sentence;
   byId("problem").hidden = !sentence;
+  byId("others").hidden = true;
 }
 
 async function ask(path, method = "GET", body = undefined) {
@@ -19,7 +20,10 @@ async function ask(path, method = "GET", body = undefined) {
     throw new Error("polaropt does not answer; is it still running in its window?");
   }
   const told = await answer.json().catch(() => ({}));
-  if (!answer.ok) throw new Error((told && told.problem) || "polaropt cannot do that.");
+  if (!answer.ok) {
+    const error = new Error((told && told.problem) || "polaropt cannot do that.");
+    throw Object.assign(error, { busy: Boolean(told && told.busy) });
+  }
   return told;
 }
 const of = (path) => `captures/${capture}/${path}`;
@@ -39,6 +43,8 @@ async function guarded(work) {
   } catch (error) {
     tell("");
     complain(error.message);
+    // Another page began it, or this one before it was loaded again.
+    byId("others").hidden = !error.busy;
   } finally {
     setBusy(false);
   }
@@ -167,6 +173,14 @@ byId("cancel").addEventListener("click", () => {
   tell("Cancelling");
   ask(of("job"), "DELETE").catch(() => {});
 });
+byId("cancel-others").addEventListener("click", () => guarded(async () => {
+  byId("cancel").hidden = true;
+  tell("Cancelling that work");
+  await ask("job", "DELETE");
+  while ((await ask("job")).running) await new Promise((resolve) => setTimeout(resolve, POLL_MS));
+  tell("Ended. Drop the photographs again, or choose them.");
+  byId("files").value = "";
+}));
 byId("clear").addEventListener("click", () => guarded(async () => {
   await ask(`captures/${capture}`, "DELETE");
   forget();

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import mimetypes
+import os
 import secrets
 import shutil
 import socket
 import tempfile
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -36,6 +38,8 @@ _KEY_BYTES = 18
 """Of the part of the address that nobody guesses: other people of the computer reach the port, too."""
 _MOST_JSON = 65536
 """Bytes of what the page says beside photographs; set by hand."""
+_BYTES_AT_ONCE = 1 << 18
+"""Of a file that is sent; set by hand."""
 _SECONDS_TO_END = 3
 """That downloads have when the program is ended; set by hand."""
 _KINDS = {"inspect": look, "separate": separated}
@@ -126,6 +130,8 @@ def application(desk: Desk, key: str, most_bytes: int, *, ready: Callable[[], No
     routes = [
         Route("/", page),
         *(Route(f"/{name}", partial(_static, name)) for name in ("page.css", "page.js", "compare.js")),
+        route("/job", _working, "GET"),
+        route("/job", _cancel_any, "DELETE"),
         route("/captures", _lay, "POST"),
         route("/captures/{capture}/files/{name:path}", _take, "PUT"),
         route("/captures/{capture}/job", _start, "POST"),
@@ -190,7 +196,7 @@ def _answering(answer: Callable[[Request], Any]) -> Callable[[Request], Any]:
             return response
         except (Busy, Arriving, Gone) as error:
             code, sentence = _WORDS[type(error)]
-            return JSONResponse({"problem": sentence}, code)
+            return JSONResponse({"problem": sentence, "busy": isinstance(error, Busy)}, code)
         except TooLarge as error:
             return JSONResponse({"problem": f"Not taken: {error}."}, 413)
         except InputError as error:
@@ -311,6 +317,21 @@ async def _cancel(desk: Desk, request: Request) -> Response:
     return JSONResponse({})
 
 
+async def _working(desk: Desk, request: Request) -> Response:
+    """Whether anything is worked on, by whichever page it was begun."""
+    from starlette.responses import JSONResponse
+
+    return JSONResponse({"running": desk.working})
+
+
+async def _cancel_any(desk: Desk, request: Request) -> Response:
+    """End what is worked on: the page that began it may have been closed."""
+    from starlette.responses import JSONResponse
+
+    desk.cancel()
+    return JSONResponse({})
+
+
 async def _clear(desk: Desk, request: Request) -> Response:
     from starlette.responses import JSONResponse
 
@@ -321,25 +342,40 @@ async def _clear(desk: Desk, request: Request) -> Response:
 
 async def _file(desk: Desk, request: Request) -> Response:
     """A picture of the page, or all results in one file."""
-    from starlette.responses import FileResponse
-
     laid, name = desk.laid(request.path_params["capture"]), request.path_params["name"]
-    if name not in (LOOK, PHOTOGRAPH, ARCHIVE) or not (laid.folder / name).is_file():
+    if name not in (LOOK, PHOTOGRAPH, ARCHIVE):
         raise Gone
-    return FileResponse(laid.folder / name, filename=name if name == ARCHIVE else None)
+    headers = {"content-disposition": f'attachment; filename="{name}"'} if name == ARCHIVE else {}
+    return _sent(laid.folder / name, headers)
 
 
 async def _result(desk: Desk, request: Request) -> Response:
     """One of the files that a separation writes."""
-    from starlette.responses import FileResponse
-
     laid, name = desk.laid(request.path_params["capture"]), request.path_params["name"]
-    if name not in RESULT_FILES or not (laid.folder / RESULTS / name).is_file():
+    if name not in RESULT_FILES:
         raise Gone
     headers = {}
     if name.endswith(".html"):  # its script and pictures stand in itself
         headers["content-security-policy"] = _POLICY.format("script-src 'unsafe-inline'")
-    return FileResponse(laid.folder / RESULTS / name, headers=headers)
+    return _sent(laid.folder / RESULTS / name, headers)
+
+
+def _sent(path: Path, headers: dict[str, str]) -> Response:
+    """A file, opened now: others may take the capture's place while it is sent. Gone where it is not there."""
+    from starlette.responses import StreamingResponse
+
+    try:
+        file = path.open("rb")
+    except OSError:
+        raise Gone from None
+
+    def parts() -> Iterator[bytes]:
+        with file:
+            yield from iter(partial(file.read, _BYTES_AT_ONCE), b"")
+
+    size = os.fstat(file.fileno()).st_size
+    kind, _ = mimetypes.guess_type(path.name)
+    return StreamingResponse(parts(), headers={"content-length": str(size), **headers}, media_type=kind)
 
 
 async def _json(request: Request) -> Any:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
-from polaropt.web.desk import names_in_order, safe_name
+from polaropt.web.desk import Desk, Gone, names_in_order, safe_name
 
 
 @pytest.mark.parametrize(
@@ -48,3 +53,29 @@ def test_a_long_name_is_kept_by_its_bytes() -> None:
     kept = safe_name("\N{CYRILLIC SMALL LETTER ZHE}" * 300 + ".tiff")
     assert kept.endswith(".tiff")
     assert len(kept.encode()) < 255
+
+
+def test_a_picture_is_sent_whole_though_others_take_its_place(tmp_path: Path) -> None:
+    """A browser asks for it late, and the capture is removed while it is sent."""
+    pytest.importorskip("starlette", reason="the extra app is not installed")
+    from polaropt.web.server import _file
+
+    desk = Desk(tmp_path, 100)
+    laid = desk.lay()
+    (laid.folder / "look.png").write_bytes(b"picture")
+    request: Any = SimpleNamespace(path_params={"capture": laid.name, "name": "look.png"})
+
+    async def asked_and_sent() -> bytes:
+        response: Any = await _file(desk, request)
+        assert (response.headers["content-length"], response.headers["content-type"]) == ("7", "image/png")
+        desk.lay()
+        return b"".join([part async for part in response.body_iterator])
+
+    # Not asyncio.run, which leaves no loop to those tests that drive a browser.
+    loop = asyncio.new_event_loop()
+    try:
+        assert loop.run_until_complete(asked_and_sent()) == b"picture"
+        with pytest.raises(Gone):
+            loop.run_until_complete(_file(desk, request))
+    finally:
+        loop.close()

@@ -312,6 +312,24 @@ def test_one_job_at_a_time_and_it_can_be_cancelled(running: Running, small_photo
     }
 
 
+def test_work_of_a_page_that_was_closed_can_be_cancelled(
+    page: Tab, running: Running, small_photographs: list[str]
+) -> None:
+    capture = running.lay(*(Path(name).name for name in small_photographs))
+    for name in small_photographs:
+        running.ask("PUT", f"{capture}files/{Path(name).name}", Path(name).read_bytes())
+    job = json.dumps({"do": "separate", "options": {"angles_deg": [0, 45, 90, 135]}})
+    assert running.ask("POST", f"{capture}job", job)[0] == 202
+    drop(page, small_photographs)
+    assert "is being worked on" in page.run("byId('problem').textContent")
+    assert page.run("byId('others').hidden") is False
+    page.run("byId('cancel-others').click()")
+    page.wait_for("byId('status').textContent.startsWith('Ended')")
+    assert running.ask("GET", "job")[1] == {"running": False}
+    drop(page, small_photographs)
+    assert page.run("byId('status').textContent") == "Looked at."
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
