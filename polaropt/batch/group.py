@@ -33,6 +33,8 @@ _WRITTEN_BESIDE = {
 }
 """Files by which folders of a capture's results and of a simulation are known, and what is left out of such a folder:
 photographs may lie there, too."""
+OF_BATCH = ("batch.jsonl", "scenes.jsonl", "scene.json", "summary.csv", "summary.parquet", "index.html")
+"""Files of a batch as a whole: no capture's folder may have their names."""
 EACH, FOLDER = "each", "folder"
 """Of --group: each file is a capture; all files of a folder are one, in the order of their names."""
 
@@ -115,8 +117,9 @@ def group_sources(
     leftovers: list[Leftover] = []
     seen: set[Path] = set()
     for found in _all_of(sources, output.absolute()):
-        new = tuple(file for file in found.files if file not in seen)
-        seen.update(new)
+        # A source may be named twice, in two ways.
+        new = tuple(file for file in found.files if Path(os.path.abspath(file)) not in seen)
+        seen.update(Path(os.path.abspath(file)) for file in new)
         own, left = split(found.root, new)
         groups += own
         leftovers += left
@@ -126,13 +129,15 @@ def group_sources(
 
 
 def distinct(groups: Iterable[Group]) -> Iterator[Group]:
-    """The same groups, no two of one name: those that come later are numbered."""
+    """The same groups, no two of one name, and none of a batch's own files: those that come later are numbered."""
     taken: set[str] = set()
     for group in groups:
-        name, number = group.name, 2
+        first, *below = group.name.split("/")
+        own = "/".join([f"{first}-2" if first.lower() in OF_BATCH else first, *below])
+        name, number = own, 2
         # Folders of some systems do not tell cases apart.
         while name.lower() in taken:
-            name, number = f"{group.name}-{number}", number + 1
+            name, number = f"{own}-{number}", number + 1
         taken.add(name.lower())
         yield Group(name, group.files, group.problem)
 
@@ -168,15 +173,22 @@ def _fixed_parts(parts: tuple[str, ...]) -> Iterator[str]:
         yield part
 
 
-def _below(folder: Path, output: Path) -> Iterator[Path]:
-    """Files in a folder and below it, in the order of their names; nothing hidden, and no results."""
+def _below(folder: Path, output: Path, above: tuple[Path, ...] = ()) -> Iterator[Path]:
+    """Files in a folder and below it, in the order of their names; nothing hidden, and no results.
+
+    A link that leads back to a folder `above` would lead round and round.
+    """
+    real = folder.resolve()
+    if real in above:
+        return
+    above = (*above, real)
     written = {name for sign, names in _WRITTEN_BESIDE.items() if (folder / sign).exists() for name in names}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.absolute() == output or path.name in written:
             continue
         if path.is_dir():
             if not any((path / name).exists() for name in _OF_RESULTS):
-                yield from _below(path, output)
+                yield from _below(path, output, above)
         else:
             yield path
 
@@ -248,7 +260,10 @@ def _by_pattern(
         if match is None:
             leftovers.append(Leftover(file, f"its name is not of the form {rule}"))
         else:
-            photographs.setdefault(match["before"] + match["name"], {})[float(match["angle"]) % 180] = file
+            found = photographs.setdefault(match["before"] + match["name"], {})
+            first = found.setdefault(float(match["angle"]) % 180, file)
+            if first is not file:
+                leftovers.append(_twice(file, first))
     return [_of_angles(name, found, angles_deg) for name, found in photographs.items()], leftovers
 
 
@@ -270,21 +285,26 @@ def _found(files: list[Path], angles_deg: Sequence[float], stacks: Sequence[str]
     groups: list[Group] = []
     leftovers: list[Leftover] = []
     turned: dict[tuple[str, str], dict[float, Path]] = {}
+    again: dict[tuple[str, str], list[tuple[float, Path]]] = {}
     single: list[Path] = []
     wanted = {angle % 180 for angle in angles_deg}
     for file in files:
         told = angles_in_name(file)
         called = next((one for one in told if one[1] in wanted), told[0] if told else None)
         if called is not None and file.suffix.lower() in _PHOTOGRAPHS:
-            turned.setdefault((called[0], file.suffix.lower()), {})[called[1]] = file
+            alike = called[0], file.suffix.lower()
+            if turned.setdefault(alike, {}).setdefault(called[1], file) is not file:
+                again.setdefault(alike, []).append((called[1], file))
         else:
             single.append(file)
-    for (name, _), found in turned.items():
+    for alike, found in turned.items():
+        others = again.get(alike, ())
         # Of 000, 001, ... the numbers count files.
         if len(found) > 1 and set(found) <= wanted:
-            groups.append(_of_angles(name, found, angles_deg))
+            groups.append(_of_angles(alike[0], found, angles_deg))
+            leftovers += [_twice(file, found[angle]) for angle, file in others]
         else:
-            single += found.values()
+            single += [*found.values(), *(file for _, file in others)]
     raw = [file for file in single if file.suffix.lower() in CAMERA_RAW]
     if len(raw) == len(angles_deg):
         groups.append(Group("", tuple(sorted(raw))))
@@ -319,6 +339,10 @@ def angles_in_names(files: Sequence[Path]) -> tuple[float, ...]:
         if len(angles) == len(set(angles)) == len(files):
             return angles
     return ()
+
+
+def _twice(file: Path, first: Path) -> Leftover:
+    return Leftover(file, f"its name tells the capture and the angle that {first.name} tells, too; see --group")
 
 
 def _no_capture(file: Path, angles_deg: Sequence[float]) -> str:

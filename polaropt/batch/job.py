@@ -147,6 +147,8 @@ class Row:
         As ``report.json`` has it, with the rung; empty where there is none.
     errors : dict
         Standard errors of what was estimated.
+    shape : (int, int) or None
+        Height and width in pixels, where only the scene was looked for.
     warnings : tuple of str
         Names.
     misfit : float or None
@@ -166,6 +168,7 @@ class Row:
     folder: str = ""
     scene: dict[str, Any] = field(default_factory=dict)
     errors: dict[str, Any] = field(default_factory=dict)
+    shape: tuple[int, int] | None = None
     warnings: tuple[str, ...] = ()
     misfit: float | None = None
     seconds: float = 0.0
@@ -243,7 +246,9 @@ def _estimated(job: Job, capture: Capture) -> Row:
 
     chosen = job.options.chosen(capture)
     found = estimate(capture, chosen.get("scene"), **scene_options(chosen))
-    return Row(job.name, job.files, ESTIMATED, scene=json_values(found.scene), errors=json_values(found.errors))
+    scene, errors = json_values(found.scene), json_values(found.errors)
+    height, width = capture.shape[-2:]
+    return Row(job.name, job.files, ESTIMATED, scene=scene, errors=errors, shape=(height, width))
 
 
 def scene_of_row(row: Row) -> Estimate | None:
@@ -251,7 +256,7 @@ def scene_of_row(row: Row) -> Estimate | None:
     if row.status != ESTIMATED:
         return None
     scene, errors = ({name: _tupled(value) for name, value in told.items()} for told in (row.scene, row.errors))
-    return Estimate(SceneParameters(**scene), SceneErrors(**errors))
+    return Estimate(SceneParameters(**scene), SceneErrors(**errors), row.shape)
 
 
 def _tupled(value: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import Any
 from polaropt.batch.job import DONE, ESTIMATED, REPORT, Job, Row
 from polaropt.errors import InputError
 
+_TUPLES = ("files", "warnings", "shape")
+"""Of a row; JSON has lists."""
 JOURNAL, SCENES = "batch.jsonl", "scenes.jsonl"
 
 
@@ -61,14 +64,19 @@ class Journal:
         """The row of a job that was done with the same files and options, and whose results are there."""
         row = self._rows.get(job.name)
         there = (
-            row is not None and row.status == DONE and row.key == job.key() and (Path(job.folder) / REPORT).is_file()
+            row is not None
+            and row.status == DONE
+            and row.key == job.key()
+            and os.path.isfile(Path(job.folder) / REPORT)
         )
         return row if there else None
 
     def estimated(self, job: Job) -> Row | None:
         """The row of a job whose scene was estimated with the same files and options."""
         row = self._rows.get(job.name)
-        return row if row is not None and row.status == ESTIMATED and row.key == job.key() else None
+        # Rows of earlier versions tell no shape.
+        there = row is not None and row.status == ESTIMATED and row.shape is not None and row.key == job.key()
+        return row if there else None
 
     def add(self, row: Row) -> None:
         """Keep a row, also if the machine stops after this."""
@@ -83,7 +91,8 @@ def _rows_of(lines: Iterable[str]) -> Iterator[Row]:
         try:
             values: Any = json.loads(line)
             if isinstance(values, dict) and known >= values.keys() >= {"name", "files", "status"}:
-                yield Row(**{**values, "files": tuple(values["files"]), "warnings": tuple(values.get("warnings", ()))})
+                tuples = {name: tuple(values[name]) for name in _TUPLES if values.get(name) is not None}
+                yield Row(**{**values, **tuples})
         except (ValueError, TypeError, RecursionError):  # the last line of a run that was killed, or no line of ours
             continue
 

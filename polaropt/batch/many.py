@@ -45,6 +45,7 @@ def _of_captures(
         captures = list(captures)
         if not captures:
             return
+        _check_one_size(captures)
         chosen = {**options, **_known(shared_scene_of(captures, client=client, **options))}
     else:
         chosen = {**options, "scene": scene}
@@ -89,6 +90,17 @@ def shared_scene_of(captures: Iterable[Capture], *, client: Any = None, **option
     """
     chosen = scene_options(options)
     return combine_scenes(list(_each(partial(_estimate, **chosen), captures, client)))
+
+
+def _check_one_size(captures: list[Capture]) -> None:
+    """InputError where lengths in pixels of one capture are none of another."""
+    height, width = captures[0].shape[-2:]
+    for number, capture in enumerate(captures):
+        if capture.shape[-2:] != (height, width):
+            raise InputError(
+                f"capture {number} has {capture.shape[-1]}x{capture.shape[-2]} px, the first {width}x{height}: "
+                "share a scene among captures of one size"
+            )
 
 
 def _known(shared: SharedScene) -> dict[str, Any]:

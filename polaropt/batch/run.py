@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,8 +32,8 @@ from polaropt.errors import InputError
 from polaropt.reporting import json_values
 
 SCENE = "scene.json"
-Told = Callable[[int, int], None]
-"""Takes how many captures have ended, and how many of them failed."""
+Told = Callable[[int, int, str], None]
+"""Takes how many captures have ended, how many of them failed, and what is done with them."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def run_batch(
     place : Place
         Who works.
     told : callable, optional
-        Called with how many have ended and how many of them failed.
+        Called with how many have ended, how many of them failed, and what is done.
     parquet : bool
         Whether the summary is written as ``summary.parquet``, too.
     shared_scene : bool
@@ -93,20 +94,19 @@ def run_batch(
     """
     with Journal(folder) as journal:
         rows: dict[str, Row] = {}
-        reused, doubts, lost, interrupted = 0, {}, False, False
+        doubts: dict[str, str] = {}
+        reused, lost, interrupted = 0, False, False
         try:
             if shared_scene:
-                shared = _shared(jobs, folder, place, told)
-                doubts = _doubts(jobs, shared)
-                jobs = [_with_scene(job, shared) for job in jobs]
+                jobs, doubts = _sharing(jobs, folder, place, told)
             rows = {job.name: row for job in jobs if (row := journal.finished(job)) is not None}
             reused = len(rows)
             left = [job for job in jobs if job.name not in rows]
-            counted = _Counted(told, reused)
+            counted = _Counted(told, reused, "Separating")
 
             def ended(row: Row, job: Job) -> None:
                 row = replace(row, folder=Path(job.folder).relative_to(folder.absolute()).as_posix())
-                if row.status == FAILED and (Path(job.folder) / REPORT).exists():
+                if row.status == FAILED and os.path.exists(Path(job.folder) / REPORT):
                     row = replace(row, message=f"{row.message}; its folder holds results of an earlier run")
                 journal.add(row)
                 rows[row.name] = row
@@ -120,8 +120,10 @@ def run_batch(
         in_order = (rows[job.name] for job in jobs if job.name in rows)
         told_rows = tuple(_doubted(row, doubts.get(row.name, "")) for row in in_order)
         outcome = Outcome(told_rows, reused, interrupted or lost)
-        write_summary(folder, outcome.rows, parquet=parquet)
-        write_sheet(folder, outcome.rows)
+        # What is there tells more than nothing, where it ended before any capture was looked for.
+        if told_rows or not outcome.interrupted:
+            write_summary(folder, outcome.rows, parquet=parquet)
+            write_sheet(folder, outcome.rows)
     if lost:
         raise InputError(f"{place.scheduler or place.scheduler_file}: the scheduler is gone; the same command goes on")
     return outcome
@@ -130,8 +132,8 @@ def run_batch(
 class _Counted:
     """Tells how many captures have ended, and how many of them failed."""
 
-    def __init__(self, told: Told | None, ended: int) -> None:
-        self._told, self._ended, self._failed = told, ended, 0
+    def __init__(self, told: Told | None, ended: int, what: str) -> None:
+        self._told, self._ended, self._failed, self._what = told, ended, 0, what
         self._tell()
 
     def __call__(self, row: Row) -> None:
@@ -141,14 +143,16 @@ class _Counted:
 
     def _tell(self) -> None:
         if self._told is not None:
-            self._told(self._ended, self._failed)
+            self._told(self._ended, self._failed, self._what)
 
 
-def _shared(jobs: Sequence[Job], folder: Path, place: Place, told: Told | None) -> SharedScene:
-    """The scene of all captures together, and what they say of it, in a file."""
+def _sharing(
+    jobs: Sequence[Job], folder: Path, place: Place, told: Told | None
+) -> tuple[Sequence[Job], dict[str, str]]:
+    """Jobs with the scene that all captures tell together, and what is said of those that disagree."""
     with Journal(folder, SCENES) as journal:
         rows = {job.name: row for job in jobs if (row := journal.estimated(job)) is not None}
-        counted = _Counted(told, len(rows))
+        counted = _Counted(told, len(rows), "Finding the scene")
 
         def ended(row: Row, job: Job) -> None:
             journal.add(row)
@@ -156,8 +160,20 @@ def _shared(jobs: Sequence[Job], folder: Path, place: Place, told: Told | None) 
             counted(row)
 
         _work(estimate_files, [job for job in jobs if job.name not in rows], place, ended)
-    shared = combine_scenes([scene_of_row(rows[job.name]) for job in jobs])
+    estimates = [scene_of_row(rows[job.name]) for job in jobs]
+    if not any(estimates):
+        # Why is said of each.
+        return jobs, {}
+    shared = combine_scenes(estimates)
+    _write_shared(folder / SCENE, shared, jobs)
+    return [_with_scene(job, shared, rows[job.name].shape) for job in jobs], _doubts(jobs, shared)
+
+
+def _write_shared(path: Path, shared: SharedScene, jobs: Sequence[Job]) -> None:
+    """The scene, with the size of its pixels as ``report.json`` tells it, and what captures say of it."""
+    size = {} if shared.shape is None else dict(zip(("height", "width"), shared.shape, strict=True))
     document = {
+        "input": size,
         "scene": {"rung": shared.scene.rung, **json_values(shared.scene)},
         "errors": json_values(shared.errors),
         "captures": shared.n_captures,
@@ -166,13 +182,18 @@ def _shared(jobs: Sequence[Job], folder: Path, place: Place, told: Told | None) 
             for one in shared.disagreements
         ],
     }
-    with result_file(folder / SCENE) as work:
+    with result_file(path) as work:
         work.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    return shared
 
 
-def _with_scene(job: Job, shared: SharedScene) -> Job:
-    separating = {**job.options.separating, "scene": shared.scene, "scene_errors": shared.errors, "thickness_px": None}
+def _with_scene(job: Job, shared: SharedScene, shape: tuple[int, int] | None) -> Job:
+    if shape is None:  # it could not be read
+        return job
+    try:
+        known = shared.seen_by(shape)
+    except InputError as error:
+        return replace(job, problem=str(error))
+    separating = {**job.options.separating, "scene": known.scene, "scene_errors": known.errors, "thickness_px": None}
     return replace(job, options=replace(job.options, separating=separating))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.errors import InputError
-from polaropt.optics import FIELDS, Field, SceneErrors, SceneParameters
+from polaropt.optics import FIELDS, Field, SceneErrors, SceneParameters, scale_between
 
 _FAR = 4.0
 """Standard errors from which a capture disagrees with the others: hardly one of ten thousand does by chance. Set by
@@ -27,10 +27,26 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A scene as one capture tells it, with the standard errors of what was estimated."""
+    """A scene as one capture tells it, with the standard errors of what was estimated.
+
+    Attributes
+    ----------
+    scene : SceneParameters
+    errors : SceneErrors
+    shape : (int, int) or None
+        Height and width of the capture in pixels; None where all have one size.
+    """
 
     scene: SceneParameters
     errors: SceneErrors
+    shape: tuple[int, int] | None = None
+
+    def scaled(self, shape: tuple[int, int] | None) -> Estimate | None:
+        """As captures of a shape tell it; None where that is no shape of the same view."""
+        if shape is None or self.shape is None or shape == self.shape:
+            return self
+        factor = scale_between(self.shape, shape)
+        return None if factor is None else Estimate(self.scene.scaled(factor), self.errors.scaled(factor), shape)
 
 
 @dataclass(frozen=True)
@@ -64,12 +80,32 @@ class SharedScene:
     n_captures : int
         That told it.
     disagreements : tuple of Disagreement
+    shape : (int, int) or None
+        Height and width in pixels of the captures whose pixels lengths are counted in; None where all have one size.
     """
 
     scene: SceneParameters
     errors: SceneErrors
     n_captures: int
     disagreements: tuple[Disagreement, ...]
+    shape: tuple[int, int] | None = None
+
+    def seen_by(self, shape: tuple[int, int]) -> Estimate:
+        """The scene for a capture of a shape.
+
+        Raises
+        ------
+        InputError
+            Its sides are in other proportions.
+        """
+        found = Estimate(self.scene, self.errors, self.shape).scaled(shape)
+        if found is None:
+            assert self.shape is not None
+            raise InputError(
+                f"has {shape[1]}x{shape[0]} px, and most that share a scene {self.shape[1]}x{self.shape[0]}; "
+                "separate it by itself"
+            )
+        return found
 
 
 def combine_scenes(estimates: Sequence[Estimate | None]) -> SharedScene:
@@ -82,14 +118,19 @@ def combine_scenes(estimates: Sequence[Estimate | None]) -> SharedScene:
     Parameters
     ----------
     estimates : sequence of Estimate or None
-        None, or a scene without signal, is a capture that tells nothing.
+        None, or a scene without signal, is a capture that tells nothing; so is one whose sides are in other
+        proportions than those of most. Lengths are counted in the pixels of captures of the commonest shape.
 
     Raises
     ------
     InputError
         No capture tells the scene.
     """
-    told = {i: one for i, one in enumerate(estimates) if one is not None and one.scene.signal}
+    polarized = {i: one for i, one in enumerate(estimates) if one is not None and one.scene.signal}
+    shapes = Counter(one.shape for one in polarized.values()).most_common(1)
+    shape = shapes[0][0] if shapes else None
+    of_shape = ((i, one.scaled(shape)) for i, one in polarized.items())
+    told = {i: one for i, one in of_shape if one is not None}
     if not told:
         raise InputError(
             "no capture shows polarization; a shared scene needs one that does, or give the scene (--incidence ...)"
@@ -118,7 +159,7 @@ def combine_scenes(estimates: Sequence[Estimate | None]) -> SharedScene:
         errors = _with(errors, field.name, _as_field(error))
         far = sigmas.max(axis=1)
         disagreements += [Disagreement(i, field.name, float(s)) for i, s in zip(known, far, strict=True) if s > _FAR]
-    return SharedScene(scene, errors, len(alike), tuple(disagreements))
+    return SharedScene(scene, errors, len(alike), tuple(disagreements), shape)
 
 
 def _kind(scene: SceneParameters) -> tuple[str, int, int]:

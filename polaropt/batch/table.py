@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
-from polaropt.batch.group import Group, distinct
+from polaropt.batch.group import Group, angles_in_name, distinct
 from polaropt.errors import InputError
 
 TABLE = ".csv"
@@ -46,14 +47,16 @@ def read_table(path: Path, options: Collection[str]) -> tuple[Entry, ...]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
-            columns = {name: (name or "").strip().lstrip("-").replace("-", "_") for name in reader.fieldnames or ()}
+            head = list(reader.fieldnames or ())
             rows = [(reader.line_num, row) for row in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as a table ({error}); save it as CSV in UTF-8") from None
-    _check_columns(path, columns.values(), options)
+    columns = {name: (name or "").strip().lstrip("-").replace("-", "_") for name in head}
+    # Spreadsheets leave columns at the end that have no name and hold nothing.
+    _check_columns(path, [columns[name] for name in head if columns[name]], options)
     entries = []
     for line, row in rows:
-        if None in row:
+        if None in row or any(value and not columns[name] for name, value in row.items()):
             raise InputError(f"{path}, line {line}: holds more fields than the head; set files apart by {_BETWEEN!r}")
         fields = {columns[name]: (value or "").strip() for name, value in row.items() if (value or "").strip()}
         if fields:
@@ -75,6 +78,9 @@ def _check_columns(path: Path, columns: Collection[str], options: Collection[str
         raise InputError(f"{path}: its columns are set apart by {between!r}; save it as CSV, with commas between them")
     if not any(map(_is_file, columns)):
         raise InputError(f"{path}: has no column {_FILES!r}; give the files of each capture, set apart by {_BETWEEN!r}")
+    twice = next((name for name, count in Counter(columns).items() if count > 1), None)
+    if twice is not None:
+        raise InputError(f"{path}: has the column {twice!r} twice; leave one out")
     unknown = [name for name in columns if not _is_file(name) and name not in {_NAME, *options}]
     if unknown:
         known = ", ".join([_NAME, _FILES, *sorted(options)])
@@ -87,14 +93,18 @@ def _entry(path: Path, line: int, fields: Mapping[str, str]) -> Entry:
     if not files:
         raise InputError(f"{path}, line {line}: names no file")
     name = fields.get(_NAME) or _name_of(files)
-    if Path(name).is_absolute() or ".." in Path(name).parts:
+    if Path(name).is_absolute() or ".." in Path(name).parts or not Path(name).parts:
         raise InputError(f"{path}, line {line}: the name {name!r} leaves the output folder; give a name below it")
+    name = PurePosixPath(*Path(name).parts).as_posix()
     options = {key: text for key, text in fields.items() if key != _NAME and not _is_file(key)}
     return Entry(Group(name, files), options, line)
 
 
 def _name_of(files: tuple[Path, ...]) -> str:
     """What the files' names have in common."""
+    named = {told[0][0] if (told := angles_in_name(file)) else "" for file in files}
+    if len(files) > 1 and len(named) == 1 and "" not in named:
+        return named.pop()
     first = files[0].stem
     length = max(n for n in range(len(first) + 1) if all(file.stem.startswith(first[:n]) for file in files))
     return first[:length].rstrip(" ._-0") or files[0].parent.name or first if len(files) > 1 else first

@@ -29,6 +29,8 @@ SOME_FAILED = 3
 
 DOUBTFUL = 1
 """Exit code of a result that is warned of, where that is asked for."""
+_SPEED_SECONDS = 3600.0
+"""Of what was done in so long a time the time left is told: captures may take minutes each. Set by hand."""
 STARTING = "Starting"
 """The stage before the first file is read, and wherever else libraries are loaded."""
 Group = TypeVar("Group")
@@ -285,8 +287,9 @@ def progress_bar(wanted: bool = True) -> Iterator[Progress | None]:
 
 
 @contextmanager
-def count_bar(total: int, what: str, wanted: bool = True) -> Iterator[Callable[[int, int], None] | None]:
-    """Bar on a terminal with the time left, taking how many are done and how many of them failed; None elsewhere."""
+def count_bar(total: int, what: str, wanted: bool = True) -> Iterator[Callable[..., None] | None]:
+    """Bar on a terminal with the time left, taking how many are done, how many of them failed, and what is done with
+    them, where that changes; None elsewhere."""
     if not (wanted and _on_a_terminal()):
         yield None
         return
@@ -302,10 +305,15 @@ def count_bar(total: int, what: str, wanted: bool = True) -> Iterator[Callable[[
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     console = Console(stderr=True)
-    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
-        task = bar.add_task(what, total=total)
+    times = TimeElapsedColumn(), TimeRemainingColumn()
+    with Progress(*columns, *times, console=console, transient=True, speed_estimate_period=_SPEED_SECONDS) as bar:
+        task, doing = bar.add_task(what, total=total), what
 
-        def told(done: int, failed: int) -> None:
-            bar.update(task, completed=done, description=f"{what}, {failed} failed" if failed else what)
+        def told(done: int, failed: int, does: str = what) -> None:
+            nonlocal doing
+            if does != doing:  # from the first one on, in a time of its own
+                doing = does
+                bar.reset(task)
+            bar.update(task, completed=done, description=f"{does}, {failed} failed" if failed else does)
 
         yield told

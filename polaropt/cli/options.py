@@ -132,8 +132,8 @@ class PaneOptions:
         typer.Option(
             "--scene",
             metavar="REPORT.json",
-            help="Take the whole scene from the report of an earlier separation of the same view, instead of finding "
-            "it.",
+            help="Take the whole scene from the report of an earlier separation of the same view, or from the "
+            "scene.json of captures that share one, instead of finding it.",
             rich_help_panel=_PANE,
         ),
     ] = None

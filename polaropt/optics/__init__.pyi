@@ -51,6 +51,7 @@ __all__ = [
     "plane_normal",
     "plate_at",
     "plate_of",
+    "scale_between",
     "scene_angles",
     "scene_pane",
     "shown_stokes",
@@ -119,6 +120,7 @@ from .scene import SceneErrors as SceneErrors
 from .scene import SceneParameters as SceneParameters
 from .scene import ghost_step as ghost_step
 from .scene import largest_search_shift as largest_search_shift
+from .scene import scale_between as scale_between
 from .stokes import analyzer_matrix as analyzer_matrix
 from .stokes import change_basis as change_basis
 from .stokes import dolp_aolp as dolp_aolp

@@ -305,6 +305,22 @@ class SceneParameters:
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
 
+# Relative difference of two ratios of sides that are the same but for whole pixels; set by hand.
+_SAME_SHAPE = 0.01
+
+
+def scale_between(size: tuple[int, ...], shape: tuple[int, ...]) -> float | None:
+    """Pixels a side of photographs for each of others of one view; None where their sides are in other proportions.
+
+    Parameters
+    ----------
+    size, shape : (int, int)
+        Height and width in pixels of the others, and of the photographs.
+    """
+    down, along = shape[0] / size[0], shape[1] / size[1]
+    return along if abs(down / along - 1) <= _SAME_SHAPE else None
+
+
 _COUNTS = {2: "two", 3: "three"}
 
 

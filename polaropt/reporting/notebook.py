@@ -13,7 +13,7 @@ import numpy as np
 from polaropt.capture import Capture, encode_srgb, planes_last, read_json
 from polaropt.errors import InputError, check_installed
 from polaropt.numerics import block_mean
-from polaropt.optics import SEARCHED, SceneParameters
+from polaropt.optics import SEARCHED, SceneParameters, scale_between
 from polaropt.reporting.pictures import LAYERS, Image, reduced_intensity, viewing_exposure
 from polaropt.reporting.report import json_values, scene_report
 from polaropt.reporting.words import amount_of, shown_fields
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 # Longest side in pixels of a layer in a notebook; set by hand.
 _LONG_SIDE = 480
-# Relative difference of two ratios of sides that are the same but for whole pixels; set by hand.
-_SAME_SHAPE = 0.01
 
 
 def _rows(result: Separation) -> list[tuple[str, str]]:
@@ -114,7 +112,7 @@ def scene_of_report(path: Path, shape: tuple[int, ...] | None = None) -> ScenePa
     Parameters
     ----------
     path : Path
-        Its ``report.json``.
+        Its ``report.json``, or the ``scene.json`` of captures that share one.
     shape : (int, int), optional
         Height and width of these photographs: lengths in pixels are scaled to them. Default: they have the same size.
 
@@ -135,16 +133,18 @@ def scene_of_report(path: Path, shape: tuple[int, ...] | None = None) -> ScenePa
         told = str(error)
         raise InputError(told if told.startswith(f"{path}: ") else f"{path}: {told}") from None
     except (ValueError, KeyError, TypeError, OverflowError):
-        raise InputError(f"{path}: is no report of a separation; give the report.json that one wrote") from None
+        raise InputError(
+            f"{path}: is no report of a separation; give the report.json that one wrote, or the scene.json of a batch"
+        ) from None
     if not scene.signal:
         raise InputError(f"{path}: nothing was polarized there, so that it holds no scene; leave it out")
     if shape is None:
         return scene
-    factors = shape[0] / size[0], shape[1] / size[1]
-    if abs(factors[0] / factors[1] - 1) > _SAME_SHAPE:
+    factor = scale_between(size, shape)
+    if factor is None:
         sizes = f"{size[1]}x{size[0]} px, these have {shape[1]}x{shape[0]}"
         raise InputError(f"{path}: is of photographs of {sizes}; give one of the same view")
-    return scene.scaled(shape[1] / size[1])
+    return scene.scaled(factor)
 
 
 def _numbers_of(scene: dict[str, Any]) -> dict[str, Any]:

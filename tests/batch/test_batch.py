@@ -43,6 +43,14 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+KNOWN = json.dumps(
+    {
+        "input": {"width": 96, "height": 96},
+        "scene": {"incidence_deg": 60.0, "azimuth_deg": 20.0, "ghost_shift": 3.0, "gap_shift": 0.0, "absorption": 0.0},
+    }
+)
+
+
 def rows_of(out: Path) -> dict[str, dict[str, str]]:
     with (out / "summary.csv").open(encoding="utf-8", newline="") as file:
         return {row["name"]: row for row in csv.DictReader(file)}
@@ -112,6 +120,22 @@ def test_a_wrong_option_in_a_table_is_refused(
     assert batch(tmp_path / "table.csv", "-o", tmp_path / "out") == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_files_that_options_of_a_table_name_lie_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables" / "table.csv").write_text("files,scene\na.png,known.json\n")
+    (tmp_path / "tables" / "known.json").write_text(KNOWN)
+    monkeypatch.chdir(tmp_path)
+    # The scene is read, and the photograph is missing.
+    assert main(["batch", "tables/table.csv", "-o", "out", "-q", "--workers", "1"]) == 3
+    assert "a.png: no such file" in (tmp_path / "out" / "summary.csv").read_text()
+
+
+def test_a_name_that_no_file_system_takes_fails_alone(shots: Path, tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text(f"name,files\n{'n' * 300},{shots}/0_000.png\nb,nothing.png\n")
+    assert batch(tmp_path / "table.csv", "-o", tmp_path / "out", "-q", "--workers", "1") == 3
+    assert len(rows_of(tmp_path / "out")) == 2
 
 
 def job_for(shots: Path, out: Path, name: str = "0") -> Job:

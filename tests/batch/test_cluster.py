@@ -115,7 +115,7 @@ def test_a_cluster_of_others_loses_a_worker_and_nothing_else(tmp_path: Path) -> 
             place = place_for(None, None, str(file), False)
             assert place.elsewhere
 
-            def told(ended: int, failed: int) -> None:
+            def told(ended: int, failed: int, what: str) -> None:
                 if ended == 1:
                     killed.kill()
 

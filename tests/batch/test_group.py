@@ -136,6 +136,43 @@ def test_names_differ(tmp_path: Path) -> None:
     assert sorted(found(grouped(tmp_path))) == ["A", "a-2", "a-3"]
 
 
+def test_a_batch_own_files_are_no_names_of_captures(tmp_path: Path) -> None:
+    touch(tmp_path, "index.html.png", "Summary.csv/a_000.tif", "Summary.csv/a_045.tif", "b/index.html.png")
+    names = {group.name for group in grouped(tmp_path).groups}
+    assert names == {"index.html-2", "Summary.csv-2/a", "b/index.html"}
+
+
+def test_a_link_that_leads_back_is_not_followed(tmp_path: Path) -> None:
+    touch(tmp_path, "a/m.png")
+    (tmp_path / "a" / "up").symlink_to("..")
+    (tmp_path / "b").symlink_to("a")
+    assert list(found(grouped(tmp_path))) == ["a/m", "b/m"]
+
+
+def test_a_source_that_is_named_twice_counts_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    touch(tmp_path, "a/m.png")
+    monkeypatch.chdir(tmp_path)
+    sources = ["a", "./a/../a", str(tmp_path / "a"), "*/m.png"]
+    assert list(found(group_sources(sources, ANGLES, output=tmp_path / "out"))) == ["m"]
+
+
+def test_two_files_of_one_angle_are_named(tmp_path: Path) -> None:
+    angles = ("000", "045", "090", "135")
+    touch(tmp_path, *(f"a{mark}{angle}.png" for mark in "-_" for angle in angles), "b_1.png", "b_001.png")
+    grouping = grouped(tmp_path)
+    assert found(grouping) == {
+        "a": [f"a-{angle}.png" for angle in angles],
+        "b_001": ["b_001.png"],
+        "b_1": ["b_1.png"],
+    }
+    assert [left.file.name for left in grouping.leftovers] == [f"a_{angle}.png" for angle in angles]
+    turned = tmp_path / "turned"
+    touch(turned, *(f"c_{angle}.tif" for angle in (0, 45, 90, 135, 180)))
+    grouping = grouped(turned, "{name}_{angle}.tif")
+    assert list(found(grouping)) == ["c"]
+    assert [left.file.name for left in grouping.leftovers] == ["c_180.tif"]
+
+
 def test_patterns_of_files(tmp_path: Path) -> None:
     touch(tmp_path, "x/a.png", "x/b.tif", "y/a.png")
     pattern = str(tmp_path / "*" / "*.png")
@@ -180,6 +217,10 @@ def test_a_table_names_files_and_options(tmp_path: Path) -> None:
         ("files\na.png,b.png\n", "line 2: holds more fields"),
         ("name,files\n../x,a.png\n", "leaves the output folder"),
         ("name,files\nx,\n", "line 2: names no file"),
+        ("name,files\n.,a.png\n", "leaves the output folder"),
+        ("name,name,files\nx,y,a.png\n", "has the column 'name' twice"),
+        ("files,incidence,--incidence\na.png,1,2\n", "has the column 'incidence' twice"),
+        ("files,,\na.png,,b\n", "line 2: holds more fields"),
     ],
 )
 def test_wrong_tables_are_refused(tmp_path: Path, text: str, words: str) -> None:
@@ -187,6 +228,14 @@ def test_wrong_tables_are_refused(tmp_path: Path, text: str, words: str) -> None
     table.write_text(text)
     with pytest.raises(InputError, match=words):
         read_table(table, {"incidence"})
+
+
+def test_a_table_names_captures_as_a_folder_does_and_may_have_empty_columns(tmp_path: Path) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text(
+        "files,,\nc000_0.png;c000_45.png,,\nc100_000.png;c100_045.png,,\na.png;b.png,,\nx-1.png;x-2.png,,\n"
+    )
+    assert [entry.group.name for entry in read_table(table, ())] == ["c000", "c100", tmp_path.name, "x"]
 
 
 def test_numbers_before_a_word_that_go_on_count_files(tmp_path: Path) -> None:

@@ -47,6 +47,13 @@ def test_a_shared_scene_is_looked_for_as_it_was_asked() -> None:
     assert {(result.scene.refractive_index, result.scene.single_surface) for result in results} == {(1.33, True)}
 
 
+def test_captures_of_other_sizes_share_no_scene_in_memory() -> None:
+    light = np.random.default_rng(0).uniform(0.2, 0.8, (4, 40, 32))
+    sizes = [Capture(light[:, :side]) for side in (32, 32, 40)]
+    with pytest.raises(InputError, match="capture 2 has 32x40 px, the first 32x32"):
+        next(separate_many(sizes, scene="shared"))
+
+
 @pytest.mark.parametrize("color", [False, True])
 def test_arrays_along_time(color: bool) -> None:
     array = pytest.importorskip("dask.array")

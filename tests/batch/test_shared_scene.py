@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 
 from polaropt import SceneParameters, simulate
+from polaropt.batch import run
+from polaropt.batch.cluster import Place
+from polaropt.batch.job import Job, Options, Row
 from polaropt.batch.shared_scene import Estimate, combine_scenes
 from polaropt.capture.files.write import write_capture
 from polaropt.cli.app import main
 from polaropt.errors import InputError
 from polaropt.optics import SceneErrors
+from polaropt.reporting import json_values, scene_of_report
 
 TRUE = SceneParameters(60.0, 20.0, 4.0)
 
@@ -104,3 +108,64 @@ def test_a_batch_shares_a_scene(tmp_path: Path) -> None:
         assert {report["scene"]["incidence_deg"] for report in reports} == {told["scene"]["incidence_deg"]}
         assert reports[0]["errors"]["incidence_deg"] == pytest.approx(told["errors"]["incidence_deg"])
     assert "SCENE_DISAGREES" in (out / "summary.csv").read_text()
+    assert scene_of_report(out / "scene.json", (96, 96)).incidence_deg == told["scene"]["incidence_deg"]
+    assert scene_of_report(out / "scene.json", (192, 192)).ghost_shift == 8
+
+
+def test_captures_of_other_sizes_share_a_scene_in_pixels_of_their_own() -> None:
+    shapes = ((96, 128), (48, 64), (96, 128), (96, 96))
+    told = [Estimate(one.scene, one.errors, shape) for one, shape in zip(estimates(4), shapes, strict=True) if one]
+    told[1] = Estimate(told[1].scene.scaled(0.5), told[1].errors.scaled(0.5), (48, 64))
+    shared = combine_scenes(told)
+    assert (shared.n_captures, shared.shape, shared.disagreements) == (3, (96, 128), ())
+    assert shared.scene.ghost_shift == pytest.approx(4, abs=0.2)
+    small = shared.seen_by((48, 64))
+    assert small.scene.ghost_shift == pytest.approx(shared.scene.ghost_shift / 2)
+    assert small.errors.ghost_shift == pytest.approx(shared.errors.ghost_shift / 2)
+    with pytest.raises(InputError, match="has 96x96 px, and most that share a scene 128x96"):
+        shared.seen_by((96, 96))
+
+
+def test_a_capture_that_cannot_share_the_scene_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def estimated(job: Job, memory: int | None = None) -> Row:
+        if job.name == "unread":
+            return Row(job.name, job.files, "failed", "a.png: cannot be read")
+        scene, errors = json_values(TRUE), json_values(SceneErrors(incidence_deg=0.5))
+        return Row(job.name, job.files, "estimated", scene=scene, errors=errors, shape=shapes[job.name])
+
+    def separated(job: Job, memory: int | None = None) -> Row:
+        if job.problem or job.name == "unread":
+            return Row(job.name, job.files, "failed", job.problem)
+        scene = job.options.separating["scene"]
+        return Row(job.name, job.files, "done", scene={"rung": "ghosts", "ghost_shift": scene.ghost_shift})
+
+    monkeypatch.setattr(run, "estimate_files", estimated)
+    monkeypatch.setattr(run, "separate_files", separated)
+    shapes = {"a": (96, 96), "b": (96, 96), "half": (48, 48), "wide": (48, 96)}
+
+    def outcome(*names: str) -> run.Outcome:
+        jobs = [Job(name, (f"{name}.png",), str(tmp_path / name), Options()) for name in names]
+        return run.run_batch(jobs, tmp_path, Place(), shared_scene=True)
+
+    rows = {row.name: row for row in outcome("a", "b", "half", "wide", "unread").rows}
+    assert {name: row.scene.get("ghost_shift") for name, row in rows.items() if row.status == "done"} == {
+        "a": 4,
+        "b": 4,
+        "half": 2,
+    }
+    assert "has 96x48 px" in rows["wide"].message
+    # Where none can be read each is named.
+    assert [row.name for row in outcome("unread").failed] == ["unread"]
+
+
+def test_an_interruption_while_the_scene_is_looked_for_leaves_the_summary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(job: Job, memory: int | None = None) -> Row:
+        raise KeyboardInterrupt
+
+    (tmp_path / "summary.csv").write_text("of before")
+    monkeypatch.setattr(run, "estimate_files", interrupted)
+    job = Job("a", ("a.png",), str(tmp_path / "a"), Options())
+    assert run.run_batch([job], tmp_path, Place(), shared_scene=True).interrupted
+    assert (tmp_path / "summary.csv").read_text() == "of before"

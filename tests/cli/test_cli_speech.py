@@ -15,14 +15,16 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
+import rich.progress
 import typer
 
 import polaropt.cli
 from polaropt.__main__ import main as begin
 from polaropt.cli.app import app, main
-from polaropt.cli.command import terminations
+from polaropt.cli.command import count_bar, terminations
 from tests.command_line import QUICK, spoken
 
 ROOT = Path(__file__).parents[2]
@@ -88,6 +90,31 @@ def test_a_pipe_sees_no_progress_bar(
     assert said.err == ""
     assert said.out.startswith("Pane: ")
     assert not set("\x1b\r━") & set(said.out)
+
+
+def test_each_stage_of_many_captures_has_a_time_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    bars: list[rich.progress.Progress] = []
+
+    class Kept(rich.progress.Progress):
+        def __init__(self, *columns: Any, **options: Any) -> None:
+            super().__init__(*columns, **options, get_time=lambda: now[0])
+            bars.append(self)
+
+    monkeypatch.setattr(rich.progress, "Progress", Kept)
+    monkeypatch.setattr("polaropt.cli.command._on_a_terminal", lambda: True)
+    with count_bar(10, "Separating") as told:
+        assert told is not None
+        for number in range(11):
+            told(number, 0, "Finding the scene")
+            now[0] += 60.0
+        (task,) = bars[0].tasks
+        assert task.finished
+        for number in range(4):
+            told(number, 0)
+            now[0] += 100.0
+        # Seconds of all that are left, though each takes longer than such bars look back.
+        assert (task.description, task.finished, task.time_remaining) == ("Separating", False, 700)
 
 
 def test_a_terminal_sees_a_progress_bar(

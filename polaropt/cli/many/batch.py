@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 
 _MANY = "Many captures"
+_CALLED = {"earlier": "scene"}
+"""Options that are called otherwise than in Python."""
+_PATHS = ("scene", "analyzer")
 # Failures and files that are named on the screen; all stand in the summary.
 _NAMED = 5
 
@@ -35,7 +38,8 @@ class BatchOptions:
         typer.Argument(
             metavar="SOURCE",
             help="Folders (all that is in them and below), patterns such as 'shots/*.png', files, or tables (CSV) with "
-            "a row for each capture: the column files (set apart by ;), name, and any option of this command.",
+            "a row for each capture: the column files (set apart by ;), name, and any option of reading, the pane and "
+            "solving. Files are named from the table's folder.",
             show_default=False,
         ),
     ]
@@ -132,9 +136,13 @@ class _Chosen:
     @classmethod
     def names(cls) -> set[str]:
         groups = (ReadingOptions, PaneOptions, LadderOptions, SolveOptions)
-        return {one.name for group in groups for one in fields(group)}
+        return {_CALLED.get(one.name, one.name) for group in groups for one in fields(group)}
 
-    def changed(self, texts: Mapping[str, str]) -> _Chosen:
+    def changed(self, options: Mapping[str, str], folder: Path) -> _Chosen:
+        """With options as they are typed; files are relative to a folder."""
+        typed = {name: str(folder / text) if name in _PATHS else text for name, text in options.items()}
+        names = {called: name for name, called in _CALLED.items()}
+        texts = {names.get(name, name): text for name, text in typed.items()}
         return _Chosen(
             with_texts(self.reading, texts),
             with_texts(self.pane, texts),
@@ -179,6 +187,8 @@ def batch_command(
     place = batch.place()
     if batch.parquet:
         check_parquet()
+    if batch.shared_scene and pane.earlier is not None:
+        raise InputError("--scene gives the whole pane; leave it or --shared-scene out")
     chosen = _Chosen(capture, pane, ladder, solving)
     jobs, leftovers = _jobs(batch, chosen, folder)
     silent = folder.json or folder.quiet
@@ -246,7 +256,7 @@ def _jobs(batch: BatchOptions, chosen: _Chosen, folder: FolderOptions) -> tuple[
 
 def _options_of(entry: Entry, table: Path, chosen: _Chosen, options_of: Callable[[_Chosen], Options]) -> Options:
     try:
-        return options_of(chosen.changed(entry.options))
+        return options_of(chosen.changed(entry.options, table.parent))
     except InputError as error:
         raise InputError(f"{table}, line {entry.line}: {error}") from None
 
