@@ -410,6 +410,8 @@ def _sequence(
 
 def _noted(captures: Iterable[Capture], taken: deque[Capture]) -> Iterator[Capture]:
     """Captures, noted as they are taken."""
+    if not isinstance(captures, Iterable):
+        raise InputError(f"captures is a {type(captures).__name__}; give several, in a list or one after another")
     for capture in captures:
         taken.append(check_capture(capture))
         yield capture

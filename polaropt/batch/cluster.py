@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import os
@@ -11,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, TypeVar
 
 from polaropt.errors import InputError, one_line
@@ -237,13 +239,39 @@ def _of_others(place: Place) -> Iterator[Any]:
     from distributed import Client
 
     name = place.scheduler or place.scheduler_file
+    if place.scheduler_file is not None:
+        _check_file(place.scheduler_file)
     try:
         client = Client(place.scheduler, scheduler_file=place.scheduler_file, timeout=_CONNECT_SECONDS)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"{name}: no Dask scheduler answers there ({one_line(error)}); check the address") from None
-    with client:
+    with _calm_client(), client:
         _check_versions(client, str(name))
+        if not client.nthreads():
+            print(f"polaropt: {name}: the scheduler has no workers yet; waiting for them", file=sys.stderr)
         yield client
+
+
+@contextmanager
+def _calm_client() -> Iterator[None]:
+    """Within this context Dask's client prints no traceback where its scheduler ends: `ClusterLost` says so."""
+    logger = logging.getLogger("distributed.client")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+def _check_file(name: str) -> None:
+    """InputError for another file than a scheduler writes."""
+    try:
+        told = json.loads(Path(name).read_bytes())
+    except (OSError, ValueError, RecursionError):
+        told = None
+    if not isinstance(told, dict) or not isinstance(told.get("address"), str):
+        raise InputError(f"{name}: tells no address of a scheduler; give the file that dask scheduler writes")
 
 
 def _check_versions(client: Any, name: str) -> None:

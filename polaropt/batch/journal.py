@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, fields
 from pathlib import Path
 from types import TracebackType
@@ -54,7 +55,9 @@ class Journal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        # What a full disk did not take is told already.
+        with suppress(OSError):
+            self._file.close()
 
     def names(self) -> tuple[str, ...]:
         """Captures of which there is a row."""
@@ -81,8 +84,13 @@ class Journal:
     def add(self, row: Row) -> None:
         """Keep a row, also if the machine stops after this."""
         self._rows[row.name] = row
-        self._file.write(json.dumps(asdict(row)) + "\n")
-        self._file.flush()
+        try:
+            self._file.write(json.dumps(asdict(row)) + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise InputError(
+                f"{self._file.name}: cannot be written ({error.strerror}); the same command goes on"
+            ) from None
 
 
 def _rows_of(lines: Iterable[str]) -> Iterator[Row]:

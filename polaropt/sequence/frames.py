@@ -47,6 +47,14 @@ class Frames:
     def __iter__(self) -> Iterator[Mosaic]:
         return (self.read(i) for i in range(self.number))
 
+    def tried(self) -> Iterator[Mosaic | InputError]:
+        """Frames; in the place of one that cannot be read, why."""
+        for i in range(self.number):
+            try:
+                yield self.read(i)
+            except InputError as error:
+                yield error
+
 
 def open_frames(
     sources: Sequence[str],
@@ -147,6 +155,8 @@ def _of_array(path: Path) -> Frames:
         raise InputError(f"{path}: holds several arrays; write one with numpy.save")
     if array.ndim != 3:
         raise InputError(f"{path}: holds an array of shape {array.shape}; give (frame, height, width)")
+    if not array.size:
+        raise InputError(f"{path}: holds no frames")
     return Frames(len(array), lambda i: np.array(array[i]), None, str(path))
 
 

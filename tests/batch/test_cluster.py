@@ -19,7 +19,7 @@ import pytest
 import tifffile
 
 from polaropt import SceneParameters, separate, separate_many
-from polaropt.batch.cluster import Place, WorkerDied, _interruptions_later, done, local_cluster, place_for
+from polaropt.batch.cluster import Place, WorkerDied, _interruptions_later, connected, done, local_cluster, place_for
 from polaropt.batch.job import Job, Options
 from polaropt.batch.run import run_batch
 from polaropt.capture.files.write import write_capture
@@ -125,6 +125,16 @@ def test_a_cluster_of_others_loses_a_worker_and_nothing_else(tmp_path: Path) -> 
     for number in range(4):
         here, there = (tifffile.imread(tmp_path / out / str(number) / "transmission.tiff") for out in ("here", "there"))
         np.testing.assert_array_equal(here, there)
+
+
+@pytest.mark.parametrize("text", ["", "no json", "[]", '{"address": null}', '{"type": "Scheduler"}'])
+def test_another_file_than_a_scheduler_writes_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "scheduler.json").write_text(text)
+    with (
+        pytest.raises(InputError, match="tells no address of a scheduler"),
+        connected(Place(scheduler_file=str(tmp_path / "scheduler.json"))),
+    ):
+        pass
 
 
 def test_no_scheduler_and_contradictions_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

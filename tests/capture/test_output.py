@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
+import shutil
 import signal
 import stat
 import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -297,3 +300,16 @@ def test_names_of_an_exchange_stay_in_their_folder(tmp_path: Path, settled: None
     run(tmp_path / "out", one="1")
     assert (tmp_path / "precious").read_text() == "kept"
     assert contents(tmp_path / "out") == {"one": "1"}
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left"), OSError("8 requested and 3 written")])
+def test_a_full_disk_is_told_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
+    with pytest.raises(InputError, match="out: cannot be written"), result_folder(tmp_path / "out"):
+        raise error
+    assert not list(tmp_path.iterdir())
+
+
+def test_another_failure_keeps_its_traceback(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="no disk"), result_folder(tmp_path / "out"):
+        raise OSError("no disk")

@@ -338,9 +338,41 @@ def test_a_film_goes_on_after_a_frame_that_is_none(
     assert [bool(row["problem"]) for row in rows] == [frame == black for frame in range(4)]
 
 
+@pytest.mark.parametrize("average", [1, 4])
+def test_a_film_goes_on_after_a_frame_that_cannot_be_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], average: int
+) -> None:
+    (tmp_path / "film").mkdir()
+    for i, frame in enumerate(mosaics(6)):
+        tifffile.imwrite(tmp_path / "film" / f"f{i}.tif", frame, photometric="minisblack")
+    (tmp_path / "film" / "f3.tif").write_bytes(b"")
+    command = ["sequence", str(tmp_path / "film"), "--resolution", "cell", "--white-level", "4095", "--first", "1"]
+    command += ["--model", "pixelwise", "--panes", "1", *QUICK, "--format", "tiff", "--average", str(average)]
+    assert main([*command, "-o", str(tmp_path / "out"), "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert told["frames"] == (6 if average == 1 else 3)
+    ((place, problem),) = told["lost"].items()
+    assert (place, "f3.tif: the file is empty" in problem) == ("3" if average == 1 else "1", True)
+
+
+def test_films_without_frames_and_those_cut_off_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "none.npy", mosaics(2)[:0])
+    with pytest.raises(InputError, match="holds no frames"):
+        open_frames([str(tmp_path / "none.npy")])
+    with tifffile.TiffWriter(tmp_path / "film.tif") as stack:
+        for frame in mosaics(4):
+            stack.write(frame, photometric="minisblack", contiguous=False)
+    whole = (tmp_path / "film.tif").read_bytes()
+    assert open_frames([str(tmp_path / "film.tif")]).number == 4
+    (tmp_path / "film.tif").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match="is cut off, and 2 of its frames are listed"):
+        open_frames([str(tmp_path / "film.tif")])
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["--angles", "0,45,90"], "leave --angles out"),
         (["--average", "0"], "--average is 0"),
         (["--frames-per-second", "0"], "--frames-per-second"),
         (["--align"], "leave --align"),

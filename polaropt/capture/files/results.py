@@ -8,6 +8,7 @@ finished, so that all files are of one run, and the folder is removed.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import secrets
@@ -29,6 +30,9 @@ _EXCHANGE = "polaropt-exchange.json"
 """File of a temporary folder that names what is exchanged, from when all of it is there."""
 _FOLDERS = (".zarr",)
 """Endings of results that are folders."""
+_NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NOTHING_FREE = 2**20
+"""Bytes of a disk that is as good as full; set by hand."""
 _SETTLED_SECONDS = 10.0
 """How old a folder is before it can count as left: its run has long taken its lock. Set by hand."""
 
@@ -61,7 +65,8 @@ def result_folder(target: Path, owned: Collection[str] = ()) -> Iterator[Path]:
         with _failures_of(target):
             work.mkdir(mode=0o700)
         lock = _locked(work)
-        yield work
+        with _full(target, work):
+            yield work
         with _failures_of(target):
             _publish(work, target, owned)
     finally:
@@ -89,6 +94,21 @@ def _temporary_place(target: Path) -> Path:
         raise InputError(f"{target}: {what}; choose another output folder")
     _clear(place)
     return place / f"{_PREFIX}{secrets.token_hex(_NAME_BYTES)}"
+
+
+@contextmanager
+def _full(target: Path, work: Path) -> Iterator[None]:
+    """InputError where what is written into a folder finds no place."""
+    try:
+        yield
+    except OSError as error:
+        # Some libraries say only how much of it was written.
+        if error.errno not in _NO_PLACE and (error.errno is not None or shutil.disk_usage(work).free > _NOTHING_FREE):
+            raise
+        reason = error.strerror or os.strerror(errno.ENOSPC)
+        raise InputError(
+            f"{target}: cannot be written ({reason}); make place, or choose another output folder"
+        ) from None
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
+from itertools import chain, groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _SEQUENCE = "The sequence"
 _LISTED = 5
-"""Missing numbers that are listed at most; set by hand."""
+"""Missing numbers, and lost frames, that are listed at most; set by hand."""
 Format = Literal["zarr", "tiff"]
 
 
@@ -137,6 +137,8 @@ def sequence_command(
             "frames are mosaics, whose photographs are taken at once; leave --align and relative angles out"
         )
     reading = capture.arguments()
+    if capture.angles != ReadingOptions.angles:
+        raise InputError("frames are mosaics, whose cells have an angle each; leave --angles out, see --cell-order")
     if reading.pop("exposures") is not None:
         raise InputError("frames are mosaics, whose photographs are taken at once; leave --exposures out")
     shape, pixel_format = reading.pop("shape"), reading.pop("pixel_format")
@@ -223,16 +225,18 @@ def _captures(
 
     arguments = {name: value for name, value in reading.items() if name != "angles_deg"}
     reader = FrameReader(bits=frames.bits, **arguments)
-    raws: Iterator[Any] = iter(frames)
+    raws: Iterator[Any] = frames.tried()
     read: Callable[[Any], Capture] = reader.read
     if sequence.average > 1:
         raws, read = _averaged(frames, sequence.average, reader, arguments)
     for i, raw in enumerate(raws):
         try:
+            if isinstance(raw, InputError):
+                raise raw
             capture = read(raw)
         except InputError as error:
             if not i:
-                raise InputError(f"{frames.name}, frame {i}: {error}") from None
+                raise raw if error is raw else InputError(f"{frames.name}, frame {i}: {error}") from None
             lost[i] = str(error)
             continue
         yield capture
@@ -258,13 +262,19 @@ def _averaged(
         "sensor": "color" if first.color else "mono",
         "cell_order": arguments["cell_order"] or first.origin.cell_order,
     }
-    means = (mean.astype(np.float32) for mean in averaged(frames, number))
-    return means, partial(mosaic_capture, **{**arguments, **like_first})
+
+    def means() -> Iterator[Any]:
+        # What cannot be read ends a mean, and has a place of its own.
+        for lost, part in groupby(frames.tried(), lambda one: isinstance(one, InputError)):
+            yield from part if lost else (mean.astype(np.float32) for mean in averaged(part, number))
+
+    return means(), partial(mosaic_capture, **{**arguments, **like_first})
 
 
 def _sentences(document: dict[str, Any], output: Path, sequence: SequenceOptions) -> list[str]:
     last = document["last"]
-    lines = [f"{document['frames']} frames, {document['frames_per_second']:.2g} a second."]
+    count = f"{document['frames']} frame{'s' if document['frames'] > 1 else ''}"
+    lines = [f"{count}, {document['frames_per_second']:.2g} a second."]
     if last["incidence_deg"] is not None:
         error = "" if last["incidence_deg_error"] is None else f" ± {last['incidence_deg_error']:.2g}"
         lines.append(f"The pane at the end: incidence {last['incidence_deg']:.2f}{error} deg ({last['rung']}).")
@@ -272,9 +282,10 @@ def _sentences(document: dict[str, Any], output: Path, sequence: SequenceOptions
     if missing:
         listed = ", ".join(map(str, missing[:_LISTED])) + (", ..." if len(missing) > _LISTED else "")
         lines.append(f"ATTENTION: no file has the number {listed}; the next one there is was taken to follow.")
-    lines += [
-        f"ATTENTION: frame {frame} is lost, its layers are black: {why}." for frame, why in document["lost"].items()
-    ]
+    lost = list(document["lost"].items())
+    lines += [f"ATTENTION: frame {frame} is lost, its layers are black: {why}." for frame, why in lost[:_LISTED]]
+    if len(lost) > _LISTED:
+        lines.append(f"ATTENTION: ... and {len(lost) - _LISTED} more frames are lost; frames.csv names all.")
     warned = [f"{name} in {number} of {document['frames']} frames" for name, number in document["warnings"].items()]
     lines += [f"ATTENTION: {', '.join(warned)}; frames.csv tells which."] if warned else []
     layers = "layers.zarr" if sequence.format == "zarr" else "transmission.tiff, reflection.tiff"

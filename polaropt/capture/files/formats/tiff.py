@@ -74,6 +74,12 @@ def _pages_of(tiff: Any) -> Any:
     return tiff.pages
 
 
+def _goes_on(tiff: Any) -> bool:
+    """Whether the last page that there is names a next one."""
+    tiff.filehandle.seek(tiff.pages.next_page_offset)
+    return any(tiff.filehandle.read(tiff.tiff.offsetsize))
+
+
 def _series_of(tiff: Any) -> list[Any]:
     """What is to be read: small copies of other pages are not."""
     _pages_of(tiff)
@@ -184,6 +190,8 @@ def tiff_frames(path: AnyPath, max_pixels: int = MAX_PIXELS) -> tuple[int, Calla
         size = Path(path).stat().st_size
         with complaints(), opened_tiff(path) as tiff:
             pages = [(page.shape, page.dtype, page.compression) for page in _pages_of(tiff)]
+            if _goes_on(tiff):
+                raise InputError(f"is cut off, and {len(pages)} of its frames are listed; copy it again")
             one = tiff.pages.first
             if len(set(pages)) != 1 or len(pages[0][0]) != 2 or one.compression not in _BOUNDED:
                 raise InputError("its pages are no mosaics of one size; give one grey page a frame")
