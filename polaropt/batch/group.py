@@ -27,14 +27,15 @@ its beginning: ``45_vase``."""
 _MARKS = " ._-"
 _OF_RESULTS = ("batch.jsonl", "sequence.json")
 """Files by which folders of results are known, in which nothing is looked for."""
+OF_BATCH = ("batch.jsonl", "scenes.jsonl", "scene.json", "summary.csv", "summary.parquet", "index.html")
+"""Files of a batch as a whole: no capture's folder may have their names."""
 _WRITTEN_BESIDE = {
     "report.json": frozenset((*RESULT_FILES, THUMBNAIL, COMPARISON, *TRUE_LAYERS)),
     "scene.json": frozenset(TRUE_LAYERS),
+    "batch.jsonl": frozenset(OF_BATCH),
 }
-"""Files by which folders of a capture's results and of a simulation are known, and what is left out of such a folder:
-photographs may lie there, too."""
-OF_BATCH = ("batch.jsonl", "scenes.jsonl", "scene.json", "summary.csv", "summary.parquet", "index.html")
-"""Files of a batch as a whole: no capture's folder may have their names."""
+"""Files by which folders of results, of a simulation and of a batch are known, and what is left out of such a
+folder: photographs may lie there, too."""
 EACH, FOLDER = "each", "folder"
 """Of --group: each file is a capture; all files of a folder are one, in the order of their names."""
 

@@ -90,6 +90,14 @@ def test_photographs_beside_their_results_are_found(tmp_path: Path) -> None:
         assert grouping.leftovers == ()
 
 
+def test_a_batch_beside_its_photographs_leaves_its_own_files_out(tmp_path: Path) -> None:
+    touch(
+        tmp_path, "a.png", "batch.jsonl", "summary.csv", "index.html", "scene.json", "a/report.json", "a/thumbnail.jpg"
+    )
+    grouping = grouped(tmp_path)
+    assert (list(found(grouping)), [left.file.name for left in grouping.leftovers]) == (["a"], [])
+
+
 def test_what_simulate_and_demo_write_beside_photographs_is_no_capture(tmp_path: Path) -> None:
     truth = ("true_transmission.tiff", "true_reflection.tiff")
     photographs = [f"capture_{angle:03}.png" for angle in (0, 45, 90, 135)]

@@ -265,7 +265,8 @@ def _averaged(
 
     def means() -> Iterator[Any]:
         # What cannot be read ends a mean, and has a place of its own.
-        for lost, part in groupby(frames.tried(), lambda one: isinstance(one, InputError)):
+        tried: Iterator[Any] = frames.tried()
+        for lost, part in groupby(tried, lambda one: isinstance(one, InputError)):
             yield from part if lost else (mean.astype(np.float32) for mean in averaged(part, number))
 
     return means(), partial(mosaic_capture, **{**arguments, **like_first})
