@@ -1,8 +1,10 @@
-"""The side on which double images lie, told by the edges of the layers that a pane leaves on either side.
+"""The side on which double images lie, told by the edges of the layers that a pane leaves on either side, or by tiles.
 
 Double images on one side of their layer and on the other leave the photographs the same spectra but for a phase, and
 where they are faint that phase is lost in what the two layers have in common by chance. A pane with its double images
-on the wrong side does not take them out of the layers, it doubles them again: such layers have more edges.
+on the wrong side does not take them out of the layers, it doubles them again: such layers have more edges. Unless one
+layer has hardly any: what is left in it of the other one then counts for more than edges that are doubled, and single
+tiles of the frame, where they surely tell the side, tell it right.
 """
 
 from __future__ import annotations
@@ -10,21 +12,30 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-from polaropt.capture import Capture
+from polaropt.capture import Capture, plate_frame, stokes_images
 from polaropt.estimation.flat.estimate import SceneEstimate
+from polaropt.estimation.flat.ghosts import is_of_two_faces
+from polaropt.estimation.flat.windows.axis import window_of
+from polaropt.estimation.flat.windows.tiles import TileLikelihood
 from polaropt.estimation.ladder import LadderResult
 from polaropt.optics import Rival, SceneParameters
 
 _SURE = 0.0035
 """Share of edges from which on the side is certain. Of 170 panes of training photographs (20 to 70 degrees, noise 0.5
 and 2 %) in which double images were found the wrong side had fewer once, by a tenth of this."""
-_REMARK = "Its double images lie where the layers have fewer edges, on the other side than their spectra say."
+_SURE_OF_TILES, _AGAINST = 2.0, 1.0
+"""Standard errors by which tiles must find one side likelier to be believed whatever the edges say, and from which on
+edges that say otherwise are not certain. Of 120 panes of training photographs (18 to 60 degrees, shifts of 2 to 14 px,
+noise 0.05 to 1 %, 83 with one layer blurred by 2 to 14 px; seeds 0 to 119 of an engine of its own) edges have 21 on the
+wrong side; tiles have none of 68 there by two standard errors, 7 of those 21 among them, and 4 by 1 to 1.5."""
+_BY_EDGES = "Its double images lie where the layers have fewer edges, on the other side than their spectra say."
+_BY_TILES = "Its double images lie where single tiles surely have them, on the other side than their spectra say."
 
 
 def with_likelier_side(
-    found: LadderResult, capture: Capture, edges: Callable[[SceneParameters], float]
+    found: LadderResult, capture: Capture, edges: Callable[[SceneParameters], float], noise: float
 ) -> LadderResult:
-    """The scene found, with its double images on the side that leaves the layers fewer edges.
+    """The scene found, with its double images on the side that tiles surely tell, or that leaves fewer edges.
 
     Parameters
     ----------
@@ -34,6 +45,8 @@ def with_likelier_side(
         edges of their own: their scene is left as it is.
     edges : callable
         Logarithm of the edges that the layers behind a complete scene have.
+    noise : float
+        Standard deviation of one photograph's noise.
 
     Returns
     -------
@@ -43,18 +56,34 @@ def with_likelier_side(
     of_mosaic = capture.samples is not None or capture.low_passed
     if estimate is None or of_mosaic or not scene.signal or not scene.has_ghosts or scene.varies:
         return found
-    more_edges = edges(scene.opposite()) - edges(scene)
-    if abs(more_edges) > _SURE:
+    more_edges, by_tiles = edges(scene.opposite()) - edges(scene), _surer_of_tiles(capture, scene, noise)
+    told_by_tiles = abs(by_tiles) > _SURE_OF_TILES
+    contradicted = abs(by_tiles) > _AGAINST and by_tiles * more_edges < 0
+    stays = (by_tiles if told_by_tiles else more_edges) >= 0
+    if told_by_tiles or (abs(more_edges) > _SURE and not contradicted):
         estimate = _of_known_side(estimate)
-    if more_edges >= 0:
+    elif not stays:
+        estimate = _of_either_side(estimate)
+    if stays:
         return dataclasses.replace(found, estimate=estimate)
     rivals = tuple(Rival(rival.scene.opposite(), rival.chance) for rival in estimate.rivals)
     scene = scene.opposite()
+    remark = _BY_TILES if told_by_tiles else _BY_EDGES
     tried = tuple(
-        dataclasses.replace(rung, reason=f"{rung.reason} {_REMARK}") if rung.taken else rung for rung in found.tried
+        dataclasses.replace(rung, reason=f"{rung.reason} {remark}") if rung.taken else rung for rung in found.tried
     )
     estimate = dataclasses.replace(estimate, scene=scene, rivals=rivals)
     return dataclasses.replace(found, scene=scene, estimate=estimate, tried=tried)
+
+
+def _surer_of_tiles(capture: Capture, scene: SceneParameters, noise: float) -> float:
+    """Standard errors by which tiles find a window's images on this side likelier than on the other; 0 if not asked."""
+    if not is_of_two_faces(scene) or scene.polarized:
+        return 0.0
+    azimuth = scene.values()[1]
+    tiles = TileLikelihood(plate_frame(stokes_images(capture, noise), azimuth))
+    here, across = (tiles.fitted(window_of(side, azimuth), scene.index) for side in (scene, scene.opposite()))
+    return here.surer_than(across)
 
 
 def _of_known_side(estimate: SceneEstimate) -> SceneEstimate:
@@ -63,3 +92,11 @@ def _of_known_side(estimate: SceneEstimate) -> SceneEstimate:
     if estimate.scene.rung != "ghosts" or not shift or error is None or of_side is None or error <= abs(shift) / 2:
         return estimate
     return dataclasses.replace(estimate, errors=dataclasses.replace(estimate.errors, ghost_shift=of_side))
+
+
+def _of_either_side(estimate: SceneEstimate) -> SceneEstimate:
+    """The estimate whose error of the ghost shift reaches to the other side: two of them, as spectra that tell none."""
+    shift, error = estimate.scene.ghost_shift, estimate.errors.ghost_shift
+    if not shift or error is None or error >= abs(shift):
+        return estimate
+    return dataclasses.replace(estimate, errors=dataclasses.replace(estimate.errors, ghost_shift=abs(shift)))

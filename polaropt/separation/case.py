@@ -188,7 +188,7 @@ def case_of(
     # Edges of things that are polarized by themselves tell no side; the scene found beside them has it by spectra.
     if asked.ghost_shift is None and of_cells.things is None:
         of_source_edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
-        found = with_likelier_side(found, source, of_source_edges)
+        found = with_likelier_side(found, source, of_source_edges, of_source)
     if matching is not None:
         matching = matching.with_azimuth(found.scene.azimuth_deg)
     unglazed = None if unglazed is None else surely_unglazed(unglazed, found.scene)

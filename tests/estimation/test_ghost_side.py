@@ -32,10 +32,10 @@ def estimate_of(example, scene: SceneParameters, **changes) -> LadderResult:
 def test_images_on_the_wrong_side_are_put_on_the_right_one(shift: float, incidence_deg: float) -> None:
     example = blend(incidence_deg, 128, ghost_shift=shift, noise=NOISE)
     wrong = estimate_of(example, example.scene.opposite())
-    mended = with_likelier_side(wrong, example.capture, edges(example))
+    mended = with_likelier_side(wrong, example.capture, edges(example), NOISE)
     assert mended.scene == mended.estimate.scene == example.scene
     assert [rung.reason for rung in mended.tried if rung.taken] != [rung.reason for rung in wrong.tried if rung.taken]
-    again = with_likelier_side(mended, example.capture, edges(example))
+    again = with_likelier_side(mended, example.capture, edges(example), NOISE)
     assert again.scene == example.scene
     assert again.tried == mended.tried
 
@@ -45,14 +45,33 @@ def test_what_is_certain_of_the_side_has_the_error_of_one_side() -> None:
     found = estimate_of(example, example.scene, shift_error_of_side=0.2)
     open_error = dataclasses.replace(found.estimate.errors, ghost_shift=6.0)
     of_both = dataclasses.replace(found, estimate=dataclasses.replace(found.estimate, errors=open_error))
-    assert with_likelier_side(of_both, example.capture, edges(example)).errors.ghost_shift == 0.2
+    assert with_likelier_side(of_both, example.capture, edges(example), NOISE).errors.ghost_shift == 0.2
+
+
+@pytest.mark.parametrize(("incidence_deg", "noise", "sure"), [(50, 0.001, True), (30, 0.03, False)])
+def test_edges_that_hardly_differ_do_not_overrule_tiles_that_are_sure(
+    incidence_deg: float, noise: float, sure: bool
+) -> None:
+    example = blend(incidence_deg, 112, ghost_shift=6.0, noise=noise)
+
+    def misleading(scene: SceneParameters) -> float:
+        """As of a layer with hardly any edges: slightly fewer with its images on the wrong side."""
+        return 0.01 if scene == example.scene else 0.008
+
+    found = estimate_of(example, example.scene, shift_error_of_side=0.2)
+    known = dataclasses.replace(found.estimate.errors, ghost_shift=0.2)
+    found = dataclasses.replace(found, estimate=dataclasses.replace(found.estimate, errors=known))
+    checked = with_likelier_side(found, example.capture, misleading, noise)
+    assert (checked.scene == example.scene) == sure
+    # What neither tells surely may as well lie on the other side.
+    assert checked.errors.ghost_shift == (0.2 if sure else 6.0)
 
 
 def test_images_in_place_and_panes_that_vary_are_left_as_they_are() -> None:
     example = blend(60, 96, ghost_shift=0.0, noise=NOISE)
     for scene in (example.scene, example.scene.replace(ghost_shift=4.0, focal_px=90.0)):
         found = estimate_of(example, scene)
-        assert with_likelier_side(found, example.capture, edges(example)) is found
+        assert with_likelier_side(found, example.capture, edges(example), NOISE) is found
 
 
 def test_all_images_change_sides_and_come_back() -> None:
