@@ -23,7 +23,7 @@ from polaropt.estimation.flat.azimuth import (
     choose_axis,
     log_odds,
 )
-from polaropt.estimation.flat.estimate import estimate_scene
+from polaropt.estimation.flat.estimate import _is_settled, estimate_scene
 from polaropt.estimation.flat.search import SceneSearch, Trial, evidence
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileLikelihood
@@ -37,6 +37,14 @@ from tests.blends import blend
 
 BLIND = SceneParameters(None, None, None)
 NOISE, POLARIZED_DB = 0.005, 20.0
+
+
+@pytest.mark.parametrize(("margin", "incidence_deg", "of_mosaic", "settled"), [
+    (0.1, 84.0, True, False), (-0.1, 84.0, True, False), (0.1, 79.0, True, True), (0.1, 84.0, False, True),
+    (0.05, 60.0, True, False), (math.inf, 84.0, True, True),
+])  # fmt: skip
+def test_cells_of_a_mosaic_that_like_a_grazing_pane_settle_no_axis(margin, incidence_deg, of_mosaic, settled) -> None:
+    assert _is_settled(margin, Trial(incidence_deg, 0.0, -5.0), of_mosaic=of_mosaic) is settled
 
 
 def panes_of(capture: Capture, azimuth_deg: float, trials: tuple[Trial, Trial]) -> tuple[AxisCandidate, AxisCandidate]:
