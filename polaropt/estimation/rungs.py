@@ -211,6 +211,9 @@ def _from_afar(evidence: Evidence) -> RungFit:
     return RungFit(scene, misfit, 1, True, remark, evidence.estimate.errors)
 
 
+_OF_EDGES = "The layers' edges speak against it."
+
+
 def _curved(evidence: Evidence) -> RungFit:
     plain = evidence.estimate.scene
     asked = evidence.wanted == "curved"
@@ -224,10 +227,10 @@ def _curved(evidence: Evidence) -> RungFit:
         bend_deg_per_px=fit.bend_deg_per_px,
     )
     negative = negative_light(evidence.blocks, scene) if told else 0.0
-    known = asked or (told and negative <= MOST_NEGATIVE)
+    known = asked or (told and negative <= MOST_NEGATIVE and fit.edges_agree)
     remark = "" if known else "The polarized light does not tell how the pane is bent."
     if told and not known:
-        remark = _less_than_no_light(negative)
+        remark = _OF_EDGES if negative <= MOST_NEGATIVE else _less_than_no_light(negative)
     lens_found = evidence.focal_px is None and fit.focal_px is not None
     errors = SceneErrors(
         fit.incidence_error_deg,

@@ -139,6 +139,13 @@ def test_polarization_and_edges_tell_how_the_pane_is_bent(focal_px):
     assert (away < np.maximum(4 * np.array(fit.bend_error_deg_per_px), 0.005)).all()
     assert fit.focal_px == focal_px
     assert fit.misfit == pytest.approx(1, abs=0.1)
+    assert fit.edges_agree
+
+
+def test_edges_speak_against_a_bend_that_explains_the_polarized_light_of_a_flat_pane():
+    example = blend(20, 96, ghost_shift=0.0, transmission_polarization=(0.1, 60.0))
+    plain = example.scene.replace(transmission_polarization=(0.0, 0.0))
+    assert not fit_curved(stokes_images(example.capture, 0.005), plain).edges_agree
 
 
 def test_where_no_bend_explains_much_the_edges_are_not_looked_at():

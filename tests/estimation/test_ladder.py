@@ -305,14 +305,16 @@ def test_polarized_light_is_known_where_it_gains_enough(name: str, monkeypatch: 
 
 BEND = SimpleNamespace(
     incidence_deg=54.0, azimuth_deg=21.0, focal_px=None, bend_deg_per_px=(0.1, 0.0, 0.0), incidence_error_deg=0.5,
-    azimuth_error_deg=1.0, focal_error_px=None, bend_error_deg_per_px=(0.01, 0.01, 0.01), misfit=ALL,
+    azimuth_error_deg=1.0, focal_error_px=None, bend_error_deg_per_px=(0.01, 0.01, 0.01), edges_agree=True, misfit=ALL,
 )  # fmt: skip
+AGAINST = "The layers' edges speak against it."
 UNBENT = "The polarized light does not tell how the pane is bent."
 BENT_PANES = {
     "told": (BEND, 0.0, "auto", (True, "", 5)),
     "uncertain": (replace_in(BEND, incidence_error_deg=3.1), 0.17, "auto", (False, UNBENT, 5)),
     "no better than chance": (replace_in(BEND, misfit=9.9), 0.0, "auto", (False, UNBENT, 5)),
     "less than no light": (BEND, 0.17, "auto", (False, DARK, 5)),
+    "edges against it": (replace_in(BEND, edges_agree=False), 0.0, "auto", (False, AGAINST, 5)),
     "asked for": (BEND, 0.17, "curved", (True, "", 5)),
     "before a lens": (replace_in(BEND, focal_px=80.0, focal_error_px=3.0), 0.0, "auto", (True, "", 6)),
 }

@@ -79,8 +79,8 @@ _WORST_INCIDENCE = math.radians(10)
 # Standard errors, and at least an angle (rad), by which the edges' incidence differs where the pane is not flat. Set by
 # hand.
 _AWAY, _LEAST_AWAY = 4.0, math.radians(3)
-# Natural logarithm of edge overlap by which a flat pane before a lens may exceed the plain pane. Measured: true ones
-# leave less than that or 0.02 more, mistaken ones 0.2 to 0.8 more.
+# Natural logarithm of edge overlap by which a flat pane before a lens, or a bent one, may exceed the plain pane.
+# Measured: true ones leave less than that or 0.03 more, mistaken ones 0.2 to 0.8 more.
 _MORE_OVERLAP = 0.1
 
 
@@ -173,9 +173,13 @@ def with_edges(
     if not _incidences_agree(pane.fit, incidence, error):
         return pane, False
     completed = pane.with_measurement(ALONG_INCIDENCE, incidence, error)
+    return completed, edges.log_overlap(completed) - _of_plain(overlap, plain) <= _MORE_OVERLAP
+
+
+def _of_plain(overlap: VaryingOverlap, plain: SceneParameters) -> float:
+    """Log overlap of the layers' edges before the plain pane."""
     incidence_deg, azimuth_deg, _ = plain.values()
-    of_plain = float(overlap.log(Pane(plane_normal(incidence_deg, azimuth_deg), FLAT, 0.0)).mean())
-    return completed, edges.log_overlap(completed) - of_plain <= _MORE_OVERLAP
+    return float(overlap.log(Pane(plane_normal(incidence_deg, azimuth_deg), FLAT, 0.0)).mean())
 
 
 def _incidences_agree(by_directions: PaneFit, incidence: float, error: float) -> bool:
@@ -267,6 +271,9 @@ class CurvedFit:
         Mean square of the light that is polarized across, in units of its noise: 1 where the model holds.
     n : int
         Number of blocks times colours that it is the mean of.
+    edges_agree : bool
+        Whether the edges of the layers overlap about as little as before the plain pane, or less, as they do where the
+        pane is bent so.
     """
 
     incidence_deg: float
@@ -279,6 +286,7 @@ class CurvedFit:
     bend_error_deg_per_px: tuple[float, float, float]
     misfit: float
     n: int
+    edges_agree: bool
 
 
 def fit_curved(
@@ -304,7 +312,7 @@ def fit_curved(
     left, plain_left = coarse.misfit(*named(rough[0], coarse)), coarse.least_constant_misfit()
     if plain_left - left < enough * (plain_left - 1) or not overlap.usable:
         seen = _from_afar(rough[0]) if _has_no_focal_length(rough[0], blocks) else rough[0]
-        return _result(blocks, PaneFit(seen, np.full((N_NUMBERS, N_NUMBERS), math.inf)))
+        return _result(blocks, PaneFit(seen, np.full((N_NUMBERS, N_NUMBERS), math.inf)), edges_agree=True)
     found = _likeliest(blocks, rough, free, prior, plain)
     edges = PaneEdges(overlap, PolarizedBlocks(stokes, MIDDLE_BLOCKS))
     if len(found) > 1:
@@ -316,7 +324,8 @@ def fit_curved(
         as_likely = losses[0] - losses[1] <= _AS_LIKELY * max(1.0, losses[1] / blocks.n)
         if as_likely or _has_no_focal_length(best.fit.point, blocks):
             best = edges.completed(replace(remote, directions=best.directions))
-    return _result(blocks, best.fit)
+    agree = edges.log_overlap(best) - _of_plain(overlap, plain) <= _MORE_OVERLAP
+    return _result(blocks, best.fit, edges_agree=agree)
 
 
 _OTHERS = (INCIDENCE, AZIMUTH, *BEND)
@@ -404,7 +413,7 @@ def _from_afar(point: Values) -> Values:
     return point
 
 
-def _result(blocks: PolarizedBlocks, fit: PaneFit) -> CurvedFit:
+def _result(blocks: PolarizedBlocks, fit: PaneFit, *, edges_agree: bool) -> CurvedFit:
     incidence, azimuth, focal, bend = named(fit.point, blocks)
     errors = _BENT_WIDER * np.sqrt(np.diag(fit.covariance))
     in_degrees = np.degrees(errors)
@@ -421,6 +430,7 @@ def _result(blocks: PolarizedBlocks, fit: PaneFit) -> CurvedFit:
         (float(e_xx), float(e_xy), float(e_yy)),
         blocks.misfit(incidence, azimuth, focal, bend),
         blocks.n,
+        edges_agree,
     )
 
 
