@@ -59,13 +59,24 @@ def _of_captures(
 def _on_device(captures: Iterable[Capture], device: str, chosen: dict[str, Any]) -> Iterator[Separation]:
     """As many captures of one shape at a time as the device solves together."""
     some: list[Capture] = []
-    for capture in captures:
+    failures: list[Exception] = []
+    for capture in _until_failure(captures, failures):
         if some and (capture.shape != some[0].shape or len(some) >= n_at_once(n_values(capture))):
             yield from _some_at_once(some, device, chosen)
             some = []
         some.append(capture)
     if some:
         yield from _some_at_once(some, device, chosen)
+    if failures:
+        raise failures[0]
+
+
+def _until_failure(captures: Iterable[Capture], failures: list[Exception]) -> Iterator[Capture]:
+    """Captures until one cannot be had, and why: those before it are on their way, and their results come first."""
+    try:
+        yield from captures
+    except Exception as error:
+        failures.append(error)
 
 
 def _some_at_once(some: list[Capture], device: str, chosen: dict[str, Any]) -> Iterator[Separation]:
@@ -120,7 +131,8 @@ def _each(work: Callable[[Capture], Result], captures: Iterable[Capture], client
         return
     window = max(2, _AHEAD * sum(client.nthreads().values()))
     running: deque[Any] = deque()
-    for capture in captures:
+    failures: list[Exception] = []
+    for capture in _until_failure(captures, failures):
         # Not as an argument: the scheduler would keep every capture.
         sent = client.scatter(capture, direct=True, hash=False)
         running.append(client.submit(work, sent, pure=False))
@@ -129,6 +141,8 @@ def _each(work: Callable[[Capture], Result], captures: Iterable[Capture], client
             yield client.gather(running.popleft(), direct=True)
     while running:
         yield client.gather(running.popleft(), direct=True)
+    if failures:
+        raise failures[0]
 
 
 def _of_array(

@@ -55,6 +55,11 @@ class Outcome:
     interrupted: bool = False
 
     @property
+    def summed_up(self) -> bool:
+        """Whether the summary and the contact sheet are written."""
+        return bool(self.rows) or not self.interrupted
+
+    @property
     def failed(self) -> tuple[Row, ...]:
         """Captures without layers."""
         return tuple(row for row in self.rows if row.status != DONE)
@@ -121,7 +126,7 @@ def run_batch(
         told_rows = tuple(_doubted(row, doubts.get(row.name, "")) for row in in_order)
         outcome = Outcome(told_rows, reused, interrupted or lost)
         # What is there tells more than nothing, where it ended before any capture was looked for.
-        if told_rows or not outcome.interrupted:
+        if outcome.summed_up:
             write_summary(folder, outcome.rows, parquet=parquet)
             write_sheet(folder, outcome.rows)
     if lost:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
 
 from polaropt import Capture, InputError, ResultWarning, SceneParameters, separate, separate_many, simulate
+from polaropt.batch import many
 
 PANE = SceneParameters(60.0, 20.0, 4.0)
 
@@ -34,6 +37,40 @@ def test_each_is_separated_as_alone_and_only_when_asked_for() -> None:
     assert taken == [0]
     np.testing.assert_array_equal(first.layers, separate(next(captures()), PANE).layers)
     assert len(list(results)) == 2
+
+
+class _Sent:
+    """As much of a Dask client as is asked of it; it works when a result is."""
+
+    def nthreads(self) -> dict[str, int]:
+        return {"a": 4}
+
+    def scatter(self, capture: Capture, **options: bool) -> Capture:
+        return capture
+
+    def submit(self, work: Any, capture: Capture, **options: bool) -> Any:
+        return partial(work, capture)
+
+    def gather(self, future: Any, **options: bool) -> Any:
+        return future()
+
+
+@pytest.mark.parametrize("options", [{}, {"client": _Sent()}, {"device": "cpu"}])
+def test_results_of_captures_before_one_that_cannot_be_had_come_first(
+    options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(many, "separate", lambda capture, **chosen: capture)
+    monkeypatch.setattr(many, "separate_at_once", lambda some, device, **chosen: some)
+    taken = list(captures(2))
+
+    def failing() -> Iterator[Capture]:
+        yield from taken
+        raise OSError("the camera is gone")
+
+    results = many.separate_many(failing(), PANE, **options)
+    assert [next(results) for _ in range(2)] == taken
+    with pytest.raises(OSError, match="the camera is gone"):
+        next(results)
 
 
 def test_a_shared_scene_is_the_same_for_all() -> None:

@@ -159,7 +159,7 @@ def test_a_capture_that_cannot_share_the_scene_fails_alone(tmp_path: Path, monke
 
 
 def test_an_interruption_while_the_scene_is_looked_for_leaves_the_summary(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted(job: Job, memory: int | None = None) -> Row:
         raise KeyboardInterrupt
@@ -169,3 +169,7 @@ def test_an_interruption_while_the_scene_is_looked_for_leaves_the_summary(
     job = Job("a", ("a.png",), str(tmp_path / "a"), Options())
     assert run.run_batch([job], tmp_path, Place(), shared_scene=True).interrupted
     assert (tmp_path / "summary.csv").read_text() == "of before"
+    (tmp_path / "a.png").write_bytes(b"")
+    assert main(["batch", str(tmp_path / "a.png"), "-o", str(tmp_path), "--shared-scene", "--workers", "1"]) == 130
+    said = capsys.readouterr()
+    assert (said.out, "1 of 1 captures are left" in said.err) == ("0 of 1 captures are separated.\n", True)

@@ -279,7 +279,9 @@ def _sentences(output: Path, jobs: list[Job], outcome: Outcome, leftovers: tuple
     lines += [f"! {left.file}: {left.reason}; left out." for left in leftovers[:_NAMED]]
     if len(leftovers) > _NAMED:
         lines.append(f"! ... and {len(leftovers) - _NAMED} more files; --json names all.")
-    return [*lines, f"Written to {output}: summary.csv, index.html, and a folder for each capture."]
+    if outcome.summed_up:
+        lines.append(f"Written to {output}: summary.csv, index.html, and a folder for each capture.")
+    return lines
 
 
 def _warned(outcome: Outcome) -> dict[str, int]:

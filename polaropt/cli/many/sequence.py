@@ -120,8 +120,8 @@ def sequence_command(
     Writes into the folder: layers.zarr (or transmission.tiff and reflection.tiff), frames.csv (a row for each frame),
     sequence.json; where --uncertainty asks for them, standard errors of the layers (in layers.zarr, or
     transmission_error.tiff and reflection_error.tiff); where --video asks for it, side_by_side.mp4. Ctrl-C keeps the
-    frames that are done. A frame after the first that cannot be separated, such as a black one, is told in frames.csv
-    and has black layers. A run that fails leaves the folder as it was.
+    frames that are done. A frame after the first that cannot be read or separated, such as a black one, is told in
+    frames.csv and has black layers. A run that fails leaves the folder as it was.
 
     Exit code 3: a frame was lost; 2: the call is wrong; 130: interrupted.
     """
