@@ -115,6 +115,7 @@ class Separation(separation.Separation):
         """
         if not str(folder):
             raise InputError("the folder has no name; give one, or '.' for the folder that you are in")
+        check_flags([("uncertainty", uncertainty), ("layers_only", layers_only)])
         target = Path(folder)
         with result_folder(target, RESULT_FILES) as work:
             write_separation(work, self, self.capture, uncertainty=uncertainty, layers_only=layers_only)
@@ -312,6 +313,7 @@ def separate_many(
     (96, 96, 3) 60
     """
     _check_options(options)
+    _check_several(captures)
     if hasattr(captures, "dask"):
         array: Any = captures
         asked: Any = scene
@@ -395,6 +397,7 @@ def separate_sequence(
     ((96, 96, 3), 2)
     """
     _check_options(options)
+    _check_several(captures)
     return _sequence(captures, scene, {"pane": pane, "first": first, "every": every, "ahead": ahead}, options)
 
 
@@ -406,6 +409,15 @@ def _sequence(
     _check_agreeing(asked, **_told_beside(options))
     found = sequence.separate_sequence(noted, asked, **how, **_with_errors(options, known))
     yield from _shown(found, taken)
+
+
+def _check_several(captures: Any) -> None:
+    """InputError where captures are one, or nothing that holds some."""
+    if not hasattr(captures, "__iter__") and not hasattr(captures, "__getitem__"):
+        what = (
+            "give several in a list, or call separate" if isinstance(captures, Capture) else "give a list of captures"
+        )
+        raise InputError(f"captures is a {type(captures).__name__}; {what}")
 
 
 def _noted(captures: Iterable[Capture], taken: deque[Capture]) -> Iterator[Capture]:

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -125,6 +126,19 @@ def test_wrong_types_get_one_sentence(wrong: object, advice: str) -> None:
         with pytest.raises(InputError, match=advice) as error:
             function(wrong)  # type: ignore[operator]
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("several", [polaropt.separate_many, polaropt.separate_sequence])
+def test_one_capture_is_not_several(several: Any, capture: polaropt.Capture) -> None:
+    with pytest.raises(InputError, match="captures is a Capture; give several in a list, or call separate"):
+        several(capture)
+    with pytest.raises(InputError, match="captures is a NoneType; give a list of captures"):
+        several(None)
+
+
+def test_texts_for_what_is_saved_are_refused(result: polaropt.Separation, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="uncertainty is 'no'; give True or False"):
+        result.save(tmp_path / "out", uncertainty="no")  # type: ignore[arg-type]
 
 
 def test_a_scene_of_another_type_is_refused(capture: polaropt.Capture) -> None:

@@ -78,7 +78,7 @@ def listed_files(paths: AnyPath | Sequence[AnyPath]) -> tuple[str, ...]:
     try:
         files = [str(Path(path)) for path in listed]
     except TypeError:
-        raise InputError(f"{listed!r} is no list of files; give paths") from None
+        raise InputError(f"{paths!r} is no list of files; give paths") from None
     if not files:
         raise InputError("no file given; give one file per polarizer angle, a stack or a mosaic")
     twice = [name for name in files if files.count(name) > 1]
