@@ -113,6 +113,8 @@ class Separation(separation.Separation):
         InputError
             It cannot be written.
         """
+        if not isinstance(folder, str | PathLike):
+            raise InputError(f"{folder!r} is no path; give the folder for the results")
         if not str(folder):
             raise InputError("the folder has no name; give one, or '.' for the folder that you are in")
         check_flags([("uncertainty", uncertainty), ("layers_only", layers_only)])
@@ -422,8 +424,6 @@ def _check_several(captures: Any) -> None:
 
 def _noted(captures: Iterable[Capture], taken: deque[Capture]) -> Iterator[Capture]:
     """Captures, noted as they are taken."""
-    if not isinstance(captures, Iterable):
-        raise InputError(f"captures is a {type(captures).__name__}; give several, in a list or one after another")
     for capture in captures:
         taken.append(check_capture(capture))
         yield capture
@@ -622,10 +622,11 @@ def _with_errors(options: dict[str, Any], known: SceneErrors | None) -> dict[str
 
 
 def _check_options(options: dict[str, Any]) -> None:
-    """TypeError for an option that `separate` does not have, as Python has it."""
+    """TypeError for an option that `separate` does not have, as Python has it; InputError for a wrong progress."""
     for name in options:
         if name not in _OPTIONS:
             raise TypeError(f"unexpected option {name!r}; `separate` has: {', '.join(_OPTIONS)}")
+    _called(options.get("progress"))
 
 
 _OPTIONS = tuple(signature(separate).parameters)[2:]

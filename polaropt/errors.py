@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable
 from numbers import Real
 
@@ -13,6 +14,10 @@ _LEFT_OUT = " ... "
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
+
+
+NO_ROOM = frozenset({errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EROFS})
+"""Numbers of a system's errors that say that a disk takes no more, whoever writes."""
 
 
 class ResultWarning(UserWarning):
@@ -84,7 +89,9 @@ def check_numbers(named: Iterable[tuple[str, object]], *, none: bool = True) -> 
     """InputError where a value that has a name is no number, nor None where that says something."""
     for name, value in named:
         # Asked of thousands of scenes: most values are floats.
-        if type(value) is not float and not (none and value is None) and not isinstance(value, Real):
+        if type(value) is float or (none and value is None):
+            continue
+        if isinstance(value, bool) or not isinstance(value, Real):
             raise InputError(f"{name} is {value!r}; give a number")
 
 

@@ -385,7 +385,7 @@ class Capture:
         if trusted is None:
             check_white_level(images)
         if hidden is not None:
-            shown = ~(hidden if images.ndim == 3 else np.moveaxis(hidden, -1, 1))
+            shown = ~(np.moveaxis(hidden, -1, 1) if images.ndim == 4 else hidden)
             trusted = shown & (images < 1 if trusted is None else trusted)
         self._take(images, angles_deg, trusted, None)
 

@@ -33,6 +33,8 @@ MOST_NEGATIVE = -0.01
 """Values down to here (white = 1) are below black by noise or by a black level that does little harm; set by hand."""
 _FAR_BEYOND_WHITE, _MOSTLY = 2.0, 0.5
 """Value, and share of values beyond white, of photographs that were not divided by their white level. Set by hand."""
+_FARTHEST = 1e9
+"""From black (white = 1) that any value lies: sums of fourth powers stay within float32. Set by hand."""
 _BEYOND_EXPECTED = 1.5
 """Standard deviations: the least of n normal values lies about sqrt(2 ln n) below their mean, this more hardly ever."""
 _AVERAGED = 8
@@ -59,7 +61,20 @@ def photographs_of(intensities: ArrayLike) -> NDArray[Any]:
             f"photographs hold whole numbers up to {images.max()}; white is 1: give floats, divided by the white level "
             f"({np.iinfo(images.dtype).max} where all {8 * images.dtype.itemsize} bits are used)"
         )
+    if images.dtype.kind == "f" and images.itemsize > np.float32().itemsize:
+        # Before they become float32, which holds no larger ones; NaN and infinity are told later.
+        reach = max(abs(float(of.reduce(images, axis=None, initial=0))) for of in (np.fmin, np.fmax))
+        if math.isfinite(reach):
+            _check_reach(reach)
     return images
+
+
+def _check_reach(reach: float) -> None:
+    if reach > _FARTHEST:
+        raise InputError(
+            f"photographs hold values up to {reach:.3g}, trusted or not; white is 1: divide by the white level, and "
+            "replace what stands for none"
+        )
 
 
 def check_order(shape: tuple[int, ...], n_angles: int) -> None:
@@ -135,8 +150,11 @@ def _trusted_range(intensities: FloatImages, valid: AnyMask) -> tuple[float, flo
 
 
 def check_values(intensities: FloatImages, valid: AnyMask) -> None:
-    if not all(np.isfinite(intensities[plane]).all() for plane in np.ndindex(intensities.shape[:-2])):
+    planes = [intensities[plane] for plane in np.ndindex(intensities.shape[:-2])]
+    extremes = [float(extreme) for plane in planes for extreme in (plane.min(), plane.max())]
+    if not all(math.isfinite(extreme) for extreme in extremes):
         raise InputError("photographs hold NaN or infinite values; replace them, or mask them in finite images")
+    _check_reach(max(map(abs, extremes)))
     lowest, highest = _trusted_range(intensities, valid)
     if lowest > highest:
         raise InputError("every pixel is saturated; take the photographs again with a shorter exposure")

@@ -30,7 +30,7 @@ from polaropt.cli.separate import separate_command
 from polaropt.cli.simulate import simulate_command
 from polaropt.cli.study import add_study_command
 from polaropt.cli.train import train_command
-from polaropt.errors import INTERRUPTED, InputError, in_one_line
+from polaropt.errors import INTERRUPTED, NO_ROOM, InputError, in_one_line
 
 WRONG_INPUT = 2
 
@@ -141,6 +141,11 @@ def _run(arguments: Sequence[str] | None) -> int:
         return _refuse(str(error))
     except typer.TyperException as error:
         return _refuse(_usage_sentence(error))
+    except OSError as error:
+        # Also of help, which a library writes.
+        if error.errno not in NO_ROOM:
+            raise
+        return _refuse(f"{error.filename or 'standard output'} cannot be written ({error.strerror}); make room")
     except Interrupted as interrupted:
         typer.echo(f"polaropt: interrupted; {interrupted}", err=True)
         return INTERRUPTED

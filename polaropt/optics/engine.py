@@ -18,6 +18,7 @@ import numpy as np
 from array_api_compat import array_namespace, is_numpy_namespace, is_torch_namespace
 from numpy.typing import NDArray
 
+from polaropt.errors import InputError
 from polaropt.optics.geometry import pixel_grid, scene_angles
 from polaropt.optics.plate import double_images, ghosts_that_matter, ghosts_until, images_that_show, plate_images
 from polaropt.optics.scene import SceneParameters
@@ -76,9 +77,14 @@ class PSE:
     """
 
     def __init__(self, scene: SceneParameters, angles_deg: Sequence[float], n_ghosts: int | None = None) -> None:
+        if not isinstance(scene, SceneParameters):
+            raise InputError(f"scene is a {type(scene).__name__}; give SceneParameters")
         _, azimuth_deg, _ = scene.values()
         self.scene = scene
-        self.angles_deg = tuple(float(angle) for angle in angles_deg)
+        try:
+            self.angles_deg = tuple(float(angle) for angle in angles_deg)
+        except (TypeError, ValueError):
+            raise InputError(f"{angles_deg!r} are no polarizer angles; give numbers in degrees") from None
         images = double_images(scene, n_ghosts)
         self.weights = images.weights
         self.n_ghosts = int(images.orders.max())
@@ -86,7 +92,7 @@ class PSE:
         self.displacements: Displacements = images.places
         """(ghosts + 1) times (dx, dy): columns to the right and rows down from the direct image."""
         self._to_frame = frame_matrix(azimuth_deg)
-        self.mixing: NDArray[np.float64] = analyzer_matrix(angles_deg) @ np.linalg.inv(self._to_frame)
+        self.mixing: NDArray[np.float64] = analyzer_matrix(self.angles_deg) @ np.linalg.inv(self._to_frame)
         """(k, 3): photographs from the plate's (I_par, I_perp, s2')."""
         incoming = (scene.transmission_polarization, scene.reflection_polarization)
         light = np.stack([stokes_vector(dolp, aolp_deg) for dolp, aolp_deg in incoming])

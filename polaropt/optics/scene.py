@@ -289,6 +289,9 @@ class SceneParameters:
 
     def scaled(self, factor: float) -> SceneParameters:
         """The same scene in photographs with so many times the pixels a side."""
+        check_numbers([("factor", factor)], none=False)
+        if not 0 < factor < math.inf:
+            raise InputError(f"factor is {factor}; give more than 0")
         changes: dict[str, object] = {
             name: None if getattr(self, name) is None else factor * getattr(self, name) for name in _LENGTHS
         }

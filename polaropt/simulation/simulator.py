@@ -22,7 +22,7 @@ from polaropt.capture import (
     planes_first,
     sampling_of,
 )
-from polaropt.errors import InputError, check_whole
+from polaropt.errors import InputError, check_numbers, check_whole
 from polaropt.numerics import in_color, strips
 from polaropt.optics import PSE, SceneParameters, VaryingPSE, vertical_reach
 
@@ -85,6 +85,7 @@ def simulate(
     if not isinstance(scene, SceneParameters):
         raise InputError(f"scene is a {type(scene).__name__}; give SceneParameters")
     check_whole([("seed", seed), *([("bits", bits)] if bits is not None else [])])
+    check_numbers([("noise", noise), ("shot_noise", shot_noise)], none=False)
     if not 0 <= noise < np.inf:
         raise InputError(f"the noise is {noise}; give a standard deviation of 0 or more")
     if not 0 <= shot_noise < np.inf:
@@ -94,7 +95,7 @@ def simulate(
     angles_deg = angles_of(angles_deg)
     check_angles(angles_deg)
     photographs = _exact_in_strips(both, scene, angles_deg)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(int(seed))
     for plane in photographs.reshape(-1, *photographs.shape[-2:]):
         for rows in strips(*plane.shape):
             exact = plane[rows]
@@ -161,6 +162,16 @@ def checked_layers(transmission: ArrayLike, reflection: ArrayLike) -> tuple[NDAr
     if both[0].shape != both[1].shape or both[0].ndim not in (2, 3):
         shapes = f"{both[0].shape} and {both[1].shape}"
         raise InputError(f"the layers have shapes {shapes}; give two equal (h, w[, channel])")
+    if not both[0].size:
+        raise InputError(f"the layers have shape {both[0].shape}; they hold no pixels")
+    for image in both:
+        if image.dtype.kind not in "buif":
+            raise InputError(f"a layer holds values of type {image.dtype}; real numbers are needed, white = 1")
+        darkest, brightest = float(image.min()), float(image.max())
+        if not (math.isfinite(darkest) and math.isfinite(brightest)):
+            raise InputError("a layer holds NaN or infinite values; replace them")
+        if max(-darkest, brightest) > _BRIGHTEST:
+            raise InputError(f"a layer holds values up to {brightest:.3g}; white is 1: divide by the white level")
     return both
 
 
@@ -171,6 +182,8 @@ def _as_linear(values: NDArray[Any]) -> FloatImages:
 
 Image = NDArray[np.float32]
 
+_BRIGHTEST = 1e9
+"""Of linear layers, far beyond any scene: what is made of more is beyond float32. Set by hand."""
 MARGIN = 64
 """Pixels of the layers around a frame, so that what the ghosts carry in from outside is there; set by hand."""
 

@@ -200,6 +200,8 @@ class Settings:
 
 def check_device(device: str, solver: str = _OWN) -> None:
     """InputError where torch or a device of this name is not there, or where the solver cannot work on it."""
+    if not isinstance(device, str):
+        raise InputError(f"device is {device!r}; give its name, such as cuda or cpu")
     if solver not in (_OWN, _OF_TORCH):
         raise InputError(f"device {device!r} is for the solver {_OWN} or {_OF_TORCH}, not {solver}")
     check_installed(("torch",), f"device {device!r}", "'polaropt[torch]'")

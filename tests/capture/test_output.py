@@ -24,7 +24,7 @@ from polaropt.errors import InputError
 ROOT = Path(__file__).parents[2]
 
 
-def run(target: Path, error: type[BaseException] | None = None, **files: str) -> None:
+def run(target: Path, error: type[BaseException] | BaseException | None = None, **files: str) -> None:
     """Write files, and fail if told so."""
     with result_folder(target) as work:
         write(work, **files)
@@ -71,6 +71,13 @@ def test_a_failing_run_leaves_the_previous_output(tmp_path: Path, error: type[Ba
     with pytest.raises(error):
         run(tmp_path, error, mine="half")
     assert contents(tmp_path) == {"mine": "old"}
+
+
+def test_a_disk_that_is_full_is_told_with_the_name_of_the_output(tmp_path: Path) -> None:
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with pytest.raises(InputError, match=r"out: cannot be written \(No space left on device\)"):
+        run(tmp_path / "out", full, one="1")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_failing_run_makes_no_folder(tmp_path: Path) -> None:

@@ -276,7 +276,7 @@ def test_a_command_runs_without_a_terminal_or_pipe(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-@pytest.mark.parametrize("form", ["--json", "--no-match"])
+@pytest.mark.parametrize("form", ["--json", "--no-match", "--help"])
 def test_a_full_disk_behind_the_pipe_is_told_in_a_line(
     form: str, small_photographs: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

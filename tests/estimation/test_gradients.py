@@ -99,3 +99,11 @@ def test_blind_they_make_steep_panes_exact() -> None:
         assert found.scene.incidence_deg == pytest.approx(80, abs=0.25)
         assert found.errors.incidence_deg is not None
         assert found.errors.incidence_deg < 0.3
+
+
+def test_gradients_along_one_line_have_no_spread_to_be_divided_by() -> None:
+    """A factor of their covariance, which is none, ended in a traceback: of photographs that are all the same."""
+    ramp = np.broadcast_to(np.arange(20, dtype=np.float32), (1, 20, 20))
+    for second in (0 * ramp, ramp):
+        windows = GradientWindows(np.stack([ramp, second]), np.ones((1, 20, 20), bool))
+        assert np.isfinite(windows.cost(0.3, 1.2)).all()

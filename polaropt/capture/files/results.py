@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from polaropt.capture.files.opening import read_json
-from polaropt.errors import InputError
+from polaropt.errors import NO_ROOM, InputError
 
 _PREFIX, _NAME_BYTES = ".polaropt-", 8
 """Of the names of temporary folders, and the random bytes behind it, so many that no two runs take the same."""
@@ -30,7 +30,6 @@ _EXCHANGE = "polaropt-exchange.json"
 """File of a temporary folder that names what is exchanged, from when all of it is there."""
 _FOLDERS = (".zarr",)
 """Endings of results that are folders."""
-_NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NOTHING_FREE = 2**20
 """Bytes of a disk that is as good as full; set by hand."""
 _SETTLED_SECONDS = 10.0
@@ -103,12 +102,10 @@ def _full(target: Path, work: Path) -> Iterator[None]:
         yield
     except OSError as error:
         # Some libraries say only how much of it was written.
-        if error.errno not in _NO_PLACE and (error.errno is not None or shutil.disk_usage(work).free > _NOTHING_FREE):
+        if error.errno not in NO_ROOM and (error.errno is not None or shutil.disk_usage(work).free > _NOTHING_FREE):
             raise
         reason = error.strerror or os.strerror(errno.ENOSPC)
-        raise InputError(
-            f"{target}: cannot be written ({reason}); make place, or choose another output folder"
-        ) from None
+        raise InputError(f"{target}: cannot be written ({reason}); make room, or choose another output folder") from None
 
 
 @contextmanager
@@ -116,8 +113,11 @@ def _failures_of(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise InputError(f"{target}: cannot be written ({reason}); choose another output folder") from None
+        raise InputError(_unwritten(target, error)) from None
+
+
+def _unwritten(target: Path, error: OSError) -> str:
+    return f"{target}: cannot be written ({error.strerror or type(error).__name__}); choose another output folder"
 
 
 def _publish(work: Path, target: Path, owned: Collection[str]) -> None:

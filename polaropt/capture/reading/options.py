@@ -106,10 +106,18 @@ def checked_options(
         angle_sense,
         field_of_view_deg,
         read_analyzer(analyzer),
-        None if exposures is None else tuple(_exposure(value) for value in exposures),
+        None if exposures is None else _exposures(exposures),
         check_max_pixels(max_pixels),
         bool(keep_defects),
     )
+
+
+def _exposures(values: Any) -> tuple[float, ...]:
+    try:
+        each = list(values)
+    except TypeError:
+        raise InputError(f"exposures are {values!r}; give one number for each photograph") from None
+    return tuple(_exposure(value) for value in each)
 
 
 def _exposure(value: Any) -> float:
