@@ -38,7 +38,7 @@ class Journal:
     def __init__(self, folder: Path, name: str = JOURNAL) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._file = (folder / name).open("a+", encoding="utf-8")
+            self._file = (folder / name).open("a+", encoding="utf-8", errors="backslashreplace")
         except OSError as error:
             raise InputError(f"{folder}: cannot be written ({error.strerror}); choose another output folder") from None
         _lock(self._file, folder)

@@ -120,7 +120,7 @@ def train(job: TrainingJob, progress: Progress | None = None) -> dict[str, Any]:
         raise InputError(f"{job.folder}: cannot be written ({reason}); choose another output folder") from error
     try:
         log = training.run(job.folder, progress)
-    except (NotFinite, NotWritten) as error:
+    except (NotFinite, NotWritten, WrongState) as error:
         raise InputError(str(error)) from error
     except torch.cuda.OutOfMemoryError as error:
         raise InputError(f"{options.device} has too little memory; take a smaller --batch or --size") from error

@@ -538,9 +538,12 @@ def _read_log(path: Path, until: int) -> list[dict[str, float]]:
     """Rows of a log up to a step; none where there is no log."""
     if not path.is_file() or not until:
         return []
-    with path.open(newline="") as file:
-        rows = [{name: float(value) for name, value in row.items() if value} for row in csv.DictReader(file)]
-    return [row for row in rows if row["step"] <= until]
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = [{name: float(value) for name, value in row.items() if value} for row in csv.DictReader(file)]
+        return [row for row in rows if row["step"] <= until]
+    except (ValueError, TypeError, KeyError, csv.Error):
+        raise WrongState(f"{path}: is damaged; remove it, and the log begins where the training goes on") from None
 
 
 def _write_log(path: Path, log: Sequence[dict[str, float]]) -> None:

@@ -192,6 +192,15 @@ def test_a_half_written_line_of_the_journal_does_no_harm(tmp_path: Path) -> None
         assert sorted(journal.names()) == ["a", "c"]
 
 
+def test_bytes_of_no_text_in_the_journal_do_no_harm(tmp_path: Path) -> None:
+    with Journal(tmp_path) as journal:
+        journal.add(Row("a", ("a.png",), "done"))
+    with (tmp_path / "batch.jsonl").open("ab") as file:
+        file.write(b'{"name": "\xff\x80", "files"\n')
+    with Journal(tmp_path) as journal:
+        assert list(journal.names()) == ["a"]
+
+
 def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
     with Journal(tmp_path), pytest.raises(InputError, match="another run"):
         Journal(tmp_path)

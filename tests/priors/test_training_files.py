@@ -14,7 +14,7 @@ from polaropt.training import run as training_run
 from priors.networks.checkpoint import NotWritten, load_network, save_network
 from priors.networks.fusionnet import Architecture
 from priors.training.losses import DECIBEL
-from priors.training.trainer import LOG, STATE, Training, TrainingOptions
+from priors.training.trainer import LOG, STATE, Training, TrainingOptions, WrongState
 from tests.observations import Mixtures, small_network
 
 OPTIONS = TrainingOptions(
@@ -81,6 +81,16 @@ def test_a_training_that_was_killed_between_its_files_goes_on_with_all_of_its_lo
     with (tmp_path / LOG).open(newline="") as file:
         assert [row["step"] for row in csv.DictReader(file)] == ["1", "2", "3"]
     assert sorted(file.name for file in tmp_path.iterdir()) == sorted([STATE, LOG])
+
+
+@pytest.mark.parametrize("damaged", [b"step,loss\n1,33.3-8\n", b"\xff", b"step\n1,2,3\n", b"loss\n1\n"])
+def test_a_damaged_log_is_told_in_a_line(damaged: bytes, tmp_path: Path) -> None:
+    Training(small_network(), Mixtures(), OPTIONS).run(tmp_path)
+    (tmp_path / LOG).write_bytes(damaged)
+    again = Training(small_network(), Mixtures(), OPTIONS)
+    again.resume(tmp_path / STATE)
+    with pytest.raises(WrongState, match=r"log.csv: is damaged"):
+        again.run(tmp_path)
 
 
 def test_weights_and_their_record_come_together_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
