@@ -49,7 +49,9 @@ def write_sheet(folder: Path, rows: Sequence[Row]) -> None:
 def _sentence(warning: str) -> str:
     if warning == DISAGREES:
         return "The capture disagrees with the scene that the others share with it."
-    return str(SeparationWarning[warning].value)
+    # Journals may be of another version, or damaged.
+    known = SeparationWarning.__members__.get(warning)
+    return warning if known is None else str(known.value)
 
 
 def _shown(folder: Path, row: Row) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from polaropt.batch import cluster
+from polaropt.batch import cluster, sheet
 from polaropt.batch.cluster import Place
 from polaropt.batch.job import Job, Options, Row, needed_memory, separate_files
 from polaropt.batch.journal import Journal
@@ -22,6 +22,7 @@ from polaropt.batch.summary import write_summary
 from polaropt.capture.files.write import write_capture
 from polaropt.cli.app import main
 from polaropt.errors import InputError
+from polaropt.judging import SeparationWarning
 from polaropt.reporting import LAYERS
 from tests.browser import dom_of
 from tests.captured import photographed
@@ -199,6 +200,11 @@ def test_bytes_of_no_text_in_the_journal_do_no_harm(tmp_path: Path) -> None:
         file.write(b'{"name": "\xff\x80", "files"\n')
     with Journal(tmp_path) as journal:
         assert list(journal.names()) == ["a"]
+
+
+def test_a_warning_that_nobody_knows_is_shown_by_its_name() -> None:
+    assert sheet._sentence("OF_ANOTHER_VERSION") == "OF_ANOTHER_VERSION"
+    assert sheet._sentence("SOLVER_FAILED") == SeparationWarning.SOLVER_FAILED.value
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
