@@ -105,7 +105,9 @@ def _full(target: Path, work: Path) -> Iterator[None]:
         if error.errno not in NO_ROOM and (error.errno is not None or shutil.disk_usage(work).free > _NOTHING_FREE):
             raise
         reason = error.strerror or os.strerror(errno.ENOSPC)
-        raise InputError(f"{target}: cannot be written ({reason}); make room, or choose another output folder") from None
+        raise InputError(
+            f"{target}: cannot be written ({reason}); make room, or choose another output folder"
+        ) from None
 
 
 @contextmanager
