@@ -333,9 +333,7 @@ def _of_photographs(
     # Beyond the angles that are searched any number of panes is a mirror.
     open_window &= estimate.scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]
     if shifted or (open_window and with_images and is_flat):
-        with_images_of_all = with_window(estimate, stokes, asked)
-        if asked.n_panes is not None or _are_on_their_side(with_images_of_all.scene, edges):
-            estimate = with_images_of_all
+        estimate = with_window(estimate, stokes, asked)
         misfit = blocks.constant_misfit(estimate.scene.values()[1])
     if mosaic is not None and edges is not None and misfit <= _NEARLY_FLAT and open_ghosts and thickness_px is None:
         open_gap = not asked.gap_shift if asked.n_panes is None else asked.stacked and asked.gap_shift is None
@@ -350,16 +348,6 @@ def _of_photographs(
     if not (stokes.aliased or thickness_px is not None or asked.incidence_deg is not None):
         found = _with_all_told(found, stokes, asked)
     return _with_errors_of_gains(found, evidence), evidence
-
-
-def _are_on_their_side(scene: SceneParameters, edges: Callable[[SceneParameters], float] | None) -> bool:
-    """Whether several panes that were found leave fewer edges than with all their images on the other side.
-
-    What passes for images lies on neither.
-    """
-    if edges is None or not scene.stacked:
-        return True
-    return edges(scene.opposite()) - edges(scene) > _ON_THEIR_SIDE
 
 
 def _things_beside(found: LadderResult, evidence: Evidence) -> PolarizedThings | None:
@@ -551,9 +539,6 @@ _UNSUITED = "The one asked for does not suit what is given or found."
 _NEARLY_FLAT = 1.6
 """Polarized light beside the plane of incidence, noise included, in units of it, up to which cells of a mosaic are of
 a flat window: what aliases in them is some, more than noise, of one in three. Set by hand."""
-_ON_THEIR_SIDE = 0.0035
-"""Share of edges by which layers must have fewer behind several panes than with all their images on the other side, as
-where it is certain on which side images lie (`polaropt.estimation.ghost_side`)."""
 _BLOCKS_OF_CELLS = 24
 """Blocks along the longer side of a mosaic's cells at most, in which things are looked for; by trial."""
 _NOT_TAKEN = "Beside things that are polarized by themselves a plain pane explains all."

@@ -15,14 +15,7 @@ from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import estimate_scene, find_scene, still_photographs
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles
-from polaropt.estimation.flat.window import (
-    _has_edges_against,
-    _likelier,
-    _may_be_one,
-    _shows_across,
-    _tinted_or,
-    with_window,
-)
+from polaropt.estimation.flat.window import _likelier, _may_be_one, _shows_across, _tinted_or, with_window
 from polaropt.estimation.flat.windows.axis import Evidence, tells_of_tint
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
@@ -33,7 +26,6 @@ from polaropt.estimation.flat.windows.search import (
     equivalent_single,
 )
 from polaropt.estimation.flat.windows.tiles import MOST_ABSORPTION, TileFit
-from polaropt.estimation.ladder import _are_on_their_side
 from polaropt.estimation.safeguard import with_incidence_checked
 from polaropt.numerics import jackknife_error, turn_between
 from polaropt.optics import in_place_reflectance
@@ -253,12 +245,6 @@ def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, l
     assert _likelier(axis, found, beside, single) is likelier  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("edges", "against"), [(-2.1, True), (-1.9, False), (3.0, False)])
-def test_edges_that_surely_overlap_more_speak_against_several_panes(edges: float, against: bool) -> None:
-    single = LikelyWindow(Window(57.0, -6.0), 0.0, 0.0, (np.zeros(3), np.zeros(3)))
-    assert _has_edges_against(judged_as(FAR, 8.0, edges), single) is against
-
-
 @pytest.mark.parametrize(("tiles", "turned"), [(-3.3, False), (-1.9, True), (3.0, True)])
 def test_edges_in_noise_turn_no_pane_against_its_tiles(tiles: float, turned: bool) -> None:
     axis = SimpleNamespace(evidence=lambda window, other, beside: Evidence(tiles, 3.0, 4.0))
@@ -266,16 +252,6 @@ def test_edges_in_noise_turn_no_pane_against_its_tiles(tiles: float, turned: boo
     across = judged_as(Window(34.0, -16.0), 3.0, 4.0)
     across = replace(across, score=-0.02)
     assert _shows_across(axis, across, axis, plain) is turned  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(("fewer_edges", "taken"), [(0.003, False), (0.004, True)])
-def test_several_panes_leave_fewer_edges_on_their_side(fewer_edges: float, taken: bool) -> None:
-    def edges(scene: SceneParameters) -> float:
-        return 0.0 if scene == TWO else fewer_edges
-
-    assert _are_on_their_side(TWO, edges) is taken
-    assert _are_on_their_side(TWO, None)
-    assert _are_on_their_side(TWO.plainest.replace(n_panes=1, gap_shift=0.0), edges)
 
 
 @pytest.mark.parametrize(("lost", "likelier"), [(0.029, True), (0.031, False)])

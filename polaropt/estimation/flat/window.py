@@ -55,12 +55,6 @@ _SPEAKS_AGAINST, _MUCH_WORSE = -3.0, 0.03
 frame, the surer tiles are of chance images. Of 126 random windows of one pane at 10 to 35 degrees and 320x320
 (`studies.random_windows`, training photographs, even seeds from 72000) 3 are taken for several by it instead of 10, of
 256x256 one instead of 3; of 156 of several panes one less is told of 89 that are told well."""
-_EDGES_AGAINST = -2.0
-"""Standard errors of the overlap of edges from which on several panes are not believed, however likely their spectra:
-patterns that repeat (bricks, rows of windows) look like images further off, yet taken out as such they leave edges in
-both layers. Of 138 windows of an engine of its own (training photographs and those inside scikit-image, 256x256, noise
-0.1 to 1 %: 80 single panes that mirror patterns, seeds 0 to 79, 58 of two or three panes, seeds 0 to 59) single ones
-that pass for several have 0.1, -2.8, -3.1, -4.0 and -4.9, of 44 true ones one has -13.4 and the others -1.5 or more."""
 _LEAST_OF_TILES = 2.0
 """Standard errors by which tiles must be likelier under tinted glass, as mean spectra take ghosts that interpolation
 dims for those of tint; all together tint must be told as several panes must. Of some 400 random windows of clear glass
@@ -127,12 +121,6 @@ def _likelier(axis: WindowAxis, window: LikelyWindow, beside: WindowAxis, single
     return evidence.together > NEEDED or (evidence.tiles > SURE_OF_TILES and not is_close(window.window))
 
 
-def _has_edges_against(window: LikelyWindow, single: LikelyWindow) -> bool:
-    """Whether the layers' edges surely overlap more behind a window than behind a single pane of the same axis."""
-    _, edges = window.surer_than(single)
-    return edges < _EDGES_AGAINST
-
-
 def _with_panes(
     axes: Sequence[tuple[WindowAxis, Sequence[float]]], plain: LikelyWindow, found: LikelyWindow
 ) -> tuple[WindowAxis, LikelyWindow]:
@@ -178,8 +166,7 @@ def _with_panes(
             continue
         # Two thin panes look much like the faces of one, whose ghost may have been missed.
         single = axis.with_ghost_of(window.window, plain.window) if axis is first else single_across
-        beside = [plain, single] if axis is first else [single]
-        if _likelier(axis, window, axis, single) and not any(_has_edges_against(window, one) for one in beside):
+        if _likelier(axis, window, axis, single):
             return axis, window
         better = single.score < found.score and single.clearly_better(plain, _LEAST_GAIN, _SURE)
         if axis is first and (better or axis.tells(single, plain)):
