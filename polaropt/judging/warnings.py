@@ -47,8 +47,8 @@ _BLOCK = 8
 # hand.
 _MUCH_LEFT = 4.0
 _LIKELY = 0.5
-"""Chance of a large loss of the transmission for the errors of the scene, from which on it is said: more likely than
-not. Of 72 random windows to fit on (`studies.random_windows`, even seeds) whose chance is 0.02 or more 34 fail, by the
+"""Chance of a large loss of the transmission for the errors of the scene, from which on it is said: as likely as not.
+Of 72 random windows to fit on (`studies.random_windows`, even seeds) whose chance is 0.02 or more 34 fail, by the
 chances 39; of the 37 above a half 28, by the chances 30. Of 88 below it 15 fail for what errors do not tell of: other
 panes, another index, gains."""
 # Pixels per side that the contrast is taken from, at most about twice as many.
@@ -369,8 +369,8 @@ def noise_share(capture: Capture, transmission: Floats, variance: float) -> floa
 
 
 def _loses(loss: SceneLoss | None) -> bool:
-    """Whether the transmission rather loses much than not for the errors of the scene."""
-    return loss is not None and loss.chance > _LIKELY
+    """Whether the transmission is as likely as not to lose much for the errors of the scene."""
+    return loss is not None and loss.chance >= _LIKELY
 
 
 def _bad_fit(capture: Capture) -> float:

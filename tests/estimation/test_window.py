@@ -15,7 +15,14 @@ from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import estimate_scene, find_scene, still_photographs
 from polaropt.estimation.flat.ghosts import ShiftLikelihood, cross_spectra
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles
-from polaropt.estimation.flat.window import _likelier, _may_be_one, _shows_across, _tinted_or, with_window
+from polaropt.estimation.flat.window import (
+    _is_contradicted,
+    _likelier,
+    _may_be_one,
+    _shows_across,
+    _tinted_or,
+    with_window,
+)
 from polaropt.estimation.flat.windows.axis import Evidence, tells_of_tint
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
@@ -243,6 +250,12 @@ def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, l
     found = judged_as(window, spectra, edges)
     assert found.surer_than(single) == pytest.approx((spectra, edges))
     assert _likelier(axis, found, beside, single) is likelier  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("panes", "edges", "doubted"), [(2, -2.1, True), (2, -1.9, False), (1, -2.1, False)])
+def test_edges_that_surely_overlap_more_contradict_several_panes(panes: int, edges: float, doubted: bool) -> None:
+    single = LikelyWindow(Window(57.0, -6.0), 0.0, 0.0, (np.zeros(3), np.zeros(3)))
+    assert _is_contradicted(judged_as(replace(FAR, n_panes=panes), 8.0, edges), single) is doubted
 
 
 @pytest.mark.parametrize(("tiles", "turned"), [(-3.3, False), (-1.9, True), (3.0, True)])
