@@ -19,6 +19,7 @@ from polaropt.estimation.flat.window import (
     _is_contradicted,
     _likelier,
     _may_be_one,
+    _may_be_several,
     _shows_across,
     _tinted_or,
     with_window,
@@ -256,6 +257,16 @@ def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, l
 def test_edges_that_surely_overlap_more_contradict_several_panes(panes: int, edges: float, doubted: bool) -> None:
     single = LikelyWindow(Window(57.0, -6.0), 0.0, 0.0, (np.zeros(3), np.zeros(3)))
     assert _is_contradicted(judged_as(replace(FAR, n_panes=panes), 8.0, edges), single) is doubted
+
+
+@pytest.mark.parametrize(
+    ("window", "tiles", "several"),
+    [(FAR, 2.6, True), (FAR, 2.4, False), (replace(FAR, gap_along=1.0, pane_shift=1.0), 2.6, False)],
+)
+def test_what_is_not_told_surely_may_be_several_panes(window: Window, tiles: float, several: bool) -> None:
+    axis = SimpleNamespace(shows=lambda window: True, evidence=lambda window, other, beside: Evidence(tiles, 0.0))
+    found, single = (LikelyWindow(one, 0.0, 0.0, (np.zeros(3), np.zeros(3))) for one in (window, Window(57.0, -6.0)))
+    assert _may_be_several(axis, found, single) is several  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("tiles", "turned"), [(-3.3, False), (-1.9, True), (3.0, True)])
