@@ -253,18 +253,24 @@ def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, l
     assert _likelier(axis, found, beside, single) is likelier  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("panes", "edges", "doubted"), [(2, -2.1, True), (2, -1.9, False), (1, -2.1, False)])
+@pytest.mark.parametrize(("panes", "edges", "doubted"), [(2, -3.8, True), (2, -3.7, False), (1, -3.8, False)])
 def test_edges_that_surely_overlap_more_contradict_several_panes(panes: int, edges: float, doubted: bool) -> None:
     single = LikelyWindow(Window(57.0, -6.0), 0.0, 0.0, (np.zeros(3), np.zeros(3)))
     assert _is_contradicted(judged_as(replace(FAR, n_panes=panes), 8.0, edges), single) is doubted
 
 
 @pytest.mark.parametrize(
-    ("window", "tiles", "several"),
-    [(FAR, 2.6, True), (FAR, 2.4, False), (replace(FAR, gap_along=1.0, pane_shift=1.0), 2.6, False)],
+    ("window", "evidence", "several"),
+    [
+        (FAR, Evidence(2.6, 0.0), True),
+        (FAR, Evidence(2.4, 0.0), False),
+        # As of a single pane whose mean spectra alone look so.
+        (FAR, Evidence(0.6, 6.0, 3.0), False),
+        (replace(FAR, gap_along=1.0, pane_shift=1.0), Evidence(2.6, 0.0), False),
+    ],
 )
-def test_what_is_not_told_surely_may_be_several_panes(window: Window, tiles: float, several: bool) -> None:
-    axis = SimpleNamespace(shows=lambda window: True, evidence=lambda window, other, beside: Evidence(tiles, 0.0))
+def test_what_is_not_told_surely_may_be_several_panes(window: Window, evidence: Evidence, several: bool) -> None:
+    axis = SimpleNamespace(shows=lambda window: True, evidence=lambda window, other, beside: evidence)
     found, single = (LikelyWindow(one, 0.0, 0.0, (np.zeros(3), np.zeros(3))) for one in (window, Window(57.0, -6.0)))
     assert _may_be_several(axis, found, single) is several  # type: ignore[arg-type]
 
