@@ -286,7 +286,7 @@ def test_an_unknown_option_is_named_at_once(several: Callable[..., object]) -> N
         (lambda: polaropt.ghost_step("60", 1.5, 1.0), "incidence_deg is '60'; give a number"),
         (lambda: polaropt.ghost_step(np.array([60.0, 70.0]), 1.5, 1.0), "incidence_deg is array"),
         (lambda: polaropt.Capture(np.ones((4, 32, 32)), (0, 0.785, 1.571, 2.356)), "give degrees, not radians"),
-        (lambda: list(polaropt.separate_many(None)), "captures is a NoneType; give several"),
+        (lambda: list(polaropt.separate_many(None)), "captures is a NoneType; give a list of captures"),
         (lambda: list(polaropt.separate_sequence([], first=2.5)), "first is 2.5; give a whole number"),
         (lambda: list(polaropt.separate_sequence([], start=np.zeros(2))), "leave out start"),
     ],

@@ -36,8 +36,8 @@ LIMITS = {
     "an uncertain scene": (
         "SCENE_UNCERTAIN",
         "loss",
+        replace(UNCERTAIN, chance=0.49),
         replace(UNCERTAIN, chance=0.5),
-        replace(UNCERTAIN, chance=0.51),
         {},
     ),
     "frontal, not told": ("NEAR_NORMAL", "incidence", 12.1, 11.9, {"reflection_unknown": 0.9}),
@@ -46,7 +46,7 @@ LIMITS = {
     "grazing, noisy": ("GRAZING", "incidence", 83.9, 84.1, {"noise_share": 0.5}),
     "grazing, uncertain": ("GRAZING", "incidence", 83.9, 84.1, {"loss": UNCERTAIN}),
     "clipped": ("SATURATED", "clipped", 0.009, 0.011, {}),
-    "rivals": ("POLARIZATION_DOUBTFUL", "rivals", 0.5, 0.51, {}),
+    "rivals": ("POLARIZATION_DOUBTFUL", "rivals", 0.49, 0.5, {}),
     "a pane across": ("AXIS_DOUBTFUL", "axis", 0.99, 1.0, {}),
     "shifted": ("MISALIGNED", "mistakes", Mistakes(shift_px=0.49), Mistakes(shift_px=0.51), {}),
     "encoded": ("GAMMA_ENCODED", "mistakes", Mistakes(gamma=1.0), Mistakes(gamma=1.01), {}),

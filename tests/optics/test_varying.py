@@ -230,6 +230,7 @@ def test_a_rung_can_be_asked_for():
         {"focal_px": 112.0, "azimuth_deg": 25.0, "incidence_deg": 55.0},
         {"azimuth_deg": 25.0},
         {"incidence_deg": 55.0},
+        {"azimuth_deg": 25.0, "incidence_deg": 55.0},
     ],
     ids=" ".join,
 )

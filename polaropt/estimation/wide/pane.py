@@ -224,9 +224,10 @@ def _slopes(point: Values, free: Numbers, places: Values, axes: Values) -> Value
     rate = -2 * (sin * axes[1] + cos * axes[0]) / (w_x * w_x + w_y * w_y + 1e-12)
     slopes = np.empty((places.shape[1], len(free)))
     straight = [column for column, number in enumerate(free) if number != VIEW]
-    moved = np.array([moves[free[column]] for column in straight]).T[..., None]
-    t_x, t_y = _trace(moved[:3], moved[3:], view, places)
-    slopes[:, straight] = (rate * (w_x * t_y - w_y * t_x)).T
+    if straight:
+        moved = np.array([moves[free[column]] for column in straight]).T[..., None]
+        t_x, t_y = _trace(moved[:3], moved[3:], view, places)
+        slopes[:, straight] = (rate * (w_x * t_y - w_y * t_x)).T
     if VIEW in free:
         seen = [*point[:VIEW], view + 1j * _IMAGINARY_STEP, *point[3:]]
         slopes[:, free.index(VIEW)] = _across(seen, places, axes).imag / _IMAGINARY_STEP
