@@ -33,8 +33,8 @@ _WORST_ERROR_DEG = 3.0
 _LEAST_BENT = 0.4
 # Share of what the plain pane leaves that a pane must explain where only blocks that agree count. By trial.
 _MOSTLY = 0.8
-# The same of a pane before a lens where the light of its layers may be polarized as well: it has most numbers. By
-# trial.
+# The same of a pane before a lens where the light of its layers may be polarized as well, which has most numbers, or
+# where incidence or azimuth are told. By trial.
 _NEARLY_ALL = 0.97
 # Share of what the plain pane leaves that may lie off the plane of two Stokes vectors, from and up to, where polarized
 # light may explain all, or most. By trial.
@@ -134,7 +134,9 @@ def _told_perspective(evidence: Evidence) -> RungFit:
     )
     known = evidence.wanted == "perspective"
     if not known:
-        known = evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
+        # Light that is polarized itself passes in part for a lens, of a pane that is nearly frontal.
+        explained = (evidence.misfit - fit.misfit) / (evidence.misfit - 1)
+        known = explained >= _NEARLY_ALL and evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
         remark = remark if known else _NO_TURN_TOLD
     return RungFit(scene, fit.misfit, 2 - told, known, remark, errors)
 

@@ -256,6 +256,11 @@ def test_an_azimuth_told_from_the_other_side_is_turned_before_a_lens():
     assert "leans to the other side" in found.tried[-1].reason
 
 
+def test_light_that_is_polarized_itself_passes_for_no_lens_where_the_azimuth_is_told():
+    example = blend(45, 160, azimuth_deg=25.0, transmission_polarization=(0.5, 60.0))
+    assert not find_scene(example.capture, BLIND.replace(azimuth_deg=25.0), 0.005).scene.varies
+
+
 @pytest.mark.parametrize("told", [{"azimuth_deg": 40.0}, {"incidence_deg": 30.0}], ids=" ".join)
 def test_a_lens_does_not_excuse_what_is_told_wrongly_of_a_pane_seen_from_far(told):
     found = find_scene(blend(60, 96, azimuth_deg=25.0).capture, BLIND.replace(**told), 0.005)
