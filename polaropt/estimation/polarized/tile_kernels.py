@@ -21,6 +21,12 @@ from solvers.kernels import compiled, inlined
 
 Array = NDArray[Any]
 
+# Of P's matrix, Q's and the noise's: which two are multiplied for P^2, Q^2, PQ, P and Q; and of these products which,
+# times which matrix, for the coefficients of the determinant but those of P and Q: of P^2, Q^2, PQ, P^3, Q^3, P^2 Q
+# and P Q^2.
+_PRODUCTS = ((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))
+_TRACES = ((0, 2), (1, 2), (2, 2), (0, 0), (1, 1), (0, 1), (1, 0))
+
 
 @inlined
 def _adjugate(a: Array, b: Array, f: int, out: Array) -> None:
@@ -71,27 +77,26 @@ def stokes_tile_misfits(
     which a power shrinks at most.
     """
     n = multiplicity.size
-    one = np.zeros(9)
-    one[:3] = 1.0
+    # Two responses and the noise's unit matrix; looped over, as each call of what is inlined is compiled for itself.
+    matrices = np.zeros((3, 9))
+    matrices[2, :3] = 1.0
     # Coefficients of P^2, Q^2, PQ, P and Q in the adjugate; of these, P^3, Q^3, P^2 Q and P Q^2 in the determinant.
     adjugates, c = np.empty((5, 9, n)), np.empty((9, n))
-    a, b = np.empty(9), np.empty(9)
     for f in range(n):
         for i in range(9):
-            a[i], b[i] = response[1, i, f] * natural[f], response[0, i, f] * natural[f]
-        _adjugate(a, a, f, adjugates[0])
-        _adjugate(b, b, f, adjugates[1])
-        _adjugate(a, b, f, adjugates[2])
-        _adjugate(a, one, f, adjugates[3])
-        _adjugate(b, one, f, adjugates[4])
+            matrices[0, i], matrices[1, i] = response[1, i, f] * natural[f], response[0, i, f] * natural[f]
+        for k in range(5):
+            first_of, second_of = _PRODUCTS[k]
+            _adjugate(matrices[first_of], matrices[second_of], f, adjugates[k])
         for k in range(2, 5):
             for i in range(9):
                 adjugates[k, i, f] *= 2.0
-        c[0, f], c[1, f] = _trace(adjugates[0], one, f), _trace(adjugates[1], one, f)
-        c[2, f] = _trace(adjugates[2], one, f)
-        c[3, f], c[4, f] = a[0] + a[1] + a[2], b[0] + b[1] + b[2]
-        c[5, f], c[6, f] = _trace(adjugates[0], a, f) / 3, _trace(adjugates[1], b, f) / 3
-        c[7, f], c[8, f] = _trace(adjugates[0], b, f), _trace(adjugates[1], a, f)
+        for k in range(2):
+            c[3 + k, f] = matrices[k, 0] + matrices[k, 1] + matrices[k, 2]
+        for k in range(7):
+            of, by = _TRACES[k]
+            c[k if k < 3 else k + 2, f] = _trace(adjugates[of], matrices[by], f)
+        c[5, f], c[6, f] = c[5, f] / 3, c[6, f] / 3
     most = 0
     for cell in range(cells.size - 1):
         most = max(most, cells[cell + 1] - cells[cell])
