@@ -624,7 +624,7 @@ def _second_choices(evidence: Evidence, steps: list[_Step]) -> list[_Step]:
 
 def _share(evidence: Evidence, step: _Step) -> float:
     """Part of what the plain pane leaves that a rung explains."""
-    return (evidence.misfit - step.attempt.compared) / max(evidence.misfit - 1, 1e-9)
+    return evidence.share_explained(step.attempt.compared)
 
 
 def _reason(evidence: Evidence, steps: list[_Step], step: _Step, taken: _Step) -> str:

@@ -26,6 +26,8 @@ LEAST_EXPLAINED = 0.5
 # for wrong gains. Gains of equal spread leave sqrt(2) times as much there, and of what is told by one number Student's
 # distribution has 85 % below 4.2. Of ten random windows to fit on with wrong gains nine stay below 1.3, one has 4.7.
 _OF_GAINS = 6.0
+# What the plain pane counts as leaving at least, beyond noise of 1, where shares are taken of it. Set by hand.
+_LEAST_LEFT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,10 @@ class Evidence:
     def shown(self, misfit: float) -> bool:
         """Whether a rung that leaves this much polarized light explains more than chance would."""
         return self.misfit - misfit > SCATTERS * self.scatter
+
+    def share_explained(self, misfit: float) -> float:
+        """Part of what the plain pane leaves that a rung explains that leaves this much polarized light."""
+        return (self.misfit - misfit) / max(self.misfit - 1, _LEAST_LEFT)
 
 
 def noise_misfit(n: int) -> float:

@@ -51,6 +51,7 @@ _DOUBLED_DEG = 1.6
 # Standard error of an incidence in degrees below which spectra of parts of the frame have nothing to add. Set by hand.
 _SURER_DEG = 0.5
 _NO_TURN_TOLD = "The polarized light does not tell how incidence and azimuth change over the picture."
+_AGAINST_EDGES = "The layers' edges speak against it."
 
 
 def _may_vary(evidence: Evidence) -> bool:
@@ -135,8 +136,8 @@ def _told_perspective(evidence: Evidence) -> RungFit:
     known = evidence.wanted == "perspective"
     if not known:
         # Light that is polarized itself passes in part for a lens, of a pane that is nearly frontal.
-        explained = (evidence.misfit - fit.misfit) / (evidence.misfit - 1)
-        known = explained >= _NEARLY_ALL and evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
+        known = evidence.share_explained(fit.misfit) >= _NEARLY_ALL
+        known &= evidence.shown(fit.misfit) and fit.incidence_error_deg <= _WORST_ERROR_DEG
         remark = remark if known else _NO_TURN_TOLD
     return RungFit(scene, fit.misfit, 2 - told, known, remark, errors)
 
@@ -213,9 +214,6 @@ def _from_afar(evidence: Evidence) -> RungFit:
     return RungFit(scene, misfit, 1, True, remark, evidence.estimate.errors)
 
 
-_OF_EDGES = "The layers' edges speak against it."
-
-
 def _curved(evidence: Evidence) -> RungFit:
     plain = evidence.estimate.scene
     asked = evidence.wanted == "curved"
@@ -232,7 +230,7 @@ def _curved(evidence: Evidence) -> RungFit:
     known = asked or (told and negative <= MOST_NEGATIVE and fit.edges_agree)
     remark = "" if known else "The polarized light does not tell how the pane is bent."
     if told and not known:
-        remark = _OF_EDGES if negative <= MOST_NEGATIVE else _less_than_no_light(negative)
+        remark = _AGAINST_EDGES if negative <= MOST_NEGATIVE else _less_than_no_light(negative)
     lens_found = evidence.focal_px is None and fit.focal_px is not None
     errors = SceneErrors(
         fit.incidence_error_deg,
@@ -285,8 +283,8 @@ def _may_be_polarized_and_vary(evidence: Evidence) -> bool:
 def _polarized_perspective(evidence: Evidence) -> RungFit:
     fit = fit_polarized_perspective(evidence.stokes, _plain(evidence), evidence.asked.focal_px)
     told = (fit.errors.incidence_deg or 0.0) <= _WORST_ERROR_DEG
-    explained = (evidence.misfit - fit.misfit) / (evidence.misfit - 1)
-    known = told and explained >= _NEARLY_ALL and evidence.shown(fit.misfit) and fit.negative <= MOST_NEGATIVE
+    nearly_all = evidence.share_explained(fit.misfit) >= _NEARLY_ALL and evidence.shown(fit.misfit)
+    known = told and nearly_all and fit.negative <= MOST_NEGATIVE
     remark = "Incidence and azimuth change over the picture." if known else "Nor does it before a lens."
     if fit.negative > MOST_NEGATIVE:
         remark = _less_than_no_light(fit.negative)

@@ -115,11 +115,8 @@ def _failures_of(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(_unwritten(target, error)) from None
-
-
-def _unwritten(target: Path, error: OSError) -> str:
-    return f"{target}: cannot be written ({error.strerror or type(error).__name__}); choose another output folder"
+        reason = error.strerror or type(error).__name__
+        raise InputError(f"{target}: cannot be written ({reason}); choose another output folder") from None
 
 
 def _publish(work: Path, target: Path, owned: Collection[str]) -> None:

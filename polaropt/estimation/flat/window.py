@@ -250,7 +250,7 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     if open_panes and not shown and across is None:
         return estimate
 
-    rival: LikelyWindow | None = None
+    several: tuple[Rival, ...] = ()
     axes = [(first, (incidence,)), *((axis, TRIAL_DEG) for axis in (across,) if axis is not None)]
     if open_panes or asked.n_panes == 1:
         plains = {Window(incidence, px, absorption=asked.absorption or 0.0) for px in (shift, 0.0)}
@@ -267,9 +267,9 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
             taken, found = _tinted_across(across, first, found)
         if open_panes and taken is first:
             taken, found, rival = _with_panes(axes, plain, found)
+            several = () if rival is None else (Rival(first.refined(rival.window)[0], _CHANCE_OF_SEVERAL),)
         if found is before:
-            as_several = () if rival is None else (_as_rival(first, rival),)
-            return replace(estimate, rivals=(*estimate.rivals, *as_several))
+            return replace(estimate, rivals=(*estimate.rivals, *several))
     else:
         n_panes = asked.n_panes or 1
         scans = [(axis, axis.scan(n_panes, axis.search.single(near))) for axis, near in axes]
@@ -283,15 +283,8 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
     errors = replace(errors, azimuth_deg=estimate.errors.azimuth_deg)
     contradicted = open_panes and taken is first and _is_contradicted(found, before)
     doubted = contradicted or (open_panes and _may_be_one(taken, found.window))
-    as_several = () if rival is None else (_as_rival(first, rival),)
-    as_one = (Rival(estimate.scene, _CHANCE_OF_ONE),) if doubted else ()
-    rivals = (*as_several, *as_one)
+    rivals = (*several, *((Rival(estimate.scene, _CHANCE_OF_ONE),) if doubted else ()))
     return replace(estimate, scene=scene, errors=errors, axis_chance=0.0, axis_gain_db=math.inf, rivals=rivals)
-
-
-def _as_rival(axis: WindowAxis, window: LikelyWindow) -> Rival:
-    scene, _ = axis.refined(window.window)
-    return Rival(scene, _CHANCE_OF_SEVERAL)
 
 
 def _may_be_one(axis: WindowAxis, window: Window) -> bool:
