@@ -188,7 +188,15 @@ def case_of(
     # Edges of things that are polarized by themselves tell no side; the scene found beside them has it by spectra.
     if asked.ghost_shift is None and of_cells.things is None:
         of_source_edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
-        found = with_likelier_side(found, source, of_source_edges, of_source)
+        without = partial(find, source, checked.scene.plainest.replace(ghost_shift=0.0))
+        may_be_none = settings.model == "auto" and thickness_px is None and checked.scene.n_panes in (None, 1)
+        found = with_likelier_side(
+            found,
+            source,
+            of_source_edges,
+            of_source,
+            (lambda: in_whole(without().with_index(fit))) if may_be_none else None,
+        )
     if matching is not None:
         matching = matching.with_azimuth(found.scene.azimuth_deg)
     unglazed = None if unglazed is None else surely_unglazed(unglazed, found.scene)

@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from polaropt import SceneParameters
-from polaropt.estimation import LadderResult, SceneEstimate, find_scene
+from polaropt.estimation import LadderResult, SceneEstimate, find_scene, ghost_side
 from polaropt.estimation.ghost_side import with_likelier_side
 from polaropt.solving import edges_of_layers
 from tests.blends import blend
@@ -65,6 +65,33 @@ def test_edges_that_hardly_differ_do_not_overrule_tiles_that_are_sure(
     assert (checked.scene == example.scene) == sure
     # What neither tells surely may as well lie on the other side.
     assert checked.errors.ghost_shift == (0.2 if sure else 6.0)
+
+
+@pytest.mark.parametrize(("of_side", "of_none", "more_edges", "stay"), [
+    (1.6, 3.0, 0.0, True), (1.4, 3.0, 0.0049, False), (-1.4, 3.0, -0.0051, True),
+    (1.9, 0.9, 0.1, False), (1.9, 1.1, 0.1, True), (2.1, -3.0, 0.1, True),
+])  # fmt: skip
+def test_images_that_lie_on_either_side_are_none(
+    of_side: float, of_none: float, more_edges: float, stay: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = ghost_side._TilesTell(of_side, of_none, asked=True)
+    monkeypatch.setattr(ghost_side, "_told_by_tiles", lambda capture, scene, noise: told)
+    example = blend(50, 96, ghost_shift=4.0, noise=NOISE)
+    found = estimate_of(example, example.scene)
+    without = dataclasses.replace(found, tried=())
+
+    def told_by_edges(scene: SceneParameters) -> float:
+        return 0.0 if scene == example.scene else more_edges
+
+    kept = with_likelier_side(found, example.capture, told_by_edges, NOISE, lambda: without)
+    assert (kept is without) is not stay
+    assert with_likelier_side(found, example.capture, told_by_edges, NOISE) is not without
+
+
+def test_images_of_a_frame_of_few_tiles_stay() -> None:
+    example = blend(50, 64, ghost_shift=4.0, noise=NOISE)
+    assert ghost_side._told_by_tiles(example.capture, example.scene, NOISE).asked is False
+    assert ghost_side._TilesTell().show_none(0.0) is False
 
 
 def test_images_in_place_and_panes_that_vary_are_left_as_they_are() -> None:

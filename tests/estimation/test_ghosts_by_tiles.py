@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from polaropt import SceneParameters
+from polaropt import SceneParameters, estimate
 from polaropt.capture import Capture, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat import pane_by_tiles
@@ -37,16 +37,20 @@ def taken(scene: SceneParameters, pair: int, noise: float) -> Capture:
     (1.9, 3.0, False), (2.1, 3.0, True), (1.5, np.inf, True),
 ])  # fmt: skip
 def test_the_limit_of_a_ghost_shift_that_is_none(shift: float, error: float | None, kept: bool) -> None:
-    estimate = replace(ESTIMATE, scene=PLAIN.replace(ghost_shift=shift), shift_error_of_side=error)
-    found = with_ghosts_by_tiles(estimate, MIXED, OPEN, is_flat=True)  # type: ignore[arg-type]
+    near = replace(ESTIMATE, scene=PLAIN.replace(ghost_shift=shift), shift_error_of_side=error)
+    found = with_ghosts_by_tiles(near, MIXED, OPEN, is_flat=True)  # type: ignore[arg-type]
     assert found.scene.ghost_shift == (shift if kept else 0.0)
     assert (found.errors.ghost_shift is not None) == kept
 
 
 class Tiles:
-    """So many standard errors likelier under a window with ghosts than under one in place, in 16 tiles."""
+    """So many standard errors likelier under a window with ghosts than under one in place, in 16 tiles.
 
-    sure = 0.0
+    Of either side, or of that of negative shifts by `of_side` standard errors alone.
+    """
+
+    sure: float = 0.0
+    of_side: float | None = None
 
     def __init__(self, frame: object) -> None:
         pass
@@ -54,7 +58,15 @@ class Tiles:
     def nearest(self, window: Window, refractive_index: float, free: tuple[str, ...]) -> TileFit:
         even = -self.sure / 4 if window.pane_shift else 0.0
         spread = np.sqrt(1 - self.sure**2 / 16) * np.resize([1.0, -1.0], 16) if window.pane_shift else np.zeros(16)
+        if self.of_side is not None and window.pane_shift > 0:
+            even += self.of_side / 4 + np.sqrt(1 - self.of_side**2 / 16) * np.repeat([1.0, -1.0], 8)
         return TileFit(window, refractive_index, even + spread)
+
+    def luminance(self) -> Tiles:
+        return self
+
+    def fitted(self, window: Window, refractive_index: float) -> TileFit:
+        return self.nearest(window, refractive_index, ())
 
 
 @pytest.mark.parametrize(("shift", "sure", "kept"), [
@@ -67,10 +79,32 @@ def test_the_limit_of_ghosts_that_tiles_do_not_show(
     monkeypatch.setattr(pane_by_tiles, "TileLikelihood", type("", (Tiles,), {"sure": sure}))
     monkeypatch.setattr(pane_by_tiles, "refined_incidence", lambda frame, scene: (scene.incidence_deg, 0.2))
     stokes = stokes_images(taken(PLAIN, 0, 0.005), 0.005)
-    estimate = replace(ESTIMATE, scene=PLAIN.replace(ghost_shift=shift))
-    found = with_ghosts_by_tiles(estimate, stokes, OPEN, is_flat=True)
+    near = replace(ESTIMATE, scene=PLAIN.replace(ghost_shift=shift))
+    found = with_ghosts_by_tiles(near, stokes, OPEN, is_flat=True)
     assert found.scene.ghost_shift == (shift if kept else 0.0)
     assert (found.errors.ghost_shift is not None) == kept
+
+
+@pytest.mark.parametrize(("shift", "sure", "of_side", "found"), [
+    (0.0, 2.6, 2.6, -1.0), (0.0, 2.4, 3.0, 0.0), (0.0, 3.0, 2.4, 0.0), (-1.5, 1.9, 2.6, -1.5), (-1.5, 1.9, 2.4, 0.0),
+])  # fmt: skip
+def test_close_ghosts_that_lie_on_either_side_are_none(
+    shift: float, sure: float, of_side: float, found: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where tiles alone show them, and where only mean spectra do."""
+    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", type("", (Tiles,), {"sure": sure, "of_side": of_side}))
+    monkeypatch.setattr(pane_by_tiles, "refined_incidence", lambda frame, scene: (scene.incidence_deg, 0.2))
+    stokes = stokes_images(taken(PLAIN, 0, 0.005), 0.005)
+    near = replace(ESTIMATE, scene=SceneParameters(50.0, 20.0, shift))
+    assert with_ghosts_by_tiles(near, stokes, OPEN, is_flat=not shift).scene.ghost_shift == found
+
+
+@pytest.mark.parametrize("incidence_deg", [30.0, 36.0])
+def test_a_pane_in_place_has_no_double_images_on_either_side(incidence_deg: float) -> None:
+    """Mean spectra and tiles both show some 0.6 to 1.1 px apart; neither tiles nor edges tell on which side."""
+    found = estimate(taken(SceneParameters(incidence_deg, 25.0, 0.0), 0, 0.004)).scene
+    assert found.rung == "pixelwise"
+    assert found.incidence_deg == pytest.approx(incidence_deg, abs=0.3)
 
 
 @pytest.mark.parametrize("incidence_deg", [42.0, 58.0])

@@ -46,10 +46,10 @@ OPEN = SceneParameters(None, None, None, n_panes=None, gap_shift=None, absorptio
 TWO = SceneParameters(60.0, 25.0, 2.0, n_panes=2, gap_shift=9.0)
 
 
-def taken(scene: SceneParameters, pair: int = 0, size: int = 192) -> Capture:
+def taken(scene: SceneParameters, pair: int = 0, size: int = 192, noise: float = NOISE) -> Capture:
     photographs = pairs_of(None, size)[pair]
     frames = (photographs.transmission, photographs.reflection)
-    return photograph_pair(*frames, scene, Camera(noise=NOISE), margin=photographs.margin)
+    return photograph_pair(*frames, scene, Camera(noise=noise), margin=photographs.margin)
 
 
 def found_at_random(number: int, **told: object) -> SceneParameters:
@@ -218,7 +218,8 @@ def test_clear_glass_is_not_tinted(tiles: float, spectra: float, edges: float, t
     assert _tinted_or(axis, [], judged(windows["plain"])).window == windows[found]  # type: ignore[arg-type]
 
 
-FAR, CLOSE = Window(45.0, 0.0, -6.0, n_panes=2), Window(45.0, 0.5, 1.5, n_panes=2)
+FAR, CLOSE = Window(45.0, -0.3, -6.0, n_panes=2), Window(45.0, 0.5, 1.5, n_panes=2)
+THIN, THIN_AND_CLOSE = Window(45.0, -0.2, -6.0, n_panes=2), Window(45.0, 0.1, 1.5, n_panes=2)
 
 
 def judged_as(window: Window, spectra: float, edges: float) -> LikelyWindow:
@@ -239,9 +240,14 @@ def judged_as(window: Window, spectra: float, edges: float) -> LikelyWindow:
     (FAR, True, True, (6.0, 1.9, 0.0), False), (FAR, True, True, (6.0, 2.1, 0.0), True),
     (FAR, True, False, (6.0, -3.1, 0.0), False), (FAR, True, False, (6.0, -2.9, 0.0), True),
     (CLOSE, True, False, (0.0, 0.7, 0.7), False), (CLOSE, True, False, (0.0, 0.8, 0.8), True),
+    (THIN, True, False, (6.0, 1.9, 0.0), False), (THIN, True, False, (6.0, 2.1, 0.0), True),
+    (THIN_AND_CLOSE, True, False, (-5.0, 2.0, 1.0), False),
 ])  # fmt: skip
 def test_the_limits_of_what_tells_several_panes(window, shown, across, errors, likelier) -> None:
-    """Standard errors of tiles count once, of mean spectra by half, of edges by a quarter; many of tiles do alone."""
+    """Standard errors of tiles count once, of mean spectra by half, of edges by a quarter; many of tiles do alone.
+
+    Two panes without thickness, one behind the other, look like one.
+    """
     tiles, spectra, edges = errors
     axis = SimpleNamespace(
         shows=lambda window: shown, evidence=lambda window, other, beside: Evidence(tiles, *window.surer_than(other))
@@ -306,6 +312,15 @@ def test_four_times_the_tiles_are_not_believed_more_of_the_same(n_tiles: int, be
     likelier, other = (TileFit(FAR, 1.5, misfits) for misfits in (np.zeros(n_tiles), gains))
     assert likelier.believed_over(other) == pytest.approx(believed, abs=0.1)
     assert other.believed_over(likelier) == pytest.approx(-believed, abs=0.1)
+
+
+@pytest.mark.parametrize(("panes", "pane_px", "gap_px"), [(2, 2.6, 5.3), (3, -2.5, -8.1)])
+def test_several_panes_at_a_steep_view_are_no_dark_glass_across(panes: int, pane_px: float, gap_px: float) -> None:
+    true, noise = SceneParameters(62.0, 25.0, pane_px, n_panes=panes, gap_shift=gap_px), 0.004
+    found = find_scene(taken(true, 1, noise=noise), OPEN, noise).scene
+    assert (found.n_panes, found.absorption) == (panes, 0.0)
+    assert found.incidence_deg == pytest.approx(62.0, abs=0.5)
+    assert abs(turn_between(found.values()[1], 25.0)) < 1
 
 
 def test_dark_glass_at_a_steep_view_does_not_lie_across() -> None:

@@ -83,6 +83,8 @@ _LEAST_ABSORPTION, _LEAST_GHOST_PX = 0.15, 1.25
 it: close ones look like a blurred scene."""
 _UNUSUAL, _RESOLVED_PX = 0.025, 0.5
 """What panes that are far from parallel must gain beside, and the shift of a pane from which on its sense is told."""
+_THIN_PX = 0.25
+"""Shift below which a pane beside a gap is thinner than any glass. Set by hand."""
 _NEAR_DEG, _FARTHEST = 0.7, 2.0
 """Incidences beside a window's at which its overlap is looked at, and steps up to which a parabola is followed."""
 _TURNS = 3
@@ -116,6 +118,12 @@ def looks_turned(window: Window) -> bool:
     direction_deg = math.degrees(math.atan2(abs(window.gap_across), abs(window.gap_along)))
     apart_px = math.hypot(window.gap_along, window.gap_across)
     return direction_deg > _TURNED_DEG and abs(window.pane_shift) < HARDLY_PX and apart_px > CLOSE_PX
+
+
+def looks_single(window: Window) -> bool:
+    """Whether it has the images of one pane: two without thickness, one behind the other along the azimuth."""
+    aligned = max(abs(window.pane_shift), abs(window.gap_across)) < _THIN_PX
+    return window.n_panes == 2 and aligned and abs(window.gap_along) >= _RESOLVED_PX
 
 
 class Evidence(NamedTuple):
