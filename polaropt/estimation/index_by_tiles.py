@@ -124,8 +124,7 @@ def told_by_tiles(
     """
     window, told = window_of(scene, azimuth_deg), scene.index
     glance = tiles.luminance()
-    look = glance.nearest if of_mosaic else glance.fitted
-    first = look(window, told)
+    first = glance.nearest(window, told)
     if of_mosaic and not _is_beyond(first, _BEYOND_DEG):
         return None
     starts = [
@@ -133,7 +132,7 @@ def told_by_tiles(
         for index in _TILE_INDICES
         for angle in alike_incidences(window.incidence_deg, told, index - told)
     ]
-    likeliest = min((look(*start) for start in starts), key=lambda fit: fit.misfit)
+    likeliest = min((glance.nearest(*start) for start in starts), key=lambda fit: fit.misfit)
     if first.misfit - likeliest.misfit < _LEAST_GLANCE:
         return None
     panes = dict[float, TileFit]()

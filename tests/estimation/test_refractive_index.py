@@ -12,7 +12,9 @@ import pytest
 from polaropt import SceneParameters, SeparationWarning, StoppingRule, estimate, separate
 from polaropt.capture import Capture, noise_level
 from polaropt.errors import InputError
-from polaropt.estimation import estimate_scene, find_scene, likelier_index, with_index
+from polaropt.estimation import estimate_scene, find_scene, likelier_index, refractive_index, with_index
+from polaropt.estimation.flat.windows.likelihood import Window
+from polaropt.estimation.flat.windows.search import LikelyWindow
 from polaropt.optics import GLASS_INDEX, SceneErrors
 from polaropt.separation import Separation
 from studies.random_windows.windows import window_of
@@ -150,3 +152,47 @@ def test_edges_alone_do_not_speak_against_an_index() -> None:
     asked = SceneParameters(None, None, None)
     found = find_scene(capture, asked, window.taking.noise, "ghosts")
     assert likelier_index(capture, found.scene, window.taking.noise) is None
+
+
+@pytest.mark.parametrize(("gain", "told", "sure"), [(3.4, False, False), (3.6, True, False), (7.1, True, True)])
+def test_the_limits_of_an_index_that_gradients_tell(
+    gain: float, told: bool, sure: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside window glass, which most panes are of."""
+
+    class Gradients:
+        def __init__(self, frame: object, scene: SceneParameters) -> None:
+            pass
+
+        def cost(self, index: float) -> float:
+            return 100 * (index - 1.65) ** 2 * gain / 2.25
+
+        def incidence(self, index: float) -> float:
+            return 40.0
+
+        glanced, nearest = refractive_index._IndexGradients.glanced, refractive_index._IndexGradients.nearest
+        _scene = SceneParameters(40.0, 20.0, 0.0)
+
+    monkeypatch.setattr(refractive_index, "_IndexGradients", Gradients)
+    monkeypatch.setattr(refractive_index, "noise_of_mirrored", lambda frame, scene: 0.0)
+    found = refractive_index._told_by_gradients(None, Gradients._scene, 3.5)  # type: ignore[arg-type]
+    assert (found is not None) == told
+    if found is not None:
+        assert found.index == pytest.approx(1.65, abs=0.01)
+        assert found.sure == sure
+
+
+def test_an_incidence_that_drifts_where_edges_overlap_less_and_less_speaks_for_no_index(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In noise: only as far as it makes the pane of the index that was told no less likely."""
+
+    def judged(frame: object, scene: SceneParameters, **of: object) -> LikelyWindow:
+        lower = max(1.0, scene.values()[0] - 1.4)
+        # The index that was told suits best at 24 degrees, others about as well at theirs.
+        score = 0.004 * (24.0 - lower) if scene.index == 1.5 else -0.0035
+        return LikelyWindow(Window(lower, 0.0), score, score, (np.array([score] * 3), np.zeros(3)))
+
+    monkeypatch.setattr(refractive_index, "judged_pane", judged)
+    monkeypatch.setattr(refractive_index, "cross_spectra", lambda frame: None)
+    assert refractive_index._told_by_spectra(None, SceneParameters(25.4, 20.0, 0.0)) is None  # type: ignore[arg-type]

@@ -239,7 +239,8 @@ def judged_as(window: Window, spectra: float, edges: float) -> LikelyWindow:
     (FAR, False, False, (6.0, 1.9, 0.0), False), (FAR, False, False, (6.0, 2.1, 0.0), True),
     (FAR, True, True, (6.0, 1.9, 0.0), False), (FAR, True, True, (6.0, 2.1, 0.0), True),
     (FAR, True, False, (6.0, -3.1, 0.0), False), (FAR, True, False, (6.0, -2.9, 0.0), True),
-    (CLOSE, True, False, (0.0, 0.7, 0.7), False), (CLOSE, True, False, (0.0, 0.8, 0.8), True),
+    (CLOSE, True, False, (0.1, 0.7, 0.7), False), (CLOSE, True, False, (0.1, 0.8, 0.8), True),
+    (CLOSE, True, False, (-0.1, 2.0, 2.0), False),
     (THIN, True, False, (6.0, 1.9, 0.0), False), (THIN, True, False, (6.0, 2.1, 0.0), True),
     (THIN_AND_CLOSE, True, False, (-5.0, 2.0, 1.0), False),
 ])  # fmt: skip
