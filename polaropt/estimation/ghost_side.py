@@ -76,7 +76,7 @@ def with_likelier_side(
         return found
     more_edges, tiles = edges(scene.opposite()) - edges(scene), _told_by_tiles(capture, scene, noise)
     if in_place is not None and tiles.show_none(more_edges):
-        return _as_found(in_place())
+        return _as_found(in_place(), found)
     by_tiles = tiles.of_side
     told_by_tiles = abs(by_tiles) > _SURE_OF_TILES
     contradicted = abs(by_tiles) > _AGAINST and by_tiles * more_edges < 0
@@ -97,18 +97,24 @@ def with_likelier_side(
     return dataclasses.replace(found, scene=scene, estimate=estimate, tried=tried)
 
 
-def _as_found(placed: LadderResult) -> LadderResult:
-    """What was found with images in place as if nobody had told that they are: nothing speaks against what is told."""
-    if placed.estimate is None:
+def _as_found(placed: LadderResult, before: LadderResult) -> LadderResult:
+    """What was found with images in place, as if nobody had told that they are.
+
+    Nothing speaks against what is told then, and the index is the one that was found before.
+    """
+    estimate = placed.estimate
+    if estimate is None:
         return placed
-    return dataclasses.replace(placed, estimate=dataclasses.replace(placed.estimate, doubtful_shift=False))
+    errors = dataclasses.replace(estimate.errors, refractive_index=before.errors.refractive_index)
+    estimate = dataclasses.replace(estimate, doubtful_shift=False, errors=errors)
+    return dataclasses.replace(placed, estimate=estimate)
 
 
 @dataclass(frozen=True)
 class _TilesTell:
     """Standard errors by which tiles find a window's images likelier on this side than on the other, and than none.
 
-    Both are 0 where tiles are not asked.
+    Of a window of several panes, and a frame of few tiles, the second is not asked for.
     """
 
     of_side: float = 0.0

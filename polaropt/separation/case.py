@@ -173,7 +173,7 @@ def case_of(
     found = in_whole(of_cells)
     stages.advance(_SCENE_FOUND)
     # An index that is told fits badly where the incidence is, too.
-    index = None
+    index, sought = None, checked.scene
     asks_index = asked.refractive_index is not None and asked.incidence_deg is None and of_cells.things is None
     # Of a mosaic's windows of several panes no index is told.
     if asks_index and (mosaic is None or not found.scene.stacked):
@@ -181,22 +181,20 @@ def case_of(
         if mosaic is not None:
             index = likelier_index_of_mosaic(mosaic, found.scene.scaled(mosaic.period / scale), index)
     if index is not None and index.sure and index_assumed and asked.single_and_clear:
-        fit = IndexFit(clear_pane(checked.scene, index.index), index.error)
-        found = in_whole(find(source, fit.scene).with_index(fit))
+        sought = clear_pane(sought, index.index)
+        fit = IndexFit(sought, index.error)
+        found = in_whole(find(source, sought).with_index(fit))
         asked, index = asked.replace(refractive_index=None), None
     stages.advance(_INDEX_CHECKED)
     # Edges of things that are polarized by themselves tell no side; the scene found beside them has it by spectra.
     if asked.ghost_shift is None and of_cells.things is None:
         of_source_edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
-        without = partial(find, source, checked.scene.plainest.replace(ghost_shift=0.0))
-        may_be_none = settings.model == "auto" and thickness_px is None and checked.scene.n_panes in (None, 1)
-        found = with_likelier_side(
-            found,
-            source,
-            of_source_edges,
-            of_source,
-            (lambda: in_whole(without().with_index(fit))) if may_be_none else None,
-        )
+        may_be_none = settings.model == "auto" and thickness_px is None and asked.n_panes in (None, 1)
+
+        def in_place() -> LadderResult:
+            return left_alone(find(source, sought.plainest.replace(ghost_shift=0.0)), checked)
+
+        found = with_likelier_side(found, source, of_source_edges, of_source, in_place if may_be_none else None)
     if matching is not None:
         matching = matching.with_azimuth(found.scene.azimuth_deg)
     unglazed = None if unglazed is None else surely_unglazed(unglazed, found.scene)

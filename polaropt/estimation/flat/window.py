@@ -277,7 +277,8 @@ def with_window(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParam
         elif open_panes:
             # Several panes there polarize as dark glass does.
             plain = taken.best(taken.search.panes(TRIAL_DEG))
-            taken, found, _ = _with_panes([(taken, TRIAL_DEG)], plain, found)
+            window = _with_panes([(taken, TRIAL_DEG)], plain, found)[1]
+            found = window if window.window.n_panes > 1 else found
         if found is before:
             return replace(estimate, rivals=(*estimate.rivals, *several))
     else:
