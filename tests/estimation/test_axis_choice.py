@@ -15,6 +15,7 @@ from polaropt.capture.capture import Capture
 from polaropt.capture.mosaic import sampling_of
 from polaropt.capture.noise import noise_level
 from polaropt.capture.polarization import plate_frame, stokes_images
+from polaropt.estimation.flat import azimuth
 from polaropt.estimation.flat.azimuth import (
     NOTABLE_CHANCE,
     NOTABLE_CHANCE_OF_MOSAIC,
@@ -30,7 +31,7 @@ from polaropt.estimation.flat.windows.tiles import TileLikelihood
 from polaropt.estimation.ladder import find_scene
 from polaropt.estimation.safeguard import CheckedScene, left_alone, with_incidence_checked
 from polaropt.judging.warnings import diagnose
-from polaropt.optics.plate import in_place_correction
+from polaropt.optics.plate import in_place_correction, in_place_reflectance
 from polaropt.simulation.metrics import psnr_db
 from polaropt.simulation.simulator import simulated_mosaic
 from tests.blends import blend
@@ -122,6 +123,23 @@ def test_a_pane_hardly_in_doubt_is_taken_even_where_noise_covers_the_polarized_l
         taken = choose_axis(order, BLIND, NOISE, 0.0)
         assert (taken.best, taken.gain_db) == (best, math.inf)
         assert 0 < taken.chance < 0.1
+
+
+@pytest.mark.parametrize(("incidences_deg", "chance"), [
+    ((78.9, 78.4), 1 / (1 + math.exp(1))), ((78.9, 77.9), 1 / (1 + math.exp(2))), ((60.0, 82.0), 1 / (1 + math.exp(2))),
+])  # fmt: skip
+def test_what_tells_a_pane_from_its_own_opposite_counts_half(
+    incidences_deg: tuple[float, float], chance: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 78.9 degrees a pane of window glass mirrors along what it lets through across: layers exchange unseen."""
+    assert sum(in_place_reflectance(78.85, 1.5, False)) == pytest.approx(1, abs=1e-3)
+    monkeypatch.setattr(azimuth, "log_odds", lambda panes, scene, noise, aliased: 2.0)
+    first, second = (
+        AxisCandidate(None, Trial(incidence, 0.0, 0.0), 0.0, lambda: None)  # type: ignore[arg-type, return-value]
+        for incidence in incidences_deg
+    )
+    taken = choose_axis((first, second), BLIND, NOISE, POLARIZED_DB)
+    assert (taken.best, taken.chance) == (0, pytest.approx(chance))
 
 
 def test_tiles_tell_where_all_else_is_alike(panes: tuple[AxisCandidate, AxisCandidate]) -> None:
