@@ -14,6 +14,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from polaropt.interruption import terminations, waited_for
 from studies.catalogue import STUDIES, Study
 from studies.kit.page import write_index
 
@@ -133,18 +134,15 @@ def overview() -> str:
 def _run(name: str, rest: Sequence[str], out: Path | None) -> int:
     where = [] if out is None else ["-o", str(out / name)]
     process = subprocess.Popen([sys.executable, "-m", f"studies.{name}", *rest, *where])
-    try:
-        return process.wait()
-    except KeyboardInterrupt:
-        # It has been interrupted, too, and writes what it has.
-        process.wait()
-        raise
+    # What interrupts this one interrupts it, too, and it writes what it has.
+    return waited_for(process)
 
 
 def _listened() -> int:
     """The studies as a program; whoever closes the pipe early, such as head, has read enough."""
     try:
-        code = main()
+        with terminations():
+            code = main()
         sys.stdout.flush()
     except BrokenPipeError:
         # Nothing is left to be flushed when Python ends.

@@ -32,6 +32,7 @@ _JUDGING = _SOLVING | {"estimation", "solving"}
 _SEPARATION = _JUDGING | {"judging", "kernels"}
 BELOW = {
     "errors": set(),
+    "interruption": set(),
     "progress": set(),
     "kernels": set(),
     "numerics": {"errors"},

@@ -19,7 +19,6 @@ from polaropt.cli.command import (
     called_now,
     say,
     speaking_any_encoding,
-    terminations,
 )
 from polaropt.cli.demo import demo_command
 from polaropt.cli.inspect import estimate_command, inspect_command
@@ -31,6 +30,7 @@ from polaropt.cli.simulate import simulate_command
 from polaropt.cli.study import add_study_command
 from polaropt.cli.train import train_command
 from polaropt.errors import INTERRUPTED, NO_ROOM, InputError, in_one_line
+from polaropt.interruption import terminations
 
 WRONG_INPUT = 2
 

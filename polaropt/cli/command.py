@@ -8,9 +8,7 @@ import inspect
 import io
 import json
 import os
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -39,36 +37,6 @@ _YES, _NO = frozenset({"yes", "true", "1"}), frozenset({"no", "false", "0"})
 
 class Interrupted(Exception):
     """Ctrl-C in a command that writes as it goes; the text says what of it stays."""
-
-
-@contextmanager
-def terminations() -> Iterator[list[int]]:
-    """Take a request to end (SIGTERM, or a terminal that closes) as an interruption: what is half done is removed.
-
-    Yields
-    ------
-    list of int
-        The signals that came; empty where Ctrl-C interrupts.
-    """
-    received: list[int] = []
-
-    def interrupt(number: int, frame: object) -> None:
-        received.append(number)
-        raise KeyboardInterrupt
-
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    # Whoever runs this in a program of their own, or told the system to ignore one, has decided already.
-    free = threading.current_thread() is threading.main_thread()
-    before = {number: signal.signal(number, interrupt) for number in numbers if free and _is_default(number)}
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _is_default(number: int) -> bool:
-    return signal.getsignal(number) is signal.SIG_DFL
 
 
 def _in_plain_words(parameters: list[Any]) -> list[Any]:

@@ -12,6 +12,7 @@ import typer
 import polaropt
 from polaropt.cli.command import Interrupted
 from polaropt.errors import INTERRUPTED, InputError
+from polaropt.interruption import waited_for
 
 
 def study_command(context: typer.Context) -> None:
@@ -30,10 +31,9 @@ def study_command(context: typer.Context) -> None:
         environment |= {"PYTHONIOENCODING": f"{sys.stdout.encoding}:backslashreplace"}
     process = subprocess.Popen([sys.executable, "-m", "studies", *context.args], env=environment)
     try:
-        code = process.wait()
+        code = waited_for(process)
     except KeyboardInterrupt:
-        # It has been interrupted, too, and writes what it has.
-        process.wait()
+        # It has been interrupted, too, and has written what it had.
         code = INTERRUPTED
     if code == INTERRUPTED:
         raise Interrupted("what the study has written stays")

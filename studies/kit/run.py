@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from polaropt.interruption import terminations
 from solvers.kernels import core_count
 from studies.kit.charts import write_figures
 from studies.kit.frames import frame_of
@@ -190,7 +191,7 @@ def run_jobs(
     Raises
     ------
     SystemExit
-        It was interrupted from the keyboard; what was made is written.
+        It was interrupted from the keyboard, or asked to end; what was made is written.
     """
     keys = {job_key(job): job for job in jobs}
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -201,7 +202,7 @@ def run_jobs(
     left = [(key, job) for key, job in keys.items() if key not in made]
     written = time.monotonic()
     try:
-        with _progress(len(keys), len(keys) - len(left)) as advance:
+        with terminations(), _progress(len(keys), len(keys) - len(left)) as advance:
             for key, rows in _finished(run, left, workers):
                 made[key] = [{"job": key, **plain(asdict(row))} for row in rows]
                 advance()

@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import rich.progress
 import typer
@@ -24,7 +25,8 @@ import typer
 import polaropt.cli
 from polaropt.__main__ import main as begin
 from polaropt.cli.app import app, main
-from polaropt.cli.command import count_bar, terminations
+from polaropt.cli.command import count_bar
+from polaropt.interruption import terminations, waited_for
 from tests.command_line import QUICK, spoken
 
 ROOT = Path(__file__).parents[2]
@@ -238,6 +240,58 @@ def test_a_request_to_end_interrupts(number: signal.Signals) -> None:
         assert signal.getsignal(number) is signal.SIG_DFL
     finally:
         signal.signal(number, before)
+
+
+def test_who_is_asked_to_end_twice_is_interrupted_once() -> None:
+    written: list[bool] = []
+
+    def writes_what_it_has() -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            signal.raise_signal(signal.SIGTERM)
+            written.append(True)
+
+    with pytest.raises(KeyboardInterrupt), terminations() as received:
+        writes_what_it_has()
+    assert written
+    assert received == [signal.SIGTERM] * 2
+
+
+@pytest.mark.parametrize(
+    ("request_to_end", "asked"), [((signal.SIGTERM,), True), ((signal.SIGHUP,), False), ((), False)]
+)
+def test_who_asks_a_program_to_end_asks_those_that_it_has_started(request_to_end: tuple[int, ...], asked: bool) -> None:
+    """Ctrl-C and a terminal that closes reach them by themselves."""
+    told: list[str] = []
+
+    class Started:
+        def wait(self) -> int:
+            told.append("wait")
+            if told.count("wait") == 1:
+                raise KeyboardInterrupt(*request_to_end)
+            return 130
+
+        def terminate(self) -> None:
+            told.append("terminate")
+
+    with pytest.raises(KeyboardInterrupt):
+        waited_for(Started())  # type: ignore[arg-type]
+    assert told == (["wait", "terminate", "wait"] if asked else ["wait", "wait"])
+
+
+def test_a_study_that_is_asked_to_end_ends_with_all_that_it_has_started(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "polaropt", "study", "coverage", "--full", "-o", str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert "coverage" in process.stdout.readline()
+        started = psutil.Process(process.pid).children(recursive=True)
+        assert started
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30) == 128 + signal.SIGTERM
+        assert process.stderr is not None
+        assert "polaropt: interrupted; what the study has written stays" in process.stderr.read()
+    assert not psutil.wait_procs(started, 10)[1]
 
 
 def test_a_program_that_minds_its_signals_keeps_them(tmp_path: Path) -> None:
