@@ -114,18 +114,18 @@ def _as_found(placed: LadderResult, before: LadderResult) -> LadderResult:
 class _TilesTell:
     """Standard errors by which tiles find a window's images likelier on this side than on the other, and than none.
 
-    Of a window of several panes, and a frame of few tiles, the second is not asked for.
+    The second is None where it is not asked for: of a window of several panes, and of a frame of few tiles.
     """
 
     of_side: float = 0.0
-    of_none: float = 0.0
-    asked: bool = False
+    of_none: float | None = None
 
     def show_none(self, more_edges: float) -> bool:
         """Whether neither tiles nor edges, so many more on the other side, show double images."""
+        if self.of_none is None:
+            return False
         untold = abs(self.of_side) < _TOLD_BY_TILES and abs(self.of_side * more_edges) < _UNTOLD
-        no_likelier = self.of_none < _NO_LIKELIER and abs(self.of_side) < _SURE_OF_TILES
-        return self.asked and (untold or no_likelier)
+        return untold or (self.of_none < _NO_LIKELIER and abs(self.of_side) < _SURE_OF_TILES)
 
 
 def _told_by_tiles(capture: Capture, scene: SceneParameters, noise: float) -> _TilesTell:
@@ -136,10 +136,10 @@ def _told_by_tiles(capture: Capture, scene: SceneParameters, noise: float) -> _T
     tiles = TileLikelihood(plate_frame(stokes_images(capture, noise), azimuth))
     window = window_of(scene, azimuth)
     here, across = (tiles.fitted(one, index) for one in (window, window_of(scene.opposite(), azimuth)))
+    of_side = here.surer_than(across)
     if window.n_panes > 1 or tiles.n_tiles < LEAST_TILES:
-        return _TilesTell(here.surer_than(across))
-    place = tiles.nearest(Window(window.incidence_deg, 0.0), index)
-    return _TilesTell(here.surer_than(across), here.surer_than(place), asked=True)
+        return _TilesTell(of_side)
+    return _TilesTell(of_side, here.surer_than(tiles.nearest(Window(window.incidence_deg, 0.0), index)))
 
 
 def _of_known_side(estimate: SceneEstimate) -> SceneEstimate:

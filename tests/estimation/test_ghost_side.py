@@ -74,7 +74,7 @@ def test_edges_that_hardly_differ_do_not_overrule_tiles_that_are_sure(
 def test_images_that_lie_on_either_side_are_none(
     of_side: float, of_none: float, more_edges: float, stay: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = ghost_side._TilesTell(of_side, of_none, asked=True)
+    told = ghost_side._TilesTell(of_side, of_none)
     monkeypatch.setattr(ghost_side, "_told_by_tiles", lambda capture, scene, noise: told)
     example = blend(50, 96, ghost_shift=4.0, noise=NOISE)
     found = estimate_of(example, example.scene)
@@ -93,7 +93,7 @@ def test_images_that_lie_on_either_side_are_none(
 
 def test_images_of_a_frame_of_few_tiles_stay() -> None:
     example = blend(50, 64, ghost_shift=4.0, noise=NOISE)
-    assert ghost_side._told_by_tiles(example.capture, example.scene, NOISE).asked is False
+    assert ghost_side._told_by_tiles(example.capture, example.scene, NOISE).of_none is None
     assert ghost_side._TilesTell().show_none(0.0) is False
 
 

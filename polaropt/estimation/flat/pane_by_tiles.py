@@ -83,9 +83,9 @@ def with_ghosts_by_tiles(
         return estimate
     found = tiles.nearest(Window(incidence, shift), index, free) if shift else None
     least = _SURE_OF_FAR if abs(shift) > _CLOSE_PX else _SURE_OF_CLOSE
-    taken = found
-    if found is not None and found.surer_than(place) <= least:
-        taken = found if _surer_of_side(tiles, found, free) > _SURE_ALONE else None
+    taken = None
+    if found is not None and (found.surer_than(place) > least or _surer_of_side(tiles, found, free) > _SURE_ALONE):
+        taken = found
     if searched and abs(shift) <= _CLOSE_PX:
         taken = _likelier(tiles, place, taken, index, free)
     if taken is None:
