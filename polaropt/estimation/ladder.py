@@ -342,7 +342,7 @@ def _of_photographs(
     remark = window_remark(estimate.scene) if asked.n_panes is None and not estimate.scene.has_ghosts else ""
     window = {name: getattr(estimate.scene, name) for name in ("n_panes", "gap_shift", "gap_azimuth_deg", "absorption")}
     of_window = asked.replace(**window)
-    evidence = Evidence(capture, noise, stokes, blocks, of_window, estimate, misfit, model)
+    evidence = Evidence(capture, noise, stokes, blocks, of_window, estimate, misfit, model, mosaic)
     found = _climbed(evidence, seconds, remark, climbs=climbs)
     # Of a mosaic's cells the samples tell it; a thickness ties it to the ghosts.
     if not (stokes.aliased or thickness_px is not None or asked.incidence_deg is not None):

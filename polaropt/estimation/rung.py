@@ -11,6 +11,7 @@ import numpy as np
 
 from polaropt.capture import Capture, StokesImages, closure_share
 from polaropt.estimation.flat.estimate import SceneEstimate
+from polaropt.estimation.flat.samples.tiles import SampledTiles
 from polaropt.estimation.wide.blocks import SCATTERS, PolarizedBlocks
 from polaropt.optics import Rival, SceneErrors, SceneParameters
 
@@ -48,6 +49,8 @@ class Evidence:
         Polarized light that it leaves: mean square over `blocks`, in units of the noise.
     wanted : str
         Name of the rung that was asked for, or "auto".
+    mosaic : SampledTiles, optional
+        Tiles of the mosaic that the capture is the cells of, where there are enough.
     """
 
     capture: Capture
@@ -58,6 +61,7 @@ class Evidence:
     estimate: SceneEstimate
     misfit: float
     wanted: str
+    mosaic: SampledTiles | None = None
 
     @property
     def focal_px(self) -> float | None:

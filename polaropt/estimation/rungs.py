@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 
 from polaropt.estimation.flat.errors import weighted_incidence
+from polaropt.estimation.flat.samples.light import light_looks_polarized
 from polaropt.estimation.polarized.lens import fit_polarized_perspective
 from polaropt.estimation.polarized.mixing import OBLIQUE_DEG, Mixture, looks_polarized
 from polaropt.estimation.polarized.search import fit_polarized
@@ -257,8 +258,16 @@ def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -
         # Frontal glass polarizes so little that a slight polarization of either layer would do as well, and the
         # transmission does not need to know.
         oblique = evidence.estimate.scene.values()[0] > OBLIQUE_DEG
-        return oblique and first and looks_polarized(evidence.stokes, evidence.estimate.scene)
+        return oblique and first and _edges_look_polarized(evidence)
     return off[0] <= (Mixture(evidence.stokes).misfit - 1) / (evidence.misfit - 1) < off[1]
+
+
+def _edges_look_polarized(evidence: Evidence) -> bool:
+    """Whether edges and spectra speak of polarized light that a plain pane explains; of a mosaic, its tiles as well."""
+    plain, mosaic = evidence.estimate.scene, evidence.mosaic
+    if not looks_polarized(evidence.stokes, plain):
+        return False
+    return mosaic is None or light_looks_polarized(mosaic, plain.scaled(mosaic.period), evidence.asked)
 
 
 def _polarized(evidence: Evidence) -> RungFit:

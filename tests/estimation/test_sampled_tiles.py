@@ -17,6 +17,7 @@ from polaropt.capture import write_png
 from polaropt.estimation.flat.azimuth import PrincipalAxis, weighed_axis
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
 from polaropt.estimation.flat.samples.ghosts import sampled_shift
+from polaropt.estimation.flat.samples.light import light_looks_polarized
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.index_by_tiles import LikelierIndex, likelier_index_of_mosaic
@@ -105,26 +106,55 @@ def test_ghosts_that_lie_on_neither_side_of_the_layers_are_none() -> None:
 
 
 @pytest.mark.parametrize(
-    ("sure", "shift", "fewer", "believed"),
+    ("sure", "of_side", "fewer", "shift", "believed"),
     [
-        (2.5, 3.0, 0.01, True),
-        (2.5, 3.0, 0.001, False),
-        (2.5, -3.0, -0.01, False),
-        (2.5, 9.0, -0.01, True),
-        (1.5, 9.0, 0.02, True),
-        (1.5, 9.0, 0.01, False),
-        (1.5, 16.0, 0.02, False),
-        (2.5, 3.0, None, True),
-        (1.5, 3.0, None, False),
+        # Likelier on their side than on the other, and edges say so.
+        (2.5, 2.5, 0.01, 3.0, True),
+        # On neither side.
+        (3.5, 0.5, 0.001, 3.0, False),
+        # Tiles are sure of the side, whatever the edges say.
+        (3.5, 4.0, -0.01, 3.0, True),
+        (3.5, 1.0, -0.01, 3.0, False),
+        # Hardly likelier than none, and clearly on their side.
+        (1.0, 2.5, 0.1, 6.0, True),
+        # What lies far off hardly passes for ghosts.
+        (6.0, 0.2, -0.02, 17.0, True),
+        (2.5, 0.2, -0.02, 17.0, False),
     ],
 )
-def test_edges_tell_which_ghosts_of_tiles_are_believed(
-    sure: float, shift: float, fewer: float | None, believed: bool
+def test_ghosts_of_tiles_must_lie_on_a_side(
+    sure: float, of_side: float, fewer: float, shift: float, believed: bool
 ) -> None:
-    """Close ones must lie on a side, those that tiles are not sure of clearly; far and sure ones are not asked."""
-    window = Window(60.0, shift)
-    fewer_edges = None if fewer is None else lambda seen: fewer if seen == window else math.nan
-    assert sampled_tiles._are_believed(sure, window, fewer_edges) is believed
+    assert sampled_tiles._are_believed(sure, of_side, fewer, shift) is believed
+    assert sampled_tiles._are_believed(sure, of_side, fewer, -shift) is believed
+
+
+@pytest.mark.parametrize(("sure", "believed"), [(2.5, True), (1.5, False)])
+def test_where_no_edges_are_asked_tiles_must_be_sure_of_ghosts(sure: float, believed: bool) -> None:
+    ghosts = SimpleNamespace(surer_than=lambda place: sure, window=Window(60.0, 4.0))
+    assert PaneOfTiles._are_believed(SimpleNamespace(fewer_edges=None), None, ghosts, OPEN) is believed
+
+
+ALONG = SceneParameters(42.0, 135.0, 4.0, transmission_polarization=(0.3, 135.0))
+ACROSS = SceneParameters(36.0, 75.0, 0.0, reflection_polarization=(0.6, 165.0))
+
+
+@pytest.mark.parametrize("scene", [ALONG, ACROSS], ids=["screen along", "sky across"])
+def test_tiles_of_a_mosaic_tell_light_polarized_along_the_plane_of_incidence_or_across(scene: SceneParameters) -> None:
+    """No light is polarized between these: a plain pane explains the polarized light of the cells."""
+    plain = scene.replace(transmission_polarization=(0.0, 0.0), reflection_polarization=(0.0, 0.0))
+    assert light_looks_polarized(tiles("mono", scene), scene, OPEN)
+    assert not light_looks_polarized(tiles("mono", plain), plain, OPEN)
+
+
+def test_detail_that_aliases_in_cells_is_no_polarized_light() -> None:
+    """Edges and mean spectra of these cells find a polarized sky, and the pane at 7 degrees."""
+    photographs, scene = pairs_of(None, 256)[3], SceneParameters(33.0, 108.0, 0.0)
+    camera = Camera(noise=0.004, lens_blur_px=0.3)
+    raw = photograph_mosaic(photographs.transmission, photographs.reflection, scene, camera, False)
+    found = estimate(simulated_mosaic(raw, False), OPEN).scene
+    assert not found.polarized
+    assert found.values()[0] == pytest.approx(33.0, abs=3)
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

@@ -56,6 +56,9 @@ class Window:
         From one pane's back to the next one's front, in pixels along the azimuth, and 90 degrees clockwise from it.
     n_panes : int
     absorption : float
+    behind_degree, mirrored_degree : float
+        To which the light behind the window and the mirrored one are polarized along the azimuth, or across where they
+        are negative. Tiles heed them, mean spectra take all light for unpolarized.
     """
 
     incidence_deg: float
@@ -64,6 +67,8 @@ class Window:
     gap_across: float = 0.0
     n_panes: int = 1
     absorption: float = 0.0
+    behind_degree: float = 0.0
+    mirrored_degree: float = 0.0
 
 
 class WindowLikelihood:

@@ -223,6 +223,9 @@ class TileLikelihood:
     def _response(self, window: Window, refractive_index: float) -> NDArray[np.float32]:
         """What a window makes of both layers of power 1, transmission first: Hermitian matrices, (2, 4, n)."""
         orders, images = images_of(window, refractive_index)
+        degrees = np.array([window.behind_degree, window.mirrored_degree])
+        # Along and across.
+        images = images * (1 + np.outer(degrees, [1, -1]))[:, None]
         azimuth = math.radians(self._azimuth_deg)
         along = orders[:, 0] * window.pane_shift + orders[:, 1] * window.gap_along
         across = orders[:, 1] * window.gap_across
@@ -239,12 +242,16 @@ class TileLikelihood:
         return response
 
 
+_MOST_DEGREE = 0.95
+"""Of polarization: beyond, hardly any light is left to tell the rest. Set by hand."""
 _SEARCH = {
     "incidence_deg": (0.6, *INCIDENCE_SEARCH_DEG),
     "pane_shift": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
     "gap_along": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
     "gap_across": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
     "absorption": (0.1, 0.0, MOST_ABSORPTION),
+    "behind_degree": (0.1, -_MOST_DEGREE, _MOST_DEGREE),
+    "mirrored_degree": (0.1, -_MOST_DEGREE, _MOST_DEGREE),
 }
 """Step, and least and greatest value, of what is searched. Set by hand."""
 _TURNS, _AT_REST = 4, 0.1
