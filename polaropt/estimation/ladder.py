@@ -38,7 +38,7 @@ from polaropt.estimation.refractive_index import IndexFit, with_index
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, RungFit, noise_misfit
 from polaropt.estimation.rungs import RUNGS, with_ghosts
 from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneErrors, SceneParameters, widened
+from polaropt.optics import INCIDENCE_SEARCH_DEG, Rival, SceneErrors, SceneParameters, widened
 
 _LOWER = ("none", "pixelwise", "ghosts")
 _WITH_IMAGES = ("auto", "ghosts")
@@ -591,9 +591,16 @@ def _climbed(evidence: Evidence, seconds: float, remark: str, *, climbs: bool = 
     steps[steps.index(best)] = taken
     tried = tuple(step.tried(evidence, step is taken, _reason(evidence, steps, step, taken)) for step in steps)
     found = taken.attempt
-    rivals = evidence.estimate.rivals if taken is steps[0] else found.rivals
+    rivals = (*evidence.estimate.rivals, *_polarized_rivals(evidence)) if taken is steps[0] else found.rivals
     estimate = dataclasses.replace(evidence.estimate, scene=found.scene, errors=found.errors, rivals=rivals)
     return LadderResult(found.scene, estimate, tried)
+
+
+def _polarized_rivals(evidence: Evidence) -> tuple[Rival, ...]:
+    """Panes before polarized light that may be the true one where a plain one explains all that cells show."""
+    asked = evidence.asked
+    is_open = evidence.wanted == "auto" and not asked.polarized and asked.azimuth_deg is None
+    return evidence.polarized_rivals if is_open and evidence.explained else ()
 
 
 def _taken(evidence: Evidence, steps: list[_Step]) -> _Step:

@@ -11,7 +11,9 @@ import numpy as np
 
 from polaropt.capture import Capture, StokesImages, closure_share
 from polaropt.estimation.flat.estimate import SceneEstimate
-from polaropt.estimation.flat.samples.tiles import SampledTiles
+from polaropt.estimation.flat.samples.ghosts import is_told_by_samples
+from polaropt.estimation.flat.samples.light import PolarizedPane, polarized_pane
+from polaropt.estimation.flat.samples.tiles import REACH_PX, SampledTiles
 from polaropt.estimation.wide.blocks import SCATTERS, PolarizedBlocks
 from polaropt.optics import Rival, SceneErrors, SceneParameters
 
@@ -27,6 +29,9 @@ LEAST_EXPLAINED = 0.5
 # for wrong gains. Gains of equal spread leave sqrt(2) times as much there, and of what is told by one number Student's
 # distribution has 85 % below 4.2. Of ten random windows to fit on with wrong gains nine stay below 1.3, one has 4.7.
 _OF_GAINS = 6.0
+# Chance that light is polarized that tiles of a mosaic surely tell, and its cells do not. Set by hand: where it is not
+# something else is mostly wrong, as the index.
+_CHANCE_OF_LIGHT = 0.5
 # What the plain pane counts as leaving at least, beyond noise of 1, where shares are taken of it. Set by hand.
 _LEAST_LEFT = 1e-9
 
@@ -102,6 +107,30 @@ class Evidence:
         """Share of the light by which photographs do not add up, see `closure_share`: of all pixels, looked at once."""
         capture = self.capture
         return closure_share(capture.intensities, capture.angles_deg, capture.mask)
+
+    @property
+    def tiles_tell_light(self) -> bool:
+        """Whether tiles of a mosaic can tell that light arrives polarized: of a single clear pane, ghosts near by."""
+        scene, mosaic = self.estimate.scene, self.mosaic
+        if mosaic is None or scene.absorption or not is_told_by_samples(scene):
+            return False
+        return abs(mosaic.period * scene.values()[2]) <= REACH_PX
+
+    @cached_property
+    def light_of_tiles(self) -> PolarizedPane | None:
+        """The pane before polarized light that tiles of the mosaic tell, in pixels of the sensor; looked for once."""
+        mosaic = self.mosaic
+        if mosaic is None or not self.tiles_tell_light:
+            return None
+        return polarized_pane(mosaic, self.estimate.scene.scaled(mosaic.period), self.asked)
+
+    @property
+    def polarized_rivals(self) -> tuple[Rival, ...]:
+        """A pane before polarized light that may be the true one, where the cells of a mosaic tell a plain pane."""
+        mosaic, light = self.mosaic, self.light_of_tiles
+        if mosaic is None or light is None or not light.is_possible:
+            return ()
+        return (Rival(light.scene.scaled(1 / mosaic.period), _CHANCE_OF_LIGHT),)
 
     def shown(self, misfit: float) -> bool:
         """Whether a rung that leaves this much polarized light explains more than chance would."""

@@ -10,7 +10,6 @@ from dataclasses import replace
 from functools import partial
 
 from polaropt.estimation.flat.errors import weighted_incidence
-from polaropt.estimation.flat.samples.light import light_looks_polarized
 from polaropt.estimation.polarized.lens import fit_polarized_perspective
 from polaropt.estimation.polarized.mixing import OBLIQUE_DEG, Mixture, looks_polarized
 from polaropt.estimation.polarized.search import fit_polarized
@@ -263,11 +262,10 @@ def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -
 
 
 def _edges_look_polarized(evidence: Evidence) -> bool:
-    """Whether edges and spectra speak of polarized light that a plain pane explains; of a mosaic, its tiles as well."""
-    plain, mosaic = evidence.estimate.scene, evidence.mosaic
-    if not looks_polarized(evidence.stokes, plain):
+    """Whether edges and spectra speak of polarized light that a plain pane explains; of a mosaic, tiles must, too."""
+    if evidence.tiles_tell_light and evidence.light_of_tiles is None:
         return False
-    return mosaic is None or light_looks_polarized(mosaic, plain.scaled(mosaic.period), evidence.asked)
+    return looks_polarized(evidence.stokes, evidence.estimate.scene)
 
 
 def _polarized(evidence: Evidence) -> RungFit:

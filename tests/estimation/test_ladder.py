@@ -15,6 +15,7 @@ from polaropt.estimation import ladder, rung, rungs
 from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.samples.ghosts import SampledPane
+from polaropt.estimation.flat.samples.light import PolarizedPane
 from polaropt.estimation.rung import Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.fits import PerspectiveFit
 from polaropt.optics import Rival, SceneErrors
@@ -135,6 +136,64 @@ def test_the_rung_that_is_taken_and_why(name: str, monkeypatch: pytest.MonkeyPat
     fit = [None, *attempts.values()][taken]
     assert found.scene == (PLAIN if fit is None else fit.scene)
     assert found.estimate.rivals == ((OTHER,) if taken == 0 else ())
+
+
+BEFORE_SKY = PLAIN.scaled(2).replace(reflection_polarization=(0.3, 110.0))
+MOSAIC = SimpleNamespace(period=2)
+
+
+@pytest.mark.parametrize(
+    ("possible", "given", "edges", "rivals"),
+    [
+        (True, {}, False, (OTHER, Rival(BEFORE_SKY.scaled(1 / 2), 0.5))),
+        (False, {}, False, (OTHER,)),
+        (True, {"asked": BLIND.replace(azimuth_deg=20.0)}, False, (OTHER,)),
+        (True, {"asked": BLIND.replace(transmission_polarization=(0.2, 0.0))}, False, (OTHER,)),
+        (True, {"wanted": "ghosts"}, False, (OTHER,)),
+        (True, {"misfit": 10.0}, False, (OTHER,)),
+        # Cells bear it out: what they tell is taken.
+        (True, {}, True, ()),
+    ],
+    ids=["surely", "unsurely", "azimuth given", "light given", "not asked for", "cells show more", "cells, too"],
+)
+def test_polarized_light_that_tiles_of_a_mosaic_tell_and_cells_do_not_may_be_there(
+    possible: bool, given: dict[str, object], edges: bool, rivals: tuple[Rival, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attempt = leaves(1.0, edges, told_by_edges=True)
+    monkeypatch.setattr(ladder, "RUNGS", [Rung("polarized", lambda evidence: True, lambda evidence: attempt)])
+    monkeypatch.setattr(ladder, "with_ghosts", lambda evidence, fit: fit)
+    monkeypatch.setattr(rung, "polarized_pane", lambda mosaic, scene, asked: PolarizedPane(BEFORE_SKY, possible))
+    told = replace(evidence(**{"misfit": 1.1, "aliased": True, **given}), mosaic=MOSAIC)
+    assert ladder._climbed(told, 1.0, "").estimate.rivals == rivals
+
+
+@pytest.mark.parametrize(
+    ("scene", "told"),
+    [
+        (PLAIN, True),
+        (PLAIN.replace(ghost_shift=-11.0), False),
+        (PLAIN.replace(single_surface=True, ghost_shift=0.0), False),
+        (PLAIN.replace(absorption=0.3), False),
+        (PLAIN.replace(n_panes=2), False),
+    ],
+)
+def test_tiles_of_a_mosaic_tell_light_of_a_single_clear_pane_with_its_ghosts_near_by(
+    scene: SceneParameters, told: bool
+) -> None:
+    seen = replace(evidence(1.1, aliased=True), mosaic=MOSAIC, estimate=Estimated(scene))
+    assert seen.tiles_tell_light is told
+    assert replace(seen, mosaic=None).light_of_tiles is None
+
+
+@pytest.mark.parametrize(("light", "expected"), [(PolarizedPane(BEFORE_SKY, False), True), (None, False)])
+def test_of_a_mosaic_tiles_must_speak_for_polarized_light_that_a_plain_pane_explains(
+    light: PolarizedPane | None, expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rungs, "looks_polarized", lambda stokes, scene: True)
+    monkeypatch.setattr(rung, "polarized_pane", lambda mosaic, scene, asked: light)
+    seen = evidence(1.1, aliased=True)
+    assert rungs._edges_look_polarized(seen)
+    assert rungs._edges_look_polarized(replace(seen, mosaic=MOSAIC)) is expected
 
 
 def test_seconds_of_the_rung_that_is_taken_hold_the_search_for_its_ghosts(monkeypatch: pytest.MonkeyPatch) -> None:

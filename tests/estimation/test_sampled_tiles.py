@@ -17,7 +17,7 @@ from polaropt.capture import write_png
 from polaropt.estimation.flat.azimuth import PrincipalAxis, weighed_axis
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
 from polaropt.estimation.flat.samples.ghosts import sampled_shift
-from polaropt.estimation.flat.samples.light import light_looks_polarized
+from polaropt.estimation.flat.samples.light import polarized_pane
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.index_by_tiles import LikelierIndex, likelier_index_of_mosaic
@@ -135,16 +135,19 @@ def test_where_no_edges_are_asked_tiles_must_be_sure_of_ghosts(sure: float, beli
     assert PaneOfTiles._are_believed(SimpleNamespace(fewer_edges=None), None, ghosts, OPEN) is believed
 
 
-ALONG = SceneParameters(42.0, 135.0, 4.0, transmission_polarization=(0.3, 135.0))
-ACROSS = SceneParameters(36.0, 75.0, 0.0, reflection_polarization=(0.6, 165.0))
+ALONG = SceneParameters(50.0, 135.0, 0.0, transmission_polarization=(0.4, 135.0))
+ACROSS = SceneParameters(36.0, 75.0, 0.0, reflection_polarization=(0.85, 165.0))
 
 
 @pytest.mark.parametrize("scene", [ALONG, ACROSS], ids=["screen along", "sky across"])
 def test_tiles_of_a_mosaic_tell_light_polarized_along_the_plane_of_incidence_or_across(scene: SceneParameters) -> None:
     """No light is polarized between these: a plain pane explains the polarized light of the cells."""
     plain = scene.replace(transmission_polarization=(0.0, 0.0), reflection_polarization=(0.0, 0.0))
-    assert light_looks_polarized(tiles("mono", scene), scene, OPEN)
-    assert not light_looks_polarized(tiles("mono", plain), plain, OPEN)
+    found = polarized_pane(tiles("mono", scene), scene, OPEN)
+    assert found is not None
+    for name in ("transmission_polarization", "reflection_polarization"):
+        assert getattr(found.scene, name) == pytest.approx(getattr(scene, name), abs=0.1)
+    assert polarized_pane(tiles("mono", plain), plain, OPEN) is None
 
 
 def test_detail_that_aliases_in_cells_is_no_polarized_light() -> None:

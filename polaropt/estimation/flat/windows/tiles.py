@@ -250,8 +250,8 @@ _SEARCH = {
     "gap_along": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
     "gap_across": (0.25, -FARTHEST_SHIFT_PX, FARTHEST_SHIFT_PX),
     "absorption": (0.1, 0.0, MOST_ABSORPTION),
-    "behind_degree": (0.1, -_MOST_DEGREE, _MOST_DEGREE),
-    "mirrored_degree": (0.1, -_MOST_DEGREE, _MOST_DEGREE),
+    "behind_degree": (0.05, -_MOST_DEGREE, _MOST_DEGREE),
+    "mirrored_degree": (0.05, -_MOST_DEGREE, _MOST_DEGREE),
 }
 """Step, and least and greatest value, of what is searched. Set by hand."""
 _TURNS, _AT_REST = 4, 0.1
