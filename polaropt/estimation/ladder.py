@@ -492,7 +492,7 @@ def _told_by_tiles(
     noise: float,
     edges: Callable[[SceneParameters], float] | None,
 ) -> LadderResult:
-    """What was found from a mosaic's cells, in pixels of the sensor, with ghosts and incidence as its tiles tell.
+    """What was found from a mosaic's cells, in pixels of the sensor, with ghosts, tint and incidence as its tiles tell.
 
     Where tiles show ghosts all samples together tell more exactly how far off.
     """
@@ -511,6 +511,14 @@ def _told_by_tiles(
             shift, error = sampled_shift(cells.samples, capture.angles_deg, about, noise, error)
         scene = scene.replace(ghost_shift=shift)
         errors = dataclasses.replace(errors, ghost_shift=error if shift else None)
+    is_open = asked.absorption is None and scene.has_ghosts
+    tint = tiles.tint(scene, incidence_open=asked.incidence_deg is None) if is_open else None
+    if tint is not None:
+        absorption, error = tint
+        scene, errors = scene.replace(absorption=absorption), dataclasses.replace(errors, absorption=error)
+        # What looked polarized was tint.
+        rivals = tuple(rival for rival in estimate.rivals if not rival.scene.polarized)
+        estimate = dataclasses.replace(estimate, rivals=rivals)
     told = tiles.incidence(scene) if asked.incidence_deg is None else None
     return _with_incidence(found, estimate, scene, errors, told)
 

@@ -112,7 +112,9 @@ def fit(n_tiles: int, sure: float = 0.0) -> TileFit:
         (5.0, 0.05, 120, False, False),
         (5.0, 0.07, 120, False, True),
         (5.7, 0.05, 120, False, True),
-        (5.7, 0.2, 120, True, False),
+        (5.7, 0.2, 120, True, True),
+        (5.7, 0.05, 120, True, False),
+        (3.8, 0.2, 120, True, False),
         (6.0, 0.05, 120, True, True),
     ],
 )
@@ -126,6 +128,9 @@ def test_edges_and_tiles_together_tell_several_panes(
     assert not panes._is_told(found, [single, found], lambda _: fewer, across=across)
     frontal = replace(found, window=replace(TWO_PANES, incidence_deg=11.0))
     assert not panes._is_told(frontal, [single], lambda _: fewer, across=across)
+    # Only steep ones look like another pane across with the layers exchanged.
+    oblique = replace(found, window=replace(TWO_PANES, incidence_deg=54.0))
+    assert panes._is_told(oblique, [single], lambda _: fewer, across=across) is (told and not across)
 
 
 @pytest.mark.parametrize(

@@ -135,6 +135,31 @@ def test_where_no_edges_are_asked_tiles_must_be_sure_of_ghosts(sure: float, beli
     assert PaneOfTiles._are_believed(SimpleNamespace(fewer_edges=None), None, ghosts, OPEN) is believed
 
 
+TINTED = FAR.replace(absorption=0.35)
+
+
+def test_tiles_of_a_mosaic_tell_tinted_glass_by_how_dim_its_ghosts_are() -> None:
+    dark, clear = (PaneOfTiles(tiles("mono", scene), scene.values()[1]) for scene in (TINTED, FAR))
+    told = dark.tint(TINTED.replace(absorption=0.0))
+    assert told is not None
+    absorption, error = told
+    assert absorption == pytest.approx(0.35, abs=2 * error)
+    assert error < 0.2
+    assert clear.tint(FAR) is None
+
+
+def test_a_mosaic_of_tinted_glass_is_found_tinted_unless_that_is_told_otherwise() -> None:
+    capture, open_tint = mosaic("mono", TINTED), OPEN.replace(absorption=None)
+    found = estimate(capture, open_tint)
+    assert found.scene.absorption == pytest.approx(0.35, abs=2 * (found.errors.absorption or 0.0))
+    assert found.scene.values()[0] == pytest.approx(65.0, abs=1)
+    assert not found.estimate.rivals
+    assert estimate(capture, open_tint.replace(absorption=0.0)).scene.absorption == 0
+    clear = estimate(mosaic("mono", FAR), open_tint)
+    assert clear.scene.absorption == 0
+    assert clear.errors.absorption is None
+
+
 ALONG = SceneParameters(50.0, 135.0, 0.0, transmission_polarization=(0.4, 135.0))
 ACROSS = SceneParameters(36.0, 75.0, 0.0, reflection_polarization=(0.85, 165.0))
 

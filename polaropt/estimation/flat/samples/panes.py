@@ -37,9 +37,12 @@ _USUAL_TILES, _CLEARLY_FEWER = 49, 0.06
 """Tiles of a mosaic of 256x256, and share of edges up to which no more are believed: what layers are not as the
 likelihood takes them to be makes all tiles of larger ones likelier. Of 384x384 (`studies.random_windows --sensor mono`,
 fit seeds from 200000) 7 of 74 single panes pass without this, with shares of 0.04 at most but for two across."""
-_SURE_ACROSS = 3.7
-"""Standard errors that are needed where other axes are asked, too, with which layers would be exchanged. Of 8 windows
-across the pane that was found (256x256) 7 have 3.9 and more, those two single panes 3.0 and 3.5."""
+_SURE_ACROSS, _FEWER_ACROSS, _LEAST_ACROSS_DEG = (3.7, 2.5), (0.0, 0.06), 55.0
+"""Standard errors, as of so few tiles, and shares of edges, one or the other pair, that are needed where other axes are
+asked, too, with which layers would be exchanged, and the least incidence: only steep panes look like another one across
+with the layers exchanged. Of 37 random windows of single panes at 60 to 85 degrees (`studies.random_windows --sensor
+mono`, even seeds from 180000 and 190000) none has 1.6 and 0.02; of 24 of several (from 170000) 8 lie across, 6 with 2.5
+and 0.06 or more. Windows at 31 and 50 degrees passed for single panes at 84 (an engine of its own)."""
 _SURE_OF_UNUSUAL, _RESOLVED_PX = 4.5, 2.0
 """The same where panes that shift images by so many pixels, and gaps, shift them to opposite sides, or gaps shift them
 rather to the side than along the azimuth, farther than is looked, as of panes that are far from parallel: ghosts of
@@ -122,11 +125,18 @@ def _is_told(
     # Small gaps may have changed places with panes, whose ghosts lie along.
     aside = abs(window.gap_across) > max(abs(window.gap_along), _ACROSS_PX)
     unusual = opposed or aside
-    if (across and believed <= _SURE_ACROSS) or (unusual and believed <= _SURE_OF_UNUSUAL):
+    if (across and window.incidence_deg < _LEAST_ACROSS_DEG) or (unusual and believed <= _SURE_OF_UNUSUAL):
         return False
     fewer = fewer_edges(window)
+    if across and not _passes(believed, fewer, _SURE_ACROSS, _FEWER_ACROSS):
+        return False
     sure = sure if fewer > _CLEARLY_FEWER else believed
-    return any(sure > least and fewer > share for least, share in zip(_SURE, _FEWER, strict=True))
+    return _passes(sure, fewer, _SURE, _FEWER)
+
+
+def _passes(sure: float, fewer: float, least: tuple[float, float], shares: tuple[float, float]) -> bool:
+    """Whether standard errors and a share of fewer edges are more than one or the other pair."""
+    return any(sure > first and fewer > second for first, second in zip(least, shares, strict=True))
 
 
 def likeliest_window(
