@@ -39,12 +39,20 @@ BLIND = SceneParameters(None, None, None)
 NOISE, POLARIZED_DB = 0.005, 20.0
 
 
-@pytest.mark.parametrize(("margin", "incidence_deg", "of_mosaic", "settled"), [
-    (0.1, 84.0, True, False), (-0.1, 84.0, True, False), (0.1, 79.0, True, True), (0.1, 84.0, False, True),
-    (0.05, 60.0, True, False), (math.inf, 84.0, True, True),
+@pytest.mark.parametrize(("margin", "incidences_deg", "of_mosaic", "settled"), [
+    (0.2, (84.0, 30.0), True, False), (0.2, (79.0, 30.0), True, True), (0.2, (84.0, 30.0), False, True),
+    # What cells like less counts where they hardly do.
+    (0.2, (30.0, 84.0), True, True), (0.1, (30.0, 84.0), True, False), (0.1, (30.0, 84.0), False, True),
+    (0.05, (60.0, 30.0), True, False), (0.1, (60.0, 30.0), True, True),
+    (math.inf, (84.0,), True, True),
 ])  # fmt: skip
-def test_cells_of_a_mosaic_that_like_a_grazing_pane_settle_no_axis(margin, incidence_deg, of_mosaic, settled) -> None:
-    assert _is_settled(margin, Trial(incidence_deg, 0.0, -5.0), of_mosaic=of_mosaic) is settled
+def test_cells_of_a_mosaic_that_like_a_grazing_pane_settle_no_axis(
+    margin: float, incidences_deg: tuple[float, ...], of_mosaic: bool, settled: bool
+) -> None:
+    trials = [Trial(incidence, 0.0, -5.0) for incidence in incidences_deg]
+    assert _is_settled(margin, trials, of_mosaic=of_mosaic) is settled
+    if len(trials) > 1:
+        assert _is_settled(-margin, trials[::-1], of_mosaic=of_mosaic) is settled
 
 
 def panes_of(capture: Capture, azimuth_deg: float, trials: tuple[Trial, Trial]) -> tuple[AxisCandidate, AxisCandidate]:

@@ -162,11 +162,12 @@ panes at 13 to 30 degrees that passed for grazing ones. By logistic regression o
 (`studies.random_windows --sensor mono`, all families of flat panes before unpolarized light, photographs inside
 scikit-image and for training, even seeds from 100000 to 140700; a tenth left out in turn): 400 are told rightly, 51 are
 not, of which the odds make expect 48."""
-_OWN_OPPOSITE, _TOLD_THERE = 0.05, 0.5
-"""How far from 1 what a pane mirrors along and across may add up to, and what log odds count there: at 78.9 degrees of
-window glass a pane across with its layers exchanged is the same pane, and chance alone tells the two apart. Of 60 panes
-in place at 76.5 to 81.5 degrees (training photographs, noise 0.05 to 1.5 %, an engine of its own) 5 are found across,
-all at incidences of this range, at which 8 of 17 others are told surely."""
+_OWN_OPPOSITE, _OF_CELLS_OPPOSITE, _TOLD_THERE = 0.05, 0.1, 0.5
+"""How far from 1 what a pane mirrors along and across may add up to, of photographs and of a mosaic's cells, and what
+log odds count there: at 78.9 degrees of window glass a pane across with its layers exchanged is the same pane, and
+chance alone tells the two apart. Of 60 panes in place at 76.5 to 81.5 degrees (training photographs, noise 0.05 to
+1.5 %, an engine of its own) 5 are found across, all at incidences of this range, at which 8 of 17 others are told
+surely; of 14 random mosaics 5 are, where the odds make expect 3."""
 _HARDLY = 0.1
 """Chance of the other pane up to which the likelier one is taken, whatever noise covers in a pixel: coarse light shows
 beneath it. Set by hand; of three mosaics at noises of 1.3 to 2.3 % the transmission gains 1 to 5 dB by it."""
@@ -249,7 +250,8 @@ def choose_axis(
     if settled and abs(score) > _BEYOND_DOUBT:
         return AxisChoice(by_score)
     odds = log_odds(panes, scene, noise, aliased=aliased)
-    if all(_is_its_own_opposite(pane, scene) for pane in panes):
+    within = _OF_CELLS_OPPOSITE if aliased else _OWN_OPPOSITE
+    if all(_is_its_own_opposite(pane, scene, within) for pane in panes):
         odds *= _TOLD_THERE
     if settled and (odds if by_score else -odds) < _CONTRADICTED:
         return AxisChoice(by_score)
@@ -294,10 +296,10 @@ def _of_spectra(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParamete
     return float(_OF_SPECTRA * np.clip(n * likelier / math.hypot(1, n * error), -_MOST_OF_SPECTRA, _MOST_OF_SPECTRA))
 
 
-def _is_its_own_opposite(pane: AxisCandidate, scene: SceneParameters) -> bool:
+def _is_its_own_opposite(pane: AxisCandidate, scene: SceneParameters, within: float) -> bool:
     """Whether a pane across with its layers exchanged is about the same pane."""
     mirrored = in_place_reflectance(_incidence(pane), scene.index, scene.single_surface)
-    return abs(sum(mirrored) - 1) < _OWN_OPPOSITE
+    return abs(sum(mirrored) - 1) < within
 
 
 def _incidence(pane: AxisCandidate) -> float:
