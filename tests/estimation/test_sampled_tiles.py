@@ -125,8 +125,8 @@ def test_ghosts_that_lie_on_neither_side_of_the_layers_are_none() -> None:
 def test_ghosts_of_tiles_must_lie_on_a_side(
     sure: float, of_side: float, fewer: float, shift: float, believed: bool
 ) -> None:
-    assert sampled_tiles._are_believed(sure, of_side, fewer, shift) is believed
-    assert sampled_tiles._are_believed(sure, of_side, fewer, -shift) is believed
+    assert sampled_tiles._are_likely(sure, of_side, fewer, shift) is believed
+    assert sampled_tiles._are_likely(sure, of_side, fewer, -shift) is believed
 
 
 @pytest.mark.parametrize(("sure", "believed"), [(2.5, True), (1.5, False)])

@@ -161,7 +161,7 @@ more is mistaken in them than by noise: scores of 5 to 70 levels exchanged the l
 panes at 13 to 30 degrees that passed for grazing ones. By logistic regression on 451 random mosaics whose axis was open
 (`studies.random_windows --sensor mono`, all families of flat panes before unpolarized light, photographs inside
 scikit-image and for training, even seeds from 100000 to 140700; a tenth left out in turn): 400 are told rightly, 51 are
-not, of which the odds make expect 48."""
+not, of which the odds make expect 52."""
 _OWN_OPPOSITE, _OF_CELLS_OPPOSITE, _TOLD_THERE = 0.05, 0.1, 0.5
 """How far from 1 what a pane mirrors along and across may add up to, of photographs and of a mosaic's cells, and what
 log odds count there: at 78.9 degrees of window glass a pane across with its layers exchanged is the same pane, and

@@ -326,8 +326,8 @@ def likeliest_panes(
     return place, min((place, *fits), key=lambda fit: fit.misfit)
 
 
-def _are_believed(sure: float, sure_of_side: float, fewer_edges: float, shift_px: float) -> bool:
-    """Whether ghosts are any that tiles find likelier than none, and than on the other side, by standard errors."""
+def _are_likely(sure: float, sure_of_side: float, fewer_edges: float, shift_px: float) -> bool:
+    """Whether the odds are for ghosts that tiles find likelier than none and than on the other side, in errors."""
     edges = math.asinh(fewer_edges / _FEW_EDGES)
     return _OF_SURE * sure + _OF_SIDE * sure_of_side + _OF_EDGES * edges + _PER_PX * abs(shift_px) > _DOUBT
 
@@ -368,7 +368,7 @@ class PaneOfTiles:
             return sure >= _SURE
         free = ("incidence_deg",) if asked.incidence_deg is None else ()
         opposite = self._likelihood.nearest(replace(window, pane_shift=-window.pane_shift), asked.index, free)
-        return _are_believed(sure, ghosts.surer_than(opposite), self.fewer_edges(window), window.pane_shift)
+        return _are_likely(sure, ghosts.surer_than(opposite), self.fewer_edges(window), window.pane_shift)
 
     def single(self, asked: SceneParameters, incidences_deg: Sequence[float]) -> TileFit:
         """The likeliest single pane near the likeliest of some incidences."""
