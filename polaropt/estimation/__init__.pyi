@@ -1,5 +1,6 @@
 __all__ = [
     "NOTABLE_CHANCE",
+    "NOTABLE_CHANCE_OF_MOSAIC",
     "AngleMistake",
     "IndexFit",
     "LadderResult",
@@ -35,6 +36,7 @@ from .angles import AngleMistake as AngleMistake
 from .angles import angle_mistake as angle_mistake
 from .angles import find_start_angle as find_start_angle
 from .flat.azimuth import NOTABLE_CHANCE as NOTABLE_CHANCE
+from .flat.azimuth import NOTABLE_CHANCE_OF_MOSAIC as NOTABLE_CHANCE_OF_MOSAIC
 from .flat.estimate import SceneEstimate as SceneEstimate
 from .flat.estimate import estimate_scene as estimate_scene
 from .flat.samples.tiles import tiles_of_mosaic as tiles_of_mosaic

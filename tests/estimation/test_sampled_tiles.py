@@ -77,7 +77,7 @@ def test_the_pane_is_the_same_at_either_resolution(sensor: str) -> None:
     assert of_cells.scaled(2 if sensor == "mono" else 4).values() == pytest.approx(scene.values())
 
 
-@pytest.mark.parametrize(("incidence", "side"), [(65.0, 256), (72.0, 384)])
+@pytest.mark.parametrize(("incidence", "side"), [(65.0, 256), (80.0, 384)])
 def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells(incidence: float, side: int) -> None:
     scene = SceneParameters(incidence, 25.0, sampled_tiles.FARTHEST_PX + 4)
     found = estimate(mosaic("mono", scene, side=side), OPEN).scene

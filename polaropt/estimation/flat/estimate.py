@@ -40,12 +40,11 @@ LEAST_INDEX = 1.0001
 """Below it a pane mirrors less than 3e-9 of the light at normal incidence, which no photograph shows. Set by hand."""
 _CLOSE = 0.06
 """Axes whose scores differ by less are compared again after the search. By trial."""
-_GRAZING_DEG, _CLOSE_TO_GRAZING = 80.0, 0.15
+_GRAZING_DEG = 80.0
 """Incidence beyond which a pane that a mosaic's cells like best is compared again whatever its score: detail that
-aliases in cells without noise passes for one (`_OF_CELLS_SCORE` of the axis counts no score beyond five noise levels),
-and difference of the scores below which it is compared again with another one that they like less, as detail hides it,
-too. Set by hand; of 117 mosaics of an engine of its own 5 such panes were right and stay, one at 51 degrees of another
-set was taken for one at 84, its layers exchanged, in silence; two at 82 and 85 degrees of 60 for some at 62 and 53."""
+aliases in cells without noise passes for one (`_OF_CELLS_SCORE` of the axis counts no score beyond five noise levels).
+Set by hand; of 117 mosaics of an engine of its own 5 such panes were right and stay, one at 51 degrees of another set
+was taken for one at 84, its layers exchanged, in silence."""
 _LEAST_OVERLAP = 1e-9
 _DIFFERENCE = np.array([1.0, -1.0])
 """Of what is seen along and across the plane of incidence."""
@@ -257,7 +256,7 @@ def _choose_axis(
     trials = [search.first() for search in searches]
     margin = _margin(trials)
     best = 0 if margin >= 0 else 1
-    if _is_settled(margin, trials, of_mosaic=mosaic is not None):
+    if _is_settled(margin, trials[best], of_mosaic=mosaic is not None):
         trial = searches[best].improved(trials[best])
         return _Taken(frames[best], searches[best], trial, abs(margin), AxisChoice(best))
     trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
@@ -277,13 +276,10 @@ def _choose_axis(
     return _Taken(frames[best], searches[best], trials[best], _margin(trials) * (1 - 2 * best), choice)
 
 
-def _is_settled(margin: float, trials: Sequence[Trial], *, of_mosaic: bool) -> bool:
+def _is_settled(margin: float, best: Trial, *, of_mosaic: bool) -> bool:
     """Whether first trials tell the axis by their scores' margin; an axis that is given has an infinite one."""
-    if of_mosaic and math.isfinite(margin):
-        grazing = [trial.incidence_deg > _GRAZING_DEG for trial in trials]
-        if grazing[0 if margin >= 0 else 1] or (any(grazing) and abs(margin) < _CLOSE_TO_GRAZING):
-            return False
-    return abs(margin) >= _CLOSE
+    doubtful = of_mosaic and math.isfinite(margin) and best.incidence_deg > _GRAZING_DEG
+    return abs(margin) >= _CLOSE and not doubtful
 
 
 def _polarized_db(frame: PlateFrame) -> float:
