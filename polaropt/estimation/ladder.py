@@ -606,8 +606,7 @@ def _climbed(evidence: Evidence, seconds: float, remark: str, *, climbs: bool = 
 
 def _polarized_rivals(evidence: Evidence) -> tuple[Rival, ...]:
     """Panes before polarized light that may be the true one where a plain one explains all that cells show."""
-    asked = evidence.asked
-    is_open = evidence.wanted == "auto" and not asked.polarized and asked.azimuth_deg is None
+    is_open = evidence.wanted == "auto" and evidence.light_is_open
     return evidence.polarized_rivals if is_open and evidence.explained else ()
 
 

@@ -95,6 +95,12 @@ class Evidence:
         return MOST_OF_ALIASES if self.stokes.aliased else noise_misfit(self.blocks.n)
 
     @property
+    def light_is_open(self) -> bool:
+        """Whether polarized light is for us to find: what a wrong azimuth leaves it explains, and makes worse."""
+        asked = self.asked
+        return not asked.polarized and asked.focal_px is None and asked.azimuth_deg is None
+
+    @property
     def gains_explain(self) -> bool:
         """Whether photographs that do not add up tell of gains that leave as much as the plain pane does.
 

@@ -248,10 +248,7 @@ def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -
         return False
     if evidence.wanted == "polarized":
         return first and not asked.polarized and asked.focal_px is None
-    # Polarized light explains what a wrong azimuth leaves, and makes it worse.
-    if asked.polarized or asked.focal_px is not None or asked.azimuth_deg is not None:
-        return False
-    if evidence.gains_explain:
+    if not evidence.light_is_open or evidence.gains_explain:
         return False
     if evidence.explained:
         # Frontal glass polarizes so little that a slight polarization of either layer would do as well, and the

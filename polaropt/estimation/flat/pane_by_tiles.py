@@ -84,7 +84,7 @@ def with_ghosts_by_tiles(
     found = tiles.nearest(Window(incidence, shift), index, free) if shift else None
     least = _SURE_OF_FAR if abs(shift) > _CLOSE_PX else _SURE_OF_CLOSE
     taken = None
-    if found is not None and (found.surer_than(place) > least or _surer_of_side(tiles, found, free) > _SURE_ALONE):
+    if found is not None and (found.surer_than(place) > least or tiles.surer_of_side(found, free) > _SURE_ALONE):
         taken = found
     if searched and abs(shift) <= _CLOSE_PX:
         taken = _likelier(tiles, place, taken, index, free)
@@ -112,16 +112,10 @@ def _likelier(
         return taken
     other = tiles.nearest(likely.window, refractive_index, free)
     if taken is None:
-        sure = other.surer_than(place) > _SURE_ALONE and _surer_of_side(tiles, other, free) > _SURE_ALONE
+        sure = other.surer_than(place) > _SURE_ALONE and tiles.surer_of_side(other, free) > _SURE_ALONE
         return other if sure else None
     surer = place.window.incidence_deg >= _SURER_DEG and other.surer_than(taken) > _SURE_OF_CLOSE
     return other if surer else taken
-
-
-def _surer_of_side(tiles: TileLikelihood, fit: TileFit, free: tuple[str, ...]) -> float:
-    """Standard errors by which a window with its ghosts is likelier than one with them on the other side."""
-    opposite = replace(fit.window, pane_shift=-fit.window.pane_shift)
-    return fit.surer_than(tiles.nearest(opposite, fit.refractive_index, free))
 
 
 def _shift_error(tiles: TileLikelihood, fit: TileFit) -> float:

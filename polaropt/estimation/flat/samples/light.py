@@ -8,6 +8,7 @@ of each layer is polarized along and how much across, for which a pane before un
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -64,16 +65,17 @@ def polarized_pane(mosaic: SampledTiles, scene: SceneParameters, asked: ScenePar
     asked : SceneParameters
         Incidence and ghost shift that are not None are kept.
     """
-    incidence, azimuth, _ = scene.values()
+    azimuth = scene.values()[1]
     likelihood = SampledTileLikelihood(mosaic, azimuth)
-    starts = (incidence, *(_INCIDENCES_DEG if asked.incidence_deg is None else ()))
-    plain = _plain(likelihood, scene, asked, starts)
+    others = _INCIDENCES_DEG if asked.incidence_deg is None else ()
+    plain = _plain(likelihood, scene, asked, others)
+    starts = [replace(plain.window, incidence_deg=angle) for angle in (plain.window.incidence_deg, *others)]
     free: tuple[str, ...] = ("incidence_deg",) if asked.incidence_deg is None else ()
     free += ("pane_shift",) if plain.window.pane_shift and asked.ghost_shift is None else ()
-    fits = {layer: _polarized(likelihood, plain, (*free, layer), starts) for layer in _LAYERS}
+    fits = {layer: _polarized(likelihood, starts, scene.index, free, layer) for layer in _LAYERS}
     layer, other = sorted(fits, key=lambda one: fits[one].misfit)
-    likely, n_tiles = fits[layer], len(plain.misfits)
-    gain, sure = (plain.misfit - likely.misfit) / n_tiles, likely.surer_than(plain)
+    likely = fits[layer]
+    gain, sure = likely.gain_per_tile(plain), likely.surer_than(plain)
     if gain < _LEAST_GAIN or sure < _SURE:
         return None
     window, degree = likely.window, float(getattr(likely.window, layer))
@@ -85,32 +87,42 @@ def polarized_pane(mosaic: SampledTiles, scene: SceneParameters, asked: ScenePar
 
 
 def _plain(
-    likelihood: SampledTileLikelihood, scene: SceneParameters, asked: SceneParameters, incidences: tuple[float, ...]
+    likelihood: SampledTileLikelihood,
+    scene: SceneParameters,
+    asked: SceneParameters,
+    incidences_deg: tuple[float, ...],
 ) -> TileFit:
-    """The likeliest pane before unpolarized light, near the first of some incidences or one of the others in place."""
-    (incidence, _, shift), (first, *others) = scene.values(), incidences
+    """The likeliest pane before unpolarized light, near that of a scene or one in place at some other incidences."""
+    incidence, _, shift = scene.values()
     free = ("incidence_deg",) if asked.incidence_deg is None else ()
     if asked.ghost_shift is None:
-        place, ghosts = likeliest_panes(likelihood, asked.replace(refractive_index=scene.index), first)
+        place, ghosts = likeliest_panes(likelihood, asked.replace(refractive_index=scene.index), incidence)
     else:
         place = ghosts = likelihood.nearest(Window(incidence, shift), scene.index, free)
-    fits = [likelihood.nearest(replace(place.window, incidence_deg=start), scene.index, free) for start in others]
+    others = (replace(place.window, incidence_deg=angle) for angle in incidences_deg)
+    fits = [likelihood.nearest(start, scene.index, free) for start in others]
     fits += [ghosts if ghosts.surer_than(place) > _SURE else place]
     return min(fits, key=lambda fit: fit.misfit)
 
 
 def _polarized(
-    likelihood: SampledTileLikelihood, plain: TileFit, free: tuple[str, ...], incidences: tuple[float, ...]
+    likelihood: SampledTileLikelihood,
+    starts: Sequence[Window],
+    refractive_index: float,
+    free: tuple[str, ...],
+    layer: str,
 ) -> TileFit:
-    """The likeliest pane with the light of the layer polarized that is the last of the numbers that are free."""
-    index, glance = plain.refractive_index, likelihood.some(_MOST_TILES)
-    changes: list[dict[str, Any]] = [
-        {"incidence_deg": incidence, free[-1]: degree}
-        for incidence in (plain.window.incidence_deg, *incidences[1:])
-        for degree in _DEGREES
-    ]
-    near = (glance.nearest(replace(plain.window, **change), index, free) for change in changes)
-    return likelihood.nearest(min(near, key=lambda fit: fit.misfit).window, index, free)
+    """The likeliest pane near some windows before light of which one layer's is polarized."""
+    glance, free = likelihood.some(_MOST_TILES), (*free, layer)
+    lit = (_with_degree(start, layer, degree) for start in starts for degree in _DEGREES)
+    near = (glance.nearest(window, refractive_index, free) for window in lit)
+    return likelihood.nearest(min(near, key=lambda fit: fit.misfit).window, refractive_index, free)
+
+
+def _with_degree(window: Window, layer: str, degree: float) -> Window:
+    """A window before light of one layer that is polarized along its plane of incidence, or across if negative."""
+    change: dict[str, Any] = {layer: degree}
+    return replace(window, **change)
 
 
 def _apart(fit: TileFit, scene: SceneParameters) -> float:

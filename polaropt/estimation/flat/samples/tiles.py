@@ -363,12 +363,12 @@ class PaneOfTiles:
 
     def _are_believed(self, place: TileFit, ghosts: TileFit, asked: SceneParameters) -> bool:
         """Whether ghosts are any, that are likelier than images in place."""
-        sure, window = ghosts.surer_than(place), ghosts.window
+        sure, shift = ghosts.surer_than(place), ghosts.window.pane_shift
         if self.fewer_edges is None:
             return sure >= _SURE
         free = ("incidence_deg",) if asked.incidence_deg is None else ()
-        opposite = self._likelihood.nearest(replace(window, pane_shift=-window.pane_shift), asked.index, free)
-        return _are_likely(sure, ghosts.surer_than(opposite), self.fewer_edges(window), window.pane_shift)
+        sure_of_side = self._likelihood.surer_of_side(ghosts, free)
+        return _are_likely(sure, sure_of_side, self.fewer_edges(ghosts.window), shift)
 
     def single(self, asked: SceneParameters, incidences_deg: Sequence[float]) -> TileFit:
         """The likeliest single pane near the likeliest of some incidences."""
@@ -423,10 +423,10 @@ class PaneOfTiles:
         starts = (replace(clear.window, absorption=absorption) for absorption in _FIRST_ABSORPTIONS)
         fits = (self._likelihood.nearest(start, scene.index, (*free, "absorption")) for start in starts)
         dark = min(fits, key=lambda fit: fit.misfit)
-        gain = (clear.misfit - dark.misfit) / len(clear.misfits)
         absorption = dark.window.absorption
         possible = _LEAST_ABSORPTION < absorption < _MOST_ABSORPTION
-        if not possible or gain < _LEAST_GAIN_OF_TINT or dark.surer_than(clear) < _SURE_OF_TINT:
+        sure = dark.gain_per_tile(clear) >= _LEAST_GAIN_OF_TINT and dark.surer_than(clear) >= _SURE_OF_TINT
+        if not (possible and sure):
             return None
         (error,) = self._likelihood.errors(dark, ("absorption",))
         return absorption, math.hypot(_WIDER * float(error), _LEAST_TINT_ERROR) if math.isfinite(error) else absorption

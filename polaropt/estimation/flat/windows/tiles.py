@@ -77,6 +77,10 @@ class TileFit:
         """That of the frame."""
         return float(self.misfits.sum())
 
+    def gain_per_tile(self, other: TileFit) -> float:
+        """Log likelihood per tile by which it is likelier than another one."""
+        return (other.misfit - self.misfit) / len(self.misfits)
+
     def surer_than(self, other: TileFit) -> float:
         """Standard errors by which it is likelier than another one; negative where it is less likely."""
         gains = other.misfits - self.misfits
@@ -182,6 +186,11 @@ class TileLikelihood:
             if np.all(np.abs(step.point - at) < _AT_REST * box.step):
                 break
         return self.fitted(window, refractive_index)
+
+    def surer_of_side(self, fit: TileFit, free: tuple[str, ...]) -> float:
+        """Standard errors by which a window with its ghosts is likelier than one with them on the other side."""
+        opposite = replace(fit.window, pane_shift=-fit.window.pane_shift)
+        return fit.surer_than(self.nearest(opposite, fit.refractive_index, free))
 
     def errors(self, fit: TileFit, free: tuple[str, ...]) -> Values:
         """Standard errors of some numbers of a likeliest window, by the curvature; infinite where it tells none."""
