@@ -40,7 +40,7 @@ setup: $(STAMP)
 # Touched last, so that an interrupted installation starts again.
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
-	$(INSTALL) --editable ".[app,batch,casadi,dev,plot,raw,sequence,studies,torch]"
+	$(INSTALL) --editable ".[app,batch,casadi,dev,heif,plot,raw,sequence,studies,torch]"
 	touch $@ $(PLAIN)
 
 # What a separation needs, and nothing else.

@@ -10,13 +10,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from polaropt.capture import CAMERA_RAW
+from polaropt.capture import CAMERA_RAW, HEIF
 from polaropt.errors import InputError
 from polaropt.reporting import COMPARISON, RESULT_FILES, THUMBNAIL, TRUE_LAYERS
 
 _STACKS = (".npz", ".npy", ".tif", ".tiff", ".png")
-"""Names that mosaics and stacks end in. A JPEG holds neither."""
-_PHOTOGRAPHS = (*_STACKS, ".jpg", ".jpeg", *CAMERA_RAW)
+"""Names that mosaics and stacks end in. A JPEG or HEIC holds neither."""
+_JPEG = (".jpg", ".jpeg")
+_PHOTOGRAPHS = (*_STACKS, *_JPEG, *HEIF, *CAMERA_RAW)
 _DEGREES = r"(?P<angle>\d{1,3}(?:\.\d+)?)(?:deg|°)?"
 _ANGLE = (
     rf"(?:(?:(?<=[^0-9A-Za-z])|^)(?:i|pol|deg|p)?|(?-i:(?<=[0-9a-z])I)){_DEGREES}$",
@@ -352,8 +353,9 @@ def _no_capture(file: Path, angles_deg: Sequence[float]) -> str:
         return "a mosaic without a header; give its --shape"
     if suffix in CAMERA_RAW:
         return f"raw files of a camera go together where a folder holds {len(angles_deg)}, or by --group"
-    if suffix in (".jpg", ".jpeg"):
-        return "a JPEG is no mosaic, and its name tells no angle; see --group"
+    if suffix in (*_JPEG, *HEIF):
+        kind = "JPEG" if suffix in _JPEG else "HEIC"
+        return f"a {kind} is no mosaic, and its name tells no angle; see --group"
     return "no file of photographs"
 
 

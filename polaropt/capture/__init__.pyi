@@ -1,6 +1,7 @@
 __all__ = [
     "ANGLES_DEG",
     "CAMERA_RAW",
+    "HEIF",
     "LEAST_STOKES_POWER",
     "LINEAR_LIGHT",
     "MAX_PIXELS",
@@ -115,6 +116,7 @@ from .files.encoding import linearize as linearize
 from .files.encoding import parse_gamma as parse_gamma
 from .files.exif import CameraFacts as CameraFacts
 from .files.formats.camera_raw import CAMERA_RAW as CAMERA_RAW
+from .files.formats.heif import HEIF as HEIF
 from .files.formats.tiff import tiff_frames as tiff_frames
 from .files.headless import headless_frames as headless_frames
 from .files.headless import read_headless as read_headless

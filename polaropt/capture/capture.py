@@ -65,13 +65,14 @@ class EncodingHint(StrEnum):
     NONE = ""
     SRGB_PNG = "the PNG says it is sRGB"
     JPEG = "JPEG files nearly always are"
+    HEIF = "HEIC files nearly always are"
     PROFILE = "its colour profile says that they are"
     SHALLOW_PNG = "8-bit PNG files often are"
 
     @property
     def decides(self) -> bool:
         """Whether values are taken for encoded by it where the photographs do not tell."""
-        return self in (EncodingHint.SRGB_PNG, EncodingHint.JPEG, EncodingHint.PROFILE)
+        return self not in (EncodingHint.NONE, EncodingHint.SHALLOW_PNG)
 
 
 _UNTOLD = CameraFacts()

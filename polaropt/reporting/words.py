@@ -161,10 +161,14 @@ def _jpeg(it: Inspection) -> Finding:
     if it.jpeg is None:
         return Finding("jpeg")
     halved = ", colours at half the resolution" if it.jpeg.halved_colors else ""
-    what = "were JPEG files before they were saved again" if it.jpeg.saved_again else "are JPEG files"
+    if it.jpeg.quality is None:
+        what = f"are HEIC files{halved and ' (' + halved.removeprefix(', ') + ')'}"
+    else:
+        what = "were JPEG files before they were saved again" if it.jpeg.saved_again else "are JPEG files"
+        what += f" (quality about {it.jpeg.quality}{halved})"
     return Finding(
         "jpeg",
-        attention=f"the photographs {what} (quality about {it.jpeg.quality}{halved}): double images and fine detail "
+        attention=f"the photographs {what}: double images and fine detail "
         "may be lost, and the pane's numbers and both layers are less certain; save TIFF or camera raw files at once.",
     )
 

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import AnyPath, linearize, parse_gamma, read_file
+from polaropt.capture import HEIF, AnyPath, linearize, parse_gamma, read_file
 from polaropt.errors import InputError
 from polaropt.numerics import in_color, strips
 
 Image = NDArray[np.float32]
 
 SHIPPED = ("astronaut", "coffee", "chelsea", "rocket")
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", *HEIF)
 
 
 def read_photograph(path: AnyPath, gamma: float | str | None = None) -> Image:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+from importlib.util import find_spec
 from pathlib import Path
 
 import imagecodecs
@@ -71,6 +72,16 @@ def _numpy(**arrays: np.ndarray) -> dict[str, bytes]:
     }
 
 
+def _heif(photograph: np.ndarray) -> bytes:
+    """Of 10 bits."""
+    import pillow_heif
+
+    deep = pillow_heif.from_bytes(mode="RGB;16", size=photograph.shape[1::-1], data=photograph.tobytes())
+    stream = io.BytesIO()
+    deep.save(stream, quality=90, bit_depth=10)
+    return stream.getvalue()
+
+
 def seeds() -> dict[str, bytes]:
     """Files by their names."""
     grey, colors, raw = photographs(), photographs(color=True), mosaic()
@@ -102,6 +113,8 @@ def seeds() -> dict[str, bytes]:
         "report.json": json.dumps(_report()).encode(),
         "table.csv": TABLE.encode(),
     }
+    if find_spec("pillow_heif") is not None:
+        found["photograph.heic"] = _heif(colors[0])
     return {**found, **_numpy(intensities=grey, valid=np.ones(grey.shape, bool), angles_deg=np.arange(0, 180, 45.0))}
 
 

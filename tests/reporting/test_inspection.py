@@ -154,7 +154,7 @@ def test_the_format_decides_where_the_photographs_do_not_tell(hint, encoded):
 
 
 def test_what_a_hint_decides_does_not_depend_on_its_words():
-    deciding = {EncodingHint.SRGB_PNG, EncodingHint.JPEG, EncodingHint.PROFILE}
+    deciding = {EncodingHint.SRGB_PNG, EncodingHint.JPEG, EncodingHint.HEIF, EncodingHint.PROFILE}
     assert {hint for hint in EncodingHint if hint.decides} == deciding
     values = inspect_capture(scene().with_origin(encoding_hint=EncodingHint.JPEG)).as_dict()
     assert json.loads(json.dumps(values))["encoding_hint"] == "JPEG files nearly always are"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,14 +93,24 @@ _D65 = (0.3127, 0.3290, 1.0)
 _OF_SRGB = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06))
 
 
+def colors_of_primaries(name: str, primaries: Sequence[tuple[float, float]]) -> ColorProfile:
+    """Colours of a file without a profile that tells CIE x, y of its red, green and blue; its white is D65."""
+    matrix = np.linalg.solve(_at_white(_OF_SRGB), _at_white(primaries))
+    return ColorProfile(name, tuple(matrix.ravel().tolist()))
+
+
+def _at_white(primaries: Sequence[tuple[float, float]]) -> NDArray[np.float64]:
+    """XYZ of primaries that add up to D65, in columns."""
+    columns, white = (np.array([(x / y, 1.0, (1 - x - y) / y) for x, y in of]).T for of in (primaries, [_D65[:2]]))
+    return np.asarray(columns * np.linalg.solve(columns, white).T)
+
+
 def linear_profile(to_srgb: Matrix | None) -> bytes:
     """ICC profile of linear values in the primaries of `ColorProfile.to_srgb`; None: in those of sRGB."""
     import imagecodecs
 
-    primaries = np.array([(x / y, 1.0, (1 - x - y) / y) for x, y in _OF_SRGB]).T
-    white = np.array([_D65[0] / _D65[1], 1.0, (1 - _D65[0] - _D65[1]) / _D65[1]])
     # Columns that add up to the white, in which a colour's matrix is exact.
-    xyz = primaries * np.linalg.solve(primaries, white)
+    xyz = _at_white(_OF_SRGB)
     if to_srgb is not None:
         xyz = xyz @ np.reshape(to_srgb, (3, 3))
     chromaticities = [value for X, Y, Z in xyz.T for value in (X / (X + Y + Z), Y / (X + Y + Z), Y)]

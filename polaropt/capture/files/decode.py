@@ -11,6 +11,7 @@ from pathlib import Path
 from polaropt.capture.capture import FileContent
 from polaropt.capture.files.formats.arrays import declared_array, declared_npz, decode_array, decode_npz
 from polaropt.capture.files.formats.camera_raw import CAMERA_RAW, decode_camera_raw
+from polaropt.capture.files.formats.heif import FIRST_BYTES, declared_heif, decode_heif
 from polaropt.capture.files.formats.pictures import declared_jpeg, declared_png, decode_jpeg, decode_png
 from polaropt.capture.files.formats.tiff import declared_tiff, decode_tiff
 from polaropt.capture.files.limits import MAX_PIXELS, Declared, check_declared, complaints, most_bytes
@@ -20,7 +21,7 @@ from solvers.entry_points import READERS, PluginWarning, loaded, plugged
 
 
 def read_file(path: AnyPath, max_pixels: int = MAX_PIXELS) -> FileContent:
-    """Read a PNG, TIFF (one or several pages), JPEG, npz or npy file, told apart by their first bytes.
+    """Read a PNG, TIFF (one or several pages), JPEG, HEIC, npz or npy file, told apart by their first bytes.
 
     Raw files of photographers' cameras are known by their names (`CAMERA_RAW`) and come with one pixel per Bayer cell,
     half as wide: nothing is interpolated, scaled to its own brightest value or balanced.
@@ -89,6 +90,7 @@ DECODERS = (
     Decoder("PNG", (b"\x89PNG",), decode_png, declared_png),
     Decoder("TIFF", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), decode_tiff, declared_tiff),
     Decoder("JPEG", (b"\xff\xd8",), decode_jpeg, declared_jpeg),
+    Decoder("HEIC", FIRST_BYTES, decode_heif, declared_heif),
     Decoder("npz", (b"PK",), decode_npz, declared_npz),
     Decoder("npy", (b"\x93NUMPY",), decode_array, declared_array),
 )

@@ -79,17 +79,32 @@ def facts_of_picture(data: bytes) -> CameraFacts:
             # Only the header is read; how large the picture is does not matter.
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data)) as picture:
-                tags = picture.getexif()
-                profile = color_profile(picture.info.get("icc_profile"))
-                facts = facts_of_tags(tags, tags.get_ifd(_EXIF_DIRECTORY), profile)
-                if not len(tags):
-                    return facts
-                tags[_ORIENTATION] = UPRIGHT
-                for tag in _THUMBNAIL:
-                    tags.pop(tag, None)
-                return CameraFacts(**{**vars(facts), "exif": tags.tobytes().removeprefix(b"Exif\0\0")})
+                return _facts_of_exif(picture.getexif(), color_profile(picture.info.get("icc_profile")))
     except Exception:  # damaged tags are no reason to refuse a picture
         return CameraFacts()
+
+
+def facts_of_exif(data: bytes, colors: ColorProfile) -> tuple[Mapping[int, Any], CameraFacts]:
+    """The EXIF directory, and facts of a picture that was turned upright, from all its tags as a file has them."""
+    from PIL import Image
+
+    tags = Image.Exif()
+    try:
+        tags.load(data)
+        tags[_ORIENTATION] = UPRIGHT
+        return dict(tags.get_ifd(_EXIF_DIRECTORY)), _facts_of_exif(tags, colors)
+    except Exception:  # damaged tags are no reason to refuse a picture
+        return {}, CameraFacts(colors=colors)
+
+
+def _facts_of_exif(tags: Any, colors: ColorProfile) -> CameraFacts:
+    facts = facts_of_tags(tags, tags.get_ifd(_EXIF_DIRECTORY), colors)
+    if not len(tags):
+        return facts
+    tags[_ORIENTATION] = UPRIGHT
+    for tag in _THUMBNAIL:
+        tags.pop(tag, None)
+    return CameraFacts(**{**vars(facts), "exif": tags.tobytes().removeprefix(b"Exif\0\0")})
 
 
 def _has_profile(data: bytes) -> bool:

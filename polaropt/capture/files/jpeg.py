@@ -54,22 +54,23 @@ _UNTOLD = -1
 
 @dataclass(frozen=True)
 class JpegFacts:
-    """How strongly a JPEG was compressed.
+    """How strongly a JPEG, or a HEIF picture, was compressed.
 
     Attributes
     ----------
-    quality : int
-        On the scale of the usual encoders, 1 to 100, from the mean of the luminance table.
+    quality : int or None
+        On the scale of the usual encoders, 1 to 100, from the mean of the luminance table. None of HEIF, which tells
+        none.
     halved_colors : bool
         Whether colours have fewer pixels than the brightness (chroma subsampling).
     step : float
         Standard deviation of the error that rounding its coefficients leaves to a pixel at most, white = 1, in the
-        file's encoding.
+        file's encoding; 0 of HEIF.
     saved_again : bool
         Whether the file is none, and its pixels tell that they came from one.
     """
 
-    quality: int
+    quality: int | None
     halved_colors: bool
     step: float
     saved_again: bool = False
