@@ -50,8 +50,8 @@ def read_capture(
     paths : path or sequence of paths
         PNG or TIFF (8 or 16 bits, or floating point), JPEG, HEIC (``pip install polaropt[heif]``), npz, npy; one raw
         mosaic without a header, see `shape`; raw files of a camera (DNG, CR3, ARW, NEF and others, ``pip install
-        polaropt[raw]``), one per angle: half as wide, with one white level and balance for all, and their exposures
-        divided out.
+        polaropt[raw]``), one per angle: half as wide (a third behind X-Trans), with one white level and balance for
+        all, and their exposures divided out.
     angles_deg : sequence of float
         Polarizer angles in degrees, counter-clockwise from the image's x axis. The default gives way to angles stored
         in the file. Mosaics have theirs in `cell_order`.

@@ -23,8 +23,8 @@ from solvers.entry_points import READERS, PluginWarning, loaded, plugged
 def read_file(path: AnyPath, max_pixels: int = MAX_PIXELS) -> FileContent:
     """Read a PNG, TIFF (one or several pages), JPEG, HEIC, npz or npy file, told apart by their first bytes.
 
-    Raw files of photographers' cameras are known by their names (`CAMERA_RAW`) and come with one pixel per Bayer cell,
-    half as wide: nothing is interpolated, scaled to its own brightest value or balanced.
+    Raw files of photographers' cameras are known by their names (`CAMERA_RAW`) and come with one pixel per cell of
+    their sensor's pattern: nothing is interpolated, scaled to its own brightest value or balanced.
 
     An alpha channel is dropped: it holds no light. Grey pictures stored as RGB keep their three channels.
 
