@@ -80,6 +80,7 @@ __all__ = [
     "swapped_photographs",
     "tiff_frames",
     "tiff_rows",
+    "trusted_blocks",
     "uneven_gains",
     "visible_shift",
     "write_bytes",
@@ -165,6 +166,7 @@ from .pair_gain import closure_share as closure_share
 from .pair_gain import orthogonal_pairs as orthogonal_pairs
 from .pair_gain import pair_gain_of as pair_gain_of
 from .pair_gain import redundancy_residual as redundancy_residual
+from .pair_gain import trusted_blocks as trusted_blocks
 from .polarization import PlateFrame as PlateFrame
 from .polarization import StokesImages as StokesImages
 from .polarization import least_squares_entries as least_squares_entries

@@ -129,7 +129,7 @@ def estimate_command(capture: CaptureOptions, pane: PaneOptions, ladder: LadderO
         *motion_attention(case.still.moving_share),
         *_doubts(case),
     ]
-    matching = None if case.matching is None else matching_report(case.matching.transfer)
+    matching = None if case.matching is None else matching_report(case.matching)
     share = unglazed_share(case.unglazed)
     if output.json:
         polarized = found.estimate is None or found.estimate.polarized

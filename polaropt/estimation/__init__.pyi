@@ -2,6 +2,7 @@ __all__ = [
     "NOTABLE_CHANCE",
     "NOTABLE_CHANCE_OF_MOSAIC",
     "AngleMistake",
+    "Exposures",
     "IndexFit",
     "LadderResult",
     "LikelierIndex",
@@ -26,6 +27,7 @@ __all__ = [
     "still_photographs",
     "surely_unglazed",
     "tiles_of_mosaic",
+    "uneven_exposures",
     "unglazed_pixels",
     "with_incidence_checked",
     "with_index",
@@ -35,6 +37,8 @@ __all__ = [
 from .angles import AngleMistake as AngleMistake
 from .angles import angle_mistake as angle_mistake
 from .angles import find_start_angle as find_start_angle
+from .exposures import Exposures as Exposures
+from .exposures import uneven_exposures as uneven_exposures
 from .flat.azimuth import NOTABLE_CHANCE as NOTABLE_CHANCE
 from .flat.azimuth import NOTABLE_CHANCE_OF_MOSAIC as NOTABLE_CHANCE_OF_MOSAIC
 from .flat.estimate import SceneEstimate as SceneEstimate

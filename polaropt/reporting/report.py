@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from polaropt.capture import Capture, Transfer
+    from polaropt.capture import Capture, Matching
     from polaropt.separation import Separation
     from polaropt.solving import Term
     from solvers.base import SolverResult
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _LIBRARIES = ("numpy", "scipy", "numba", "nlopt", "casadi", "torch")
 # Arrays of more entries are pictures, which stand in files of their own.
 _LONGEST_ARRAY = 16
-_SECONDS_DIGITS, _SHARE_DIGITS = 4, 4
+_SECONDS_DIGITS, _SHARE_DIGITS, _EXPOSURE_DIGITS = 4, 4, 5
 
 
 def separation_report(result: Separation, capture: Capture, given: SceneParameters) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def separation_report(result: Separation, capture: Capture, given: SceneParamete
 
     return {
         "input": capture_report(capture),
-        "matching": None if result.matching is None else matching_report(result.matching.transfer),
+        "matching": None if result.matching is None else matching_report(result.matching),
         "unglazed_share": unglazed_share(result.unglazed),
         **scene_report(result.scene, given, capture.focal_px),
         "errors": json_values(result.errors),
@@ -112,13 +112,18 @@ def capture_report(capture: Capture) -> dict[str, Any]:
     }
 
 
-def matching_report(transfer: Transfer) -> dict[str, Any]:
-    """How far each photograph, or each layer in it, lay beside the first, and how much less sharp it was, in pixels."""
+def matching_report(matching: Matching) -> dict[str, Any]:
+    """How far each photograph, or each layer in it, lay beside the first, and how much less sharp it was, in pixels.
+
+    And how long it was exposed, in units of the first one's exposure; null where that was not looked for, or alike.
+    """
+    transfer, exposures = matching.transfer, matching.exposures
     layers = transfer.layers
     return {
         "shifts_px": json_values(transfer.shifts_px),
         "layer_shifts_px": None if layers is None else dict(zip(LAYERS, json_values(layers.shifts_px), strict=True)),
         "blurs_px": json_values(transfer.blurs_px),
+        "exposures": [round(each / exposures[0], _EXPOSURE_DIGITS) for each in exposures] or None,
     }
 
 

@@ -620,6 +620,11 @@ def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
         told.append(f"moved onto the first by up to {largest:.2f} px")
     if blurred := _blurred(matching["blurs_px"]):
         told.append(f"made as sharp as the sharpest, which these were not: {blurred}")
+    if matching["exposures"]:
+        *exposures, last = (f"{each:.4g}" for each in matching["exposures"])
+        told.append(
+            f"brought to one exposure, of which they had {', '.join(exposures)} and {last} times the first one's"
+        )
     return [f"The photographs were {' and '.join(told)}."] if told else []
 
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Matching, registered_noise
+from polaropt.capture import Capture, Matching, Mistakes, registered_noise
 from polaropt.estimation import (
+    Exposures,
     IndexFit,
     LadderResult,
     LikelierIndex,
@@ -26,6 +27,7 @@ from polaropt.estimation import (
     still_photographs,
     surely_unglazed,
     tiles_of_mosaic,
+    uneven_exposures,
     unglazed_pixels,
     with_incidence_checked,
     with_index,
@@ -129,8 +131,11 @@ def case_of(
     """
     stages.begin("Measuring the noise", 0.0)
     still, matching = still_photographs(capture), None
+    exposures: Exposures | None = None
     if settings.match_photographs:
         capture, still, matching = agreeing_photographs(capture, still)
+        exposures, still, matching = _exposed_alike(capture, still, matching, asked, settings)
+        capture = capture if matching is None else matching.capture
     noise, mistakes = max(still.noise, _LEAST_NOISE_OF_SCENE), still.mistakes
     # A scene is estimated from the cells of a mosaic, in their pixels.
     of_scene, scale = still.capture if matching is None else still.seen(matching.of_scene), capture.scale
@@ -197,6 +202,8 @@ def case_of(
         found = with_likelier_side(found, source, of_source_edges, of_source, in_place if may_be_none else None)
     if matching is not None:
         matching = matching.with_azimuth(found.scene.azimuth_deg)
+    if exposures is not None:
+        found = exposures.with_errors(found)
     unglazed = None if unglazed is None else surely_unglazed(unglazed, found.scene)
     return Case(
         capture,
@@ -211,3 +218,17 @@ def case_of(
         unglazed=unglazed,
         given_errors=None if found.estimate is not None else scene_errors,
     )
+
+
+def _exposed_alike(
+    capture: Capture, still: StillPhotographs, matching: Matching | None, asked: SceneParameters, settings: Settings
+) -> tuple[Exposures | None, StillPhotographs, Matching | None]:
+    """Exposures that photographs tell, divided out of what stands still and of all; without them all as it was."""
+    if still.mistakes != Mistakes() or settings.thickness_px is not None:
+        return None, still, matching
+    of_scene = still.capture if matching is None else still.seen(matching.of_scene)
+    noise = max(still.noise, _LEAST_NOISE_OF_SCENE)
+    exposures = uneven_exposures(of_scene, asked, noise, settings.model)
+    if exposures is None:
+        return None, still, matching
+    return exposures, *exposures.undone(still, Matching.of_none(capture) if matching is None else matching)

@@ -154,8 +154,8 @@ class Settings:
         Share of the way back to the start that the layers are pulled once the solve has ended, 0..1.
     robust : bool
     match_photographs : bool
-        Whether photographs that lie a little beside each other, as a whole or layer by layer, or are not equally sharp,
-        are made to agree.
+        Whether photographs that lie a little beside each other, as a whole or layer by layer, or are not equally sharp
+        or exposed, are made to agree.
     leave_out_unglazed : bool
         Whether places that show no glass are looked for, and left out.
     weights : Weights

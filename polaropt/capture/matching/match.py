@@ -71,12 +71,20 @@ class Matching:
     noise : float or None
         Standard deviation of one photograph's noise, where blurs or layers that move were undone: photographs that are
         made of each other say less of it than there is. None where they tell it themselves.
+    exposures : tuple of float
+        How long each was exposed, relative to their geometric mean, which was divided out; empty where nothing was.
     """
 
     capture: Capture
     transfer: Transfer
     of_scene: Capture
     noise: float | None = None
+    exposures: tuple[float, ...] = ()
+
+    @classmethod
+    def of_none(cls, capture: Capture) -> Matching:
+        """Photographs that lie in place and are equally sharp as they are."""
+        return cls(capture, Transfer.of_shifts(np.zeros((len(capture.angles_deg), 2))), capture)
 
     def of(self, capture: Capture) -> Matching:
         """The same undone in photographs of which other pixels count; none of which is blurred."""

@@ -59,6 +59,9 @@ class Window:
     behind_degree, mirrored_degree : float
         To which the light behind the window and the mirrored one are polarized along the azimuth, or across where they
         are negative. Tiles heed them, mean spectra take all light for unpolarized.
+    exposed_along : float
+        Share by which light polarized along the azimuth was exposed longer than the mean of it and what is polarized
+        across. Tiles heed it, mean spectra take all photographs for exposed alike.
     """
 
     incidence_deg: float
@@ -69,6 +72,7 @@ class Window:
     absorption: float = 0.0
     behind_degree: float = 0.0
     mirrored_degree: float = 0.0
+    exposed_along: float = 0.0
 
 
 class WindowLikelihood:

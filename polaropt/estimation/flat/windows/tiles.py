@@ -234,7 +234,7 @@ class TileLikelihood:
         orders, images = images_of(window, refractive_index)
         degrees = np.array([window.behind_degree, window.mirrored_degree])
         # Along and across.
-        images = images * (1 + np.outer(degrees, [1, -1]))[:, None]
+        images = images * ((1 + np.outer(degrees, [1, -1])) * (1 + window.exposed_along * np.array([1, -1])))[:, None]
         azimuth = math.radians(self._azimuth_deg)
         along = orders[:, 0] * window.pane_shift + orders[:, 1] * window.gap_along
         across = orders[:, 1] * window.gap_across
@@ -261,6 +261,7 @@ _SEARCH = {
     "absorption": (0.1, 0.0, MOST_ABSORPTION),
     "behind_degree": (0.05, -_MOST_DEGREE, _MOST_DEGREE),
     "mirrored_degree": (0.05, -_MOST_DEGREE, _MOST_DEGREE),
+    "exposed_along": (0.005, -0.1, 0.1),
 }
 """Step, and least and greatest value, of what is searched. Set by hand."""
 _TURNS, _AT_REST = 4, 0.1

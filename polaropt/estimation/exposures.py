@@ -1,0 +1,324 @@
+"""How unlike photographs were exposed, as they tell themselves, and their layers: by a per cent or so mostly.
+
+A shutter, a lamp's light and a filter that is turned by hand are not the same each time. Photographs whose exposures
+differ do not add up, and behind a flat pane leave light polarized across its plane of incidence, both in proportion to
+all light: that tells two of three ratios, whatever the angles are off by. The third, of light polarized along that
+plane and across, makes the pane look as if it polarized more or less, and costs a layer 5 to 10 dB. No pixel tells it,
+but how the pane mixes both layers does: tiles of the frame, which tell the incidence, tell both together, as far as
+the other two ratios make expect any.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polaropt.capture import (
+    Capture,
+    Matching,
+    StokesImages,
+    measured_noise,
+    orthogonal_pairs,
+    plate_frame,
+    stokes_images,
+    trusted_blocks,
+)
+from polaropt.estimation.flat.errors import errors_of_gains
+from polaropt.estimation.flat.pane_by_tiles import LEAST_TILES
+from polaropt.estimation.flat.windows.axis import window_of
+from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
+from polaropt.estimation.ladder import LadderResult, find_scene
+from polaropt.estimation.motion import StillPhotographs
+from polaropt.estimation.rung import noise_misfit
+from polaropt.estimation.wide.blocks import PolarizedBlocks
+from polaropt.numerics import jackknife_error, middle_part, vertex
+from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, analyzer_matrix
+
+Values = NDArray[np.float64]
+
+_MODELS = ("auto", "pixelwise", "ghosts")
+"""Models of panes that leave no light polarized between along and across."""
+_FEWEST_BLOCKS = 100
+"""Blocks of 8x8 pixels that tell a ratio. Set by hand."""
+_BLOCK_PX = 8
+"""Side of blocks over whose noise the share of the polarized light is told. Set by hand."""
+_LOOKED_AT_PX = 1024
+"""Side of the middle of a frame by which pane and third ratio are looked for. Set by hand, for time and memory."""
+_ROUNDS = 2
+"""In which ratios are found: products of two of them are small. Set by hand."""
+_PARTS = 12
+"""Parts of the frame that are left out in turn for a standard error. Set by hand."""
+_SURE, _LEAST, _MOST = 5.0, 1e-3, 0.1
+"""Standard errors by which photographs must not add up, and the least and greatest ratio that is looked for. Set by
+hand: less costs no layer a tenth of a dB, and more has another reason."""
+_MOST_ACROSS = 3.0
+"""Light polarized across, in units of what does not add up, up to which exposures are the reason, by chance in 85 of
+100; with more the light mostly arrives polarized. So it is where the rung for that is tried."""
+_MOST_LEFT = 0.15
+"""Part of the light polarized across, beyond its noise, that may be left. Set by hand."""
+_STEP_DEG, _REACH_DEG = 1.0, 12.0
+"""Spacing of the incidences at which tiles are asked, and how far they reach. Set by hand."""
+_MOST_TILES = 800
+"""Tiles and colours that are asked. Set by hand, for the time it takes."""
+_NATS, _LEAST_GAIN = 8.0, 0.05
+"""Log likelihood of overlapping tiles that counts as one, and the least that counts."""
+_EXPECTED = 2.0
+"""What the mean square of the two ratios that are seen is multiplied by for the third, of which they tell the scale
+roughly. This and the last by trial on 120 captures of training photographs (25 to 78 degrees, shifts up to 15 px, noise
+0.5 %, exposures off by 1 or 1.5 %, half of them with angles off by 1 degree; an engine of its own): the third ratio,
+1.2 or 0.8 % then, is afterwards off by 0.6 or 0.5 % root mean square, by 0.3 % less in 45 or 32 of 100 and by as much
+more in 2. Half of the first number gains 2 more of 100, and harms 4. Leaving tiles out in turn tells its error worse,
+and so does how sure tiles are of it."""
+_MOST_ALONG = 5.0
+"""In units of what is expected, beyond which a third ratio that tiles find has another reason. Set by hand."""
+_LEAST_ERROR = 0.3
+"""Standard errors in units of those by exposures of which the other two ratios alone tell: the least of the incidence,
+and that of the azimuth. By trial."""
+_WIDER = 1.5
+"""What the standard error of the third ratio is multiplied by afterwards: two in three of those lie within it."""
+
+
+@dataclass(frozen=True)
+class Exposures:
+    """How long each photograph was exposed.
+
+    Attributes
+    ----------
+    relative : tuple of float
+        Their product is 1.
+    incidence_error_deg : float
+        Standard error of the incidence that follows from what is not known of them.
+    azimuth_error_deg : float
+        That of the azimuth: a filter that was turned by hand stands hardly better than exposures are.
+    swamp_pane : bool
+        Whether the pane polarizes no more than they are expected to differ, as seen frontally: tiles may then be sure
+        of another pane.
+    """
+
+    relative: tuple[float, ...]
+    incidence_error_deg: float = 0.0
+    azimuth_error_deg: float = 0.0
+    swamp_pane: bool = False
+
+    def divided_out(self, capture: Capture) -> Capture:
+        """Photographs as if all had been exposed alike."""
+        relative = np.array(self.relative, np.float32).reshape(-1, *[1] * (capture.intensities.ndim - 1))
+        return capture.replace(intensities=capture.intensities / relative)
+
+    def with_errors(self, found: LadderResult) -> LadderResult:
+        """What was found of photographs that they were divided out of, with its errors by what stays open of them.
+
+        Where they swamp the pane its incidence was as good as not found, and that counts for the layers, too.
+        """
+        incidence, azimuth = found.of_gains
+        more = math.hypot(incidence, self.incidence_error_deg), math.hypot(azimuth, self.azimuth_error_deg)
+        found, estimate = replace(found, of_gains=more), found.estimate
+        if not self.swamp_pane or estimate is None or estimate.errors.incidence_deg is None:
+            return found
+        errors = replace(estimate.errors, incidence_deg=found.errors.incidence_deg)
+        return replace(found, estimate=replace(estimate, errors=errors))
+
+    def undone(self, still: StillPhotographs, matching: Matching) -> tuple[StillPhotographs, Matching]:
+        """Photographs that were made to agree, and what stands still of them, as if all had been exposed alike."""
+        capture = self.divided_out(matching.capture)
+        of_scene = capture if matching.of_scene is matching.capture else self.divided_out(matching.of_scene)
+        alike = still.seen(capture)
+        noise, growth = measured_noise(alike)
+        still = replace(still, capture=alike, noise=noise, growth=growth)
+        still = still if matching.noise is None else still.with_noise(matching.noise)
+        return still, replace(matching, capture=capture, of_scene=of_scene, exposures=self.relative)
+
+
+def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, model: str = "auto") -> Exposures | None:
+    """Exposures of photographs that do not add up, where these and a flat pane explain all; None else.
+
+    Parameters
+    ----------
+    capture : Capture
+        Four photographs in two orthogonal pairs at 45 degrees; of mosaics and of others None is told.
+    asked : SceneParameters
+        What is known of the scene, as for `find_scene`. Where it is told whole nothing is found, exposures neither.
+    noise : float
+        Standard deviation of one photograph's noise.
+    model : str
+        Rung of the scene, as for `find_scene`.
+    """
+    seen = _seen(capture) if _is_of_flat_pane(asked, model) else None
+    if seen is None:
+        return None
+    middle = capture.part(*middle_part(capture.shape, _LOOKED_AT_PX))
+    divided = Exposures(seen.relative).divided_out(middle)
+    stokes = stokes_images(divided, noise)
+    before, after = (_left_across(of, seen.azimuth_deg) for of in (stokes_images(middle, noise), stokes))
+    scene = None if after > max(0.0, _MOST_LEFT * before) else find_scene(divided, asked, noise, model).scene
+    if scene is None or scene.rung not in ("pixelwise", "ghosts") or not scene.signal:
+        return None
+    along = _along(stokes, scene, asked, seen)
+    light, *polarized = np.square(stokes.means(_BLOCK_PX), dtype=np.float64).mean(axis=(1, 2, 3))
+    share = math.sqrt(sum(polarized) / light)
+    untold, turned_deg = errors_of_gains(seen.spread / math.sqrt(2), share, scene)
+    swamp, turned_deg = seen.spread > share, _LEAST_ERROR * turned_deg
+    if along is None:
+        return Exposures(seen.relative, untold, turned_deg, swamp)
+    ratio, error_deg = along
+    relative = np.array(seen.relative) * _exposed(capture.angles_deg, scene.values()[1], along=ratio)
+    error_deg = max(error_deg, untold if swamp else _LEAST_ERROR * untold)
+    return Exposures(tuple(relative.tolist()), error_deg, turned_deg, swamp)
+
+
+def _is_of_flat_pane(asked: SceneParameters, model: str) -> bool:
+    """Whether something is to be found, and nothing that was asked for polarizes light in other ways."""
+    open_scene = not asked.complete and model in _MODELS
+    return open_scene and not asked.polarized and asked.focal_px is None and not asked.bent
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Exposures as far as pixels tell them.
+
+    Attributes
+    ----------
+    relative : tuple of float
+    azimuth_deg : float
+        Modulo 90, along which or across which light is polarized.
+    spread : float
+        Standard deviation that they make expect of the ratio that pixels do not tell.
+    """
+
+    relative: tuple[float, ...]
+    azimuth_deg: float
+    spread: float
+
+
+def _seen(capture: Capture) -> _Seen | None:
+    """What does not add up, and what is polarized across; None where photographs add up, or something else is wrong."""
+    angles = capture.angles_deg
+    pairs = orthogonal_pairs(angles)
+    told = capture.origin is not None and capture.origin.exposures_given
+    if pairs is None or capture.of_mosaic or told or not _are_between(angles, pairs):
+        return None
+    signs = np.ones(len(angles))
+    signs[list(pairs[1])] = -1
+    blocks = trusted_blocks(capture.intensities, capture.mask).astype(np.float64)
+    if blocks.shape[1] < _FEWEST_BLOCKS:
+        return None
+    relative, azimuth, total, across = np.ones(len(angles)), 0.0, 0.0, 0.0
+    for _ in range(_ROUNDS):
+        light, polarized, between, azimuth = _polarized(blocks / relative[:, None], angles)
+        apart = signs @ (blocks / relative[:, None])
+        ratio, error = _in_proportion(apart, light, polarized)
+        if not total and abs(ratio) < max(_LEAST, _SURE * error):
+            return None
+        total += ratio
+        across += float(between @ light / (light @ light))
+        relative = np.exp(signs * total / 2) * _exposed(angles, azimuth, across=across)
+    if max(abs(total), abs(across)) > _MOST or abs(across) > _MOST_ACROSS * abs(total):
+        return None
+    # A ratio of sums has twice the variance of one of differences.
+    square = (total**2 + 2 * across**2) / 4
+    return _Seen(tuple(relative.tolist()), azimuth, math.sqrt(_EXPECTED * square))
+
+
+def _are_between(angles_deg: Sequence[float], pairs: tuple[tuple[int, int], tuple[int, int]]) -> bool:
+    """Whether one pair of angles lies halfway between the other."""
+    (first, _), (second, _) = pairs
+    return abs(math.cos(2 * math.radians(angles_deg[first] - angles_deg[second]))) < math.sin(math.radians(1))
+
+
+def _polarized(blocks: Values, angles_deg: Sequence[float]) -> tuple[Values, Values, Values, float]:
+    """All light, what is polarized along an azimuth, or across, and between, and that azimuth, modulo 90 degrees.
+
+    Between lies what is in proportion to the light alone.
+    """
+    light, *components = np.linalg.pinv(analyzer_matrix(angles_deg)) @ blocks
+    varies = [component - component @ light / (light @ light) * light for component in components]
+    moment = np.array([[one @ other for other in varies] for one in varies])
+    double = math.atan2(2 * moment[0, 1], moment[0, 0] - moment[1, 1]) / 2
+    s1, s2 = components
+    along, between = s1 * math.cos(double) + s2 * math.sin(double), s2 * math.cos(double) - s1 * math.sin(double)
+    return light, along, between, math.degrees(double) / 2
+
+
+def _in_proportion(values: Values, light: Values, polarized: Values) -> tuple[float, float]:
+    """Share of the light that values have beside one of the polarized light, and its standard error."""
+    columns, part = np.stack([light, polarized], axis=1), np.arange(light.size) * _PARTS // light.size
+
+    def share(kept: NDArray[np.bool_]) -> float:
+        return float(np.linalg.lstsq(columns[kept], values[kept], rcond=None)[0][0])
+
+    return share(part >= 0), jackknife_error(np.array([share(part != k) for k in range(_PARTS)]))
+
+
+def _exposed(angles_deg: Sequence[float], azimuth_deg: float, *, along: float = 0.0, across: float = 0.0) -> Values:
+    """Exposures that make unpolarized light look polarized along an azimuth, and 45 degrees beside it, by shares."""
+    twice = 2 * np.radians(np.asarray(angles_deg) - azimuth_deg)
+    return np.asarray(np.exp(along * np.cos(twice) + across * np.sin(twice)))
+
+
+def _left_across(stokes: StokesImages, azimuth_deg: float) -> float:
+    """Light polarized beside an azimuth beyond what counts as noise, in units of it."""
+    blocks = PolarizedBlocks(stokes)
+    return blocks.constant_misfit(azimuth_deg) - noise_misfit(blocks.n)
+
+
+def _along(
+    stokes: StokesImages, scene: SceneParameters, asked: SceneParameters, seen: _Seen
+) -> tuple[float, float] | None:
+    """How much longer what is polarized along the azimuth was exposed, and what of the incidence stays open by it.
+
+    The first as a share, the second in degrees; None where tiles do not tell.
+    """
+    azimuth = scene.values()[1]
+    tiles, index = TileLikelihood(plate_frame(stokes, azimuth)).some(_MOST_TILES), scene.index
+    if tiles.n_tiles < LEAST_TILES:
+        return None
+    window, free = window_of(scene, azimuth), ("exposed_along",)
+    plain = tiles.nearest(window, index, () if asked.incidence_deg is not None else ("incidence_deg",))
+    if asked.incidence_deg is not None:
+        fit = tiles.nearest(window, index, free)
+        ratio = fit.window.exposed_along
+        return _believed(ratio, _by_gain(ratio, plain.misfit - fit.misfit), seen.spread)[0], 0.0
+    here = tiles.nearest(plain.window, index, free)
+    below, above = (_onwards(tiles, here, step) for step in (-_STEP_DEG, _STEP_DEG))
+    fits = [*below[::-1], here, *above]
+    best = int(np.argmin([fit.misfit for fit in fits]))
+    if best in (0, len(fits) - 1):
+        return None
+    around = fits[best - 1 : best + 2]
+    misfits, ratios = [fit.misfit for fit in around], [fit.window.exposed_along for fit in around]
+    curvature, per_step = misfits[0] - 2 * misfits[1] + misfits[2], (ratios[2] - ratios[0]) / 2
+    ratio = ratios[1] + vertex(*misfits) * per_step
+    if curvature <= 0 or not per_step or abs(ratio) > _MOST_ALONG * seen.spread:
+        return None
+    # Both are the same where the likelihood is a parabola down to no difference of exposures at all.
+    error = max(_by_gain(ratio, plain.misfit - fits[best].misfit), abs(per_step) * math.sqrt(_NATS / curvature))
+    believed, left = _believed(ratio, error, seen.spread)
+    return believed, left * _STEP_DEG / abs(per_step)
+
+
+def _onwards(tiles: TileLikelihood, here: TileFit, step_deg: float) -> list[TileFit]:
+    """Likeliest ratios at incidences ever farther from one, each begun from the one before."""
+    low, high = INCIDENCE_SEARCH_DEG
+    fits = list[TileFit]()
+    for _ in range(round(_REACH_DEG / abs(step_deg))):
+        window = (fits[-1] if fits else here).window
+        angle = window.incidence_deg + step_deg
+        if not low < angle < high:
+            break
+        fits.append(tiles.nearest(replace(window, incidence_deg=angle), here.refractive_index, ("exposed_along",)))
+    return fits
+
+
+def _by_gain(ratio: float, gain: float) -> float:
+    """Standard error of a ratio whose log likelihood is so much more than that of none."""
+    return abs(ratio) * math.sqrt(_NATS / (2 * max(gain, _LEAST_GAIN)))
+
+
+def _believed(ratio: float, error: float, spread: float) -> tuple[float, float]:
+    """The mean of a ratio that tiles tell, as far as any is expected; and its standard error."""
+    share = spread**2 / (spread**2 + error**2)
+    return share * ratio, _WIDER * math.sqrt(share) * error

@@ -1,0 +1,133 @@
+"""Exposures that photographs differ in: found as they do not add up, divided out, and told."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from polaropt import Capture, SceneParameters, Separation, SeparationWarning, separate, simulate
+from polaropt.estimation import uneven_exposures
+from polaropt.estimation.exposures import _believed, _seen
+from polaropt.reporting import matching_report, matching_sentences
+from polaropt.simulation.metrics import psnr_db
+from tests.captured import mono_capture
+
+ANGLES = (0.0, 45.0, 90.0, 135.0)
+EXPOSURES = (1.025, 1.0, 0.985, 0.992)
+NOISE = 0.004
+PANE = SceneParameters(40.0, 25.0, 5.0)
+BLIND = SceneParameters(None, None, None)
+
+
+@cache
+def pictures() -> tuple[np.ndarray, np.ndarray]:
+    from skimage import data
+
+    return data.coffee()[60:316, 140:396] / 255, data.astronaut()[:256, 100:356] / 255
+
+
+@cache
+def taken(
+    exposures: tuple[float, ...] = EXPOSURES, scene: SceneParameters = PANE, angles: tuple[float, ...] = ANGLES
+) -> Capture:
+    """Photographs with noise, behind a filter at some angles that are told to be those of the exposures' number."""
+    clean = simulate(*pictures(), scene, angles_deg=angles, bits=None, noise=0.0)
+    seen = 0.8 * np.array(exposures, np.float32)[:, None, None, None] * clean.intensities
+    noise = np.random.default_rng(3).normal(0, NOISE, seen.shape)
+    return Capture.of_planes((seen + noise).astype(np.float32), ANGLES[: len(angles)])
+
+
+@cache
+def separated(exposures: tuple[float, ...], match: bool = True) -> Separation:
+    return separate(taken(exposures), match_photographs=match)
+
+
+def relative(exposures: tuple[float, ...]) -> np.ndarray:
+    logarithms = np.log(exposures)
+    return np.exp(logarithms - logarithms.mean())
+
+
+def quality(result: Separation) -> list[float]:
+    """Of both layers, which an exposure of all leaves open."""
+    truth = 0.8 * np.exp(np.log(EXPOSURES).mean()) * np.stack([np.moveaxis(picture, -1, 0) for picture in pictures()])
+    return [psnr_db(layer, of, 16) for layer, of in zip(result.layers, truth, strict=True)]
+
+
+def test_they_are_found_divided_out_and_told() -> None:
+    result = separated(EXPOSURES)
+    assert result.matching is not None
+    np.testing.assert_allclose(result.matching.exposures, relative(EXPOSURES), atol=3e-3)
+    (sentence,) = matching_sentences(matching_report(result.matching))
+    assert sentence.startswith("The photographs were brought to one exposure, of which they had 1, 0.9")
+    assert sentence.endswith(" times the first one's.")
+
+
+def test_layers_and_pane_gain_by_it() -> None:
+    uneven, left = separated(EXPOSURES), separated(EXPOSURES, match=False)
+    (transmission, reflection), before = quality(uneven), quality(left)
+    assert transmission > before[0] + 3
+    assert reflection > before[1] + 3
+    assert SeparationWarning.MODEL_DOES_NOT_EXPLAIN in left.diagnostics.warnings
+    assert SeparationWarning.MODEL_DOES_NOT_EXPLAIN not in uneven.diagnostics.warnings
+    assert abs(uneven.scene.incidence_deg - 40) < 2 * uneven.errors.incidence_deg
+    # What cannot be known of exposures makes the incidence less certain than that of photographs that were alike.
+    assert uneven.errors.incidence_deg > separated((1.0,) * 4).errors.incidence_deg
+
+
+@pytest.mark.parametrize(
+    "capture",
+    [
+        lambda: taken((1.0,) * 4),
+        lambda: taken((1.0,) * 4, angles=(0.0, 46.0, 88.5, 136.0)),
+        lambda: taken((1.0,) * 4, PANE.replace(transmission_polarization=(0.4, 70.0))),
+        lambda: taken((1.0,) * 4, PANE.replace(focal_px=300.0)),
+        lambda: taken((1.02, 0.985, 0.995), angles=(0.0, 60.0, 120.0)),
+        lambda: taken().with_origin(exposures=(1.0,) * 4, exposures_given=True),
+        lambda: mono_capture(taken().intensities[:, 1]),
+    ],
+    ids=["alike", "angles off", "polarized", "wide lens", "three angles", "told", "mosaic"],
+)
+def test_none_are_found_where_photographs_add_up_or_cannot_tell(capture) -> None:
+    assert uneven_exposures(capture(), BLIND, NOISE) is None
+
+
+def test_a_scene_that_is_told_whole_is_taken_as_it_is_told() -> None:
+    assert separate(taken(), PANE).matching is None
+
+
+def test_an_incidence_that_is_told_tells_them_the_better() -> None:
+    found = uneven_exposures(taken(), SceneParameters(40.0, None, None), NOISE)
+    assert found is not None
+    np.testing.assert_allclose(found.relative, relative(EXPOSURES), atol=1.5e-3)
+
+
+def test_light_that_is_polarized_beside_them_is_left_to_its_rung() -> None:
+    lit = PANE.replace(reflection_polarization=(0.6, 10.0))
+    assert uneven_exposures(taken(EXPOSURES, lit), BLIND, NOISE) is None
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0, 180), st.tuples(*[st.floats(-0.03, 0.03)] * 3))
+def test_two_ratios_are_seen_whatever_the_azimuth(azimuth_deg: float, ratios: tuple[float, float, float]) -> None:
+    apart, along, across = ratios
+    twice = 2 * np.radians(np.array(ANGLES) - azimuth_deg)
+    logarithms = 0.5 * apart * np.array([1, -1, 1, -1]) + along * np.cos(twice) + across * np.sin(twice)
+    light, polarized = np.random.default_rng(0).uniform(0.2, 0.8, (2, 96, 96))
+    seen = (light + 0.2 * (polarized - 0.5) * np.cos(twice)[:, None, None]) / 2
+    capture = Capture.of_planes(seen * np.exp(logarithms)[:, None, None], ANGLES)
+    found = _seen(capture)
+    if abs(apart) < 2e-3 or abs(across) > 2.8 * abs(apart):
+        return
+    assert found is not None
+    left = np.log(found.relative) - logarithms
+    axes = np.array([[1, -1, 1, -1], 2 * np.sin(twice)]) / 2
+    np.testing.assert_allclose(axes @ left / 2, 0, atol=1e-3)
+
+
+def test_a_ratio_that_tiles_hardly_tell_is_not_believed() -> None:
+    assert _believed(0.01, 1e-4, 0.01)[0] == pytest.approx(0.01, rel=1e-3)
+    assert _believed(0.01, 0.1, 0.01)[0] == pytest.approx(0.0, abs=2e-4)
