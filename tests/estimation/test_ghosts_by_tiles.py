@@ -15,7 +15,7 @@ from polaropt.estimation.flat import pane_by_tiles
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles
 from polaropt.estimation.flat.windows.likelihood import Window
-from polaropt.estimation.flat.windows.tiles import TileFit
+from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.optics import SceneErrors
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
@@ -51,6 +51,7 @@ class Tiles:
 
     sure: float = 0.0
     of_side: float | None = None
+    surer_of_side = TileLikelihood.surer_of_side
 
     def __init__(self, frame: object) -> None:
         pass
