@@ -51,6 +51,7 @@ __all__ = [
     "headless_frames",
     "least_squares_entries",
     "linearize",
+    "look_swapped_in_place",
     "low_pass",
     "match_photographs",
     "measured_noise",
@@ -138,6 +139,7 @@ from .files.write import write_png as write_png
 from .files.write import write_png_view as write_png_view
 from .files.write import write_tiff as write_tiff
 from .matching.match import Matching as Matching
+from .matching.match import look_swapped_in_place as look_swapped_in_place
 from .matching.match import match_photographs as match_photographs
 from .matching.transfer import LayerShifts as LayerShifts
 from .matching.transfer import Transfer as Transfer

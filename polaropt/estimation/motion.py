@@ -22,6 +22,7 @@ from polaropt.capture import (
     NoiseModel,
     blocks_of,
     find_mistakes,
+    look_swapped_in_place,
     match_photographs,
     measured_noise,
     noise_of_blocks,
@@ -151,7 +152,7 @@ def agreeing_photographs(
     What moves is seen by each photograph elsewhere, and stays as each saw it, unless both layers have moved: then that
     may have been all that moved. Photographs in a wrong order agree only once they are in the right one.
     """
-    if still.mistakes.swapped:
+    if still.mistakes.swapped and look_swapped_in_place(still.capture):
         return capture, still, None
     matching = match_photographs(still.capture, still.noise)
     if matching is None:

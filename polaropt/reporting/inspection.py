@@ -200,6 +200,8 @@ def inspect_capture(capture: Capture) -> Inspection:
     _, agreeing, matching = agreeing_photographs(middle, still if whole else still_photographs(middle))
     if matching is None:
         return _with_unglazed(inspection, still.capture, still.noise, still.growth)
+    if not agreeing.mistakes.swapped:
+        inspection = replace(inspection, swapped_deg=())
     layers = matching.transfer.layers
     if layers is None:
         return replace(inspection, blurs_px=matching.transfer.blurs_px if matching.transfer.blurred else ())

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import fourier_gaussian, fourier_shift
 
-from polaropt import Capture, SceneParameters, Separation, separate, simulate
-from polaropt.capture import Matching, match_photographs
+from polaropt import Capture, SceneParameters, Separation, SeparationWarning, separate, simulate
+from polaropt.capture import Matching, find_mistakes, look_swapped_in_place, match_photographs
 from polaropt.cli.app import main
+from polaropt.reporting import inspect_capture
 from polaropt.simulation.metrics import psnr_db
 from tests.captured import written_photographs
 
@@ -165,3 +166,27 @@ def test_the_command_says_so_and_can_be_told_not_to(tmp_path, capsys):
     assert "sharp" not in capsys.readouterr().out
     assert main(["inspect", *files]) == 0
     assert "not equally sharp, least so 2 (a Gaussian of 0.9" in capsys.readouterr().out
+
+
+def test_shifts_that_break_the_closure_as_an_exchange_would_are_undone_and_no_files_called_swapped() -> None:
+    # Both pairs of crossed polarizers lie in places of their own, so that one of either pair has what the other has.
+    shifts, scene = np.array([[0.0, 0.0], [0.2, 1.6], [0.0, 0.1], [0.1, 1.5]]), SCENE.replace(incidence_deg=40.0)
+    capture, layers = taken(shifts, scene=scene)
+    assert find_mistakes(capture).swapped
+    assert not look_swapped_in_place(capture)
+    result = separate(capture, scene)
+    assert result.matching is not None
+    np.testing.assert_allclose(result.matching.transfer.shifts_px, shifts, atol=0.03)
+    assert SeparationWarning.ANGLES_SWAPPED not in result.diagnostics.warnings
+    aim = psnr_db(separate(taken(scene=scene)[0], scene).layers[0], layers[0], 16)
+    assert psnr_db(result.layers[0], layers[0], 16) > aim - 2.5
+    assert inspect_capture(capture).swapped_deg == ()
+
+
+def test_photographs_in_a_wrong_order_that_lie_beside_each_other_are_still_called_swapped() -> None:
+    shifts = np.array([[0.0, 0.0], [0.3, -0.2], [0.2, 0.4], [0.0, 0.3]])
+    capture = taken(shifts)[0]
+    wrong = capture.replace(intensities=capture.intensities[[0, 2, 1, 3]])
+    assert look_swapped_in_place(wrong)
+    assert separate(wrong, SCENE).matching is None
+    assert inspect_capture(wrong).swapped_deg

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from polaropt.capture.capture import Capture
+from polaropt.capture.checks import swapped_photographs
 from polaropt.capture.matching.blur import BlurFit, covariances
 from polaropt.capture.matching.parallax import ParallaxFit
 from polaropt.capture.matching.restoration import FOR_SCENE, restored
@@ -123,9 +124,7 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     if capture.cells is not None or capture.of_mosaic or noise <= LEAST_NOISE:
         return None
     quiet, noise = noise < _LEAST_NOISE_OF_PHOTOGRAPHS, max(noise, _LEAST_NOISE_OF_PHOTOGRAPHS)
-    shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
-    believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
-    moved = Transfer.of_shifts(shifts.pixels if believed else np.zeros((count, 2)))
+    moved = _moved(capture)
     in_place = restored(capture, moved) if moved.moves else capture
     detail = detail_spectra(in_place, noise) if count > 3 else None
     if detail is None:
@@ -153,6 +152,23 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
         return Matching(restored(capture, transfer), transfer, restored(capture, transfer, noise=noise), noise)
     of_scene = restored(capture, transfer, detail, FOR_SCENE, noise)
     return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
+
+
+def look_swapped_in_place(capture: Capture) -> bool:
+    """Whether photographs look as if they were in a wrong order once they are moved onto the first one, too.
+
+    A pixel or two between them can break the closure as an exchange of two of them does.
+    """
+    middle = capture.part(*middle_part(capture.shape, _LOOKED_AT_PX))
+    moved = _moved(middle)
+    return bool(swapped_photographs(restored(middle, moved) if moved.moves else middle))
+
+
+def _moved(capture: Capture) -> Transfer:
+    """Surely measured shifts of photographs as a whole, none where they lie too far apart."""
+    shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
+    believed = shifts.certain and _SURE * shifts.error < shifts.largest <= _MOST_PX
+    return Transfer.of_shifts(shifts.pixels if believed else np.zeros((len(capture.angles_deg), 2)))
 
 
 def _with_blurs(moved: Transfer, in_place: DetailSpectra, azimuth_deg: float) -> tuple[Transfer, float] | None:
