@@ -35,7 +35,7 @@ from polaropt.estimation.ladder import LadderResult, find_scene
 from polaropt.estimation.motion import StillPhotographs
 from polaropt.estimation.rung import noise_misfit
 from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.numerics import jackknife_error, middle_part, vertex
+from polaropt.numerics import jackknife_error, middle_part
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, analyzer_matrix
 
 Values = NDArray[np.float64]
@@ -60,12 +60,13 @@ _MOST_ACROSS = 3.0
 100; with more the light mostly arrives polarized. So it is where the rung for that is tried."""
 _MOST_LEFT = 0.15
 """Part of the light polarized across, beyond its noise, that may be left. Set by hand."""
-_STEP_DEG, _REACH_DEG = 1.0, 12.0
-"""Spacing of the incidences at which tiles are asked, and how far they reach. Set by hand."""
+_STEP_DEG, _REACH_DEG, _FINE_STEP_DEG = 1.0, 12.0, 0.05
+"""Spacing of the incidences at which tiles are asked, how far they reach, and spacing to which is interpolated. Set by
+hand."""
 _MOST_TILES = 800
 """Tiles and colours that are asked. Set by hand, for the time it takes."""
-_NATS, _LEAST_GAIN = 8.0, 0.05
-"""Log likelihood of overlapping tiles that counts as one, and the least that counts."""
+_NATS = 8.0
+"""Log likelihood of overlapping tiles that counts as one."""
 _EXPECTED = 2.0
 """What the mean square of the two ratios that are seen is multiplied by for the third, of which they tell the scale
 roughly. This and the last by trial on 120 captures of training photographs (25 to 78 degrees, shifts up to 15 px, noise
@@ -280,24 +281,27 @@ def _along(
     plain = tiles.nearest(window, index, () if asked.incidence_deg is not None else ("incidence_deg",))
     if asked.incidence_deg is not None:
         fit = tiles.nearest(window, index, free)
-        ratio = fit.window.exposed_along
-        return _believed(ratio, _by_gain(ratio, plain.misfit - fit.misfit), seen.spread)[0], 0.0
+        (error,) = tiles.errors(fit, free)
+        return fit.window.exposed_along / (1 + _NATS * error**2 / seen.spread**2), 0.0
     here = tiles.nearest(plain.window, index, free)
     below, above = (_onwards(tiles, here, step) for step in (-_STEP_DEG, _STEP_DEG))
     fits = [*below[::-1], here, *above]
-    best = int(np.argmin([fit.misfit for fit in fits]))
-    if best in (0, len(fits) - 1):
-        return None
-    around = fits[best - 1 : best + 2]
-    misfits, ratios = [fit.misfit for fit in around], [fit.window.exposed_along for fit in around]
-    curvature, per_step = misfits[0] - 2 * misfits[1] + misfits[2], (ratios[2] - ratios[0]) / 2
-    ratio = ratios[1] + vertex(*misfits) * per_step
-    if curvature <= 0 or not per_step or abs(ratio) > _MOST_ALONG * seen.spread:
-        return None
-    # Both are the same where the likelihood is a parabola down to no difference of exposures at all.
-    error = max(_by_gain(ratio, plain.misfit - fits[best].misfit), abs(per_step) * math.sqrt(_NATS / curvature))
-    believed, left = _believed(ratio, error, seen.spread)
-    return believed, left * _STEP_DEG / abs(per_step)
+    numbers = [(fit.window.incidence_deg, fit.window.exposed_along, plain.misfit - fit.misfit) for fit in fits]
+    angles, ratios, gains = _between(np.array(numbers).T)
+    odds = gains / _NATS - np.square(ratios / seen.spread) / 2
+    chances = np.exp(odds - odds.max())
+    chances /= chances.sum()
+    ratio, angle = float(chances @ ratios), float(chances @ angles)
+    error = math.sqrt(float(chances @ np.square(angles - angle)))
+    return None if abs(ratio) > _MOST_ALONG * seen.spread else (ratio, _WIDER * error)
+
+
+def _between(numbers: Values) -> Values:
+    """Numbers (3, n) at equal steps of the first, finely: steep panes are told to less than a step."""
+    from scipy.interpolate import CubicSpline
+
+    angles = np.arange(numbers[0, 0], numbers[0, -1], _FINE_STEP_DEG)
+    return np.asarray([angles, *CubicSpline(numbers[0], numbers[1:], axis=1)(angles)])
 
 
 def _onwards(tiles: TileLikelihood, here: TileFit, step_deg: float) -> list[TileFit]:
@@ -311,14 +315,3 @@ def _onwards(tiles: TileLikelihood, here: TileFit, step_deg: float) -> list[Tile
             break
         fits.append(tiles.nearest(replace(window, incidence_deg=angle), here.refractive_index, ("exposed_along",)))
     return fits
-
-
-def _by_gain(ratio: float, gain: float) -> float:
-    """Standard error of a ratio whose log likelihood is so much more than that of none."""
-    return abs(ratio) * math.sqrt(_NATS / (2 * max(gain, _LEAST_GAIN)))
-
-
-def _believed(ratio: float, error: float, spread: float) -> tuple[float, float]:
-    """The mean of a ratio that tiles tell, as far as any is expected; and its standard error."""
-    share = spread**2 / (spread**2 + error**2)
-    return share * ratio, _WIDER * math.sqrt(share) * error

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from polaropt import Capture, SceneParameters, Separation, SeparationWarning, separate, simulate
 from polaropt.estimation import uneven_exposures
-from polaropt.estimation.exposures import _believed, _seen
+from polaropt.estimation.exposures import _seen
 from polaropt.reporting import matching_report, matching_sentences
 from polaropt.simulation.metrics import psnr_db
 from tests.captured import mono_capture
@@ -126,8 +126,3 @@ def test_two_ratios_are_seen_whatever_the_azimuth(azimuth_deg: float, ratios: tu
     left = np.log(found.relative) - logarithms
     axes = np.array([[1, -1, 1, -1], 2 * np.sin(twice)]) / 2
     np.testing.assert_allclose(axes @ left / 2, 0, atol=1e-3)
-
-
-def test_a_ratio_that_tiles_hardly_tell_is_not_believed() -> None:
-    assert _believed(0.01, 1e-4, 0.01)[0] == pytest.approx(0.01, rel=1e-3)
-    assert _believed(0.01, 0.1, 0.01)[0] == pytest.approx(0.0, abs=2e-4)
