@@ -158,17 +158,16 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     scene = None if after > max(0.0, _MOST_LEFT * before) else find_scene(divided, asked, noise, model).scene
     if scene is None or scene.rung not in ("pixelwise", "ghosts") or not scene.signal:
         return None
-    along = _along(stokes, scene, asked, seen)
     light, *polarized = np.square(stokes.means(_BLOCK_PX), dtype=np.float64).mean(axis=(1, 2, 3))
     share = math.sqrt(sum(polarized) / light)
-    untold, turned_deg = errors_of_gains(seen.spread / math.sqrt(2), share, scene)
-    swamp, turned_deg = seen.spread > share, _LEAST_ERROR * turned_deg
+    untold, turned = errors_of_gains(seen.spread / math.sqrt(2), share, scene)
+    swamp = seen.spread > share
+    along = None if swamp else _along(stokes, scene, asked, seen)
     if along is None:
-        return Exposures(seen.relative, untold, turned_deg, swamp)
+        return Exposures(seen.relative, untold, _LEAST_ERROR * turned, swamp)
     ratio, error_deg = along
     relative = np.array(seen.relative) * _exposed(capture.angles_deg, scene.values()[1], along=ratio)
-    error_deg = max(error_deg, untold if swamp else _LEAST_ERROR * untold)
-    return Exposures(tuple(relative.tolist()), error_deg, turned_deg, swamp)
+    return Exposures(tuple(relative.tolist()), max(error_deg, _LEAST_ERROR * untold), _LEAST_ERROR * turned)
 
 
 def _is_of_flat_pane(asked: SceneParameters, model: str) -> bool:
