@@ -65,7 +65,7 @@ class Separation:
         those of one photograph, with the reflection around. None where nothing does, or nothing could tell.
     matching : Matching or None
         The photographs as they were separated, where they, or both layers of them, had to be moved onto each other, or
-        they had to be made equally sharp.
+        they had to be made equally sharp or exposed.
     unglazed : ndarray of bool, shape (h, w), or None
         Where the frame shows no glass, as far as its light tells: it was left out, the transmission is the light there,
         and the reflection nothing. None where no such place was found.
