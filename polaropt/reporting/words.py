@@ -341,7 +341,7 @@ def _position(it: Inspection) -> Finding:
         return Finding("position")
     return Finding(
         "position",
-        attention=f"photographs look shifted against each other, by about {it.visible_shift_px:.1f} px; up to five "
+        attention=f"photographs look shifted against each other, by about {it.visible_shift_px:.1f} px; up to 24 "
         "they are moved back when they are separated, beyond read them with align.",
     )
 

@@ -124,8 +124,18 @@ def test_what_a_photograph_does_not_show_at_the_edges_is_not_valid():
 
 
 def test_photographs_that_lie_far_apart_are_left_to_be_aligned():
-    shifts = np.array([[0.0, 0.0], [9.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    # An eighth of the frame's shorter side.
+    shifts = np.array([[0.0, 0.0], [SIDE / 8 + 1, 0.0], [0.0, 0.0], [0.0, 0.0]])
     assert match_photographs(taken(shifts)[0], NOISE) is None
+
+
+def test_photographs_ten_pixels_beside_each_other_are_separated_as_if_they_agreed():
+    shifts = np.array([[0.0, 0.0], [6.3, -4.1], [-3.2, 5.4], [2.5, 7.8]])
+    capture, layers = taken(shifts)
+    assert matched(capture).transfer.shifts_px == pytest.approx(shifts, abs=0.03)
+    result = separate(capture, SCENE)
+    for layer, truth, aim in zip(result.layers, layers, agreeing().layers, strict=True):
+        assert psnr_db(layer, truth, 16) > psnr_db(aim, truth, 16) - 2.5
 
 
 def test_pixels_beside_those_that_are_not_valid_are_not_valid():
