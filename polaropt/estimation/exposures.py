@@ -77,8 +77,9 @@ roughly. This and the last by trial on 120 captures of training photographs (25 
 1.2 or 0.8 % then, is afterwards off by 0.6 or 0.5 % root mean square, by 0.3 % less in 45 or 32 of 100 and by as much
 more in 2. Half of the first number gains 2 more of 100, and harms 4. Leaving tiles out in turn tells its error worse,
 and so does how sure tiles are of it."""
-_MOST_ALONG = 5.0
-"""In units of what is expected, beyond which a third ratio that tiles find has another reason. Set by hand."""
+_MOST_ALONG, _MOST_BY_TOLD = 5.0, 2.0
+"""In units of what is expected, beyond which a third ratio that tiles find has another reason, and where an incidence
+was told, which may be wrong. Set by hand."""
 _LEAST_ERROR = 0.3
 """Standard errors in units of those by exposures of which the other two ratios alone tell: the least of the incidence,
 and that of the azimuth. By trial."""
@@ -284,13 +285,16 @@ def _along(
     if asked.incidence_deg is not None:
         fit = tiles.nearest(window, index, free)
         (error,) = tiles.errors(fit, free)
-        return fit.window.exposed_along / (1 + _NATS * error**2 / seen.spread**2), 0.0
+        ratio = fit.window.exposed_along / (1 + _NATS * error**2 / seen.spread**2)
+        return (ratio, 0.0) if abs(ratio) < _MOST_BY_TOLD * seen.spread else None
     if plain.window.incidence_deg > _STEEPEST_DEG:
         return None
     here = tiles.nearest(plain.window, index, free)
     below, above = (_onwards(tiles, here, step) for step in (-_STEP_DEG, _STEP_DEG))
     fits = [*below[::-1], here, *above]
     numbers = [(fit.window.incidence_deg, fit.window.exposed_along, plain.misfit - fit.misfit) for fit in fits]
+    if not np.all(np.isfinite(numbers)):
+        return None
     angles, ratios, gains = _between(np.array(numbers).T)
     odds = gains / _NATS - np.square(ratios / seen.spread) / 2
     chances = np.exp(odds - odds.max())

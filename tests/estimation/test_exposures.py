@@ -105,6 +105,16 @@ def test_an_incidence_that_is_told_tells_them_the_better() -> None:
     np.testing.assert_allclose(found.relative, relative(EXPOSURES), atol=1.5e-3)
 
 
+def test_an_incidence_that_is_told_wrongly_is_no_exposure() -> None:
+    found, right = (uneven_exposures(taken(), SceneParameters(told, None, None), NOISE) for told in (10.0, 40.0))
+    assert found is not None
+    assert right is not None
+    # What does not add up stays.
+    apart = np.array([1, -1, 1, -1])
+    assert apart @ np.log(found.relative) == pytest.approx(apart @ np.log(right.relative), abs=1e-4)
+    assert np.std(np.log(found.relative)) < 0.02
+
+
 def test_light_that_is_polarized_beside_them_is_left_to_its_rung() -> None:
     lit = PANE.replace(reflection_polarization=(0.6, 10.0))
     assert uneven_exposures(taken(EXPOSURES, lit), BLIND, NOISE) is None
