@@ -63,6 +63,7 @@ __all__ = [
     "noise_of_blocks",
     "orthogonal_pairs",
     "pair_gain_of",
+    "pair_signs",
     "parse_gamma",
     "parsed_json",
     "planes_first",
@@ -167,6 +168,7 @@ from .pair_gain import PLAUSIBLE_GAIN as PLAUSIBLE_GAIN
 from .pair_gain import closure_share as closure_share
 from .pair_gain import orthogonal_pairs as orthogonal_pairs
 from .pair_gain import pair_gain_of as pair_gain_of
+from .pair_gain import pair_signs as pair_signs
 from .pair_gain import redundancy_residual as redundancy_residual
 from .pair_gain import trusted_blocks as trusted_blocks
 from .polarization import PlateFrame as PlateFrame

@@ -6,7 +6,7 @@ import numpy as np
 
 from polaropt.capture.capture import Capture
 from polaropt.capture.checks import checked_blocks
-from polaropt.capture.pair_gain import Floats, orthogonal_pairs
+from polaropt.capture.pair_gain import Floats, orthogonal_pairs, pair_signs
 
 # Difference of a gain from 1 that is worth a word, share of what does not add up that it must leave at most, how much
 # better it must do than a gain of one pair, and blocks that tell it; by trial.
@@ -40,9 +40,7 @@ def uneven_gains(capture: Capture) -> tuple[tuple[float, float], ...]:
     bright = blocks.mean(axis=0)
     if blocks.shape[1] < _FEWEST_BLOCKS or not (bright > 0).all():
         return ()
-    signs = np.ones(4)
-    signs[list(pairs[1])] = -1
-    relative = signs[:, None] * blocks / bright
+    relative = pair_signs(pairs)[:, None] * blocks / bright
     residual = relative.sum(axis=0)
     off = np.abs(residual - np.median(residual))
     kept = off <= _OUTLIERS * np.median(off) + np.finfo(np.float32).eps

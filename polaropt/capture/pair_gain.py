@@ -46,6 +46,13 @@ def orthogonal_pairs(angles_deg: Sequence[float], tolerance_deg: float = 0.5) ->
     return None
 
 
+def pair_signs(pairs: Pairs) -> Floats:
+    """1 for both photographs of the first pair, -1 for those of the second: with these they add up to nothing."""
+    signs = np.ones(4)
+    signs[list(pairs[1])] = -1
+    return signs
+
+
 def trusted_blocks(intensities: Floats, valid: AnyMask, block: int = BLOCK, change: Change | None = None) -> Floats:
     """Block means of photographs (k, [channel,] h, w) where all of a block is valid in all of them, shape (k, n).
 

@@ -23,11 +23,12 @@ from polaropt.capture import (
     StokesImages,
     measured_noise,
     orthogonal_pairs,
+    pair_signs,
     plate_frame,
     stokes_images,
     trusted_blocks,
 )
-from polaropt.estimation.flat.errors import errors_of_gains
+from polaropt.estimation.flat.errors import errors_of_gains, polarized_share
 from polaropt.estimation.flat.pane_by_tiles import LEAST_TILES
 from polaropt.estimation.flat.windows.axis import window_of
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
@@ -35,13 +36,16 @@ from polaropt.estimation.ladder import LadderResult, find_scene
 from polaropt.estimation.motion import StillPhotographs
 from polaropt.estimation.rung import noise_misfit
 from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.numerics import jackknife_error, middle_part
+from polaropt.numerics import jackknife_error, left_out, middle_part, turn_between
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, analyzer_matrix
 
 Values = NDArray[np.float64]
 
 _MODELS = ("auto", "pixelwise", "ghosts")
 """Models of panes that leave no light polarized between along and across."""
+_QUARTER_TURN_DEG, _TOLERANCE_DEG = 90.0, 0.5
+"""Between orthogonal angles, and by which the angle between two pairs may be off from half of that, as for
+`orthogonal_pairs`."""
 _FEWEST_BLOCKS = 100
 """Blocks of 8x8 pixels that tell a ratio. Set by hand."""
 _BLOCK_PX = 8
@@ -162,8 +166,7 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     scene = None if after > max(0.0, _MOST_LEFT * before) else find_scene(divided, asked, noise, model).scene
     if scene is None or scene.rung not in ("pixelwise", "ghosts") or not scene.signal:
         return None
-    light, *polarized = np.square(stokes.means(_BLOCK_PX), dtype=np.float64).mean(axis=(1, 2, 3))
-    share = math.sqrt(sum(polarized) / light)
+    share = polarized_share(stokes.means(_BLOCK_PX))
     untold, turned = errors_of_gains(seen.spread / math.sqrt(2), share, scene)
     swamp = seen.spread > share
     along = None if swamp else _along(stokes, scene, asked, seen)
@@ -203,18 +206,20 @@ def _seen(capture: Capture) -> _Seen | None:
     angles = capture.angles_deg
     pairs = orthogonal_pairs(angles)
     told = capture.origin is not None and capture.origin.exposures_given
-    if pairs is None or capture.of_mosaic or told or not _are_between(angles, pairs):
+    if pairs is None or capture.of_mosaic or told:
         return None
-    signs = np.ones(len(angles))
-    signs[list(pairs[1])] = -1
+    apart_deg = turn_between(angles[pairs[0][0]], angles[pairs[1][0]], _QUARTER_TURN_DEG)
+    if abs(abs(apart_deg) - _QUARTER_TURN_DEG / 2) > _TOLERANCE_DEG:
+        return None
+    signs = pair_signs(pairs)
     blocks = trusted_blocks(capture.intensities, capture.mask).astype(np.float64)
     if blocks.shape[1] < _FEWEST_BLOCKS:
         return None
     relative, azimuth, total, across = np.ones(len(angles)), 0.0, 0.0, 0.0
     for _ in range(_ROUNDS):
-        light, polarized, between, azimuth = _polarized(blocks / relative[:, None], angles)
-        apart = signs @ (blocks / relative[:, None])
-        ratio, error = _in_proportion(apart, light, polarized)
+        alike = blocks / relative[:, None]
+        light, polarized, between, azimuth = _polarized(alike, angles)
+        ratio, error = _in_proportion(signs @ alike, light, polarized)
         if not total and abs(ratio) < max(_LEAST, _SURE * error):
             return None
         total += ratio
@@ -225,12 +230,6 @@ def _seen(capture: Capture) -> _Seen | None:
     # A ratio of sums has twice the variance of one of differences.
     square = (total**2 + 2 * across**2) / 4
     return _Seen(tuple(relative.tolist()), azimuth, math.sqrt(_EXPECTED * square))
-
-
-def _are_between(angles_deg: Sequence[float], pairs: tuple[tuple[int, int], tuple[int, int]]) -> bool:
-    """Whether one pair of angles lies halfway between the other."""
-    (first, _), (second, _) = pairs
-    return abs(math.cos(2 * math.radians(angles_deg[first] - angles_deg[second]))) < math.sin(math.radians(1))
 
 
 def _polarized(blocks: Values, angles_deg: Sequence[float]) -> tuple[Values, Values, Values, float]:
@@ -249,12 +248,18 @@ def _polarized(blocks: Values, angles_deg: Sequence[float]) -> tuple[Values, Val
 
 def _in_proportion(values: Values, light: Values, polarized: Values) -> tuple[float, float]:
     """Share of the light that values have beside one of the polarized light, and its standard error."""
-    columns, part = np.stack([light, polarized], axis=1), np.arange(light.size) * _PARTS // light.size
+    columns = np.stack([light, polarized])
+    parts = np.array_split(np.arange(light.size), _PARTS)
+    normal = np.stack([columns[:, part] @ columns[:, part].T for part in parts], axis=-1)
+    moments = np.stack([columns[:, part] @ values[part] for part in parts], axis=-1)
 
-    def share(kept: NDArray[np.bool_]) -> float:
-        return float(np.linalg.lstsq(columns[kept], values[kept], rcond=None)[0][0])
+    def shares(normal: Values, moments: Values) -> Values:
+        """By least squares, also where nothing is polarized, of sums (2, 2, n) and (2, n)."""
+        inverse = np.linalg.pinv(np.moveaxis(normal, -1, 0), hermitian=True)
+        return np.asarray((inverse @ moments.T[..., None])[:, 0, 0])
 
-    return share(part >= 0), jackknife_error(np.array([share(part != k) for k in range(_PARTS)]))
+    (share,) = shares(normal.sum(axis=-1, keepdims=True), moments.sum(axis=-1, keepdims=True)).tolist()
+    return share, jackknife_error(shares(left_out(normal), left_out(moments)))
 
 
 def _exposed(angles_deg: Sequence[float], azimuth_deg: float, *, along: float = 0.0, across: float = 0.0) -> Values:

@@ -14,11 +14,9 @@ from dataclasses import dataclass
 from functools import partial, reduce
 from typing import Literal
 
-import numpy as np
-
 from polaropt.capture import Capture, StokesImages, plate_frame, registered_noise, stokes_images
 from polaropt.errors import InputError
-from polaropt.estimation.flat.errors import errors_of_gains, spectral_incidence, weighted_incidence
+from polaropt.estimation.flat.errors import errors_of_gains, polarized_share, spectral_incidence, weighted_incidence
 from polaropt.estimation.flat.estimate import (
     LEAST_INDEX,
     SceneEstimate,
@@ -352,9 +350,8 @@ def _of_photographs(
 
 def _things_beside(found: LadderResult, evidence: Evidence) -> PolarizedThings | None:
     """Things that may be polarized by themselves, where no rung explains the polarized light and none was asked for."""
-    asked = evidence.asked
-    is_open = evidence.wanted == "auto" and not (asked.polarized or asked.focal_px) and asked.azimuth_deg is None
-    if not is_open or asked.stacked or not found.scene.signal:
+    is_open = evidence.wanted == "auto" and evidence.light_is_open
+    if not is_open or evidence.asked.stacked or not found.scene.signal:
         return None
     if found.scene.polarized and _is_told_by_cells(evidence):
         # What it leaves aliases.
@@ -390,8 +387,7 @@ def _with_errors_of_gains(found: LadderResult, evidence: Evidence) -> LadderResu
     # What polarized layers show depends on gains in other ways, and their errors are wide.
     if scene.polarized:
         return found
-    light, *polarized = np.square(evidence.blocks.stokes).mean(axis=(1, 2))
-    share = math.sqrt(float(sum(polarized) / light)) if light > 0 else 0.0
+    share = polarized_share(evidence.blocks.stokes)
     return dataclasses.replace(found, of_gains=errors_of_gains(evidence.apart, share, scene))
 
 

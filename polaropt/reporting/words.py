@@ -160,12 +160,12 @@ def _jpeg(it: Inspection) -> Finding:
     """What JPEG takes: double images are fine detail, and blocks of 8x8 pixels are the same in all photographs."""
     if it.jpeg is None:
         return Finding("jpeg")
-    halved = ", colours at half the resolution" if it.jpeg.halved_colors else ""
-    if it.jpeg.quality is None:
-        what = f"are HEIC files{halved and ' (' + halved.removeprefix(', ') + ')'}"
-    else:
-        what = "were JPEG files before they were saved again" if it.jpeg.saved_again else "are JPEG files"
-        what += f" (quality about {it.jpeg.quality}{halved})"
+    is_heif = it.jpeg.quality is None
+    facts = [] if is_heif else [f"quality about {it.jpeg.quality}"]
+    facts += ["colours at half the resolution"] if it.jpeg.halved_colors else []
+    what = "were JPEG files before they were saved again" if it.jpeg.saved_again else "are JPEG files"
+    what = "are HEIC files" if is_heif else what
+    what += f" ({', '.join(facts)})" if facts else ""
     return Finding(
         "jpeg",
         attention=f"the photographs {what}: double images and fine detail "

@@ -134,8 +134,10 @@ def case_of(
     exposures: Exposures | None = None
     if settings.match_photographs:
         capture, still, matching = agreeing_photographs(capture, still)
-        exposures, still, matching = _exposed_alike(capture, still, matching, asked, settings)
-        capture = capture if matching is None else matching.capture
+        exposures = _exposures_of(still, matching, asked, settings)
+    if exposures is not None:
+        still, matching = exposures.undone(still, Matching.of_none(capture) if matching is None else matching)
+        capture = matching.capture
     noise, mistakes = max(still.noise, _LEAST_NOISE_OF_SCENE), still.mistakes
     # A scene is estimated from the cells of a mosaic, in their pixels.
     of_scene, scale = still.capture if matching is None else still.seen(matching.of_scene), capture.scale
@@ -220,15 +222,11 @@ def case_of(
     )
 
 
-def _exposed_alike(
-    capture: Capture, still: StillPhotographs, matching: Matching | None, asked: SceneParameters, settings: Settings
-) -> tuple[Exposures | None, StillPhotographs, Matching | None]:
-    """Exposures that photographs tell, divided out of what stands still and of all; without them all as it was."""
+def _exposures_of(
+    still: StillPhotographs, matching: Matching | None, asked: SceneParameters, settings: Settings
+) -> Exposures | None:
+    """What photographs, as they were made to agree, tell of their exposures; None where something else is wrong."""
     if still.mistakes != Mistakes() or settings.thickness_px is not None:
-        return None, still, matching
+        return None
     of_scene = still.capture if matching is None else still.seen(matching.of_scene)
-    noise = max(still.noise, _LEAST_NOISE_OF_SCENE)
-    exposures = uneven_exposures(of_scene, asked, noise, settings.model)
-    if exposures is None:
-        return None, still, matching
-    return exposures, *exposures.undone(still, Matching.of_none(capture) if matching is None else matching)
+    return uneven_exposures(of_scene, asked, max(still.noise, _LEAST_NOISE_OF_SCENE), settings.model)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,6 +159,12 @@ def spectral_incidence(spectra: CrossSpectra, scene: SceneParameters) -> tuple[f
     if here.mean() >= min(before.mean(), after.mean()):
         return None
     return best, math.hypot(widened_incidence(minimum_error([before, here, after], step)), _SHAPES_DEG)
+
+
+def polarized_share(stokes: NDArray[np.floating[Any]]) -> float:
+    """Share of the light that is polarized, root mean squares of Stokes components (3, ...); 0 without any light."""
+    light, *polarized = np.square(stokes, dtype=np.float64).mean(axis=tuple(range(1, stokes.ndim)))
+    return math.sqrt(float(sum(polarized) / light)) if light > 0 else 0.0
 
 
 def errors_of_gains(apart: float, polarized_share: float, scene: SceneParameters) -> tuple[float, float]:
