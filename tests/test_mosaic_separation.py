@@ -120,6 +120,15 @@ def test_a_solve_of_cells_ends_where_it_begins_or_nearer_and_errors_are_as_large
     assert 0.6 < ended.diagnostics.misfit_ratio < 1.4
 
 
+@pytest.mark.parametrize(("noise", "cause"), [(0.001, "UNDERSAMPLED"), (0.03, "NOISE_TOO_HIGH")])
+def test_what_hides_the_reflection_of_a_colour_mosaic_is_named(noise, cause):
+    pane = SCENE.replace(incidence_deg=20.0, ghost_shift=0.0)
+    images = [cut(shipped_photograph(name), (SIDE, SIDE), (0.5, 0.5)) for name in ("coffee", "astronaut")]
+    raw = photograph_mosaic(*images, pane, Camera(noise=noise, bits=12, seed=3, lens_blur_px=0.7), True)
+    diagnostics = separate(simulated_mosaic(raw, True), pane, stopping=StoppingRule(max_evaluations=3)).diagnostics
+    assert [told.name for told in diagnostics.warnings] == ["REFLECTION_NOT_IDENTIFIABLE", cause]
+
+
 @pytest.fixture(scope="module")
 def grey_mosaic(tmp_path_factory):
     return mosaic_file(tmp_path_factory.mktemp("grey"), False)[0]

@@ -61,6 +61,8 @@ class ClosedForm:
         That the photographs leave to a pixel of each layer.
     sampled : Knowledge
         The same at a sample of the frequencies.
+    clearer : Knowledge or None
+        The same of a third of the noise, of a mosaic, whose samples leave detail open themselves; None of photographs.
     """
 
     layers: Images
@@ -73,6 +75,7 @@ class ClosedForm:
     unknown_edges: NDArray[np.float64]
     variance: NDArray[np.float64]
     sampled: Knowledge
+    clearer: Knowledge | None = None
 
     def thinned(self, share: float) -> ClosedForm:
         """The same layers, of which only a share of the photographs' values tell."""

@@ -40,6 +40,9 @@ SAMPLED_ALIASES = 6144
 COLORS_BLUR_PX = 2.0
 # Share of a power that remains open at least, and of a determinant: rounding leaves no less. Set by hand.
 LEAST_LEFT_OPEN = np.float32(1e-6)
+# Noise, in units of the samples' own, of which it is asked whether less of it would tell more: of nine times the light.
+# Set by hand.
+_LESS_NOISE = 1 / 3
 
 
 def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> ClosedForm:
@@ -65,7 +68,7 @@ def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> C
     level = entries.mean(axis=(-1, -2), keepdims=True)
     mixture = _Mixture(samples, pse, canvas, noise, basis)
     data = mixture.spectrum(capture, in_basis(basis.T.astype(np.float32), level, np)[..., 0, 0])
-    fitted, bands, known = mixture.fitted(data, initial_power(entries[0] + entries[1]))
+    fitted, bands, known, clearer = mixture.fitted(data, initial_power(entries[0] + entries[1]))
     prior = fitted.everywhere(bands)
     layers = mixture.layers(data, prior)
     precision = mixture.precision
@@ -75,7 +78,7 @@ def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> C
     equations = NormalEquations(of_frequency.told, of_frequency.cross, np.empty(0, np.complex64))
     closed = knowledge_of(equations, fitted, bands, mean, basis)
     layers += in_basis(basis.T.astype(np.float32), mean, np)
-    return replace(closed, layers=layers, sampled=known)
+    return replace(closed, layers=layers, sampled=known, clearer=clearer)
 
 
 class _Mixture:
@@ -119,19 +122,28 @@ class _Mixture:
         whole *= canvas.window()
         return np.asarray(rfft2(whole, norm="ortho"), dtype=np.complex64)
 
-    def fitted(self, data: Spectrum, power: NDArray[np.float64]) -> tuple[FittedSpectra, DirectionalBands, Knowledge]:
-        """Spectra under which the samples are likeliest, and what is known of the layers under them."""
+    def fitted(
+        self, data: Spectrum, power: NDArray[np.float64]
+    ) -> tuple[FittedSpectra, DirectionalBands, Knowledge, Knowledge]:
+        """Spectra under which the samples are likeliest, and what these, and clearer ones, then tell of the layers."""
         members, counts = self.groups.sample(SAMPLED_ALIASES // self.groups.period**2)
         height, width = self._canvas.shape
         shares = np.broadcast_to(counts, members.index.shape).ravel()
         bands = DirectionalBands(height, width, members.index.ravel(), shares)
         transfer, samples = members.of(self.transfer), members.of(data)
         fitted = fit_directional_spectra(self._moments(transfer, samples), bands, power)
-        told, cross = self._information(transfer, samples, fitted.prior)
-        known = Knowledge(
-            told, cross, fitted.prior, bands.share, bands.squared_frequency, self._basis, EQUIVALENT_TURNS
+        known, clearer = (
+            Knowledge(
+                *self._information(transfer, samples, fitted.prior, noise**2 * self._noise_power),
+                fitted.prior,
+                bands.share,
+                bands.squared_frequency,
+                self._basis,
+                EQUIVALENT_TURNS,
+            )
+            for noise in (1.0, _LESS_NOISE)
         )
-        return fitted, bands, known
+        return fitted, bands, known, clearer
 
     def _moments(self, transfer: Spectrum, samples: Spectrum) -> Moments:
         """Of the layers at some groups: transfer (entry, 2, alias, group), samples (alias, group)."""
@@ -150,13 +162,15 @@ class _Mixture:
 
         return moments
 
-    def _information(self, transfer: Spectrum, samples: Spectrum, prior: Power) -> tuple[Power, Power]:
+    def _information(
+        self, transfer: Spectrum, samples: Spectrum, prior: Power, noise_power: float
+    ) -> tuple[Power, Power]:
         """What is told of each layer, (2, color, n), and of both together, (color, n), beside all aliases.
 
         As if there were none: the difference of the layers' inverse covariances after and before.
         """
         power = prior.reshape(*prior.shape[:2], *samples.shape)
-        found = explained_groups(self.combs, _covariance(transfer, power), self._noise_power, samples, information=True)
+        found = explained_groups(self.combs, _covariance(transfer, power), noise_power, samples, information=True)
         told = np.einsum("elag,cefag,fmag->clmag", transfer.conj(), found.information, transfer, optimize=True)
         p_t, p_r = power
         v_t = np.maximum(p_t - p_t * told[:, 0, 0].real * p_t, LEAST_LEFT_OPEN * p_t)

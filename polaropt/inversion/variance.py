@@ -90,6 +90,11 @@ class Knowledge:
         """Share of the reflection's detail (channel, h, w) that remains open, 0..1, see `unknown_share`."""
         return unknown_share(self.uncertainty()[1], self.squared_frequency, self.share, reflection)
 
+    def told_detail(self) -> float:
+        """Power of the reflection's detail that the photographs tell."""
+        told = self.prior[1] - self.uncertainty()[1]
+        return float((told * (self.share * detail_power(self.squared_frequency))).sum(dtype=np.float64))
+
     def variance(self) -> NDArray[np.float64]:
         """That the photographs leave to a pixel of each layer, mean over colours, (2,)."""
         return np.asarray((self.uncertainty() @ self.share).mean(axis=1), dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 from enum import Enum
@@ -34,6 +35,9 @@ _FRONTAL_DEG, _GRAZING_DEG = 12.0, 84.0
 _MUCH_CLIPPED = 0.01
 _MUCH_NOISE = 0.42
 """There the transmission gains less than 7 dB on the plain intensity."""
+_NOISE_HIDES = 1.25
+"""Gain of less noise from which on it is noise that hides detail. Of simulated mosaics that hardly tell the reflection
+a third of a noise of 1 % and more tells up to three times as much, of one of 0.1 % no more."""
 _BAD_FIT = 2.2
 """Misfit ratio of four photographs, or of a mosaic: with the right pane it is 1.9 at most, on the random windows to fit
 on (`studies.random_windows`), and what lies above are wrong panes, gains, angles or movement."""
@@ -59,7 +63,7 @@ class SeparationWarning(Enum):
     """What a user should know before trusting a result; the value is the sentence.
 
     REFLECTION_NOT_IDENTIFIABLE tells an effect; its cause, if the capture has one, has a warning of its own:
-    NO_POLARIZATION, NEAR_NORMAL or NOISE_TOO_HIGH.
+    NO_POLARIZATION, NEAR_NORMAL, NOISE_TOO_HIGH or UNDERSAMPLED.
 
     Examples
     --------
@@ -91,6 +95,10 @@ class SeparationWarning(Enum):
     NOISE_TOO_HIGH = (
         "The noise is large against the polarization or the brightness, and fine detail is lost in it: "
         "expose longer, or average several photographs at each angle."
+    )
+    UNDERSAMPLED = (
+        "The samples of the mosaic lie too far apart for fine detail of this scene, and less noise would not tell it: "
+        "photograph the glass more obliquely, best from 50 to 75 degrees, or the scene larger on the sensor."
     )
     SATURATED = "More than 1 % of the pixels are clipped at white; they were left out and filled in from the others."
     ANGLES_SWAPPED = (
@@ -245,6 +253,7 @@ def diagnose(
     scene: SceneParameters | None = None,
     unexplained: float = 1.0,
     noise_share: float = 0.0,
+    gain_of_less_noise: float = math.inf,
     mistakes: Mistakes | None = None,
     moving: Mask | None = None,
     valid_share: float | None = None,
@@ -269,6 +278,9 @@ def diagnose(
         Light polarized at 45 degrees to the plane of incidence, mean square over blocks in units of its noise.
     noise_share : float
         See the function of this name.
+    gain_of_less_noise : float
+        How many times as much of the reflection's detail a third of the noise would tell. Samples of a mosaic may hide
+        it themselves.
     mistakes : Mistakes, optional
         What was found wrong with the photographs. Default: it is looked for.
     moving : ndarray of bool, shape (h, w), optional
@@ -313,10 +325,11 @@ def diagnose(
     # Panes before polarized light that show the same have a warning of their own.
     alike = estimate is not None and bool(estimate.rivals) and _found_polarized(scene, estimate)
     uncertain = _loses(loss) and not alike
+    noise_hides = gain_of_less_noise > _NOISE_HIDES
     deserved = {
         SeparationWarning.NO_POLARIZATION: not polarized,
         SeparationWarning.REFLECTION_NOT_IDENTIFIABLE: not polarized or reflection_unknown > _UNKNOWN_REFLECTION,
-        **_of_geometry_and_noise(polarized, reflection_unknown, noise_share, scene, uncertain),
+        **_of_geometry_and_noise(polarized, reflection_unknown, noise_share, scene, uncertain, noise_hides),
         SeparationWarning.SATURATED: clipped > _MUCH_CLIPPED,
         **_of_mistakes(mistakes),
         SeparationWarning.CELL_ORDER_FOUND: capture.origin is not None and capture.origin.cell_order_found,
@@ -419,7 +432,12 @@ def _may_lie_across(scene: SceneParameters | None, estimate: SceneEstimate | Non
 
 
 def _of_geometry_and_noise(
-    polarized: bool, reflection_unknown: float, noise_share: float, scene: SceneParameters | None, loses: bool
+    polarized: bool,
+    reflection_unknown: float,
+    noise_share: float,
+    scene: SceneParameters | None,
+    loses: bool,
+    noise_hides: bool,
 ) -> dict[SeparationWarning, bool]:
     """Why the reflection, or the transmission, cannot be told: an incidence is no reason where both can."""
     incidence = None if scene is None or not polarized else scene.incidence_deg
@@ -428,8 +446,9 @@ def _of_geometry_and_noise(
     return {
         SeparationWarning.NEAR_NORMAL: frontal and (unseen or noisy or loses),
         SeparationWarning.GRAZING: incidence is not None and incidence > _GRAZING_DEG and (noisy or loses),
-        # Where the pane is oblique enough nothing but noise can hide the reflection.
-        SeparationWarning.NOISE_TOO_HIGH: (unseen and not frontal) or noisy,
+        # Where the pane is oblique enough noise alone can hide the reflection, or what a mosaic does not sample.
+        SeparationWarning.NOISE_TOO_HIGH: noise_hides and ((unseen and not frontal) or noisy),
+        SeparationWarning.UNDERSAMPLED: not noise_hides and ((unseen and not frontal) or noisy),
     }
 
 

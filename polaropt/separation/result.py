@@ -166,6 +166,7 @@ def separated(case: Case, solution: Solution, stages: Stages, judged: Diagnostic
         noise,
         misfit_ratio=solution.misfit_ratio,
         reflection_unknown=solution.reflection_unknown,
+        gain_of_less_noise=solution.gain_of_less_noise,
         noise_share=noise_share(capture, solution.layers[0], float(solution.variance[0])),
         loss=scene_loss(capture, noise, found.scene, case.near_errors, solution.variance, still.growth, rivals),
         finite=solution.solver.status is not Status.NOT_FINITE,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -64,6 +65,11 @@ _SPOILT = 0.1
 # without, all of them loses up to 0.3 dB of the reflection on one capture at a noise of 0.5 %, half of them up to 0.1;
 # at 2 % half gains 0.13 and 0.17 dB, all 0.15 and 0.21.
 _SHARE_OF_OTHERS = 0.6
+# Share of the closed form in how much of a mosaic's detail is said to be open; the rest is windows', which are too sure
+# where it is too unsure. Of 90 simulated mosaics of both sensors (training photographs, 12 to 78 degrees, noise 0.1 to
+# 2 %) the closed form says 0.06 too much, windows 0.05 too little, both with an rms error of 0.09; their mean errs by
+# 0.01, rms 0.065.
+_OF_FORM = 0.5
 # Double images of a layer that are strong beside the first: a pane mirrors two.
 _STRONG_GHOSTS = 2
 # Rows that are simulated at a time: bounds the memory, changes nothing.
@@ -469,10 +475,20 @@ class Problem:
 
     def unknown_detail(self) -> float:
         """Share of the reflection's detail, what is finer than about 5 px, that remains open, 0..1."""
-        if self.expected is None or self.capture.samples is not None:
-            return self.known.sampled.unknown_detail(self.canvas.crop(self.known.layers[1]))
+        of_form = self.known.sampled.unknown_detail(self.canvas.crop(self.known.layers[1]))
+        if self.expected is None:
+            return of_form
         layers = self.expected.in_colors(self.known.basis)
-        return self.expected.unknown_detail(self.canvas.crop(layers[1]), self.canvas.shape[1])
+        of_windows = self.expected.unknown_detail(self.canvas.crop(layers[1]), self.canvas.shape[1])
+        return of_windows if self.capture.samples is None else _OF_FORM * of_form + (1 - _OF_FORM) * of_windows
+
+    def gain_of_less_noise(self) -> float:
+        """How many times as much of the reflection's detail less noise would tell, infinite of photographs.
+
+        Of a mosaic's samples it may be that no noise hides what lies between them.
+        """
+        told, clearer = self.known.sampled.told_detail(), self.known.clearer
+        return math.inf if clearer is None or told <= 0 else clearer.told_detail() / told
 
     @property
     def misfit_of_noise(self) -> float:

@@ -229,6 +229,8 @@ class Solution:
         Mean squared residual in units of the noise, less what the unknowns take up.
     reflection_unknown : float
         Share of the reflection's detail that the photographs leave open, 0..1.
+    gain_of_less_noise : float
+        How many times as much of that detail a third of the noise would tell; infinite of photographs.
     variance : ndarray, shape (2,)
         That the noise leaves to a pixel of each layer, where the scene is known.
     pse : PSE or VaryingPSE
@@ -246,6 +248,7 @@ class Solution:
     solver: SolverResult
     misfit_ratio: float
     reflection_unknown: float
+    gain_of_less_noise: float
     variance: NDArray[np.float64]
     pse: PSE | VaryingPSE
     canvas: Canvas
@@ -425,6 +428,7 @@ def _solution_of(
         solver=replace(result, x=np.zeros(0, dtype=np.float32)),
         misfit_ratio=problem.misfit_ratio(terms["misfit"].value),
         reflection_unknown=unknown,
+        gain_of_less_noise=problem.gain_of_less_noise(),
         variance=problem.known.sampled.variance(),
         pse=problem.pse,
         canvas=problem.canvas,
@@ -587,6 +591,7 @@ def _merge(
         solver=_merge_results([solution.solver for solution in solutions]),
         misfit_ratio=float(mean @ [solution.misfit_ratio for solution in solutions]),
         reflection_unknown=float(mean @ [solution.reflection_unknown for solution in solutions]),
+        gain_of_less_noise=float(mean @ [solution.gain_of_less_noise for solution in solutions]),
         variance=mean @ [solution.variance for solution in solutions],
         pse=pse,
         canvas=frame,

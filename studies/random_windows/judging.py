@@ -41,6 +41,7 @@ def facts(row: Any) -> frozenset[str]:
         "POLARIZATION_DOUBTFUL": in_place and (row.screen > 0 or row.sky > 0),
         "REFLECTION_NOT_IDENTIFIABLE": row.detail < LITTLE_DETAIL,
         "NOISE_TOO_HIGH": row.noise > MUCH_NOISE or gain < LITTLE_GAIN_DB or row.known_detail < LITTLE_DETAIL,
+        "UNDERSAMPLED": gain < LITTLE_GAIN_DB or row.known_detail < LITTLE_DETAIL,
         "NO_POLARIZATION": gain < ADEQUATE_DB,
         "MODEL_DOES_NOT_EXPLAIN": none_of_ours,
         "MOVING": row.moving > 0,

@@ -32,6 +32,10 @@ LIMITS = {
     "light that is left": ("MODEL_DOES_NOT_EXPLAIN", "unexplained", 3.99, 4.01, {}),
     "an unknown reflection": ("REFLECTION_NOT_IDENTIFIABLE", "reflection_unknown", 0.859, 0.861, {}),
     "its noise": ("NOISE_TOO_HIGH", "reflection_unknown", 0.859, 0.861, {}),
+    "noise of samples": ("NOISE_TOO_HIGH", "gain_of_less_noise", 1.24, 1.26, {"reflection_unknown": 0.9}),
+    "samples that hide": ("UNDERSAMPLED", "gain_of_less_noise", 1.26, 1.24, {"reflection_unknown": 0.9}),
+    "their reflection": ("UNDERSAMPLED", "reflection_unknown", 0.859, 0.861, {"gain_of_less_noise": 1.0}),
+    "their transmission": ("UNDERSAMPLED", "noise_share", 0.419, 0.421, {"gain_of_less_noise": 1.0}),
     "noise of the transmission": ("NOISE_TOO_HIGH", "noise_share", 0.419, 0.421, {}),
     "an uncertain scene": (
         "SCENE_UNCERTAIN",
