@@ -105,6 +105,8 @@ class Taking:
         Photographs are encoded as ``I^(1/gamma)``.
     shift_px : float
         How far the second and fourth photograph lie from the others, in opposite directions.
+    turn_deg : float
+        How far they are turned about the middle, in opposite directions.
     defocus_px : float
         Standard deviation of a Gaussian by which the third photograph is less sharp than the others.
     parallax_px : float
@@ -144,6 +146,7 @@ class Taking:
     headroom: bool = False
     gamma: float = 1.0
     shift_px: float = 0.0
+    turn_deg: float = 0.0
     defocus_px: float = 0.0
     parallax_px: float = 0.0
     unglazed_side: float = 0.0
@@ -351,6 +354,7 @@ def _of_camera() -> Iterable[Scene]:
     frames = (0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25)
     yield from _along_taking("frame that shows no glass (sides)", frames, "unglazed_side")
     yield from _along_taking("error of the filter's angles (deg)", (0, 0.5, 1.0, 2.0, 5.0, 10.0), "angle_error_deg")
+    yield from _along_taking("turned photographs (deg)", (0, 0.03, 0.1, 0.3, 1.0, 2.0, 4.0), "turn_deg")
 
 
 def _special() -> Iterable[Scene]:

@@ -131,7 +131,7 @@ def facts(scene: Scene) -> frozenset[str]:
     """
     pane, taking = scene.pane, scene.taking
     polarized = pane.screen_dolp > 0 or pane.sky_dolp > 0
-    moved, encoded = 2 * taking.shift_px >= 0.5, taking.gamma != 1
+    moved, encoded = 2 * taking.shift_px >= 0.5 or taking.turn_deg > 0, taking.gamma != 1
     told_wrongly = "told" in scene.family and not scene.easy
     true = {
         "SATURATED": True,

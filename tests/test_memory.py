@@ -12,7 +12,7 @@ import pytest
 
 from polaropt.capture import Capture, polarization, read_capture, stokes_images, write_capture, write_picture
 from polaropt.capture import capture as capture_module
-from polaropt.capture.alignment import _aligned, _shifted_back, _turned_back
+from polaropt.capture.alignment import _aligned, _common_frame
 from polaropt.capture.registration import Motions
 from polaropt.numerics import BitMask, blocks, fill_gaps
 from polaropt.optics import SceneParameters
@@ -132,11 +132,11 @@ def test_moving_photographs_back_in_place_takes_a_few_planes(capture: Capture, n
     if turn_deg:
         cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
         motions.matrices[1] = [[cos, sin], [-sin, cos]]
-    put_back = (_turned_back if turn_deg else _shifted_back)(motions)
-    expected = _aligned(capture, motions, put_back, overwrite=False, tell=no_progress)
+    frame = _common_frame(motions, capture.shape[-2:])
+    expected = _aligned(capture, motions, frame, overwrite=False, tell=no_progress)
     apart = capture.replace(intensities=capture.intensities.copy(), valid=capture.valid.copy())
     with peak() as taken:
-        aligned = _aligned(apart, motions, put_back, overwrite=True, tell=no_progress)
+        aligned = _aligned(apart, motions, frame, overwrite=True, tell=no_progress)
         assert taken() < 6.5 * apart.intensities[0, 0].nbytes
     assert np.shares_memory(aligned.intensities, apart.intensities)
     np.testing.assert_array_equal(aligned.intensities, expected.intensities)

@@ -33,8 +33,10 @@ __all__ = [
     "PlateFrame",
     "RawSamples",
     "RegisteredCells",
+    "Shifts",
     "StokesImages",
     "Transfer",
+    "agree_as_wholes",
     "align",
     "angles_of",
     "blocks_of",
@@ -43,6 +45,7 @@ __all__ = [
     "closure_share",
     "encode_srgb",
     "exchanged_order",
+    "far_motions",
     "field_means",
     "find_mistakes",
     "fit_gamma",
@@ -54,9 +57,11 @@ __all__ = [
     "look_swapped_in_place",
     "low_pass",
     "match_photographs",
+    "may_lie_apart",
     "measured_noise",
     "mirrored_patterns",
     "mosaic_capture",
+    "moved_onto_first",
     "natural_law",
     "noise_classes",
     "noise_level",
@@ -78,6 +83,8 @@ __all__ = [
     "result_file",
     "result_folder",
     "sampling_of",
+    "shifts_in_the_middle",
+    "shown_by_all",
     "stokes_images",
     "swapped_photographs",
     "tiff_frames",
@@ -94,6 +101,8 @@ __all__ = [
 ]
 
 from .alignment import align as align
+from .alignment import moved_onto_first as moved_onto_first
+from .alignment import shown_by_all as shown_by_all
 from .capture import ANGLES_DEG as ANGLES_DEG
 from .capture import Capture as Capture
 from .capture import EncodingHint as EncodingHint
@@ -140,8 +149,12 @@ from .files.write import write_png as write_png
 from .files.write import write_png_view as write_png_view
 from .files.write import write_tiff as write_tiff
 from .matching.match import Matching as Matching
+from .matching.match import agree_as_wholes as agree_as_wholes
+from .matching.match import far_motions as far_motions
 from .matching.match import look_swapped_in_place as look_swapped_in_place
 from .matching.match import match_photographs as match_photographs
+from .matching.match import may_lie_apart as may_lie_apart
+from .matching.match import shifts_in_the_middle as shifts_in_the_middle
 from .matching.transfer import LayerShifts as LayerShifts
 from .matching.transfer import Transfer as Transfer
 from .mosaic import LEAST_STOKES_POWER as LEAST_STOKES_POWER
@@ -180,6 +193,7 @@ from .read import read_capture as read_capture
 from .reading.fields import field_means as field_means
 from .reading.frames import FrameReader as FrameReader
 from .reading.frames import mosaic_capture as mosaic_capture
+from .registration import Shifts as Shifts
 from .validity import MOST_NEGATIVE as MOST_NEGATIVE
 from .validity import SMALLEST_SIDE as SMALLEST_SIDE
 from .validity import FloatImages as FloatImages

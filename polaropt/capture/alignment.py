@@ -27,6 +27,7 @@ from polaropt.numerics import BitMask
 from polaropt.progress import Progress
 
 Mask = NDArray[np.bool_]
+Frame = tuple[slice, slice]
 Moved = Callable[[FloatImages, Mask, int], tuple[FloatImages, Mask]]
 """Puts a plane of photograph k and its valid pixels back; what touches invalid pixels is not valid."""
 # Fractions of the progress; set by hand.
@@ -85,13 +86,13 @@ def align(capture: Capture, *, overwrite: bool = False, progress: Progress | Non
     tell(_TURNS_MEASURED)
     if turns.certain:
         motions = turns.motions
-        aligned = _aligned(capture, motions, _turned_back(motions), overwrite, tell)
+        aligned = _aligned(capture, motions, _common_frame(motions, capture.shape[-2:]), overwrite, tell)
         rotations, scales = tuple(map(float, motions.rotations_deg)), tuple(map(float, motions.scales))
         return _with_motions(aligned, motions.offsets, turns.error, rotations, scales)
     if not shifts.certain:
         return capture
     motions = Motions.of_shifts(shifts.pixels)
-    aligned = _aligned(capture, motions, _shifted_back(motions), overwrite, tell)
+    aligned = _aligned(capture, motions, _common_frame(motions, capture.shape[-2:]), overwrite, tell)
     return _with_motions(aligned, shifts.pixels, shifts.error)
 
 
@@ -110,16 +111,36 @@ def _with_motions(
     )
 
 
+def moved_onto_first(capture: Capture, motions: Motions) -> Capture:
+    """Photographs put back in the frame of the first one; what one of them does not show is not valid in it.
+
+    Parameters
+    ----------
+    capture : Capture
+    motions : Motions
+        From the middle of its frame.
+    """
+    height, width = capture.shape[-2:]
+    return _aligned(capture, motions, np.s_[0:height, 0:width], False, lambda _: None)
+
+
+def shown_by_all(motions: Motions, shape: tuple[int, ...]) -> Mask:
+    """Pixels (h, w) of a rectangle in the first photograph's frame that all photographs show."""
+    shown = np.zeros(shape[-2:], dtype=np.bool_)
+    shown[_common_frame(motions, shape[-2:])] = True
+    return shown
+
+
 def _aligned(
-    capture: Capture, motions: Motions, moved_back: Moved, overwrite: bool, tell: Callable[[float], None]
+    capture: Capture, motions: Motions, frame: Frame, overwrite: bool, tell: Callable[[float], None]
 ) -> Capture:
-    """The frame that all photographs show, those that moved put back."""
-    frame = _common_frame(motions, capture.shape[-2:])
+    """Rows and columns of the first photograph's frame, those that moved put back."""
+    moved_back = _turned_back(motions) if motions.turned else _shifted_back(motions)
     shape = (*capture.intensities.shape[:-2], *(lines.stop - lines.start for lines in frame))
     images = _room(capture.intensities, shape, overwrite)
     valid = BitMask.empty(shape)
     for k, photograph in enumerate(capture.intensities):
-        moved = motions.offsets[k].any() or (motions.matrices[k] != np.eye(2)).any()
+        moved = motions.offsets[k].any() or bool((motions.matrices[k] != np.eye(2)).any())
         # Overshoot at clipped pixels and at dark edges; what noise has left below black stays there.
         bounds = min(0.9 * MOST_NEGATIVE, float(photograph.min())), max(1.0, float(photograph.max()))
         for plane in np.ndindex(photograph.shape[:-2]):
@@ -141,12 +162,8 @@ def _room(array: NDArray[Any], shape: tuple[int, ...], overwrite: bool) -> NDArr
     return array.reshape(-1)[: math.prod(shape)].reshape(shape) if overwrite else np.empty(shape, array.dtype)
 
 
-def _common_frame(motions: Motions, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Rows and columns that all photographs show once they are moved back.
-
-    Keeping the rest as not valid costs 4 dB of the reflection everywhere: pixels that two or three photographs show are
-    no better than a guess, and the strength of the priors is measured on them, too.
-    """
+def _common_frame(motions: Motions, shape: tuple[int, ...]) -> Frame:
+    """Rows and columns that all photographs show once they are moved back."""
     places = motions.displacements(corners(shape))
     farthest = float(np.linalg.norm(places, axis=-1).max())
     # Displacements are linear over the frame: those of an edge lie between those of its ends.
@@ -164,8 +181,8 @@ def _shifted_back(motions: Motions) -> Moved:
 
     def moved(plane: FloatImages, valid: Mask, k: int) -> tuple[FloatImages, Mask]:
         back = -motions.offsets[k]
-        # First, so that one plane's shares are gone when the other is moved.
-        whole = shift(valid.astype(np.float32), back, order=1, mode="nearest") > WHOLE
+        # First, so that one plane's shares are gone when the other is moved; nothing is valid beyond the edges.
+        whole = shift(valid.astype(np.float32), back, order=1) > WHOLE
         return _fourier_moved(plane, back), whole
 
     return moved

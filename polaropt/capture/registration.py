@@ -70,6 +70,11 @@ class Motions:
         more = np.stack([np.stack([1 + growth, turn], -1), np.stack([-turn, 1 + growth], -1)], -2)
         return Motions(self.matrices @ more, offsets)
 
+    @property
+    def turned(self) -> bool:
+        """Whether any is turned or scaled, not only shifted."""
+        return bool((self.matrices != np.eye(2)).any())
+
     def magnified(self, factor: float) -> Motions:
         """The same in pixels that are smaller by a factor."""
         return Motions(self.matrices, self.offsets * factor)
@@ -442,6 +447,8 @@ _SMALLEST_PX = 64
 """Least side of the coarsest photographs; set by hand."""
 _BLOCKS = (8, 4, 2)
 """Sides of the blocks of which coarser photographs are made: a turn moves the corners of the first by few pixels."""
+_GLANCED_AT = (2, 4)
+"""Sides of the blocks in which turns are looked for at first; set by hand, for the time it takes."""
 
 
 @dataclass(frozen=True)
@@ -510,6 +517,24 @@ def measure_turns(capture: Capture, shifts: Shifts) -> Turns:
     sides = capture.shape[-2:]
     looked_at = np.array([(lines.start + lines.stop - side) / 2 for lines, side in zip(part, sides, strict=True)])
     return Turns(motions.about(-looked_at), error, at_corners, better)
+
+
+def turns_show(capture: Capture, shifts: Shifts) -> bool:
+    """Whether photographs, moved back by the best shifts alone, look turned or scaled, to first order.
+
+    A look at coarser photographs of the middle of large frames, far cheaper than `measure_turns`, which tells.
+    """
+    images, valid = luminance(capture.part(*_evenly(middle_part(capture.shape, _LOOKED_AT_PX), capture.shape)))
+    offsets = shifts.pixels if shifts.certain else np.zeros_like(shifts.pixels)
+    for block in _GLANCED_AT:
+        level = _level(images, valid, block)
+        bands, common = level.moved(Motions.of_shifts(offsets / block))
+        if np.count_nonzero(common) < FEWEST_PIXELS:
+            continue
+        step = fit_small_motions(products(bands, common, SHIFTS_AND_TURNS), n_motions=SHIFTS_AND_TURNS)
+        if block * float(np.abs(step.pixels[:, SHIFTS:]).max()) > max(block * _SURE * step.error, _NEGLIGIBLE_PX):
+            return True
+    return False
 
 
 def _started(level: _Level, shifts: Matrix) -> Motions:

@@ -257,9 +257,9 @@ class LadderOptions:
         bool,
         typer.Option(
             metavar="",
-            help="Photographs that lie up to 24 pixels beside each other, in which both layers have moved by "
-            "themselves (a camera held by hand), or that are not equally sharp or exposed, are made to agree before "
-            "anything else, and it is said.",
+            help="Photographs that are shifted (up to 128 pixels), turned or scaled against each other, in which both "
+            "layers have moved by themselves (a camera held by hand), or that are not equally sharp or exposed, are "
+            "made to agree before anything else, and it is said.",
             rich_help_panel=_FILES,
         ),
     ] = True

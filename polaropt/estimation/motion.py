@@ -20,13 +20,20 @@ from polaropt.capture import (
     Matching,
     Mistakes,
     NoiseModel,
+    Shifts,
+    agree_as_wholes,
     blocks_of,
+    far_motions,
     find_mistakes,
     look_swapped_in_place,
     match_photographs,
+    may_lie_apart,
     measured_noise,
+    moved_onto_first,
     noise_of_blocks,
     redundancy_residual,
+    shifts_in_the_middle,
+    shown_by_all,
 )
 from polaropt.numerics import MAD_TO_SIGMA, block_mean, spread_blocks, strips
 from polaropt.optics import analyzer_matrix
@@ -152,9 +159,33 @@ def agreeing_photographs(
     What moves is seen by each photograph elsewhere, and stays as each saw it, unless both layers have moved: then that
     may have been all that moved. Photographs in a wrong order agree only once they are in the right one.
     """
+    if not may_lie_apart(still.capture, still.noise):
+        return capture, still, None
+    shifts = shifts_in_the_middle(still.capture)
+    motions = far_motions(still.capture, shifts)
+    if motions is None:
+        return _agreeing_nearby(capture, still, shifts)
+    # What lay apart passed for what moves, for noise and for a wrong order.
+    laid = moved_onto_first(capture, motions)
+    if not agree_as_wholes(still.capture, laid):
+        return _agreeing_nearby(capture, still, shifts)
+    still = still_photographs(laid)
+    laid, still, matching = _agreeing_nearby(laid, still, shifts_in_the_middle(still.capture))
+    still = replace(still, valid_share=_valid_share(capture, still.moving))
+    matching = matching or Matching.of_none(laid)
+    # At the edges three photographs tell a pane less exactly than four do elsewhere.
+    of_scene = matching.of_scene
+    of_scene = of_scene.replace(valid=of_scene.valid & shown_by_all(motions, laid.shape))
+    return laid, still, replace(matching, of_scene=of_scene, motions=motions)
+
+
+def _agreeing_nearby(
+    capture: Capture, still: StillPhotographs, shifts: Shifts
+) -> tuple[Capture, StillPhotographs, Matching | None]:
+    """`agreeing_photographs` of such as lie a few pixels apart, with `shifts_in_the_middle` of what stands still."""
     if still.mistakes.swapped and look_swapped_in_place(still.capture):
         return capture, still, None
-    matching = match_photographs(still.capture, still.noise)
+    matching = match_photographs(still.capture, still.noise, shifts)
     if matching is None:
         return capture, still, None
     if still.moving is not None and matching.transfer.layers is not None:

@@ -115,12 +115,16 @@ def capture_report(capture: Capture) -> dict[str, Any]:
 def matching_report(matching: Matching) -> dict[str, Any]:
     """How far each photograph, or each layer in it, lay beside the first, and how much less sharp it was, in pixels.
 
-    And how long it was exposed, in units of the first one's exposure; null where that was not looked for, or alike.
+    Turns (degrees, clockwise as seen) and scales are about the middle of the frame; null where there are none. And how
+    long each was exposed, in units of the first one's exposure; null where that was not looked for, or alike.
     """
-    transfer, exposures = matching.transfer, matching.exposures
+    transfer, motions, exposures = matching.transfer, matching.motions, matching.exposures
     layers = transfer.layers
+    turned = motions is not None and motions.turned
     return {
-        "shifts_px": json_values(transfer.shifts_px),
+        "shifts_px": json_values(transfer.shifts_px if motions is None else transfer.shifts_px + motions.offsets),
+        "rotations_deg": json_values(motions.rotations_deg) if motions is not None and turned else None,
+        "scales": json_values(motions.scales) if motions is not None and turned else None,
         "layer_shifts_px": None if layers is None else dict(zip(LAYERS, json_values(layers.shifts_px), strict=True)),
         "blurs_px": json_values(transfer.blurs_px),
         "exposures": [round(each / exposures[0], _EXPOSURE_DIGITS) for each in exposures] or None,

@@ -341,8 +341,9 @@ def _position(it: Inspection) -> Finding:
         return Finding("position")
     return Finding(
         "position",
-        attention=f"photographs look shifted against each other, by about {it.visible_shift_px:.1f} px; up to 24 "
-        "they are moved back when they are separated, beyond read them with align.",
+        attention=f"photographs look shifted or turned against each other, by about {it.visible_shift_px:.1f} px; "
+        "up to 128, and a quarter of the shorter side, they are moved back when they are separated, beyond read them "
+        "with align.",
     )
 
 
@@ -611,6 +612,10 @@ def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
     if matching is None:
         return []
     told = []
+    if matching["rotations_deg"] is not None:
+        turn = max(map(abs, matching["rotations_deg"]))
+        growth = max(abs(100 * (scale - 1)) for scale in matching["scales"])
+        told.append(f"turned back onto the first by up to {turn:.2g} degrees and scaled by up to {growth:.2g} %")
     if matching["layer_shifts_px"] is not None:
         told.append(
             "moved onto the first, each layer by itself, as a camera held by hand sees them: "

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -18,8 +19,8 @@ from polaropt.capture.matching.parallax import ParallaxFit
 from polaropt.capture.matching.restoration import FOR_SCENE, restored
 from polaropt.capture.matching.spectra import DetailSpectra, detail_spectra, polarized_axis
 from polaropt.capture.matching.transfer import Transfer
-from polaropt.capture.noise import LEAST_NOISE
-from polaropt.capture.registration import measure_shifts
+from polaropt.capture.noise import LEAST_NOISE, noise_level
+from polaropt.capture.registration import Motions, Shifts, corners, measure_shifts, measure_turns, turns_show
 from polaropt.numerics import middle_part
 
 _LOOKED_AT_PX = 512
@@ -27,11 +28,15 @@ _LOOKED_AT_PX = 512
 _SURE = 5.0
 """Standard errors that a shift must be larger than to be undone without being asked to: of 192 random windows one, in
 strong noise, had a shift of three. By trial."""
-_MOST_PX, _MOST_OF_FRAME = 24.0, 1 / 8
-"""Distance between two photographs up to which they are moved without being asked to, and the part of the frame's
-shorter side that it may be: what one of them does not show at the edges is not valid in it. Set by hand; of 240 random
-windows (`studies.random_windows`, even seeds from 930000), whose photographs lie in place, none is measured to lie by
-more than 0.3 px beside the first."""
+_MOST_OF_FRAME = 1 / 4
+"""Distance between two photographs, as a part of the shorter side of the frame and of what is looked at, up to which
+they are moved without being asked to: what one of them does not show at the edges is not valid in it. Set by hand; of
+240 random windows (`studies.random_windows`, even seeds from 930000), whose photographs lie in place, none is measured
+to lie by more than 0.3 px beside the first."""
+_FAR_PX = 1.0
+"""Distance between two photographs from which on turns are measured without a glance; set by hand."""
+_MOST_IN_TILES_PX = 24.0
+"""Distance up to which shifts are undone with all else, in tiles that have 32 pixels around them. Set by hand."""
 _MOST_BLUR_PX = 5.0
 """Widest blur that is undone: tiles are restored with 32 pixels around them. Set by hand."""
 _MOST_BESIDE = 0.2
@@ -53,6 +58,10 @@ far show what others do not. Set by hand."""
 _LEAST_MIRRORED = -0.15
 """Degree of polarization of what is mirrored, across the plane of incidence, from which on it is that of a pane: where
 another reason makes two layers look as if they had moved, they come out as alike as they are let. By trial."""
+_LEFT_BY_MOTIONS, _HARDLY_ANY = 0.5, 0.2
+"""Part of what no two pictures in place explain, beyond noise, that is left at most where motions of whole photographs
+are why, and what of it hardly tells, in units of the noise. Set by hand: turns of half a degree to five leave 0.01 of
+it, mistaken shifts 0.7."""
 _MOST_OF_LAYERS_PX = 8.0
 """Shift of a layer that is undone at most: tiles are restored with 32 pixels around them. Set by hand."""
 
@@ -83,6 +92,9 @@ class Matching:
     of_scene: Capture
     noise: float | None = None
     exposures: tuple[float, ...] = ()
+    motions: Motions | None = None
+    """What was undone before all else, from the middle of the frame: turns, scales, and shifts of more than 24 pixels;
+    None where there were none."""
 
     @classmethod
     def of_none(cls, capture: Capture) -> Matching:
@@ -106,7 +118,67 @@ class Matching:
         return replace(told, transfer=Transfer.of_layers(layers.seen_by(azimuth_deg)))
 
 
-def match_photographs(capture: Capture, noise: float) -> Matching | None:
+def far_motions(capture: Capture, shifts: Shifts) -> Motions | None:
+    """How photographs are turned and scaled against each other, or shifted by more than 24 pixels.
+
+    Parameters
+    ----------
+    capture : Capture
+        No mosaic.
+    shifts : Shifts
+        `shifts_in_the_middle` of it.
+
+    Returns
+    -------
+    Motions or None
+        From the middle of the frame. None where they are not surely so, and where they lie so far apart that too little
+        would be left.
+    """
+    motions = None
+    # Far turns hide from a glance, but most shift the middle, too.
+    if (shifts.certain and shifts.largest > _FAR_PX) or turns_show(capture, shifts):
+        turns = measure_turns(capture, shifts)
+        motions = turns.motions if turns.better and turns.at_corners > _SURE * turns.error else None
+    if motions is None and _believed(shifts) and shifts.largest > _MOST_IN_TILES_PX:
+        motions = Motions.of_shifts(shifts.pixels)
+    if motions is None:
+        return None
+    places = motions.displacements(corners(capture.shape))
+    apart = max(float(np.linalg.norm(a - b, axis=-1).max()) for a, b in combinations(places, 2))
+    return motions if apart <= _MOST_OF_FRAME * min(capture.shape[-2:]) else None
+
+
+def agree_as_wholes(capture: Capture, laid: Capture) -> bool:
+    """Whether motions of whole photographs are why they did not agree.
+
+    Far ones may be mistaken, and layers that moved by themselves, of which one shows here and one there, look turned.
+
+    Parameters
+    ----------
+    capture, laid : Capture
+        Before and after they were undone. Three photographs do not tell.
+    """
+    if len(capture.angles_deg) == 3:
+        return True
+    noise = max(noise_level(laid), _LEAST_NOISE_OF_PHOTOGRAPHS)
+    before, after = (detail_spectra(one, noise) for one in (capture, laid))
+    if before is None or after is None:
+        return noise_level(laid) <= noise_level(capture)
+    azimuth, _ = polarized_axis(laid)
+    fit, left = ParallaxFit(before, azimuth), ParallaxFit(after, azimuth).besides_two()
+    explained = left - 1 <= _LEFT_BY_MOTIONS * max(fit.besides_two() - 1, _HARDLY_ANY)
+    return explained and left < fit.found()[1]
+
+
+def may_lie_apart(capture: Capture, noise: float) -> bool:
+    """Whether photographs were taken one after the other, not all at once by a mosaic, nor computed.
+
+    What leaves no noise that could be measured was computed, and its rounding tells nothing.
+    """
+    return capture.cells is None and not capture.of_mosaic and noise > LEAST_NOISE
+
+
+def match_photographs(capture: Capture, noise: float, shifts: Shifts | None = None) -> Matching | None:
     """Move photographs, or both layers of them, by a few pixels onto the first one, and make them equally sharp.
 
     Parameters
@@ -114,6 +186,8 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
     capture : Capture
     noise : float
         Standard deviation of one photograph's noise.
+    shifts : Shifts, optional
+        `shifts_in_the_middle` of it, where they are at hand.
 
     Returns
     -------
@@ -122,11 +196,10 @@ def match_photographs(capture: Capture, noise: float) -> Matching | None:
         them is less sharp, nor where each shows both layers.
     """
     count = len(capture.angles_deg)
-    # What leaves no noise that could be measured was computed, and its rounding tells nothing.
-    if capture.cells is not None or capture.of_mosaic or noise <= LEAST_NOISE:
+    if not may_lie_apart(capture, noise):
         return None
     quiet, noise = noise < _LEAST_NOISE_OF_PHOTOGRAPHS, max(noise, _LEAST_NOISE_OF_PHOTOGRAPHS)
-    moved = _moved(capture)
+    moved = _moved(capture, shifts or shifts_in_the_middle(capture))
     in_place = restored(capture, moved) if moved.moves else capture
     detail = detail_spectra(in_place, noise) if count > 3 else None
     if detail is None:
@@ -162,16 +235,25 @@ def look_swapped_in_place(capture: Capture) -> bool:
     A pixel or two between them can break the closure as an exchange of two of them does.
     """
     middle = capture.part(*middle_part(capture.shape, _LOOKED_AT_PX))
-    moved = _moved(middle)
+    moved = _moved(middle, shifts_in_the_middle(middle))
     return bool(swapped_photographs(restored(middle, moved) if moved.moves else middle))
 
 
-def _moved(capture: Capture) -> Transfer:
+def shifts_in_the_middle(capture: Capture) -> Shifts:
+    """Shifts of photographs as a whole, as the middle of large ones tells them."""
+    return measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
+
+
+def _moved(capture: Capture, shifts: Shifts) -> Transfer:
     """Surely measured shifts of photographs as a whole, none where they lie too far apart."""
-    shifts = measure_shifts(capture.part(*middle_part(capture.shape, _LOOKED_AT_PX)))
-    most = min(_MOST_PX, _MOST_OF_FRAME * min(capture.shape[-2:]))
-    believed = shifts.certain and _SURE * shifts.error < shifts.largest <= most
+    most = min(_MOST_IN_TILES_PX, _MOST_OF_FRAME * min(capture.shape[-2:]))
+    believed = _believed(shifts) and shifts.largest <= most
     return Transfer.of_shifts(shifts.pixels if believed else np.zeros((len(capture.angles_deg), 2)))
+
+
+def _believed(shifts: Shifts) -> bool:
+    near = shifts.largest <= _MOST_OF_FRAME * _LOOKED_AT_PX
+    return shifts.certain and near and shifts.largest > _SURE * shifts.error
 
 
 def _with_blurs(moved: Transfer, in_place: DetailSpectra, azimuth_deg: float) -> tuple[Transfer, float] | None:
