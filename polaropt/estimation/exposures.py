@@ -59,9 +59,14 @@ _PARTS = 12
 _SURE, _LEAST, _MOST = 5.0, 1e-3, 0.1
 """Standard errors by which photographs must not add up, and the least and greatest ratio that is looked for. Set by
 hand: less costs no layer a tenth of a dB, and more has another reason."""
+_SEEN = 3.0
+"""Standard errors by which they must not add up where what is polarized across surely tells exposures. Set by hand."""
 _MOST_ACROSS = 3.0
 """Light polarized across, in units of what does not add up, up to which exposures are the reason, by chance in 85 of
 100; with more the light mostly arrives polarized. So it is where the rung for that is tried."""
+_LITTLE_ACROSS = 0.005
+"""Share of light polarized across up to which exposures are the reason anyway: a screen, or the sky, leaves so little
+only where its light stands within a degree or two of the plane of incidence, or across. Set by hand."""
 _MOST_LEFT = 0.15
 """Part of the light polarized across, beyond its noise, that may be left. Set by hand."""
 _STEP_DEG, _REACH_DEG, _FINE_STEP_DEG = 1.0, 12.0, 0.05
@@ -220,16 +225,23 @@ def _seen(capture: Capture) -> _Seen | None:
         alike = blocks / relative[:, None]
         light, polarized, between, azimuth = _polarized(alike, angles)
         ratio, error = _in_proportion(signs @ alike, light, polarized)
-        if not total and abs(ratio) < max(_LEAST, _SURE * error):
-            return None
+        if not total and not _tell(ratio, error):
+            seen = abs(ratio) > _SEEN * error
+            if not seen or not _tell(*_in_proportion(between, light, polarized)):
+                return None
         total += ratio
         across += float(between @ light / (light @ light))
         relative = np.exp(signs * total / 2) * _exposed(angles, azimuth, across=across)
-    if max(abs(total), abs(across)) > _MOST or abs(across) > _MOST_ACROSS * abs(total):
+    if max(abs(total), abs(across)) > _MOST or abs(across) > max(_MOST_ACROSS * abs(total), _LITTLE_ACROSS):
         return None
     # A ratio of sums has twice the variance of one of differences.
     square = (total**2 + 2 * across**2) / 4
     return _Seen(tuple(relative.tolist()), azimuth, math.sqrt(_EXPECTED * square))
+
+
+def _tell(ratio: float, error: float) -> bool:
+    """Whether a ratio is surely there, and does harm."""
+    return abs(ratio) > max(_LEAST, _SURE * error)
 
 
 def _polarized(blocks: Values, angles_deg: Sequence[float]) -> tuple[Values, Values, Values, float]:

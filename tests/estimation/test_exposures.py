@@ -115,6 +115,25 @@ def test_an_incidence_that_is_told_wrongly_is_no_exposure() -> None:
     assert np.std(np.log(found.relative)) < 0.02
 
 
+def exposed_across(apart: float, across: float) -> tuple[float, ...]:
+    """Exposures by which photographs do not add up, and leave light polarized across, by shares of the light."""
+    twice = 2 * np.radians(np.array(ANGLES) - 25.0)
+    return tuple(np.exp(0.5 * apart * np.array([1, -1, 1, -1]) + across * np.sin(twice)).tolist())
+
+
+def test_little_light_across_is_of_exposures_where_photographs_do_not_add_up() -> None:
+    exposures = exposed_across(8e-4, 0.004)
+    found = uneven_exposures(taken(exposures), BLIND, NOISE)
+    assert found is not None
+    np.testing.assert_allclose(found.relative, relative(exposures), atol=3e-3)
+    assert SeparationWarning.POLARIZED_SOURCE not in separated(exposures).diagnostics.warnings
+
+
+@pytest.mark.parametrize(("apart", "across"), [(0.0, 0.004), (8e-4, 0.008)])
+def test_light_across_that_they_hardly_explain_is_left_to_its_rung(apart: float, across: float) -> None:
+    assert uneven_exposures(taken(exposed_across(apart, across)), BLIND, NOISE) is None
+
+
 def test_light_that_is_polarized_beside_them_is_left_to_its_rung() -> None:
     lit = PANE.replace(reflection_polarization=(0.6, 10.0))
     assert uneven_exposures(taken(EXPOSURES, lit), BLIND, NOISE) is None
