@@ -57,6 +57,22 @@ def test_far_motions_are_found_to_a_tenth_of_a_pixel_at_the_corners(which: str) 
     np.testing.assert_allclose(found.displacements(at), example.motions.displacements(at), atol=0.1)
 
 
+@pytest.mark.parametrize(
+    ("n", "scene"),
+    [(3, {"angles_deg": (0.0, 60.0, 120.0)}), (4, {"focal_px": 250.0})],
+    ids=["three photographs", "a wide lens"],
+)
+def test_they_are_put_back_at_other_angles_and_before_a_wide_lens(n: int, scene: dict[str, object]) -> None:
+    hand = Motions(HAND.matrices[:n], HAND.offsets[:n])
+    capture = turned_blend(50, SIDE, hand, rim=40, **scene).capture
+    _, still, matching = agreeing_photographs(capture, still_photographs(capture))
+    assert matching is not None
+    assert matching.motions is not None
+    at = corners(capture.shape)
+    np.testing.assert_allclose(matching.motions.displacements(at), hand.displacements(at), atol=0.15)
+    assert not still.mistakes.moved
+
+
 def test_photographs_that_lie_in_place_or_a_little_beside_each_other_are_not_turned() -> None:
     assert motions_of(taken("still").capture) is None
     assert motions_of(blend(40, 128, noise=0.02).capture) is None

@@ -58,10 +58,9 @@ far show what others do not. Set by hand."""
 _LEAST_MIRRORED = -0.15
 """Degree of polarization of what is mirrored, across the plane of incidence, from which on it is that of a pane: where
 another reason makes two layers look as if they had moved, they come out as alike as they are let. By trial."""
-_LEFT_BY_MOTIONS, _HARDLY_ANY = 0.5, 0.2
-"""Part of what no two pictures in place explain, beyond noise, that is left at most where motions of whole photographs
-are why, and what of it hardly tells, in units of the noise. Set by hand: turns of half a degree to five leave 0.01 of
-it, mistaken shifts 0.7."""
+_AS_GOOD = 1.1
+"""What motions of whole photographs may leave, in units of what layers that move by themselves do, before and after
+these were undone. Set by hand: of turned photographs 0.97 to 1.03, of layers that moved 10 and more."""
 _MOST_OF_LAYERS_PX = 8.0
 """Shift of a layer that is undone at most: tiles are restored with 32 pixels around them. Set by hand."""
 
@@ -165,9 +164,10 @@ def agree_as_wholes(capture: Capture, laid: Capture) -> bool:
     if before is None or after is None:
         return noise_level(laid) <= noise_level(capture)
     azimuth, _ = polarized_axis(laid)
-    fit, left = ParallaxFit(before, azimuth), ParallaxFit(after, azimuth).besides_two()
-    explained = left - 1 <= _LEFT_BY_MOTIONS * max(fit.besides_two() - 1, _HARDLY_ANY)
-    return explained and left < fit.found()[1]
+    as_it_was, in_place = ParallaxFit(before, azimuth), ParallaxFit(after, azimuth)
+    # A wide lens, or a bent pane, leaves more than noise, wherever photographs lie.
+    by_layers = min(as_it_was.found()[1], in_place.found()[1])
+    return in_place.besides_two() <= _AS_GOOD * by_layers
 
 
 def may_lie_apart(capture: Capture, noise: float) -> bool:
