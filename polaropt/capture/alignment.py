@@ -84,15 +84,19 @@ def align(capture: Capture, *, overwrite: bool = False, progress: Progress | Non
     tell(_SHIFTS_MEASURED)
     turns = measure_turns(capture, shifts)
     tell(_TURNS_MEASURED)
+
+    def tell_moved(fraction: float) -> None:
+        tell(_TURNS_MEASURED + (1 - _TURNS_MEASURED) * fraction)
+
     if turns.certain:
         motions = turns.motions
-        aligned = _aligned(capture, motions, _common_frame(motions, capture.shape[-2:]), overwrite, tell)
+        aligned = _aligned(capture, motions, _common_frame(motions, capture.shape[-2:]), overwrite, tell_moved)
         rotations, scales = tuple(map(float, motions.rotations_deg)), tuple(map(float, motions.scales))
         return _with_motions(aligned, motions.offsets, turns.error, rotations, scales)
     if not shifts.certain:
         return capture
     motions = Motions.of_shifts(shifts.pixels)
-    aligned = _aligned(capture, motions, _common_frame(motions, capture.shape[-2:]), overwrite, tell)
+    aligned = _aligned(capture, motions, _common_frame(motions, capture.shape[-2:]), overwrite, tell_moved)
     return _with_motions(aligned, shifts.pixels, shifts.error)
 
 
@@ -111,7 +115,7 @@ def _with_motions(
     )
 
 
-def moved_onto_first(capture: Capture, motions: Motions) -> Capture:
+def moved_onto_first(capture: Capture, motions: Motions, tell: Callable[[float], None] | None = None) -> Capture:
     """Photographs put back in the frame of the first one; what one of them does not show is not valid in it.
 
     Parameters
@@ -119,9 +123,11 @@ def moved_onto_first(capture: Capture, motions: Motions) -> Capture:
     capture : Capture
     motions : Motions
         From the middle of its frame.
+    tell : callable, optional
+        Called with the fraction done, 0..1.
     """
     height, width = capture.shape[-2:]
-    return _aligned(capture, motions, np.s_[0:height, 0:width], False, lambda _: None)
+    return _aligned(capture, motions, np.s_[0:height, 0:width], False, tell or (lambda _: None))
 
 
 def shown_by_all(motions: Motions, shape: tuple[int, ...]) -> Mask:
@@ -150,7 +156,7 @@ def _aligned(
                 np.clip(image, *bounds, out=image)
             images[k, *plane] = image[frame]
             valid.keep((k, *plane), kept[frame])
-        tell(_TURNS_MEASURED + (1 - _TURNS_MEASURED) * (k + 1) / len(capture.intensities))
+        tell((k + 1) / len(capture.intensities))
     return Capture.of_planes(images, capture.angles_deg, valid, capture.origin)
 
 

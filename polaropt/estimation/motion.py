@@ -8,7 +8,7 @@ light and photographs that do not lie quite on each other explain, something has
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -152,12 +152,13 @@ def still_photographs(capture: Capture) -> StillPhotographs:
 
 
 def agreeing_photographs(
-    capture: Capture, still: StillPhotographs
+    capture: Capture, still: StillPhotographs, tell: Callable[[float], None] | None = None
 ) -> tuple[Capture, StillPhotographs, Matching | None]:
     """Photographs made to agree by what stands still, and what stands still of them; all as it was where they do.
 
     What moves is seen by each photograph elsewhere, and stays as each saw it, unless both layers have moved: then that
-    may have been all that moved. Photographs in a wrong order agree only once they are in the right one.
+    may have been all that moved. Photographs in a wrong order agree only once they are in the right one. `tell`, where
+    it is given, is called with the fraction done, 0..1, as photographs are put back.
     """
     if not may_lie_apart(still.capture, still.noise):
         return capture, still, None
@@ -166,7 +167,7 @@ def agreeing_photographs(
     if motions is None:
         return _agreeing_nearby(capture, still, shifts)
     # What lay apart passed for what moves, for noise and for a wrong order.
-    laid = moved_onto_first(capture, motions)
+    laid = moved_onto_first(capture, motions, tell)
     if not agree_as_wholes(still.capture, laid):
         return _agreeing_nearby(capture, still, shifts)
     still = still_photographs(laid)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Matching, Mistakes, registered_noise
+from polaropt.capture import Capture, Matching, Mistakes, may_lie_apart, registered_noise
 from polaropt.estimation import (
     Exposures,
     IndexFit,
@@ -41,6 +41,8 @@ from polaropt.solving import Settings, edges_of_layers, inpainted
 # the frame, quantization) is taken for other rungs. By trial on random windows without noise (`studies.random_windows`,
 # training photographs, numbers from 20000): scenes told 1e-3 are found as they are with that noise.
 _LEAST_NOISE_OF_SCENE = 1e-3
+# How far a separation has come when its noise is measured, and its photographs agree; set by hand, for the progress.
+_NOISE_MEASURED, _MATCHED = 0.005, 0.02
 # How far the estimation has come, in parts of the whole separation, for the progress alone: set by hand.
 _INDEX_KNOWN, _INCIDENCE_CHECKED, _SCENE_FOUND, _INDEX_CHECKED = 0.02, 0.05, 0.15, 0.2
 
@@ -129,19 +131,11 @@ def case_of(
     scene_errors : SceneErrors, optional
         Standard errors of a scene that is complete; of one that is found its own count.
     """
-    stages.begin("Measuring the noise", 0.0)
-    still, matching = still_photographs(capture), None
-    exposures: Exposures | None = None
-    if settings.match_photographs:
-        capture, still, matching = agreeing_photographs(capture, still)
-        exposures = _exposures_of(still, matching, asked, settings)
-    if exposures is not None:
-        still, matching = exposures.undone(still, Matching.of_none(capture) if matching is None else matching)
-        capture = matching.capture
+    capture, still, matching, exposures = _agreeing(capture, asked, settings, stages)
     noise, mistakes = max(still.noise, _LEAST_NOISE_OF_SCENE), still.mistakes
     # A scene is estimated from the cells of a mosaic, in their pixels.
     of_scene, scale = still.capture if matching is None else still.seen(matching.of_scene), capture.scale
-    stages.begin("Estimating the scene", 0.02)
+    stages.begin("Estimating the scene", _MATCHED)
     of_registered = max(registered_noise(capture, noise), _LEAST_NOISE_OF_SCENE)
     unglazed = unglazed_pixels(of_scene, noise, still.growth) if settings.leave_out_unglazed else None
     of_scene = of_scene if unglazed is None else of_scene.left_out(unglazed)
@@ -220,6 +214,26 @@ def case_of(
         unglazed=unglazed,
         given_errors=None if found.estimate is not None else scene_errors,
     )
+
+
+def _agreeing(
+    capture: Capture, asked: SceneParameters, settings: Settings, stages: Stages
+) -> tuple[Capture, StillPhotographs, Matching | None, Exposures | None]:
+    """Photographs made to agree, what stands still of them, what was undone, and exposures that were divided out."""
+    stages.begin("Measuring the noise", 0.0)
+    still = still_photographs(capture)
+    if not settings.match_photographs:
+        return capture, still, None, None
+    if may_lie_apart(still.capture, still.noise):
+        stages.begin("Matching the photographs", _NOISE_MEASURED)
+    capture, still, matching = agreeing_photographs(
+        capture, still, lambda fraction: stages.advance((_MATCHED - _NOISE_MEASURED) * fraction)
+    )
+    exposures = _exposures_of(still, matching, asked, settings)
+    if exposures is not None:
+        still, matching = exposures.undone(still, Matching.of_none(capture) if matching is None else matching)
+        capture = matching.capture
+    return capture, still, matching, exposures
 
 
 def _exposures_of(
