@@ -603,8 +603,8 @@ def time_sentence(seconds: Mapping[str, float]) -> str:
     return f"{total:.1f} s altogether: {', '.join(f'{name.lower()} {value:.1f}' for name, value in notable)}."
 
 
-# Shifts and blurs below which nobody asks, in pixels; set by hand.
-_SAID_PX = 0.02
+# Shifts and blurs below which nobody asks, in pixels, and growth; set by hand.
+_SAID_PX, _SAID_PERCENT = 0.02, 0.01
 
 
 def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
@@ -615,7 +615,8 @@ def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
     if matching["rotations_deg"] is not None:
         turn = max(map(abs, matching["rotations_deg"]))
         growth = max(abs(100 * (scale - 1)) for scale in matching["scales"])
-        told.append(f"turned back onto the first by up to {turn:.2g} degrees and scaled by up to {growth:.2g} %")
+        scaled = f" and scaled by up to {growth:.2g} %" if growth > _SAID_PERCENT else ""
+        told.append(f"turned back onto the first by up to {turn:.2g} degrees{scaled}")
     if matching["layer_shifts_px"] is not None:
         told.append(
             "moved onto the first, each layer by itself, as a camera held by hand sees them: "

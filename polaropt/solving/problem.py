@@ -475,12 +475,16 @@ class Problem:
 
     def unknown_detail(self) -> float:
         """Share of the reflection's detail, what is finer than about 5 px, that remains open, 0..1."""
-        of_form = self.known.sampled.unknown_detail(self.canvas.crop(self.known.layers[1]))
+        share = 0.0 if self.capture.samples is None else _OF_FORM
         if self.expected is None:
-            return of_form
-        layers = self.expected.in_colors(self.known.basis)
-        of_windows = self.expected.unknown_detail(self.canvas.crop(layers[1]), self.canvas.shape[1])
-        return of_windows if self.capture.samples is None else _OF_FORM * of_form + (1 - _OF_FORM) * of_windows
+            share, of_windows = 1.0, 0.0
+        else:
+            layers = self.expected.in_colors(self.known.basis)
+            of_windows = self.expected.unknown_detail(self.canvas.crop(layers[1]), self.canvas.shape[1])
+        if not share:
+            return of_windows
+        of_form = self.known.sampled.unknown_detail(self.canvas.crop(self.known.layers[1]))
+        return share * of_form + (1 - share) * of_windows
 
     def gain_of_less_noise(self) -> float:
         """How many times as much of the reflection's detail less noise would tell, infinite of photographs.

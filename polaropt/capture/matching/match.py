@@ -84,6 +84,9 @@ class Matching:
         made of each other say less of it than there is. None where they tell it themselves.
     exposures : tuple of float
         How long each was exposed, relative to their geometric mean, which was divided out; empty where nothing was.
+    motions : Motions or None
+        What was undone before all else, from the middle of the frame: turns, scales, and shifts of more than 24 pixels;
+        None where there were none.
     """
 
     capture: Capture
@@ -92,8 +95,6 @@ class Matching:
     noise: float | None = None
     exposures: tuple[float, ...] = ()
     motions: Motions | None = None
-    """What was undone before all else, from the middle of the frame: turns, scales, and shifts of more than 24 pixels;
-    None where there were none."""
 
     @classmethod
     def of_none(cls, capture: Capture) -> Matching:
