@@ -148,29 +148,46 @@ def _pair_slope(blocks: Floats, pairs: tuple[tuple[int, int], tuple[int, int]]) 
     sums, blocks = [total[bright] for total in sums], blocks[:, bright]
     first, second = ((blocks[a] - blocks[b]) / total for (a, b), total in zip(pairs, sums, strict=True))
     # An exposure of its own in each photograph makes the ratio follow the contrasts themselves.
-    columns = np.stack([first**2 - second**2, first, second, np.ones_like(first)], axis=1)
-    weights, error = _robust_regression(columns, np.log(sums[1] / sums[0]), expected=(np.inf, *_EXPOSURES, np.inf))
+    nothing = np.zeros_like(first)
+    columns = np.stack([first**2 - second**2, first, second, nothing + 1], axis=1)
+    # The same noise is in the sums and in the contrasts: where both pairs are about as strongly polarized, that alone
+    # makes the ratio follow.
+    shared = np.stack([first**2 + second**2, first / 2, -second / 2, nothing], axis=1)
+    ratios = np.log(sums[1] / sums[0])
+    weights, error = _robust_regression(columns, ratios, (np.inf, *_EXPOSURES, np.inf), shared)
     return float(weights[0]), error
 
 
-def _robust_regression(columns: Floats, values: Floats, expected: tuple[float, ...]) -> tuple[Floats, float]:
+def _robust_regression(
+    columns: Floats, values: Floats, expected: tuple[float, ...], shared: Floats
+) -> tuple[Floats, float]:
     """Least squares without outliers beyond 3 robust deviations, and the first coefficient's standard error.
 
-    `expected` holds how large each coefficient may be expected to be (a Gaussian prior).
+    Parameters
+    ----------
+    columns : ndarray, shape (n, k)
+    values : ndarray, shape (n,)
+    expected : tuple of k floats
+        How large each coefficient may be expected to be (a Gaussian prior).
+    shared : ndarray, shape (n, k)
+        Covariance of the noise of values and columns, in units of the variance of the values' noise.
     """
     kept = np.ones(values.shape, dtype=bool)
     weights: Floats = np.zeros(columns.shape[1])
     error = np.inf
     variance = float(np.var(values))
+    squares = np.zeros_like(values)
     for _ in range(5):
         used = columns[kept]
         normal = used.T @ used / max(variance, 1e-12) + np.diag([size**-2 for size in expected])
         if np.linalg.cond(normal) > 1e12:
             return weights, np.inf
-        weights = np.linalg.solve(normal, used.T @ values[kept] / max(variance, 1e-12))
+        of_noise = shared[kept].T @ squares[kept]
+        weights = np.linalg.solve(normal, (used.T @ values[kept] - of_noise) / max(variance, 1e-12))
         error = float(np.sqrt(np.linalg.inv(normal)[0, 0]))
         residual = values - columns @ weights
-        variance = float(np.mean(residual[kept] ** 2))
+        squares = residual**2
+        variance = float(np.mean(squares[kept]))
         kept = np.abs(residual) <= _OUTLIERS * max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), 1e-9)
     return weights, error
 

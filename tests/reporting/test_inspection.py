@@ -73,6 +73,19 @@ def test_a_gain_is_not_taken_for_gamma():
     assert not fit_gamma(Capture(images)).encoded
 
 
+def test_noise_that_sums_and_contrasts_share_looks_like_no_encoding():
+    """Where both pairs are as strongly polarized nothing else makes them differ."""
+    angles = np.radians([0, 45, 90, 135])[:, None, None]
+    exponents = []
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        light, contrast = (block.repeat(8, 0).repeat(8, 1) for block in random.uniform(0.1, 0.6, (2, 32, 32)))
+        polarized = 1 + (0.25 + 0.1 * contrast) * np.cos(2 * angles - np.pi / 4)
+        seen = light / 2 * polarized + random.normal(0, 0.01, (4, 256, 256))
+        exponents.append(fit_gamma(Capture(seen.astype(np.float32))).exponent)
+    assert np.mean(exponents) == pytest.approx(1, abs=0.25)
+
+
 def test_unpolarized_light_tells_no_gamma():
     flat = np.repeat(scene_intensities((128, 128))[:1], 4, axis=0)
     images = flat + 0.005 * np.random.default_rng(0).standard_normal(flat.shape)
