@@ -32,8 +32,10 @@ _FEWEST_BLOCKS, _ENOUGH_BLOCKS = 50, 3000
 """Blocks of 8x8 pixels: fewer tell nothing, more only cost time."""
 _CERTAIN = 0.15
 """Standard error of an exponent that means something, relative to it."""
-_SURE_GAMMA, _LIKELY_GAMMA = 10.5, 6.0
-"""Standard errors from 1 at which an exponent accuses: blocks are no independent samples, three are far too few."""
+_SURE_GAMMA, _LIKELY_GAMMA = 8.0, 6.0
+"""Standard errors from 1 at which an exponent accuses: blocks are no independent samples, three are far too few. Of 300
+linear captures of training photographs (25 to 78 degrees, noise 0.5 and 2 %, exposures off by 1 %, angles by 1 and 2
+degrees) none lies beyond 6, of 60 encoded ones 51 beyond 8."""
 _EXPOSURES = (0.02, 0.02)
 """Differences in exposure between the photographs of a pair that may be expected, as logarithms."""
 _LINEAR = (0.75, 1.3)
