@@ -146,7 +146,7 @@ def _aligned(
     images = _room(capture.intensities, shape, overwrite)
     valid = BitMask.empty(shape)
     for k, photograph in enumerate(capture.intensities):
-        moved = motions.offsets[k].any() or bool((motions.matrices[k] != np.eye(2)).any())
+        moved = motions.offsets[k].any() or (motions.matrices[k] != np.eye(2)).any()
         # Overshoot at clipped pixels and at dark edges; what noise has left below black stays there.
         bounds = min(0.9 * MOST_NEGATIVE, float(photograph.min())), max(1.0, float(photograph.max()))
         for plane in np.ndindex(photograph.shape[:-2]):

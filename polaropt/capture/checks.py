@@ -150,11 +150,10 @@ def _pair_slope(blocks: Floats, pairs: tuple[tuple[int, int], tuple[int, int]]) 
     sums, blocks = [total[bright] for total in sums], blocks[:, bright]
     first, second = ((blocks[a] - blocks[b]) / total for (a, b), total in zip(pairs, sums, strict=True))
     # An exposure of its own in each photograph makes the ratio follow the contrasts themselves.
-    nothing = np.zeros_like(first)
-    columns = np.stack([first**2 - second**2, first, second, nothing + 1], axis=1)
+    columns = np.stack([first**2 - second**2, first, second, np.ones_like(first)], axis=1)
     # The same noise is in the sums and in the contrasts: where both pairs are about as strongly polarized, that alone
     # makes the ratio follow.
-    shared = np.stack([first**2 + second**2, first / 2, -second / 2, nothing], axis=1)
+    shared = np.stack([first**2 + second**2, first / 2, -second / 2, np.zeros_like(first)], axis=1)
     ratios = np.log(sums[1] / sums[0])
     weights, error = _robust_regression(columns, ratios, (np.inf, *_EXPOSURES, np.inf), shared)
     return float(weights[0]), error

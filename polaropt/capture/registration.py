@@ -98,6 +98,11 @@ class Motions:
         turned = np.matmul(points, np.swapaxes(self.matrices - np.eye(2), 1, 2))
         return np.asarray(turned + self.offsets[:, None], dtype=np.float64)
 
+    def apart_at_corners(self, shape: tuple[int, ...]) -> float:
+        """Largest distance between where two photographs hold a corner of a frame (..., h, w), in pixels."""
+        places = self.displacements(corners(shape))
+        return float(max(np.linalg.norm(a - b, axis=-1).max() for a, b in combinations(places, 2)))
+
 
 def corners(shape: tuple[int, ...]) -> Matrix:
     """Corners of a frame (..., h, w) from its middle: top left, top right, bottom left, bottom right, (4, 2)."""
@@ -512,8 +517,7 @@ def measure_turns(capture: Capture, shifts: Shifts) -> Turns:
     levels = [_level(images, valid, block) for block in blocks]
     motions, error = _climbed_up(levels, _started(levels[0], shifts.pixels / blocks[0]))
     better = _gain(levels[-1], Motions.of_shifts(shifts.pixels), motions) > 0
-    turned = Motions(motions.matrices, np.zeros_like(motions.offsets)).displacements(corners(images.shape))
-    at_corners = float(max(np.linalg.norm(a - b, axis=1).max() for a in turned for b in turned))
+    at_corners = Motions(motions.matrices, np.zeros_like(motions.offsets)).apart_at_corners(images.shape)
     sides = capture.shape[-2:]
     looked_at = np.array([(lines.start + lines.stop - side) / 2 for lines, side in zip(part, sides, strict=True)])
     return Turns(motions.about(-looked_at), error, at_corners, better)

@@ -225,10 +225,9 @@ def _seen(capture: Capture) -> _Seen | None:
         alike = blocks / relative[:, None]
         light, polarized, between, azimuth = _polarized(alike, angles)
         ratio, error = _in_proportion(signs @ alike, light, polarized)
-        if not total and not _tell(ratio, error):
-            seen = abs(ratio) > _SEEN * error
-            if not seen or not _tell(*_in_proportion(between, light, polarized)):
-                return None
+        seen = abs(ratio) > _SEEN * error
+        if not (total or _tell(ratio, error) or (seen and _tell(*_in_proportion(between, light, polarized)))):
+            return None
         total += ratio
         across += float(between @ light / (light @ light))
         relative = np.exp(signs * total / 2) * _exposed(angles, azimuth, across=across)

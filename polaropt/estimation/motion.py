@@ -184,7 +184,7 @@ def _agreeing_nearby(
     capture: Capture, still: StillPhotographs, shifts: Shifts
 ) -> tuple[Capture, StillPhotographs, Matching | None]:
     """`agreeing_photographs` of such as lie a few pixels apart, with `shifts_in_the_middle` of what stands still."""
-    if still.mistakes.swapped and look_swapped_in_place(still.capture):
+    if still.mistakes.swapped and look_swapped_in_place(still.capture, shifts):
         return capture, still, None
     matching = match_photographs(still.capture, still.noise, shifts)
     if matching is None:

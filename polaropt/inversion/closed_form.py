@@ -6,6 +6,7 @@ themselves estimated (expectation maximization), each colour of an opponent basi
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -61,8 +62,9 @@ class ClosedForm:
         That the photographs leave to a pixel of each layer.
     sampled : Knowledge
         The same at a sample of the frequencies.
-    clearer : Knowledge or None
-        The same of a third of the noise, of a mosaic, whose samples leave detail open themselves; None of photographs.
+    gain_of_less_noise : float
+        How many times as much of the reflection's detail a third of the noise would tell. Samples of a mosaic leave
+        detail open themselves; infinite of photographs.
     """
 
     layers: Images
@@ -75,7 +77,7 @@ class ClosedForm:
     unknown_edges: NDArray[np.float64]
     variance: NDArray[np.float64]
     sampled: Knowledge
-    clearer: Knowledge | None = None
+    gain_of_less_noise: float = math.inf
 
     def thinned(self, share: float) -> ClosedForm:
         """The same layers, of which only a share of the photographs' values tell."""

@@ -6,6 +6,7 @@ small system in the samples. Under Gaussian layers whose spectra are fitted to t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -78,7 +79,9 @@ def mosaic_layers(capture: Capture, pse: PSE, canvas: Canvas, noise: float) -> C
     equations = NormalEquations(of_frequency.told, of_frequency.cross, np.empty(0, np.complex64))
     closed = knowledge_of(equations, fitted, bands, mean, basis)
     layers += in_basis(basis.T.astype(np.float32), mean, np)
-    return replace(closed, layers=layers, sampled=known, clearer=clearer)
+    told = known.told_detail()
+    gain = clearer.told_detail() / told if told > 0 else math.inf
+    return replace(closed, layers=layers, sampled=known, gain_of_less_noise=gain)
 
 
 class _Mixture:

@@ -443,12 +443,13 @@ def _of_geometry_and_noise(
     incidence = None if scene is None or not polarized else scene.incidence_deg
     frontal = incidence is not None and incidence < _FRONTAL_DEG
     unseen, noisy = polarized and reflection_unknown > _UNKNOWN_REFLECTION, noise_share > _MUCH_NOISE
+    # Where the pane is oblique enough noise alone can hide the reflection, or what a mosaic does not sample.
+    hidden = (unseen and not frontal) or noisy
     return {
         SeparationWarning.NEAR_NORMAL: frontal and (unseen or noisy or loses),
         SeparationWarning.GRAZING: incidence is not None and incidence > _GRAZING_DEG and (noisy or loses),
-        # Where the pane is oblique enough noise alone can hide the reflection, or what a mosaic does not sample.
-        SeparationWarning.NOISE_TOO_HIGH: noise_hides and ((unseen and not frontal) or noisy),
-        SeparationWarning.UNDERSAMPLED: not noise_hides and ((unseen and not frontal) or noisy),
+        SeparationWarning.NOISE_TOO_HIGH: hidden and noise_hides,
+        SeparationWarning.UNDERSAMPLED: hidden and not noise_hides,
     }
 
 

@@ -120,11 +120,11 @@ def matching_report(matching: Matching) -> dict[str, Any]:
     """
     transfer, motions, exposures = matching.transfer, matching.motions, matching.exposures
     layers = transfer.layers
-    turned = motions is not None and motions.turned
+    turned = motions if motions is not None and motions.turned else None
     return {
         "shifts_px": json_values(transfer.shifts_px if motions is None else transfer.shifts_px + motions.offsets),
-        "rotations_deg": json_values(motions.rotations_deg) if motions is not None and turned else None,
-        "scales": json_values(motions.scales) if motions is not None and turned else None,
+        "rotations_deg": None if turned is None else json_values(turned.rotations_deg),
+        "scales": None if turned is None else json_values(turned.scales),
         "layer_shifts_px": None if layers is None else dict(zip(LAYERS, json_values(layers.shifts_px), strict=True)),
         "blurs_px": json_values(transfer.blurs_px),
         "exposures": [round(each / exposures[0], _EXPOSURE_DIGITS) for each in exposures] or None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -475,24 +474,17 @@ class Problem:
 
     def unknown_detail(self) -> float:
         """Share of the reflection's detail, what is finer than about 5 px, that remains open, 0..1."""
-        share = 0.0 if self.capture.samples is None else _OF_FORM
         if self.expected is None:
-            share, of_windows = 1.0, 0.0
-        else:
-            layers = self.expected.in_colors(self.known.basis)
-            of_windows = self.expected.unknown_detail(self.canvas.crop(layers[1]), self.canvas.shape[1])
-        if not share:
-            return of_windows
-        of_form = self.known.sampled.unknown_detail(self.canvas.crop(self.known.layers[1]))
-        return share * of_form + (1 - share) * of_windows
+            return self._unknown_by_form()
+        layers = self.expected.in_colors(self.known.basis)
+        by_windows = self.expected.unknown_detail(self.canvas.crop(layers[1]), self.canvas.shape[1])
+        if self.capture.samples is None:
+            return by_windows
+        return _OF_FORM * self._unknown_by_form() + (1 - _OF_FORM) * by_windows
 
-    def gain_of_less_noise(self) -> float:
-        """How many times as much of the reflection's detail less noise would tell, infinite of photographs.
-
-        Of a mosaic's samples it may be that no noise hides what lies between them.
-        """
-        told, clearer = self.known.sampled.told_detail(), self.known.clearer
-        return math.inf if clearer is None or told <= 0 else clearer.told_detail() / told
+    def _unknown_by_form(self) -> float:
+        """The same as the closed form has it."""
+        return self.known.sampled.unknown_detail(self.canvas.crop(self.known.layers[1]))
 
     @property
     def misfit_of_noise(self) -> float:

@@ -428,7 +428,7 @@ def _solution_of(
         solver=replace(result, x=np.zeros(0, dtype=np.float32)),
         misfit_ratio=problem.misfit_ratio(terms["misfit"].value),
         reflection_unknown=unknown,
-        gain_of_less_noise=problem.gain_of_less_noise(),
+        gain_of_less_noise=problem.known.gain_of_less_noise,
         variance=problem.known.sampled.variance(),
         pse=problem.pse,
         canvas=problem.canvas,

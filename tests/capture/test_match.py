@@ -9,7 +9,13 @@ import pytest
 from scipy.ndimage import fourier_gaussian, fourier_shift
 
 from polaropt import Capture, SceneParameters, Separation, SeparationWarning, separate, simulate
-from polaropt.capture import Matching, find_mistakes, look_swapped_in_place, match_photographs
+from polaropt.capture import (
+    Matching,
+    find_mistakes,
+    look_swapped_in_place,
+    match_photographs,
+    shifts_in_the_middle,
+)
 from polaropt.cli.app import main
 from polaropt.reporting import inspect_capture
 from polaropt.simulation.metrics import psnr_db
@@ -183,7 +189,7 @@ def test_shifts_that_break_the_closure_as_an_exchange_would_are_undone_and_no_fi
     shifts, scene = np.array([[0.0, 0.0], [0.2, 1.6], [0.0, 0.1], [0.1, 1.5]]), SCENE.replace(incidence_deg=40.0)
     capture, layers = taken(shifts, scene=scene)
     assert find_mistakes(capture).swapped
-    assert not look_swapped_in_place(capture)
+    assert not look_swapped_in_place(capture, shifts_in_the_middle(capture))
     result = separate(capture, scene)
     assert result.matching is not None
     np.testing.assert_allclose(result.matching.transfer.shifts_px, shifts, atol=0.03)
@@ -197,6 +203,6 @@ def test_photographs_in_a_wrong_order_that_lie_beside_each_other_are_still_calle
     shifts = np.array([[0.0, 0.0], [0.3, -0.2], [0.2, 0.4], [0.0, 0.3]])
     capture = taken(shifts)[0]
     wrong = capture.replace(intensities=capture.intensities[[0, 2, 1, 3]])
-    assert look_swapped_in_place(wrong)
+    assert look_swapped_in_place(wrong, shifts_in_the_middle(wrong))
     assert separate(wrong, SCENE).matching is None
     assert inspect_capture(wrong).swapped_deg

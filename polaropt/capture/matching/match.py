@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from polaropt.capture.matching.restoration import FOR_SCENE, restored
 from polaropt.capture.matching.spectra import DetailSpectra, detail_spectra, polarized_axis
 from polaropt.capture.matching.transfer import Transfer
 from polaropt.capture.noise import LEAST_NOISE, noise_level
-from polaropt.capture.registration import Motions, Shifts, corners, measure_shifts, measure_turns, turns_show
+from polaropt.capture.registration import Motions, Shifts, measure_shifts, measure_turns, turns_show
 from polaropt.numerics import middle_part
 
 _LOOKED_AT_PX = 512
@@ -141,11 +140,9 @@ def far_motions(capture: Capture, shifts: Shifts) -> Motions | None:
         motions = turns.motions if turns.better and turns.at_corners > _SURE * turns.error else None
     if motions is None and _believed(shifts) and shifts.largest > _MOST_IN_TILES_PX:
         motions = Motions.of_shifts(shifts.pixels)
-    if motions is None:
+    if motions is None or motions.apart_at_corners(capture.shape) > _MOST_OF_FRAME * min(capture.shape[-2:]):
         return None
-    places = motions.displacements(corners(capture.shape))
-    apart = max(float(np.linalg.norm(a - b, axis=-1).max()) for a, b in combinations(places, 2))
-    return motions if apart <= _MOST_OF_FRAME * min(capture.shape[-2:]) else None
+    return motions
 
 
 def agree_as_wholes(capture: Capture, laid: Capture) -> bool:
@@ -160,10 +157,10 @@ def agree_as_wholes(capture: Capture, laid: Capture) -> bool:
     """
     if len(capture.angles_deg) == 3:
         return True
-    noise = max(noise_level(laid), _LEAST_NOISE_OF_PHOTOGRAPHS)
-    before, after = (detail_spectra(one, noise) for one in (capture, laid))
+    noise = noise_level(laid)
+    before, after = (detail_spectra(one, max(noise, _LEAST_NOISE_OF_PHOTOGRAPHS)) for one in (capture, laid))
     if before is None or after is None:
-        return noise_level(laid) <= noise_level(capture)
+        return noise <= noise_level(capture)
     azimuth, _ = polarized_axis(laid)
     as_it_was, in_place = ParallaxFit(before, azimuth), ParallaxFit(after, azimuth)
     # A wide lens, or a bent pane, leaves more than noise, wherever photographs lie.
@@ -230,13 +227,14 @@ def match_photographs(capture: Capture, noise: float, shifts: Shifts | None = No
     return Matching(restored(capture, transfer, detail), transfer, of_scene, noise)
 
 
-def look_swapped_in_place(capture: Capture) -> bool:
+def look_swapped_in_place(capture: Capture, shifts: Shifts) -> bool:
     """Whether photographs look as if they were in a wrong order once they are moved onto the first one, too.
 
-    A pixel or two between them can break the closure as an exchange of two of them does.
+    A pixel or two between them can break the closure as an exchange of two of them does. The shifts are
+    `shifts_in_the_middle` of them.
     """
     middle = capture.part(*middle_part(capture.shape, _LOOKED_AT_PX))
-    moved = _moved(middle, shifts_in_the_middle(middle))
+    moved = _moved(middle, shifts)
     return bool(swapped_photographs(restored(middle, moved) if moved.moves else middle))
 
 
