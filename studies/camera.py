@@ -180,7 +180,7 @@ def photograph(
     gains = np.reshape(taking.gains, (-1, 1, 1, 1)).astype(np.float32)
     moved = _turned(_moved(photographs * (exposure * gains), taking.shift_px), taking.turn_deg)
     photographs = _defocused(moved, taking.defocus_px)
-    light = pair.cropped(photographs + _deviation(photographs, taking) * noise.standard_normal(photographs.shape))
+    light = pair.cropped(photographs + _deviation(photographs, taking) * _drawn(photographs.shape, taking, noise))
     seen_through = np.array([scene.tint, 1], dtype=np.float32)[:, None, None, None]
     layers = pair.cropped(layers) * (exposure * seen_through)
     if taking.gamma != 1:
@@ -196,6 +196,17 @@ def photograph(
     if taking.headroom:
         capture = Capture.of_planes(np.where(capture.valid, seen, light), ANGLES_DEG, np.ones_like(capture.valid))
     return Sample(capture, layers, scene, hint, unclipped)
+
+
+def _drawn(shape: tuple[int, ...], taking: Taking, noise: np.random.Generator) -> Images:
+    """Noise of unit variance in each value."""
+    from scipy.ndimage import gaussian_filter
+
+    drawn = noise.standard_normal(shape)
+    if not taking.noise_blur_px:
+        return drawn
+    drawn = gaussian_filter(drawn, taking.noise_blur_px, axes=(-2, -1), mode="wrap")
+    return drawn / np.sqrt(np.mean(drawn**2))
 
 
 def _deviation(photographs: Images, taking: Taking) -> float | Images:

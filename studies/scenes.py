@@ -136,6 +136,9 @@ class Taking:
         Standard deviation of what the camera's lens makes of a point; the true layers are as it images them.
     shot_noise : float
         Growth of the noise with the light: its variance is ``noise^2 + shot_noise * light``.
+    noise_blur_px : float
+        Standard deviation of the Gaussian that makes neighbours' noise alike, as demosaicking or resizing does; it is
+        as strong in each pixel as without.
     """
 
     noise: float = NOISE
@@ -161,6 +164,7 @@ class Taking:
     sensor: Sensor = ""
     lens_blur_px: float = 0.0
     shot_noise: float = 0.0
+    noise_blur_px: float = 0.0
 
     @property
     def noise_at_white(self) -> float:
@@ -355,6 +359,7 @@ def _of_camera() -> Iterable[Scene]:
     yield from _along_taking("frame that shows no glass (sides)", frames, "unglazed_side")
     yield from _along_taking("error of the filter's angles (deg)", (0, 0.5, 1.0, 2.0, 5.0, 10.0), "angle_error_deg")
     yield from _along_taking("turned photographs (deg)", (0, 0.03, 0.1, 0.3, 1.0, 2.0, 4.0), "turn_deg")
+    yield from _along_taking("noise alike in neighbours (px)", (0, 0.35, 0.5, 0.7, 1.0, 1.5), "noise_blur_px")
 
 
 def _special() -> Iterable[Scene]:

@@ -29,6 +29,7 @@ __all__ = [
     "Mistakes",
     "NoiseClasses",
     "NoiseModel",
+    "NoiseSpectrum",
     "Origin",
     "PlateFrame",
     "RawSamples",
@@ -43,6 +44,7 @@ __all__ = [
     "check_angles",
     "check_capture",
     "closure_share",
+    "correlated_noise",
     "encode_srgb",
     "exchanged_order",
     "far_motions",
@@ -177,6 +179,8 @@ from .noise import noise_classes as noise_classes
 from .noise import noise_level as noise_level
 from .noise import noise_of_blocks as noise_of_blocks
 from .noise import registered_noise as registered_noise
+from .noise_spectrum import NoiseSpectrum as NoiseSpectrum
+from .noise_spectrum import correlated_noise as correlated_noise
 from .pair_gain import PLAUSIBLE_GAIN as PLAUSIBLE_GAIN
 from .pair_gain import closure_share as closure_share
 from .pair_gain import orthogonal_pairs as orthogonal_pairs

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture, RawSamples, RegisteredCells
+from polaropt.capture.noise_spectrum import correlated_noise, lost_by_jpeg
 from polaropt.capture.pair_gain import (
     BLOCK,
     Change,
@@ -23,6 +24,7 @@ from polaropt.capture.pair_gain import (
     trusted_blocks,
 )
 from polaropt.numerics import (
+    ROUNDED,
     AnyMask,
     block_mean,
     quantization_step,
@@ -37,8 +39,6 @@ _ENOUGH_SAMPLES, _FEWEST_SAMPLES = 1000, 100
 """Pixels that the noise is measured on: away from clipped ones if there are so many, else any that are not clipped."""
 _PILE = 5e-4
 """Share of the values at the lowest one from which on they are clipped there; by trial."""
-ROUNDED = 0.5
-"""Noise in steps of the grey levels, below which it is rounding, which does not look normal; by trial."""
 _BEYOND_ROUNDING = 1.0
 """Noise in steps of the grey levels, from which on neighbours are hardly equal in all photographs by chance: in four of
 them with a step of noise one pixel in 160 is."""
@@ -72,11 +72,6 @@ class Redundancy:
     intensity: NDArray[np.float32]
 
 
-_LOST_BY_JPEG = 0.7
-"""Error of a JPEG in units of what rounding its coefficients may leave at most: 0.6 to 1.3 at quality 92, 0.3 to 0.8 at
-75 on three photographs."""
-
-
 def noise_level(capture: Capture, redundant: Redundancy | None = None) -> float:
     """Standard deviation of the noise of one photograph (white = 1), quantization included.
 
@@ -100,9 +95,7 @@ def noise_level(capture: Capture, redundant: Redundancy | None = None) -> float:
         spread = _noise_of_three_photographs(capture, step)
     else:
         spread = robust_spread((redundant or redundancy(capture)).residual, step / 2)
-    jpeg = None if capture.origin is None else capture.origin.jpeg
-    lost = 0.0 if jpeg is None else _LOST_BY_JPEG * jpeg.step
-    return float(max(LEAST_NOISE, spread, step / np.sqrt(12), lost))
+    return float(max(LEAST_NOISE, spread, step / np.sqrt(12), lost_by_jpeg(capture)))
 
 
 _ALIASES = 2.0
@@ -218,8 +211,9 @@ def redundancy(capture: Capture) -> Redundancy:
 def noise_of_blocks(capture: Capture, noise: float) -> float:
     """Noise of a pixel, were it white, that leaves means of blocks as uncertain as they are.
 
-    Where grey levels are coarser than the noise, the rounding errors of neighbours are alike, and their mean hardly
-    falls with their number. Elsewhere this is the noise itself.
+    Where neighbours' noise is alike, as of photographs that were demosaicked, or where grey levels are coarser than the
+    noise and neighbours' rounding errors are alike, their mean hardly falls with their number. Elsewhere this is the
+    noise itself.
 
     Parameters
     ----------
@@ -227,6 +221,9 @@ def noise_of_blocks(capture: Capture, noise: float) -> float:
     noise : float
         `noise_level` of the capture.
     """
+    spectrum = correlated_noise(capture, noise)
+    if spectrum is not None:
+        return noise * spectrum.slow
     if len(capture.angles_deg) == 3 or noise >= ROUNDED * quantization_step(capture.intensities):
         return noise
     without_gain = _gain_remover(capture.intensities, capture.angles_deg, capture.mask)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from polaropt.capture import MOST_NEGATIVE, Capture, Mistakes, align, noise_level, noise_of_blocks
+from polaropt.capture import MOST_NEGATIVE, Capture, Mistakes, align, correlated_noise, noise_level, noise_of_blocks
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.estimation.flat.window import MOST_FOUND
@@ -46,6 +46,9 @@ def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> tuple[Ca
     """
     source = mended(capture, mistakes)
     noise = noise if source is capture else noise_level(source)
+    spectrum = correlated_noise(source, noise)
+    if spectrum is not None:
+        return spectrum.whitened(source), noise * spectrum.slow
     return source, noise_of_blocks(source, noise)
 
 

@@ -106,9 +106,9 @@ class Knowledge:
         apart = 2 * (1 - j0(np.sqrt(self.squared_frequency) * distances[:, None]))
         return np.asarray(self.prior.mean(axis=1) @ (apart * self.share).T)
 
-    def told_by(self, precision: float) -> Knowledge:
-        """With photographs that tell so many times as much."""
-        told, cross = np.float32(precision) * self.told, np.float32(precision**2) * self.cross
+    def told_by(self, precision: float | Power) -> Knowledge:
+        """With photographs that tell so many times as much, at each frequency (n,) or at all."""
+        told, cross = np.float32(precision) * self.told, np.float32(precision) ** 2 * self.cross
         return replace(self, told=told, cross=cross)
 
     def allowed(self) -> Knowledge:

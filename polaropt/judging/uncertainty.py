@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, NoiseModel, noise_classes
+from polaropt.capture import Capture, NoiseModel, NoiseSpectrum, correlated_noise, noise_classes
 from polaropt.inversion import FEWEST_TOLD, SCALES, Knowledge, filled_smoothly, variance_table, worth_filling
 from polaropt.judging.precision import LEAST, local_precision
 from polaropt.numerics import enlarged, give_back_freed, middle_part, strips
@@ -262,7 +262,7 @@ def estimate_uncertainty(
         Called with the fraction done, 0..1.
     """
     colors, (height, width) = layers.shape[1], layers.shape[-2:]
-    pieces = _as_told_by_samples(capture, noise, pieces)
+    pieces = _as_told_by_noise(capture, noise, pieces)
     doubtful = doubts(pieces[0].pse.scene, of_scene, rivals)
     blocks = _Blocks.of(capture, noise, doubtful, growth) if doubtful else None
     done = 0.0
@@ -298,17 +298,28 @@ def estimate_uncertainty(
         total = [plane[end - top :] for plane in total]
 
 
-def _as_told_by_samples(capture: Capture, noise: float, pieces: Sequence[Piece]) -> Sequence[Piece]:
-    """Pieces whose layers are known as well as samples of this noise tell them.
+def _as_told_by_noise(capture: Capture, noise: float, pieces: Sequence[Piece]) -> Sequence[Piece]:
+    """Pieces whose layers are known as well as samples of this noise, or photographs of such noise, tell them.
 
     The photographs that a filter makes of a mosaic's samples have less noise, but what is slow, of which most of the
     layers' errors are, has that of the samples. Where detail that aliases is most of it, it is found at edges.
+
+    Where neighbours' noise is alike, slow changes are less well known than the solve takes them to be, and fine detail
+    no better: it is smoothed for noise that it does not have.
     """
+    spectrum = correlated_noise(capture, noise)
+    if spectrum is not None:
+        return [replace(piece, known=piece.known.told_by(_precision(spectrum, piece.known))) for piece in pieces]
     filtered = None if capture.origin is None else capture.origin.filtered_noise
     if filtered is None:
         return pieces
     precision = min(filtered / noise, 1 / _OF_FILTERED) ** 2
     return [replace(piece, known=piece.known.told_by(precision)) for piece in pieces]
+
+
+def _precision(spectrum: NoiseSpectrum, known: Knowledge) -> Images:
+    """What photographs with such noise tell at each frequency, in units of what they would if it were white."""
+    return np.float32(1) / np.maximum(1, spectrum.at(known.squared_frequency / 4)).astype(np.float32) ** 2
 
 
 def _continued(rows: Images, n: int) -> Images:

@@ -5,6 +5,7 @@ __all__ = [
     "MAD_TO_SIGMA",
     "MUCH_VALUES",
     "NATURAL_POWER_LAW",
+    "ROUNDED",
     "AliasGroups",
     "AnyMask",
     "Basis",
@@ -99,6 +100,7 @@ from .minima import local_minimum as local_minimum
 from .minima import vertex as vertex
 from .periodic import turn_between as turn_between
 from .robust import MAD_TO_SIGMA as MAD_TO_SIGMA
+from .robust import ROUNDED as ROUNDED
 from .robust import quantization_step as quantization_step
 from .robust import quietest_combination as quietest_combination
 from .robust import robust_spread as robust_spread

@@ -13,6 +13,10 @@ _COARSEST_STEP, _FEWEST_LEVELS = 1 / 14, 8
 """Grids of fewer levels than those of 4 bits (15 steps) are taken for scenes of few values; set by hand."""
 
 
+ROUNDED = 0.5
+"""Noise in steps of the grey levels, below which it is rounding, which does not look normal; by trial."""
+
+
 def quantization_step(intensities: NDArray[np.float32]) -> float:
     """Distance of the grey levels (white = 1), 0 for values that lie on no grid."""
     levels = np.unique(intensities[0].ravel()[:: max(1, intensities[0].size // _SAMPLE)])

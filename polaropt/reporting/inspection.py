@@ -16,6 +16,7 @@ from polaropt.capture import (
     JpegFacts,
     NoiseModel,
     Origin,
+    correlated_noise,
     exchanged_order,
     fit_gamma,
     grey_levels,
@@ -71,6 +72,9 @@ class Inspection:
         level is hardly above it.
     noise : float
         Standard deviation of the noise of one photograph (white = 1).
+    slow_noise : float
+        How many times as noisy slow changes are as if the noise of each pixel were its own: 1 of white noise, more
+        where photographs were demosaicked, resized or smoothed.
     pair_gain : float or None
         Gain of the 45/135 pair against the 0/90 pair as photographed; None where the angles tell nothing.
     pair_gain_removed : float
@@ -143,6 +147,7 @@ class Inspection:
     brightest: float
     darkest: float | None
     noise: float
+    slow_noise: float
     pair_gain: float | None
     pair_gain_removed: float
     saturated_share: float
@@ -240,6 +245,8 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
     # divided out of encoded values.
     spoilt = hint.decides and exposed_apart(() if origin is None else origin.exposures)
     gamma = None if swapped or moved or spoilt else fit_gamma(capture)
+    noise = noise_level(photographs)
+    correlated = correlated_noise(photographs, noise)
     return Inspection(
         width=photographs.shape[-1],
         height=photographs.shape[-2],
@@ -252,7 +259,8 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
         white_level=1.0 if origin is None else origin.white_level,
         brightest=float(capture.intensities.max()),
         darkest=_darkest(capture),
-        noise=noise_level(photographs),
+        noise=noise,
+        slow_noise=1.0 if correlated is None else correlated.slow,
         pair_gain=_gain_as_photographed(capture, removed),
         pair_gain_removed=removed,
         saturated_share=_saturated_share(whole.registered),

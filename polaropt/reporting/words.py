@@ -224,7 +224,13 @@ def _black(it: Inspection) -> Finding:
 
 
 def _noise(it: Inspection) -> Finding:
-    return Finding("noise", f"The noise of one photograph is {100 * it.noise:.2g} % of white (standard deviation).")
+    sentence = f"The noise of one photograph is {100 * it.noise:.2g} % of white (standard deviation)."
+    if it.slow_noise > 1:
+        sentence += (
+            " Neighbouring pixels have it in common, as where photographs were demosaicked, resized or smoothed: slow "
+            f"changes are {it.slow_noise:.2g} times as noisy as they would be else, which is taken into account."
+        )
+    return Finding("noise", sentence)
 
 
 def _saturation(it: Inspection) -> Finding:

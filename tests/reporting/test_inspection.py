@@ -86,6 +86,19 @@ def test_noise_that_sums_and_contrasts_share_looks_like_no_encoding():
     assert np.mean(exponents) == pytest.approx(1, abs=0.25)
 
 
+def test_noise_that_neighbours_share_is_told():
+    light = np.full((4, 128, 128), 0.4) + [[[0.02]], [[0.0]], [[-0.02]], [[0.0]]]
+    white = 0.01 * np.random.default_rng(0).standard_normal(light.shape)
+    interpolated = (
+        white + np.roll(white, 1, axis=-1) + np.roll(white, 1, axis=-2) + np.roll(white, (1, 1), (-2, -1))
+    ) / 2
+    for noise, shared in ((white, False), (interpolated, True)):
+        inspection = inspect_capture(Capture(light + noise))
+        assert inspection.noise == pytest.approx(0.01, rel=0.05)
+        assert inspection.slow_noise == pytest.approx(2.0 if shared else 1.0, rel=0.15)
+        assert ("in common" in " ".join(inspection_sentences(inspection))) is shared
+
+
 def test_unpolarized_light_tells_no_gamma():
     flat = np.repeat(scene_intensities((128, 128))[:1], 4, axis=0)
     images = flat + 0.005 * np.random.default_rng(0).standard_normal(flat.shape)

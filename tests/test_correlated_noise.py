@@ -1,0 +1,42 @@
+"""Photographs whose neighbours' noise is alike, as demosaicked ones: pane, double images and errors are found."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from polaropt import Capture, Separation, separate
+from tests.blends import Blend, blend
+
+NOISE, SIDE = 0.005, 160
+
+
+@cache
+def example(incidence_deg: float, ghost_shift: float, blur_px: float) -> tuple[Blend, Separation]:
+    """A capture with such noise, and its separation blind."""
+    true = blend(incidence_deg, SIDE, ghost_shift=ghost_shift, noise=0.0)
+    white = np.random.default_rng(3).standard_normal(true.capture.planes.shape)
+    drawn = gaussian_filter(white, blur_px, axes=(-2, -1))
+    noisy = true.capture.planes + NOISE * drawn / drawn.std()
+    return true, separate(Capture.of_planes(noisy.astype(np.float32)))
+
+
+@pytest.mark.parametrize("blur_px", [0.7, 1.2])
+@pytest.mark.parametrize(("incidence_deg", "ghost_shift"), [(55.0, 5.0), (65.0, 0.0)])
+def test_the_pane_is_found_and_nothing_is_warned_of(incidence_deg: float, ghost_shift: float, blur_px: float) -> None:
+    true, found = example(incidence_deg, ghost_shift, blur_px)
+    assert found.scene.ghost_shift == pytest.approx(ghost_shift, abs=0.2)
+    assert found.scene.incidence_deg == pytest.approx(true.scene.incidence_deg, abs=1.5)
+    assert found.diagnostics.warnings == ()
+
+
+@pytest.mark.parametrize("blur_px", [0.7, 1.2])
+@pytest.mark.parametrize(("incidence_deg", "ghost_shift"), [(55.0, 5.0), (65.0, 0.0)])
+def test_layers_lie_within_two_of_their_errors(incidence_deg: float, ghost_shift: float, blur_px: float) -> None:
+    true, found = example(incidence_deg, ghost_shift, blur_px)
+    errors = np.asarray(found.uncertainty).reshape(found.layers.shape)
+    within = (np.abs(found.layers - true.layers) < 2 * errors).mean(axis=(1, 2, 3))
+    assert within.min() > 0.9
