@@ -40,3 +40,11 @@ def test_layers_lie_within_two_of_their_errors(incidence_deg: float, ghost_shift
     errors = np.asarray(found.uncertainty).reshape(found.layers.shape)
     within = (np.abs(found.layers - true.layers) < 2 * errors).mean(axis=(1, 2, 3))
     assert within.min() > 0.9
+
+
+@pytest.mark.parametrize("blur_px", [0.7, 1.2])
+def test_the_misfit_is_in_units_of_a_pixels_noise(blur_px: float) -> None:
+    """Though layers are solved for more of it."""
+    _, found = example(55.0, 5.0, blur_px)
+    assert found.diagnostics.noise == pytest.approx(NOISE, rel=0.05)
+    assert 0.9 < found.diagnostics.misfit_ratio < 2.1

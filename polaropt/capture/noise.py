@@ -222,7 +222,7 @@ def noise_of_blocks(capture: Capture, noise: float) -> float:
         `noise_level` of the capture.
     """
     spectrum = correlated_noise(capture, noise)
-    if spectrum is not None:
+    if spectrum is not None and not spectrum.white:
         return noise * spectrum.slow
     if len(capture.angles_deg) == 3 or noise >= ROUNDED * quantization_step(capture.intensities):
         return noise

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,11 @@ from polaropt.capture import (
     Matching,
     Mistakes,
     NoiseModel,
+    NoiseSpectrum,
     Shifts,
     agree_as_wholes,
     blocks_of,
+    correlated_noise,
     far_motions,
     find_mistakes,
     look_swapped_in_place,
@@ -121,11 +124,22 @@ class StillPhotographs:
         """The same where another level of the noise is known, which grows with the light as it was measured to."""
         return replace(self, noise=noise, growth=self.growth.scaled(noise / self.noise))
 
-    def filtered(self) -> StillPhotographs:
-        """The same with the noise of the photographs, where a filter made them of a mosaic's samples."""
+    def for_layers(self) -> StillPhotographs:
+        """The same with the noise that layers are solved for, as if it were white.
+
+        That of the photographs where a filter made them of a mosaic's samples, and more than that of a pixel where
+        neighbours or colours have it in common.
+        """
         origin = self.capture.origin
-        noise = None if origin is None else origin.filtered_noise
-        return self if noise is None else self.with_noise(noise)
+        filtered = None if origin is None else origin.filtered_noise
+        if filtered is not None:
+            return self.with_noise(filtered)
+        return self if self.correlated is None else self.with_noise(self.noise * self.correlated.of_layers)
+
+    @cached_property
+    def correlated(self) -> NoiseSpectrum | None:
+        """How the noise of photographs is correlated; None where it is white."""
+        return correlated_noise(self.capture, self.noise)
 
     @property
     def moving_share(self) -> float:

@@ -47,7 +47,7 @@ def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> tuple[Ca
     source = mended(capture, mistakes)
     noise = noise if source is capture else noise_level(source)
     spectrum = correlated_noise(source, noise)
-    if spectrum is not None:
+    if spectrum is not None and not spectrum.white:
         return spectrum.whitened(source), noise * spectrum.slow
     return source, noise_of_blocks(source, noise)
 

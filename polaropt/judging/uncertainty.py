@@ -318,8 +318,9 @@ def _as_told_by_noise(capture: Capture, noise: float, pieces: Sequence[Piece]) -
 
 
 def _precision(spectrum: NoiseSpectrum, known: Knowledge) -> Images:
-    """What photographs with such noise tell at each frequency, in units of what they would if it were white."""
-    return np.float32(1) / np.maximum(1, spectrum.at(known.squared_frequency / 4)).astype(np.float32) ** 2
+    """What photographs with such noise tell at each frequency, in units of what layers were solved for."""
+    beyond = np.maximum(1, spectrum.at(known.squared_frequency / 4) / spectrum.of_layers)
+    return np.asarray(1 / beyond**2, dtype=np.float32)
 
 
 def _continued(rows: Images, n: int) -> Images:

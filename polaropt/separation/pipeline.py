@@ -225,7 +225,7 @@ def _separate(
 
 def _problem(case: Case) -> Problem:
     """A capture whose scene is known, to be solved in one piece."""
-    still, settings = case.still.filtered(), case.settings
+    still, settings = case.still.for_layers(), case.settings
     scene, capture = case.found.scene, case.of_pane()
     return Problem(capture, scene, still.noise, settings.weights, settings.robust, growth=still.growth)
 
@@ -279,7 +279,7 @@ def solved_case(
     judged: Diagnostics | None = None,
 ) -> tuple[Separation, tuple[Memory | None, ...]]:
     """A capture whose scene is known, solved and judged."""
-    capture, still, scene = case.capture, case.still.filtered(), case.found.scene
+    capture, still, scene = case.capture, case.still.for_layers(), case.found.scene
     solution = solve(
         case.of_pane(),
         scene,

@@ -160,15 +160,16 @@ def separated(case: Case, solution: Solution, stages: Stages, judged: Diagnostic
     """
     still, found = case.still, case.found
     capture, noise = still.capture, still.noise
+    solved = still if still.correlated is None else still.for_layers()
     rivals = () if found.estimate is None else found.estimate.rivals
     diagnostics = diagnose(
         capture,
         noise,
-        misfit_ratio=solution.misfit_ratio,
+        misfit_ratio=solution.misfit_ratio * (solved.noise / noise) ** 2,
         reflection_unknown=solution.reflection_unknown,
         gain_of_less_noise=solution.gain_of_less_noise,
         noise_share=noise_share(capture, solution.layers[0], float(solution.variance[0])),
-        loss=scene_loss(capture, noise, found.scene, case.near_errors, solution.variance, still.growth, rivals),
+        loss=scene_loss(capture, solved.noise, found.scene, case.near_errors, solution.variance, solved.growth, rivals),
         finite=solution.solver.status is not Status.NOT_FINITE,
         before=judged,
         **case.known,
@@ -179,9 +180,9 @@ def separated(case: Case, solution: Solution, stages: Stages, judged: Diagnostic
         estimate_uncertainty,
         capture,
         solution.layers,
-        noise,
+        solved.noise,
         solution.pieces,
-        still.growth,
+        solved.growth,
         of_scene=case.near_errors,
         rivals=rivals,
     )

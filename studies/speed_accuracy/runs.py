@@ -171,7 +171,7 @@ class _Round:
             sum(seconds for stage, seconds in clock.items() if stage not in _OF_THE_SOLVE)
             for clock in (result.seconds, result.cpu_seconds)
         )
-        still = still_photographs(sample.capture).filtered()
+        still = still_photographs(sample.capture).for_layers()
         noise = still.noise, still.growth
         return _Found(result.scene, result.scene.rung, noise, Seconds(elapsed, cpu).after(reading))
 

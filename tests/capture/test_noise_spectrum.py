@@ -106,6 +106,34 @@ def test_pixels_that_see_one_that_cannot_be_trusted_cannot_either() -> None:
     assert np.count_nonzero(~spectrum.whitened(marked).valid) <= 9 * 9
 
 
+@pytest.mark.parametrize(("share", "common"), [(0.0, 1.0), (0.5, np.sqrt(2.0)), (1.0, np.sqrt(3.0))])
+def test_noise_that_colours_have_in_common_is_told(share: float, common: float) -> None:
+    own, shared = drawn(0.0), drawn(0.0, (4, 1, SIDE, SIDE), 1)
+    noise = NOISE * (np.sqrt(1 - share) * own + np.sqrt(share) * shared)
+    light = blend(55, SIDE, noise=0.0).capture.planes
+    capture = Capture.of_planes((light + noise).astype(np.float32))
+    found = correlated_noise(capture, NOISE)
+    if not share:
+        assert found is None
+        return
+    assert found is not None
+    assert found.white
+    assert found.common == pytest.approx(common, rel=0.04)
+    # Means over blocks of a colour are as noisy as if it were alone.
+    assert noise_of_blocks(capture, NOISE) == NOISE
+
+
+def test_layers_are_solved_for_more_noise_than_a_pixels() -> None:
+    frequency = np.linspace(0, 2, 14)
+    assert NoiseSpectrum(frequency, np.ones(14)).of_layers == 1
+    assert NoiseSpectrum(frequency, np.exp(-frequency)).of_layers == 1
+    slow, common = NoiseSpectrum(frequency, 2.4 * np.exp(-frequency)), NoiseSpectrum(frequency, np.ones(14), 1.7)
+    assert 1.2 < slow.of_layers < 1.4
+    assert 1.4 < common.of_layers < 1.6
+    both = NoiseSpectrum(frequency, slow.level, 1.7)
+    assert both.of_layers == max(slow.of_layers, common.of_layers)
+
+
 @pytest.mark.parametrize("wrong", ["gains", "angles"])
 def test_gains_and_angles_that_are_off_are_no_noise_of_neighbours(wrong: str) -> None:
     capture = noisy(0.0)
