@@ -31,6 +31,8 @@ def test_the_pane_is_found_and_nothing_is_warned_of(incidence_deg: float, ghost_
     assert found.scene.ghost_shift == pytest.approx(ghost_shift, abs=0.2)
     assert found.scene.incidence_deg == pytest.approx(true.scene.incidence_deg, abs=1.5)
     assert found.diagnostics.warnings == ()
+    # Edges that are steeper than they were tell no index.
+    assert found.scene.refractive_index == true.scene.refractive_index
 
 
 @pytest.mark.parametrize("blur_px", [0.7, 1.2])

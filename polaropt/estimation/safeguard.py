@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,7 +40,26 @@ def mended(capture: Capture, mistakes: Mistakes) -> Capture:
     return linear(capture, mistakes.gamma) if mistakes.encoded else capture
 
 
-def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> tuple[Capture, float]:
+class SceneSource(NamedTuple):
+    """What a scene is estimated from.
+
+    Attributes
+    ----------
+    white : Capture
+        Photographs whose noise is white, or nearly so.
+    smooth : Capture
+        The same as they were taken, where neighbours have noise in common: for what is told by gradients, which making
+        it white steepens at edges.
+    noise : float
+        Of one photograph, white; that of means over blocks is the same in both.
+    """
+
+    white: Capture
+    smooth: Capture
+    noise: float
+
+
+def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> SceneSource:
     """The photographs that the scene is estimated from, see `mended`, and the noise of one of them.
 
     What the scene is told by are means over blocks: the noise is theirs, where coarse grey levels make it another.
@@ -48,8 +68,8 @@ def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> tuple[Ca
     noise = noise if source is capture else noise_level(source)
     spectrum = correlated_noise(source, noise)
     if spectrum is not None and not spectrum.white:
-        return spectrum.whitened(source), noise * spectrum.slow
-    return source, noise_of_blocks(source, noise)
+        return SceneSource(spectrum.whitened(source), source, noise * spectrum.slow)
+    return SceneSource(source, source, noise_of_blocks(source, noise))
 
 
 @dataclass(frozen=True)

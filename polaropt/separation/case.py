@@ -140,7 +140,7 @@ def case_of(
     unglazed = unglazed_pixels(of_scene, noise, still.growth) if settings.leave_out_unglazed else None
     of_scene = of_scene if unglazed is None else of_scene.left_out(unglazed)
     registered = of_scene.registered
-    source, of_source = scene_source(registered, of_registered, mistakes)
+    source, smooth, of_source = scene_source(registered, of_registered, mistakes)
     thickness_px = None if settings.thickness_px is None else settings.thickness_px / scale
     kind = settings.thickness_kind
     fit = with_index(source, asked.scaled(1 / scale), of_source, thickness_px=thickness_px, thickness_kind=kind)
@@ -178,7 +178,7 @@ def case_of(
     asks_index = asked.refractive_index is not None and asked.incidence_deg is None and of_cells.things is None
     # Of a mosaic's windows of several panes no index is told.
     if asks_index and (mosaic is None or not found.scene.stacked):
-        index = likelier_index(source, of_cells.scene, of_source)
+        index = likelier_index(smooth, of_cells.scene, of_source)
         if mosaic is not None:
             index = likelier_index_of_mosaic(mosaic, found.scene.scaled(mosaic.period / scale), index)
     if index is not None and index.sure and index_assumed and asked.single_and_clear:

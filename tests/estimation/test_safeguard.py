@@ -44,8 +44,9 @@ def test_nothing_is_found_wrong_with_good_photographs(incidence, noise):
 
 def test_the_noise_is_that_of_the_photographs_that_the_scene_is_estimated_from():
     capture = encoded(blend(60, 96, noise=0.01).capture, 2.2)
-    assert scene_source(capture, 0.0123, Mistakes()) == (capture, 0.0123)
-    source, noise = scene_source(capture, 0.0123, Mistakes(gamma=2.2))
+    assert scene_source(capture, 0.0123, Mistakes()) == (capture, capture, 0.0123)
+    source, smooth, noise = scene_source(capture, 0.0123, Mistakes(gamma=2.2))
+    assert smooth is source
     assert source is not capture
     assert noise == pytest.approx(noise_level(source))
 

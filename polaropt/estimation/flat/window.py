@@ -31,9 +31,9 @@ from polaropt.estimation.flat.windows.tiles import USUAL_TILES
 from polaropt.optics import Rival, SceneParameters
 
 # All below by trial.
-TRIAL_DEG = (40.0, 52.0, 62.0, 72.0, 80.0, 86.0)
-"""Incidences of single panes that windows are likened to where the axis is in doubt: two panes of heavy glass at 82
-degrees are like one at 86."""
+TRIAL_DEG, _STEEPEST_DEG = (40.0, 52.0, 62.0, 72.0, 80.0), 86.0
+"""Incidences of single panes that windows are likened to where the axis is in doubt, and another of several panes: two
+of heavy glass at 82 degrees are like one there. Single ones so steep are not looked for: in noise they pass for any."""
 _LEAST_GAIN = 0.003
 """Score that a single pane of another kind must gain."""
 _SURE = 2.0
@@ -88,10 +88,10 @@ _DOUBTFUL_MARGIN, ACROSS_FROM_DEG, _NEARLY_AS_LIKELY = 0.2, 55.0, 0.03
 """Margin of the azimuth's axis up to which the one across is looked at, too, as the single pane that it is of may be
 wrong, and incidence of that pane from which on it always is: several panes polarize as a steeper one does across. And
 log likelihood that a scan there may lack of the single pane's to be worth a closer look."""
-_FAR_LESS_LIKELY, _LEAST_SEEN = 2.0, 0.005
-"""What a single pane across may lack of the log likelihood of the one found for windows across to be scanned (two steep
-ones whose images lie 8 and 18 px apart lacked 0.41 and 1.7), and what a scan of two must gain where one without double
-images was found: on the random windows to fit on, those that are found gain 0.018."""
+_FAR_LESS_LIKELY, _HOPELESS, _LEAST_SEEN = 0.4, 2.0, 0.005
+"""What a single pane across may lack of the log likelihood of the one found to be that itself; the same for windows
+across to be scanned (two steep ones whose images lie 8 and 18 px apart lacked 0.41 and 1.7); and what a scan of two
+must gain where one without double images was found: on the random windows to fit on those that are found gain 0.018."""
 
 
 def _shows_across(across: WindowAxis, single: LikelyWindow, first: WindowAxis, plain: LikelyWindow) -> bool:
@@ -159,14 +159,19 @@ def _with_panes(
     likely, single_across = list[tuple[WindowAxis, list[LikelyWindow]]](), plain
     for axis, incidences in axes:
         told = () if axis is not first else (plain.window,)
-        singles = axis.search.single(incidences)
-        across = axis is not first
-        if across and singles[0].misfit > plain.misfit + _FAR_LESS_LIKELY:
+        across, begun = axis is not first, [axis.search.single(incidences)]
+        likely_single = begun[0][0].misfit <= plain.misfit + _FAR_LESS_LIKELY
+        if across:
+            begun.append(axis.search.single((_STEEPEST_DEG,)))
+            begun = [singles for singles in begun if singles[0].misfit <= plain.misfit + _HOPELESS]
+            if not begun:
+                continue
+        two, three = (
+            min((axis.scan(panes, singles, *told) for singles in begun), key=lambda scan: scan.misfit)
+            for panes in (2, MOST_FOUND)
+        )
+        if across and min(two.misfit, three.misfit) > plain.misfit + _NEARLY_AS_LIKELY:
             continue
-        two = axis.scan(2, singles, *told)
-        if across and two.misfit > plain.misfit + _NEARLY_AS_LIKELY:
-            continue
-        three = axis.scan(MOST_FOUND, singles, *told)
         # A gap that the spectra show shows in a scan as well; where a pane's ghosts are seen, it may not.
         unseen = not (across or plain.window.pane_shift) and two.gain < _LEAST_SEEN
         if unseen and not axis.glimpses([*two.starts, *three.starts], plain.window):
@@ -174,7 +179,8 @@ def _with_panes(
         if across:
             # What looks like several panes there may be a single one.
             single_across = axis.best(axis.search.panes(incidences))
-            if single_across.score < found.score and _shows_across(axis, single_across, first, plain):
+            better = likely_single and single_across.score < found.score
+            if better and _shows_across(axis, single_across, first, plain):
                 taken, found = axis, single_across
         if windows := _several(axis, (two, three)):
             likely.append((axis, windows))
