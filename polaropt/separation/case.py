@@ -143,7 +143,7 @@ def case_of(
     source, smooth, of_source = scene_source(registered, of_registered, mistakes)
     thickness_px = None if settings.thickness_px is None else settings.thickness_px / scale
     kind = settings.thickness_kind
-    fit = with_index(source, asked.scaled(1 / scale), of_source, thickness_px=thickness_px, thickness_kind=kind)
+    fit = with_index(smooth, asked.scaled(1 / scale), of_source, thickness_px=thickness_px, thickness_kind=kind)
     stages.advance(_INDEX_KNOWN)
     checked = with_incidence_checked(source, fit.scene, of_source)
     stages.advance(_INCIDENCE_CHECKED)
