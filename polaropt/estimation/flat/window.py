@@ -166,15 +166,14 @@ def _with_panes(
             begun = [singles for singles in begun if singles[0].misfit <= plain.misfit + _HOPELESS]
             if not begun:
                 continue
-        two, three = (
-            min((axis.scan(panes, singles, *told) for singles in begun), key=lambda scan: scan.misfit)
-            for panes in (2, MOST_FOUND)
-        )
-        if across and min(two.misfit, three.misfit) > plain.misfit + _NEARLY_AS_LIKELY:
-            continue
+        scans = [(axis.scan(2, singles, *told), axis.scan(MOST_FOUND, singles, *told)) for singles in begun]
+        if across:
+            scans = [pair for pair in scans if min(scan.misfit for scan in pair) <= plain.misfit + _NEARLY_AS_LIKELY]
+            if not scans:
+                continue
         # A gap that the spectra show shows in a scan as well; where a pane's ghosts are seen, it may not.
-        unseen = not (across or plain.window.pane_shift) and two.gain < _LEAST_SEEN
-        if unseen and not axis.glimpses([*two.starts, *three.starts], plain.window):
+        unseen = not (across or plain.window.pane_shift) and scans[0][0].gain < _LEAST_SEEN
+        if unseen and not axis.glimpses([start for scan in scans[0] for start in scan.starts], plain.window):
             continue
         if across:
             # What looks like several panes there may be a single one.
@@ -182,8 +181,8 @@ def _with_panes(
             better = likely_single and single_across.score < found.score
             if better and _shows_across(axis, single_across, first, plain):
                 taken, found = axis, single_across
-        if windows := _several(axis, (two, three)):
-            likely.append((axis, windows))
+        if told_of := [windows for pair in scans if (windows := _several(axis, pair))]:
+            likely.append((axis, min(told_of, key=lambda windows: windows[0].score)))
     likely.sort(key=lambda one: one[1][0].score)
     rival: LikelyWindow | None = None
     for axis, window in ((axis, window) for axis, windows in likely for window in windows):
