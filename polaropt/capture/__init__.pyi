@@ -68,6 +68,7 @@ __all__ = [
     "noise_classes",
     "noise_level",
     "noise_of_blocks",
+    "noise_of_rounded_blocks",
     "orthogonal_pairs",
     "pair_gain_of",
     "pair_signs",
@@ -178,6 +179,7 @@ from .noise import measured_noise as measured_noise
 from .noise import noise_classes as noise_classes
 from .noise import noise_level as noise_level
 from .noise import noise_of_blocks as noise_of_blocks
+from .noise import noise_of_rounded_blocks as noise_of_rounded_blocks
 from .noise import registered_noise as registered_noise
 from .noise_spectrum import NoiseSpectrum as NoiseSpectrum
 from .noise_spectrum import correlated_noise as correlated_noise

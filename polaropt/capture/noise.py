@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,17 +14,13 @@ from polaropt.capture.capture import Capture, RawSamples, RegisteredCells
 from polaropt.capture.noise_spectrum import correlated_noise, lost_by_jpeg
 from polaropt.capture.pair_gain import (
     BLOCK,
-    Change,
-    divide_out_gain,
+    gain_remover,
     orthogonal_pairs,
-    pair_gain_of,
-    plausible,
     redundancy_residual,
     trusted_blocks,
 )
 from polaropt.numerics import (
     ROUNDED,
-    AnyMask,
     block_mean,
     quantization_step,
     quietest_combination,
@@ -222,11 +217,14 @@ def noise_of_blocks(capture: Capture, noise: float) -> float:
         `noise_level` of the capture.
     """
     spectrum = correlated_noise(capture, noise)
-    if spectrum is not None and not spectrum.white:
-        return noise * spectrum.slow
+    return noise_of_rounded_blocks(capture, noise) if spectrum is None else noise * spectrum.slow
+
+
+def noise_of_rounded_blocks(capture: Capture, noise: float) -> float:
+    """The same where neighbours have no noise in common but what rounding leaves."""
     if len(capture.angles_deg) == 3 or noise >= ROUNDED * quantization_step(capture.intensities):
         return noise
-    without_gain = _gain_remover(capture.intensities, capture.angles_deg, capture.mask)
+    without_gain = gain_remover(capture.intensities, capture.angles_deg, capture.mask)
     blocks = trusted_blocks(capture.intensities, capture.mask, change=without_gain)
     residual = redundancy_residual(blocks, capture.angles_deg)
     return max(noise, BLOCK * float(residual.std())) if residual.size else noise
@@ -236,16 +234,8 @@ def _without_gain(
     intensities: NDArray[np.float32], angles_deg: Sequence[float], valid: NDArray[np.bool_]
 ) -> NDArray[np.floating[Any]]:
     """Photographs after a plausible pair gain is divided out."""
-    change = _gain_remover(intensities, angles_deg, valid)
+    change = gain_remover(intensities, angles_deg, valid)
     return intensities if change is None else change(intensities)
-
-
-def _gain_remover(intensities: NDArray[np.float32], angles_deg: Sequence[float], valid: AnyMask) -> Change | None:
-    """What divides a plausible pair gain out of photographs; None where there is none."""
-    gain = None if orthogonal_pairs(angles_deg) is None else pair_gain_of(intensities, angles_deg, valid)
-    if gain is None or not plausible(gain):
-        return None
-    return partial(divide_out_gain, angles_deg=angles_deg, gain=gain)
 
 
 def _sampled_rows(size: int, height: int) -> slice | NDArray[np.intp]:

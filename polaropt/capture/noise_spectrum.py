@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.capture.pair_gain import divide_out_gain, pair_gain_of, plausible, redundancy_residual
+from polaropt.capture.pair_gain import gain_remover, redundancy_residual
 from polaropt.numerics import ROUNDED, column_multiplicity, frequencies, hann_tile, quantization_step, strips
 from solvers.kernels import in_blocks
 
@@ -40,8 +41,6 @@ _LEAST_SHARE = 1 / 6
 _CORRELATED = 1.25
 """By how much noise of half the highest frequency is weaker than that of slow changes, from which on it is not white.
 White noise comes within 0.03 of 1."""
-
-
 _OF_SLOW, _OF_COMMON = 0.3, 0.75
 """Powers of both in the noise that layers are solved for; the larger counts. By trial on 10 simulated captures of
 training photographs, in five kinds of noise: the transmission gains 0.3 to 0.7 dB by it, the reflection 0.5 to 1.6."""
@@ -69,7 +68,7 @@ class NoiseSpectrum:
     @property
     def slow(self) -> float:
         """That of what changes slowly, as of means over blocks: they are so much noisier than if it were white."""
-        return float(self.level[0])
+        return 1.0 if self.white else float(self.level[0])
 
     @property
     def of_layers(self) -> float:
@@ -83,19 +82,20 @@ class NoiseSpectrum:
     @property
     def white(self) -> bool:
         """Whether it is as strong at all frequencies, or nearly so."""
-        weights = self._weights()
-        return bool(weights.sum() < _CORRELATED * weights[0])
+        return bool(self._weights.sum() < _CORRELATED * self._weights[0])
 
     def whitened(self, capture: Capture) -> Capture:
-        """Photographs with such noise, made white, but for slow changes, which stay as they are.
+        """Photographs with such noise, made white, but for slow changes, which stay as they are; white ones themselves.
 
         Pixels that cannot be trusted spread as far as it sees.
         """
         from scipy.ndimage import binary_erosion
 
-        weights = self._weights()
+        if self.white:
+            return capture
+        weights = (self._weights / self._weights[0]).astype(np.float32)
         photographs = capture.intensities.reshape(-1, *capture.shape[-2:])
-        made, weights = np.empty_like(photographs), (weights / weights[0]).astype(np.float32)
+        made = np.empty_like(photographs)
         parts = list(strips(capture.shape[-2], photographs.shape[-1]))
 
         def some(start: int, stop: int) -> None:
@@ -111,6 +111,7 @@ class NoiseSpectrum:
             valid = np.reshape(kept, capture.intensities.shape)
         return capture.replace(intensities=made.reshape(capture.intensities.shape), valid=valid)
 
+    @cached_property
     def _weights(self) -> Floats:
         """Of the powers of what stands out, zeroth first, that add up to white noise and turn the sign of nothing."""
         level = np.maximum(self.level, _LEAST_SHARE * self.level.max())
@@ -230,9 +231,9 @@ def _tiles(capture: Capture) -> NDArray[Any]:
     if not whole:
         return np.empty(0)
     photographs = np.stack([capture.intensities[part] for part in whole], axis=1)
-    gain = pair_gain_of(capture.intensities, capture.angles_deg, capture.mask)
-    if gain is not None and plausible(gain):
-        photographs = divide_out_gain(photographs, capture.angles_deg, gain)
+    without_gain = gain_remover(capture.intensities, capture.angles_deg, capture.mask)
+    if without_gain is not None:
+        photographs = without_gain(photographs)
     return np.concatenate(redundancy_residual(photographs, capture.angles_deg))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,12 @@ def pair_gain_of(intensities: Floats, angles_deg: Sequence[float], valid: AnyMas
         return None
     first, second = (means[a] + means[b] for a, b in pairs)
     return _weighted_median(second / first, first)
+
+
+def gain_remover(intensities: Floats, angles_deg: Sequence[float], valid: AnyMask) -> Change | None:
+    """What divides a plausible pair gain out of photographs; None where there is none."""
+    gain = pair_gain_of(intensities, angles_deg, valid)
+    return partial(divide_out_gain, angles_deg=angles_deg, gain=gain) if gain is not None and plausible(gain) else None
 
 
 def divide_out_gain(intensities: Floats, angles_deg: Sequence[float], gain: float) -> Floats:

@@ -7,7 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polaropt.capture import MOST_NEGATIVE, Capture, Mistakes, align, correlated_noise, noise_level, noise_of_blocks
+from polaropt.capture import (
+    MOST_NEGATIVE,
+    Capture,
+    Mistakes,
+    align,
+    correlated_noise,
+    noise_level,
+    noise_of_rounded_blocks,
+)
 from polaropt.errors import InputError
 from polaropt.estimation.flat.estimate import SceneEstimate, estimate_scene
 from polaropt.estimation.flat.window import MOST_FOUND
@@ -67,9 +75,9 @@ def scene_source(capture: Capture, noise: float, mistakes: Mistakes) -> SceneSou
     source = mended(capture, mistakes)
     noise = noise if source is capture else noise_level(source)
     spectrum = correlated_noise(source, noise)
-    if spectrum is not None and not spectrum.white:
-        return SceneSource(spectrum.whitened(source), source, noise * spectrum.slow)
-    return SceneSource(source, source, noise_of_blocks(source, noise))
+    if spectrum is None:
+        return SceneSource(source, source, noise_of_rounded_blocks(source, noise))
+    return SceneSource(spectrum.whitened(source), source, noise * spectrum.slow)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, NoiseModel, NoiseSpectrum, correlated_noise, noise_classes
+from polaropt.capture import Capture, NoiseModel, NoiseSpectrum, noise_classes
 from polaropt.inversion import FEWEST_TOLD, SCALES, Knowledge, filled_smoothly, variance_table, worth_filling
 from polaropt.judging.precision import LEAST, local_precision
 from polaropt.numerics import enlarged, give_back_freed, middle_part, strips
@@ -237,6 +237,7 @@ def estimate_uncertainty(
     pieces: Sequence[Piece],
     growth: NoiseModel | None = None,
     *,
+    correlated: NoiseSpectrum | None = None,
     of_scene: SceneErrors = SceneErrors(),  # noqa: B008 (frozen)
     rivals: Sequence[Rival] = (),
     tell: Callable[[float], None] | None = None,
@@ -254,6 +255,8 @@ def estimate_uncertainty(
         Row by row of tiles; their weights add up to 1 in every pixel.
     growth : NoiseModel, optional
         How the noise grows with the light. Default: it is the same everywhere.
+    correlated : NoiseSpectrum, optional
+        Of noise that neighbours or colours have in common. Default: they have none.
     of_scene : SceneErrors
         Of what was estimated of the scene. Default: it is known.
     rivals : sequence of Rival
@@ -262,7 +265,7 @@ def estimate_uncertainty(
         Called with the fraction done, 0..1.
     """
     colors, (height, width) = layers.shape[1], layers.shape[-2:]
-    pieces = _as_told_by_noise(capture, noise, pieces)
+    pieces = _as_told_by_noise(capture, noise, pieces, correlated)
     doubtful = doubts(pieces[0].pse.scene, of_scene, rivals)
     blocks = _Blocks.of(capture, noise, doubtful, growth) if doubtful else None
     done = 0.0
@@ -298,7 +301,9 @@ def estimate_uncertainty(
         total = [plane[end - top :] for plane in total]
 
 
-def _as_told_by_noise(capture: Capture, noise: float, pieces: Sequence[Piece]) -> Sequence[Piece]:
+def _as_told_by_noise(
+    capture: Capture, noise: float, pieces: Sequence[Piece], correlated: NoiseSpectrum | None
+) -> Sequence[Piece]:
     """Pieces whose layers are known as well as samples of this noise, or photographs of such noise, tell them.
 
     The photographs that a filter makes of a mosaic's samples have less noise, but what is slow, of which most of the
@@ -307,9 +312,8 @@ def _as_told_by_noise(capture: Capture, noise: float, pieces: Sequence[Piece]) -
     Where neighbours' noise is alike, slow changes are less well known than the solve takes them to be, and fine detail
     no better: it is smoothed for noise that it does not have.
     """
-    spectrum = correlated_noise(capture, noise)
-    if spectrum is not None:
-        return [replace(piece, known=piece.known.told_by(_precision(spectrum, piece.known))) for piece in pieces]
+    if correlated is not None:
+        return [replace(piece, known=piece.known.told_by(_precision(correlated, piece.known))) for piece in pieces]
     filtered = None if capture.origin is None else capture.origin.filtered_noise
     if filtered is None:
         return pieces

@@ -260,7 +260,7 @@ def inspect_still(capture: Capture, moving: NDArray[np.bool_] | None) -> Inspect
         brightest=float(capture.intensities.max()),
         darkest=_darkest(capture),
         noise=noise,
-        slow_noise=1.0 if correlated is None or correlated.white else correlated.slow,
+        slow_noise=1.0 if correlated is None else correlated.slow,
         pair_gain=_gain_as_photographed(capture, removed),
         pair_gain_removed=removed,
         saturated_share=_saturated_share(whole.registered),

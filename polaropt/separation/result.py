@@ -160,6 +160,7 @@ def separated(case: Case, solution: Solution, stages: Stages, judged: Diagnostic
     """
     still, found = case.still, case.found
     capture, noise = still.capture, still.noise
+    # A mosaic's errors are told by the noise of its samples, whatever its layers are solved for.
     solved = still if still.correlated is None else still.for_layers()
     rivals = () if found.estimate is None else found.estimate.rivals
     diagnostics = diagnose(
@@ -183,6 +184,7 @@ def separated(case: Case, solution: Solution, stages: Stages, judged: Diagnostic
         solved.noise,
         solution.pieces,
         solved.growth,
+        correlated=still.correlated,
         of_scene=case.near_errors,
         rivals=rivals,
     )

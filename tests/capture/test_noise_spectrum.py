@@ -85,7 +85,7 @@ def test_strips_and_edges_are_as_the_whole() -> None:
     capture = noisy(0.0)
     rim = 32
     padded = np.pad(capture.intensities, [(0, 0), (0, 0), (rim, rim), (rim, rim)], mode="edge").astype(float)
-    weights = spectrum._weights() / spectrum._weights()[0]
+    weights = spectrum._weights / spectrum._weights[0]
     response = np.polynomial.polynomial.polyval(standing_out(*padded.shape[-2:]), weights)
     expected = irfft2(rfft2(padded) * response, padded.shape[-2:])[..., rim:-rim, rim:-rim]
     assert spectrum.whitened(capture).intensities == pytest.approx(expected, abs=1e-5)

@@ -159,18 +159,16 @@ def _with_panes(
     likely, single_across = list[tuple[WindowAxis, list[LikelyWindow]]](), plain
     for axis, incidences in axes:
         told = () if axis is not first else (plain.window,)
-        across, begun = axis is not first, [axis.search.single(incidences)]
-        likely_single = begun[0][0].misfit <= plain.misfit + _FAR_LESS_LIKELY
+        singles, across = axis.search.single(incidences), axis is not first
+        begun = [singles]
         if across:
-            begun.append(axis.search.single((_STEEPEST_DEG,)))
-            begun = [singles for singles in begun if singles[0].misfit <= plain.misfit + _HOPELESS]
-            if not begun:
-                continue
-        scans = [(axis.scan(2, singles, *told), axis.scan(MOST_FOUND, singles, *told)) for singles in begun]
+            steep = axis.search.single((_STEEPEST_DEG,))
+            begun = [near for near in (singles, steep) if near[0].misfit <= plain.misfit + _HOPELESS]
+        scans = [(axis.scan(2, near, *told), axis.scan(MOST_FOUND, near, *told)) for near in begun]
         if across:
             scans = [pair for pair in scans if min(scan.misfit for scan in pair) <= plain.misfit + _NEARLY_AS_LIKELY]
-            if not scans:
-                continue
+        if not scans:
+            continue
         # A gap that the spectra show shows in a scan as well; where a pane's ghosts are seen, it may not.
         unseen = not (across or plain.window.pane_shift) and scans[0][0].gain < _LEAST_SEEN
         if unseen and not axis.glimpses([start for scan in scans[0] for start in scan.starts], plain.window):
@@ -178,8 +176,8 @@ def _with_panes(
         if across:
             # What looks like several panes there may be a single one.
             single_across = axis.best(axis.search.panes(incidences))
-            better = likely_single and single_across.score < found.score
-            if better and _shows_across(axis, single_across, first, plain):
+            may_be = singles[0].misfit <= plain.misfit + _FAR_LESS_LIKELY and single_across.score < found.score
+            if may_be and _shows_across(axis, single_across, first, plain):
                 taken, found = axis, single_across
         if told_of := [windows for pair in scans if (windows := _several(axis, pair))]:
             likely.append((axis, min(told_of, key=lambda windows: windows[0].score)))
