@@ -48,6 +48,7 @@ __all__ = [
     "quietest_combination",
     "robust_spread",
     "second_differences",
+    "sharpened",
     "smoothly_filled",
     "spread_blocks",
     "squared_frequencies",
@@ -115,5 +116,6 @@ from .spectrum import hann_autocorrelation as hann_autocorrelation
 from .spectrum import hann_spectra as hann_spectra
 from .spectrum import hann_tile as hann_tile
 from .spectrum import natural_frequencies as natural_frequencies
+from .spectrum import sharpened as sharpened
 from .spectrum import squared_frequencies as squared_frequencies
 from .spectrum import tukey_window as tukey_window

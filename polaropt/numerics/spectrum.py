@@ -111,6 +111,32 @@ def hann_spectra(images: Array, step: int = 1) -> NDArray[np.complexfloating[Any
     return np.asarray(of_down * by_down + of_right * by_right)
 
 
+_SHARPENINGS = 2
+"""Times that a blurred picture is sharpened a little: two follow a Gaussian's inverse, and leave white noise, once that
+is divided out again, at most 1.05 times as strong up to a blur of 1.4 px, and 1.17 times of 2.8 px."""
+
+
+def sharpened(images: Array, blur_px2: float) -> tuple[Array, NDArray[np.float64]]:
+    """Images (..., h, w) as sharp as neighbouring pixels tell, and what that made of every frequency (h, w // 2 + 1).
+
+    Under a window the steep spectra of blurred pictures are mixed as those of photographs are, see `hann_spectra`.
+
+    Parameters
+    ----------
+    images : ndarray
+    blur_px2 : float
+        Square of the standard deviation in pixels of the Gaussian that blurred them.
+    """
+    share = np.asarray(blur_px2 / (2 * _SHARPENINGS), images.dtype)
+    rows, columns = frequencies(*images.shape[-2:])
+    for _ in range(_SHARPENINGS):
+        around = np.pad(images, [*[(0, 0)] * (images.ndim - 2), (1, 1), (1, 1)], mode="edge")
+        beside = around[..., :-2, 1:-1] + around[..., 2:, 1:-1] + around[..., 1:-1, :-2] + around[..., 1:-1, 2:]
+        images = images + share * (4 * images - beside)
+    transfer = 1 + blur_px2 / _SHARPENINGS * (2 - np.cos(rows) - np.cos(columns))
+    return images, transfer**_SHARPENINGS
+
+
 _UNSEEN = 1e-12
 """Power of differences below which they see nothing of a frequency, for rounding."""
 

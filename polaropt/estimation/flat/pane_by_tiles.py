@@ -39,6 +39,9 @@ looks like ghosts a pixel or two apart on either side. Of 480 panes of training 
 0.07 to 1.2 %, an engine of its own) 8 of 260 in place have such ghosts, none surer of their side than by 2.4, and 26 of
 29 true ones that only tiles show are. Of 300 more (20 to 80 degrees, up to 3 px) so are 4 of 20 true ones that mean
 spectra show and tiles find no likelier than none, and none of 60 false ones."""
+_SURE_OF_NONE = 3.0
+"""Standard errors by which tiles must find no double images likelier than those of one layer, to drop these: of three
+reflections out of focus that had such (training photographs, 56 to 74 degrees) they do by 4.9 to 7.3."""
 _SEARCHED_DEG, _SURER_DEG = 45.0, 55.0
 """Incidences from which tiles look for close ghosts, and from which they tell their shift better than mean spectra: on
 540 panes with pairs of photographs that no figure is taken of and those inside scikit-image (shifts of 0 to 2.2 px,
@@ -67,6 +70,8 @@ def with_ghosts_by_tiles(
     """
     if _is_a_trifle(estimate):
         estimate = _in_place(estimate)
+    if asked.transmission_ghost_shift is None and asked.ghost_shift is None:
+        estimate = _without_strange_shifts(estimate, stokes, asked)
     incidence, azimuth, shift = estimate.scene.values()
     # Of a mosaic's cells the low pass shapes the spectra; towards grazing incidence every pane is a mirror.
     told = not stokes.aliased and estimate.polarized and incidence <= INCIDENCE_SEARCH_DEG[1]
@@ -91,6 +96,24 @@ def with_ghosts_by_tiles(
     if taken is None:
         return _moved(estimate, frame, place, free) if shift else estimate
     return estimate if taken is found else _moved(estimate, frame, taken, free, _shift_error(tiles, taken))
+
+
+def _without_strange_shifts(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParameters) -> SceneEstimate:
+    """The estimate without double images of one layer that mean spectra alone show, where tiles surely find none.
+
+    A reflection out of focus has spectra of its own, which to mean spectra look like a shift that only it has.
+    """
+    incidence, azimuth, shift = estimate.scene.values()
+    if estimate.scene.transmission_ghost_shift is None or stokes.aliased or incidence > INCIDENCE_SEARCH_DEG[1]:
+        return estimate
+    frame = plate_frame(stokes, azimuth)
+    tiles, index = TileLikelihood(frame), estimate.scene.index
+    free = ("incidence_deg",) if asked.incidence_deg is None else ()
+    place, found = (tiles.nearest(Window(incidence, px), index, free) for px in (0.0, shift))
+    if len(place.misfits) < LEAST_TILES or place.surer_than(found) <= _SURE_OF_NONE:
+        return estimate
+    plain = replace(estimate, scene=estimate.scene.replace(transmission_ghost_shift=None))
+    return _moved(_in_place(plain), frame, place, free)
 
 
 def _is_a_trifle(estimate: SceneEstimate) -> bool:
@@ -150,7 +173,7 @@ def _moved(
 
 
 def _in_place(estimate: SceneEstimate) -> SceneEstimate:
-    errors = replace(estimate.errors, ghost_shift=None)
+    errors = replace(estimate.errors, ghost_shift=None, transmission_ghost_shift=None)
     return replace(estimate, scene=estimate.scene.replace(ghost_shift=0.0), errors=errors)
 
 

@@ -94,7 +94,8 @@ class GapMap:
 
     @cached_property
     def _shapes(self) -> Floats:
-        return np.asarray(spectral_shapes(self._spectra.along, self._spectra.across_azimuth, *DETAIL))
+        seen = self._spectra
+        return np.asarray(spectral_shapes(seen.along, seen.across_azimuth, *DETAIL, seen.blur_px2))
 
     @cached_property
     def _data(self) -> Floats:

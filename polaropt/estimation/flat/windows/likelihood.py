@@ -158,7 +158,7 @@ def _seen(spectra: CrossSpectra) -> Seen:
     (par, cross), (_, perp) = spectra.covariance
     data = np.stack([spectra.par, spectra.perp, spectra.cross.real, spectra.cross.imag])
     parts = (spectra.along, spectra.across_azimuth, spectra.multiplicity)
-    shapes = spectral_shapes(spectra.along, spectra.across_azimuth, *DETAIL)
+    shapes = spectral_shapes(spectra.along, spectra.across_azimuth, *DETAIL, spectra.blur_px2)
     arrays = (*parts, shapes, data, np.array([par, perp, cross]))
     return Seen(*(np.ascontiguousarray(part, dtype=np.float32) for part in arrays))
 

@@ -28,6 +28,8 @@ from polaropt.capture import PlateFrame
 from polaropt.estimation.flat.ghosts import (
     FIRST_LEVEL,
     TILE_PX,
+    blurred_power,
+    squared_blur,
     tile_corners,
     tile_spectra,
     usable_frequencies,
@@ -112,7 +114,8 @@ class TileLikelihood:
         self._side = side = min(TILE_PX, *frame.images.shape[-2:])
         self._azimuth_deg = frame.azimuth_deg
         use, along, across, multiplicity = usable_frequencies(side, frame.azimuth_deg)
-        coarse = np.hypot(along, across) < HIGHEST_TILE_FREQUENCY
+        every, counts, radius = use.copy(), multiplicity, np.hypot(along, across)
+        coarse = radius < HIGHEST_TILE_FREQUENCY
         use[use], along, across, multiplicity = coarse, along[coarse], across[coarse], multiplicity[coarse]
         cell = frequency_cells(along, across)
         order = np.argsort(cell, kind="stable")
@@ -120,16 +123,19 @@ class TileLikelihood:
         rows, columns = np.broadcast_arrays(*frequencies(side, side))
         self._rows, self._columns = rows[use][order], columns[use][order]
         self._multiplicity = np.ascontiguousarray(multiplicity[order])
-        self._natural = natural_power(self._columns, self._rows)
+        (n_par, n_cross), (_, n_perp) = frame.covariance
         corners = tile_corners(frame.valid, side)
+        seen = list(tile_spectra(frame, side, corners))
+        power = np.mean([_mean_power(spectra[..., every]) for spectra in seen], axis=0)
+        blur_px2 = squared_blur(power, float(n_par + n_perp), radius, counts)
+        self._natural = natural_power(self._columns, self._rows, blur_px2)
         tiles = []
-        for spectra in tile_spectra(frame, side, corners):
+        for spectra in seen if blur_px2 == 0 else tile_spectra(frame, side, corners, blur_px2):
             par, perp = spectra[..., use][..., order]
             cross = par * perp.conj()
             tiles.append(np.stack([np.abs(par) ** 2, np.abs(perp) ** 2, cross.real, cross.imag]))
         self._data = np.ascontiguousarray(np.concatenate(tiles, axis=1).swapaxes(1, 2), dtype=np.float32)
         self._n_colours = frame.images.shape[1]
-        (n_par, n_cross), (_, n_perp) = frame.covariance
         noise = np.array([n_par, n_perp, n_cross], np.float32)
         self._noise = np.broadcast_to(noise[:, None, None], (3, self._cells.size - 1, self._data.shape[-1])).copy()
 
@@ -320,9 +326,15 @@ def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return one, other
 
 
-def natural_power(columns: Values, rows: Values) -> NDArray[np.float32]:
-    """Power of natural images at angular frequencies per pixel, up to a factor."""
-    return np.asarray(1 / np.maximum(columns**2 + rows**2, _NO_ERROR), np.float32)
+def _mean_power(spectra: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """Power of both polarizations together (n,) of spectra (2, channel, n), mean of the colours."""
+    return np.asarray(np.square(np.abs(spectra)).sum(axis=0).mean(axis=0))
+
+
+def natural_power(columns: Values, rows: Values, blur_px2: float = 0.0) -> NDArray[np.float32]:
+    """Power of natural images at angular frequencies per pixel, up to a factor, as far as they are blurred."""
+    squared = columns**2 + rows**2
+    return np.asarray(blurred_power(squared, blur_px2) / np.maximum(squared, _NO_ERROR), np.float32)
 
 
 def frequency_cells(along: Values, across: Values) -> NDArray[np.intp]:
