@@ -232,6 +232,8 @@ def _imaged(layers: Images, taking: Taking) -> Images:
 
     if taking.lens_blur_px:
         layers = gaussian_filter(layers, taking.lens_blur_px, axes=(-2, -1))
+    if taking.reflection_blur_px:
+        layers = np.stack([layers[0], gaussian_filter(layers[1], taking.reflection_blur_px, axes=(-2, -1))])
     return layers.mean(axis=1, keepdims=True) if taking.sensor == "mono" else layers
 
 

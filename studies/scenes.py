@@ -134,6 +134,8 @@ class Taking:
         Of a polarization camera, which takes one raw mosaic; "" takes four full photographs.
     lens_blur_px : float
         Standard deviation of what the camera's lens makes of a point; the true layers are as it images them.
+    reflection_blur_px : float
+        The same of what is mirrored alone, which lies at another distance than what is in focus.
     shot_noise : float
         Growth of the noise with the light: its variance is ``noise^2 + shot_noise * light``.
     noise_blur_px : float
@@ -163,6 +165,7 @@ class Taking:
     moving_step: float = 0.0
     sensor: Sensor = ""
     lens_blur_px: float = 0.0
+    reflection_blur_px: float = 0.0
     shot_noise: float = 0.0
     noise_blur_px: float = 0.0
 
@@ -360,6 +363,9 @@ def _of_camera() -> Iterable[Scene]:
     yield from _along_taking("error of the filter's angles (deg)", (0, 0.5, 1.0, 2.0, 5.0, 10.0), "angle_error_deg")
     yield from _along_taking("turned photographs (deg)", (0, 0.03, 0.1, 0.3, 1.0, 2.0, 4.0), "turn_deg")
     yield from _along_taking("noise alike in neighbours (px)", (0, 0.35, 0.5, 0.7, 1.0, 1.5), "noise_blur_px")
+    yield from _along_taking("all out of focus (px)", (0, 1.0, 2.0, 3.0), "lens_blur_px")
+    place = Pane(ghosts="in place")
+    yield from _along_taking("reflection out of focus (px)", (0, 2.0, 5.0), "reflection_blur_px", place)
 
 
 def _special() -> Iterable[Scene]:
