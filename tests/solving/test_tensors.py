@@ -221,9 +221,13 @@ def test_each_objective_of_a_batch_is_minimized_by_its_own_steps():
     assert found.results[0].n_evaluations < found.results[2].n_evaluations
 
 
-def test_a_batch_takes_the_steps_that_one_alone_takes():
+@pytest.mark.parametrize(
+    ("stopping", "apart", "atol"),
+    # After a hundred steps what processors round otherwise has moved a few of them.
+    [(StoppingRule(max_evaluations=30), 0, 1e-3), (StoppingRule(relative_change=1e-6), 6, 1e-2)],
+)
+def test_a_batch_takes_the_steps_that_one_alone_takes(stopping, apart, atol):
     objective, _ = quadratics()
-    stopping = StoppingRule(relative_change=1e-6)
     found = minimize_all(objective, torch.zeros(3, 50), stopping)
     for i, result in enumerate(found.results):
 
@@ -232,8 +236,8 @@ def test_a_batch_takes_the_steps_that_one_alone_takes():
             return float(values[i]), gradients[i].numpy()
 
         expected = get_solver("lbfgs").minimize(alone, np.zeros(50, np.float32), stopping)
-        assert result.n_evaluations == pytest.approx(expected.n_evaluations, abs=2)
-        np.testing.assert_allclose(found.points[i], expected.x, atol=1e-2)
+        assert result.n_evaluations == pytest.approx(expected.n_evaluations, abs=apart)
+        np.testing.assert_allclose(found.points[i], expected.x, atol=atol)
 
 
 def test_a_batch_stops_where_the_rule_says_so_and_at_what_is_not_finite():
