@@ -17,6 +17,7 @@ __all__ = [
     "bilinear_transfer",
     "block_mean",
     "block_shares",
+    "blurred_power",
     "column_multiplicity",
     "count_true",
     "each_plane",
@@ -51,6 +52,7 @@ __all__ = [
     "sharpened",
     "smoothly_filled",
     "spread_blocks",
+    "squared_blur",
     "squared_frequencies",
     "strips",
     "tukey_window",
@@ -108,6 +110,7 @@ from .robust import robust_spread as robust_spread
 from .robust import second_differences as second_differences
 from .spectrum import NATURAL_POWER_LAW as NATURAL_POWER_LAW
 from .spectrum import bilinear_transfer as bilinear_transfer
+from .spectrum import blurred_power as blurred_power
 from .spectrum import column_multiplicity as column_multiplicity
 from .spectrum import each_plane as each_plane
 from .spectrum import filtered as filtered
@@ -117,5 +120,6 @@ from .spectrum import hann_spectra as hann_spectra
 from .spectrum import hann_tile as hann_tile
 from .spectrum import natural_frequencies as natural_frequencies
 from .spectrum import sharpened as sharpened
+from .spectrum import squared_blur as squared_blur
 from .spectrum import squared_frequencies as squared_frequencies
 from .spectrum import tukey_window as tukey_window

@@ -1,4 +1,4 @@
-"""Frequencies of real two-dimensional transforms, how often half a spectrum stands for the whole, and windows."""
+"""Frequencies of real two-dimensional transforms, how often half a spectrum stands for the whole, windows, and blur."""
 
 from __future__ import annotations
 
@@ -111,9 +111,64 @@ def hann_spectra(images: Array, step: int = 1) -> NDArray[np.complexfloating[Any
     return np.asarray(of_down * by_down + of_right * by_right)
 
 
+_RINGS, _FEWEST_RINGS = 11, 3
+"""Rings of frequencies by which it is told how fast spectra fall, and with how few it is. Set by hand."""
+_SHOWS = 2.0
+"""Of a ring's mean power, in units of the noise's, from which on it shows more than noise. Set by hand."""
+_SHARP_PX2 = 0.4
+"""Blur up to which pictures are sharp: training photographs, reduced by 1.5, have 0.2 at most, painted boxes behind a
+lens that blurs by 0.6 px have 0.38, as this measures it. Of 14 captures of an engine of its own that are blurred by 1.5
+to 3 px (26 to 74 degrees) 9 came within 3 dB of the scene known when they were taken for natural, all 14 do as they
+are."""
+_LEAST_LEFT = 1e-6
+"""Share of natural images' power that a blur leaves at least: what is divided by. Set by hand."""
+
+
+def squared_blur(power: Array, noise: float, radius: Values, multiplicity: Array) -> float:
+    """Square of the standard deviation in pixels of the Gaussian that blurs natural images as far as these are.
+
+    What is out of focus falls much faster than natural images do, within a cell of frequencies, too: taken for natural,
+    that looks like double images a few pixels apart, or several panes.
+
+    Parameters
+    ----------
+    power : ndarray, shape (n,)
+        Mean periodogram, noise and all.
+    noise : float
+        Power of the noise.
+    radius, multiplicity : ndarray, shape (n,)
+        Angular frequencies per pixel, and how often each counts.
+
+    Returns
+    -------
+    float
+        0 for pictures that are sharp.
+    """
+    edges = np.geomspace(radius.min(), radius.max(), _RINGS + 1)[1:-1]
+    ring = np.digitize(radius, edges)
+    counts, seen, squares, logs = (
+        np.bincount(ring, multiplicity * values, _RINGS)
+        for values in (np.ones_like(radius), power, radius**2, 2 * np.log(radius))
+    )
+    shown = seen > _SHOWS * noise * np.maximum(counts, 1)
+    if np.count_nonzero(shown) < _FEWEST_RINGS:
+        return 0.0
+    counts, seen, squares, logs = (values[shown] for values in (counts, seen, squares, logs))
+    heights = np.log(seen / counts - noise) + logs / counts
+    slope = np.polyfit(squares / counts, heights, 1, w=np.sqrt(counts))[0]
+    return -float(slope) if -slope > _SHARP_PX2 else 0.0
+
+
+def blurred_power(squared_radius: Values, blur_px2: float) -> Values:
+    """Share of natural images' power that a blur, see `squared_blur`, leaves at squared frequencies."""
+    return np.asarray(np.maximum(np.exp(-blur_px2 * squared_radius), _LEAST_LEFT))
+
+
 _SHARPENINGS = 2
 """Times that a blurred picture is sharpened a little: two follow a Gaussian's inverse, and leave white noise, once that
 is divided out again, at most 1.05 times as strong up to a blur of 1.4 px, and 1.17 times of 2.8 px."""
+_CURVATURE = (1, -2, 1)
+"""Of a picture along an axis, from neighbouring pixels."""
 
 
 def sharpened(images: Array, blur_px2: float) -> tuple[Array, NDArray[np.float64]]:
@@ -127,13 +182,13 @@ def sharpened(images: Array, blur_px2: float) -> tuple[Array, NDArray[np.float64
     blur_px2 : float
         Square of the standard deviation in pixels of the Gaussian that blurred them.
     """
+    from scipy.ndimage import correlate1d
+
     share = np.asarray(blur_px2 / (2 * _SHARPENINGS), images.dtype)
-    rows, columns = frequencies(*images.shape[-2:])
     for _ in range(_SHARPENINGS):
-        around = np.pad(images, [*[(0, 0)] * (images.ndim - 2), (1, 1), (1, 1)], mode="edge")
-        beside = around[..., :-2, 1:-1] + around[..., 2:, 1:-1] + around[..., 1:-1, :-2] + around[..., 1:-1, 2:]
-        images = images + share * (4 * images - beside)
-    transfer = 1 + blur_px2 / _SHARPENINGS * (2 - np.cos(rows) - np.cos(columns))
+        images = images - share * sum(correlate1d(images, _CURVATURE, axis, mode="nearest") for axis in (-2, -1))
+    rows, columns = squared_frequencies(*images.shape[-2:])
+    transfer = 1 + share * (rows[:, None] + columns)
     return images, transfer**_SHARPENINGS
 
 

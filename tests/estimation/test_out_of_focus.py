@@ -15,12 +15,12 @@ from polaropt.capture import Capture, noise_level, plate_frame, stokes_images
 from polaropt.estimation import estimate_scene, find_scene
 from polaropt.estimation.flat import pane_by_tiles, window
 from polaropt.estimation.flat.estimate import SceneEstimate
-from polaropt.estimation.flat.ghosts import cross_spectra, spectral_shapes, squared_blur
+from polaropt.estimation.flat.ghosts import cross_spectra, spectral_shapes
 from polaropt.estimation.flat.pane_by_tiles import _SURE_OF_NONE, with_ghosts_by_tiles
 from polaropt.estimation.flat.window import with_window
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit
-from polaropt.numerics import frequencies, hann_spectra, sharpened
+from polaropt.numerics import frequencies, hann_spectra, sharpened, squared_blur
 from polaropt.optics import SceneErrors
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of

@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
 from polaropt.numerics import (
+    blurred_power,
     column_multiplicity,
     frequencies,
     hann_autocorrelation,
     hann_spectra,
     hann_tile,
     sharpened,
+    squared_blur,
 )
 from polaropt.optics import GhostSeries, GhostSum, Plate, SceneParameters, ghost_sum, interface
 from solvers.kernels import in_blocks
@@ -146,6 +148,10 @@ class CrossSpectra:
         radius = np.hypot(self.along, self.across_azimuth)
         return squared_blur(self.par + self.perp, noise, radius, self.multiplicity)
 
+    def shapes(self, n_radii: int, n_directions: int) -> Images:
+        """What the layers' power is made of, see `spectral_shapes`: (level, frequency)."""
+        return spectral_shapes(self.along, self.across_azimuth, n_radii, n_directions, self.blur_px2)
+
     @property
     def along_ghosts(self) -> Matrix:
         """Angular frequency along the ghosts, per pixel."""
@@ -203,7 +209,7 @@ def _tile_spectra(
         mean = np.einsum("ecyx,yx->ec", part, share)[..., None, None]
         return np.asarray(rfft2((part - mean) * window), np.complex64)
 
-    yield from _under_window(frame, side, corners, blur_px2, spectra)
+    return _under_window(frame, side, corners, blur_px2, spectra)
 
 
 def tile_spectra(
@@ -316,19 +322,6 @@ _EVERY = 8
 """Levels are first fitted for every so-many-th trial, then carried to those between."""
 
 
-_RINGS, _FEWEST_RINGS = 11, 3
-"""Rings of frequencies by which it is told how fast spectra fall, and with how few it is. Set by hand."""
-_SHOWS = 2.0
-"""Of a ring's mean power, in units of the noise's, from which on it shows more than noise. Set by hand."""
-_SHARP_PX2 = 0.4
-"""Blur up to which pictures are sharp: training photographs, reduced by 1.5, have 0.2 at most, painted boxes behind a
-lens that blurs by 0.6 px have 0.38, as this measures it. Of 14 captures of an engine of its own that are blurred by 1.5
-to 3 px (26 to 74 degrees) 9 came within 3 dB of the scene known when they were taken for natural, all 14 do as they
-are."""
-_LEAST_LEFT = 1e-6
-"""Share of natural images' power that a blur leaves at least: what is divided by. Set by hand."""
-
-
 class _Hermitian(NamedTuple):
     """2x2 Hermitian matrices, one per trial and frequency: diagonal, and real and imaginary part of the upper right."""
 
@@ -378,7 +371,7 @@ class ShiftLikelihood:
         self._scene = scene
         # Directions that are compared must not differ in what pictures they expect; nor may edges pass for ghosts.
         detail = detail or (_RADIAL_KNOTS, 2 if spectra.ghosts_deg is None else 4)
-        self._shapes = spectral_shapes(spectra.along, spectra.across_azimuth, *detail, spectra.blur_px2)
+        self._shapes = spectra.shapes(*detail)
         """(level, frequency): natural images' power, split over a few radii and directions."""
 
     def misfit(
@@ -468,41 +461,6 @@ class ShiftLikelihood:
         return reflection, transmission
 
 
-def squared_blur(power: Images, noise: float, radius: Matrix, multiplicity: Images) -> float:
-    """Square of the standard deviation in pixels of the Gaussian that blurs natural images as far as these are.
-
-    What is out of focus falls much faster than natural images do, within a cell of frequencies, too: taken for natural,
-    that looks like double images a few pixels apart, or several panes.
-
-    Parameters
-    ----------
-    power : ndarray, shape (n,)
-        Mean periodogram, noise and all.
-    noise : float
-        Power of the noise.
-    radius, multiplicity : ndarray, shape (n,)
-        Angular frequencies per pixel, and how often each counts.
-
-    Returns
-    -------
-    float
-        0 for pictures that are sharp.
-    """
-    edges = np.geomspace(radius.min(), radius.max(), _RINGS + 1)[1:-1]
-    ring = np.digitize(radius, edges)
-    counts, seen, squares, logs = (
-        np.bincount(ring, multiplicity * values, _RINGS)
-        for values in (np.ones_like(radius), power, radius**2, 2 * np.log(radius))
-    )
-    shown = seen > _SHOWS * noise * np.maximum(counts, 1)
-    if np.count_nonzero(shown) < _FEWEST_RINGS:
-        return 0.0
-    counts, seen, squares, logs = (values[shown] for values in (counts, seen, squares, logs))
-    heights = np.log(seen / counts - noise) + logs / counts
-    slope = np.polyfit(squares / counts, heights, 1, w=np.sqrt(counts))[0]
-    return -float(slope) if -slope > _SHARP_PX2 else 0.0
-
-
 def spectral_shapes(along: Matrix, across: Matrix, n_radii: int, n_directions: int, blur_px2: float = 0.0) -> Images:
     """Natural images' power at frequencies (n,), split over radii and directions: (radii * directions, n).
 
@@ -517,11 +475,6 @@ def spectral_shapes(along: Matrix, across: Matrix, n_radii: int, n_directions: i
     directions = [(along * np.cos(turn) + across * np.sin(turn)) ** n_directions for turn in turns]
     shapes: Images = np.concatenate([hats * d / radius2 ** (1 + n_directions / 2) for d in directions])
     return (shapes * blurred_power(radius2, blur_px2)).astype(np.float32)
-
-
-def blurred_power(squared_radius: Matrix, blur_px2: float) -> Matrix:
-    """Share of natural images' power that a blur, see `squared_blur`, leaves at squared frequencies."""
-    return np.asarray(np.maximum(np.exp(-blur_px2 * squared_radius), _LEAST_LEFT))
 
 
 def _outer(layer: GhostSeries, ghosts: Sequence[GhostSum], coherence: Images) -> _Hermitian:

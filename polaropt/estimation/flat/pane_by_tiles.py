@@ -70,14 +70,15 @@ def with_ghosts_by_tiles(
     """
     if _is_a_trifle(estimate):
         estimate = _in_place(estimate)
-    if asked.transmission_ghost_shift is None and asked.ghost_shift is None:
-        estimate = _without_strange_shifts(estimate, stokes, asked)
-    incidence, azimuth, shift = estimate.scene.values()
     # Of a mosaic's cells the low pass shapes the spectra; towards grazing incidence every pane is a mirror.
-    told = not stokes.aliased and estimate.polarized and incidence <= INCIDENCE_SEARCH_DEG[1]
-    if not told or not is_of_two_faces(estimate.scene):
+    if stokes.aliased or not estimate.polarized or estimate.scene.values()[0] > INCIDENCE_SEARCH_DEG[1]:
         return estimate
     free = ("incidence_deg",) if asked.incidence_deg is None else ()
+    if asked.transmission_ghost_shift is None and asked.ghost_shift is None:
+        estimate = _without_shift_of_one_layer(estimate, stokes, free)
+    if not is_of_two_faces(estimate.scene):
+        return estimate
+    incidence, azimuth, shift = estimate.scene.values()
     searched = is_flat and incidence >= _SEARCHED_DEG
     if not (shift or searched):
         return estimate
@@ -98,17 +99,16 @@ def with_ghosts_by_tiles(
     return estimate if taken is found else _moved(estimate, frame, taken, free, _shift_error(tiles, taken))
 
 
-def _without_strange_shifts(estimate: SceneEstimate, stokes: StokesImages, asked: SceneParameters) -> SceneEstimate:
+def _without_shift_of_one_layer(estimate: SceneEstimate, stokes: StokesImages, free: tuple[str, ...]) -> SceneEstimate:
     """The estimate without double images of one layer that mean spectra alone show, where tiles surely find none.
 
     A reflection out of focus has spectra of its own, which to mean spectra look like a shift that only it has.
     """
-    incidence, azimuth, shift = estimate.scene.values()
-    if estimate.scene.transmission_ghost_shift is None or stokes.aliased or incidence > INCIDENCE_SEARCH_DEG[1]:
+    if estimate.scene.transmission_ghost_shift is None:
         return estimate
+    incidence, azimuth, shift = estimate.scene.values()
     frame = plate_frame(stokes, azimuth)
     tiles, index = TileLikelihood(frame), estimate.scene.index
-    free = ("incidence_deg",) if asked.incidence_deg is None else ()
     place, found = (tiles.nearest(Window(incidence, px), index, free) for px in (0.0, shift))
     if len(place.misfits) < LEAST_TILES or place.surer_than(found) <= _SURE_OF_NONE:
         return estimate

@@ -17,7 +17,6 @@ from polaropt.estimation.flat.ghosts import (
     FIRST_LEVEL,
     LEAST_FACTOR,
     CrossSpectra,
-    spectral_shapes,
 )
 from polaropt.estimation.flat.windows.likelihood import DETAIL, Window, lags_of
 from polaropt.numerics import hann_autocorrelation, local_minima
@@ -94,8 +93,7 @@ class GapMap:
 
     @cached_property
     def _shapes(self) -> Floats:
-        seen = self._spectra
-        return np.asarray(spectral_shapes(seen.along, seen.across_azimuth, *DETAIL, seen.blur_px2))
+        return self._spectra.shapes(*DETAIL)
 
     @cached_property
     def _data(self) -> Floats:

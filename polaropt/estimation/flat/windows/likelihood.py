@@ -20,7 +20,6 @@ from polaropt.estimation.flat.ghosts import (
     FIRST_LEVEL,
     LEAST_FACTOR,
     CrossSpectra,
-    spectral_shapes,
 )
 from polaropt.numerics import hann_autocorrelation
 from polaropt.optics import SceneParameters, window_orders
@@ -158,8 +157,7 @@ def _seen(spectra: CrossSpectra) -> Seen:
     (par, cross), (_, perp) = spectra.covariance
     data = np.stack([spectra.par, spectra.perp, spectra.cross.real, spectra.cross.imag])
     parts = (spectra.along, spectra.across_azimuth, spectra.multiplicity)
-    shapes = spectral_shapes(spectra.along, spectra.across_azimuth, *DETAIL, spectra.blur_px2)
-    arrays = (*parts, shapes, data, np.array([par, perp, cross]))
+    arrays = (*parts, spectra.shapes(*DETAIL), data, np.array([par, perp, cross]))
     return Seen(*(np.ascontiguousarray(part, dtype=np.float32) for part in arrays))
 
 

@@ -28,14 +28,12 @@ from polaropt.capture import PlateFrame
 from polaropt.estimation.flat.ghosts import (
     FIRST_LEVEL,
     TILE_PX,
-    blurred_power,
-    squared_blur,
     tile_corners,
     tile_spectra,
     usable_frequencies,
 )
 from polaropt.estimation.flat.windows.likelihood import Window, images_of
-from polaropt.numerics import Box, bilinear_transfer, frequencies, hann_autocorrelation
+from polaropt.numerics import Box, bilinear_transfer, blurred_power, frequencies, hann_autocorrelation, squared_blur
 from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_SEARCH_DEG
 from solvers.kernels import in_blocks
 
