@@ -122,17 +122,10 @@ class TileLikelihood:
         self._rows, self._columns = rows[use][order], columns[use][order]
         self._multiplicity = np.ascontiguousarray(multiplicity[order])
         (n_par, n_cross), (_, n_perp) = frame.covariance
-        corners = tile_corners(frame.valid, side)
-        seen = list(tile_spectra(frame, side, corners))
-        power = np.mean([_mean_power(spectra[..., every]) for spectra in seen], axis=0)
-        blur_px2 = squared_blur(power, float(n_par + n_perp), radius, counts)
+        data, power = _products(frame, side, (use, order), 0.0)
+        blur_px2 = squared_blur(power[every], float(n_par + n_perp), radius, counts)
         self._natural = natural_power(self._columns, self._rows, blur_px2)
-        tiles = []
-        for spectra in seen if blur_px2 == 0 else tile_spectra(frame, side, corners, blur_px2):
-            par, perp = spectra[..., use][..., order]
-            cross = par * perp.conj()
-            tiles.append(np.stack([np.abs(par) ** 2, np.abs(perp) ** 2, cross.real, cross.imag]))
-        self._data = np.ascontiguousarray(np.concatenate(tiles, axis=1).swapaxes(1, 2), dtype=np.float32)
+        self._data = data if blur_px2 == 0 else _products(frame, side, (use, order), blur_px2)[0]
         self._n_colours = frame.images.shape[1]
         noise = np.array([n_par, n_perp, n_cross], np.float32)
         self._noise = np.broadcast_to(noise[:, None, None], (3, self._cells.size - 1, self._data.shape[-1])).copy()
@@ -324,9 +317,22 @@ def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return one, other
 
 
-def _mean_power(spectra: NDArray[np.complex64]) -> NDArray[np.float32]:
-    """Power of both polarizations together (n,) of spectra (2, channel, n), mean of the colours."""
-    return np.asarray(np.square(np.abs(spectra)).sum(axis=0).mean(axis=0))
+def _products(
+    frame: PlateFrame, side: int, places: tuple[NDArray[np.bool_], NDArray[np.intp]], blur_px2: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What the likelihood is shown of tiles, (4, n, tile), and the mean power of both polarizations together, (y, x).
+
+    `places` are the frequencies that are used (y, x), and the order in which these stand.
+    """
+    use, order = places
+    tiles, power = [], np.zeros(use.shape, np.float32)
+    for spectra in tile_spectra(frame, side, tile_corners(frame.valid, side), blur_px2):
+        power += (spectra.real**2 + spectra.imag**2).sum(axis=(0, 1))
+        par, perp = spectra[..., use][..., order]
+        cross = par * perp.conj()
+        tiles.append(np.stack([np.abs(par) ** 2, np.abs(perp) ** 2, cross.real, cross.imag]))
+    data = np.concatenate(tiles, axis=1)
+    return np.ascontiguousarray(data.swapaxes(1, 2), dtype=np.float32), power / np.float32(data.shape[1])
 
 
 def natural_power(columns: Values, rows: Values, blur_px2: float = 0.0) -> NDArray[np.float32]:
