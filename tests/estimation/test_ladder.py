@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import reduce
 from types import SimpleNamespace
@@ -495,6 +496,7 @@ def test_edges_gradients_and_spectra_tell_the_incidence_together(name: str, monk
     mean, error = reduce(weighted_incidence, [part for part in (edges, *others) if part is not None])
     assert told.scene == told.estimate.scene
     assert (told.scene.incidence_deg, told.errors.incidence_deg) == pytest.approx((mean, error))
+    assert (told is found) == (others == [None, None])
 
 
 def test_tiles_have_the_last_word_on_flat_panes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -508,6 +510,48 @@ def test_tiles_have_the_last_word_on_flat_panes(monkeypatch: pytest.MonkeyPatch)
     told = ladder._with_all_told(found, None, BLIND)
     assert (told.scene, told.errors) == by_tiles
     assert told.scene == told.estimate.scene
+
+
+@pytest.mark.parametrize(
+    ("asked", "model", "refused"),
+    [
+        (BLIND, "curved", ""),
+        (BLIND.replace(incidence_deg=40.0), "curved", "finds incidence and azimuth itself"),
+        (BLIND.replace(azimuth_deg=10.0), "curved", "finds incidence and azimuth itself"),
+        (BLIND.replace(azimuth_deg=10.0), "polarized", ""),
+        (BLIND.replace(azimuth_deg=10.0, focal_px=90.0), "polarized", "finds incidence and azimuth itself"),
+        (BLIND.replace(focal_px=90.0), "polarized", ""),
+        (BLIND.replace(focal_px=90.0), "ghosts", "focal length is that of a wide lens"),
+        (BLIND.replace(focal_px=90.0), "perspective", ""),
+    ],
+)
+def test_a_model_that_has_no_place_for_what_is_told_is_refused(
+    asked: SceneParameters, model: str, refused: str
+) -> None:
+    with pytest.raises(InputError, match=refused) if refused else nullcontext():
+        ladder.check_model(asked, model)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "light_is_open", "stacked", "signal", "looked_for"),
+    [
+        ("auto", True, False, True, True),
+        ("pixelwise", True, False, True, False),
+        ("auto", False, False, True, False),
+        ("auto", True, True, True, False),
+        ("auto", True, False, False, False),
+    ],
+)
+def test_things_that_are_polarized_are_looked_for_where_nothing_else_explains_the_light(
+    wanted: str, light_is_open: bool, stacked: bool, signal: bool, looked_for: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ladder, "polarized_things", lambda blocks, apart: "things")
+    left = ladder.RungReport("pixelwise", 9.0, 1.0, 0.1, True, "")
+    found = ladder.LadderResult(PLAIN.replace(signal=signal), None, (left,))
+    light = SimpleNamespace(wanted=wanted, light_is_open=light_is_open, asked=SimpleNamespace(stacked=stacked))
+    seen = {"blocks": None, "apart": 0.0, "most_unexplained": 2.0, "gains_explain": False}
+    light.__dict__.update(seen, stokes=SimpleNamespace(aliased=False))
+    assert ladder._things_beside(found, light) == ("things" if looked_for else None)
 
 
 class Seen(Exception):

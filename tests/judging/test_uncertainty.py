@@ -240,6 +240,25 @@ def test_large_frames_state_on_blocks_what_every_pixel_would(monkeypatch, pane, 
     assert np.median(np.abs(coarse / fine - 1)) < 0.05
 
 
+def test_what_a_lens_s_errors_do_is_compared_in_the_middle_of_the_frame_about_its_own_middle(monkeypatch):
+    monkeypatch.setattr(uncertainty, "_LEAST_COARSE", 0)
+    monkeypatch.setattr(uncertainty, "_COMPARED", 64)
+    middles = []
+
+    def seen(part, noise, doubtful, center, growth):
+        middles.append((part.shape[-2:], center))
+        return scene_variance(part, noise, doubtful, center, growth)
+
+    scene_variance = uncertainty.scene_variance
+    monkeypatch.setattr(uncertainty, "scene_variance", seen)
+    example = blend(60, 192, ghost_shift=0.0, focal_px=200.0)
+    uncertainty._Blocks.of(
+        example.capture, 0.005, uncertainty.doubts(example.scene, SceneErrors(incidence_deg=1)), None
+    )
+    # A part of 64 px in the middle of 192 begins at 64; the frame's middle is its pixel 95.5.
+    assert middles[0] == ((64, 64), (31.5, 31.5))
+
+
 def test_what_is_done_of_a_frame_of_several_tiles_is_told_and_its_rows_come_once(monkeypatch):
     monkeypatch.setattr(polaropt.solving.solution, "tiles", lambda height, width: tiles(height, width, 96))
     example = blend(60, 160, color=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from polaropt import PSE, SceneParameters
+from polaropt.optics import engine
 from polaropt.optics.fresnel import brewster_angle_deg
 from polaropt.optics.stokes import dolp_aolp, stokes_from_intensities
 from tests.bounces import SCENES, constantly_polarized, slow_forward
@@ -90,6 +92,13 @@ def test_blocks_of_a_large_image_join_without_seams() -> None:
     np.testing.assert_allclose(
         pse.forward(layers)[:, 150], pse.forward(layers[:, rows])[:, 150 - rows.start], atol=1e-12
     )
+
+
+def test_numpy_takes_planes_one_by_one_and_other_libraries_all_at_once() -> None:
+    rows = range(3, 3 + 2 * engine._BLOCK, engine._BLOCK)
+    ends = [(start, min(start + engine._BLOCK, 4 + engine._BLOCK)) for start in rows]
+    assert list(engine._blocks(2, 3, 4 + engine._BLOCK, np)) == [(plane, *end) for plane in range(2) for end in ends]
+    assert list(engine._blocks(2, 3, 4 + engine._BLOCK, ModuleType("another"))) == [(slice(None), 3, 4 + engine._BLOCK)]
 
 
 def test_batches_go_through_as_one() -> None:

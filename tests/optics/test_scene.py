@@ -19,6 +19,7 @@ from polaropt.optics.scene import (
     Field,
     SceneErrors,
     largest_search_shift,
+    scale_between,
 )
 from polaropt.optics.stokes import stokes_vector
 
@@ -226,3 +227,13 @@ def test_in_photographs_of_twice_the_side_lengths_are_doubled_and_bends_halved()
 def test_a_bend_is_three_finite_numbers(bend: Any) -> None:
     with pytest.raises(InputError, match="three finite numbers"):
         SceneParameters(bend_deg_per_px=bend)
+
+
+@pytest.mark.parametrize(
+    ("size", "shape", "scale"),
+    [((300, 400), (300, 400), 1.0), ((300, 400), (600, 800), 2.0), ((150, 400), (300, 400), None)],
+)
+def test_photographs_of_one_view_have_sides_in_the_same_proportion(
+    size: tuple[int, int], shape: tuple[int, int], scale: float | None
+) -> None:
+    assert scale_between(size, shape) == scale

@@ -6,11 +6,21 @@ import json
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
+from polaropt.capture import Matching
+from polaropt.capture.registration import Motions
 from polaropt.optics.scene import SceneParameters
-from polaropt.reporting.report import capture_report, json_values, scene_report, separation_report, versions
+from polaropt.reporting.report import (
+    capture_report,
+    json_values,
+    matching_report,
+    scene_report,
+    separation_report,
+    versions,
+)
 from polaropt.separation import separate
 from solvers.base import StoppingRule
 from tests.blends import blend
@@ -90,6 +100,18 @@ def test_the_bounces_kept_are_those_of_the_solve() -> None:
     result = separate(example.capture, example.scene, stopping=StoppingRule(max_evaluations=1))
     kept = len(result.judge.args[3][0].pse.displacements) - 1
     assert separation_report(result, example.capture, example.scene)["n_bounces_kept"] == kept == 3
+
+
+def test_how_photographs_were_moved_is_told_with_turns_only_where_they_were_turned() -> None:
+    still, lying = np.eye(2), np.array([[0.0, 1.0], [-1.0, 0.0]])
+    moved = SimpleNamespace(shifts_px=np.array([[0.0, 0.0], [1.0, 2.0]]), layers=None, blurs_px=np.zeros(2))
+    for second, turns, scales in ((still, None, None), (1.5 * lying, [0.0, 90.0], [1.0, 1.5])):
+        motions = Motions(np.stack([still, second]), np.array([[0.0, 0.0], [3.0, -1.0]]))
+        told = matching_report(Matching(None, moved, None, motions=motions, exposures=(1.0, 2.0)))
+        assert told["shifts_px"] == [[0.0, 0.0], [4.0, 1.0]]
+        assert (told["rotations_deg"], told["scales"]) == (turns, scales)
+    alone = matching_report(Matching(None, moved, None))
+    assert (alone["shifts_px"], alone["rotations_deg"], alone["exposures"]) == ([[0.0, 0.0], [1.0, 2.0]], None, None)
 
 
 def test_a_capture_from_memory_has_no_origin() -> None:
