@@ -49,6 +49,22 @@ def test_directions_of_layers_that_vary_for_themselves_are_the_likeliest(first: 
     assert min(beside) > true
 
 
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0.5, 1.5), st.integers(0, 1000))
+def test_where_one_layer_is_smooth_noise_does_not_drive_the_directions_apart(contrast: float, seed: int) -> None:
+    rng, n = np.random.default_rng(seed), 60
+    # A sky over a landscape, before which what is mirrored is hardly more than noise but at one side.
+    strength = np.zeros((2, 1, n, 1)), np.full((1, 1, 1, n), contrast)
+    strength[0][0, :, 40:], strength[1][..., :15] = 60.0, 3 * contrast
+    layers = np.stack([power[0] * rng.standard_normal((3, n, n)) for power in strength])
+    first, second = math.radians(53), math.radians(73)
+    mixing = np.array([[math.cos(angle), math.sin(angle)] for angle in (first, second)]).T
+    seen = np.einsum("il,lchw->ichw", mixing, layers) + rng.standard_normal((2, 3, n, n))
+    windows = GradientWindows(seen.astype(np.float32), np.ones((3, n, n), dtype=bool))
+    others = windows.cost(first, np.radians(np.arange(60.0, 95.0)))
+    assert windows.certainty * (float(windows.cost(first, second)[0]) - float(others.min())) < 3
+
+
 @pytest.mark.parametrize("incidence_deg", [45.0, 62.0, 78.0])
 @pytest.mark.parametrize("shift", [0.0, 6.0])
 def test_gradients_tell_the_incidence(incidence_deg: float, shift: float) -> None:

@@ -38,6 +38,12 @@ _WHOLE = 0.999
 _LEAST_SEEN = 0.05
 # Side of a window in blocks. Set by hand.
 _WINDOW = 3
+_LEAST_SHOWN = 10.0
+"""Power of a window's gradients, both coordinates together, that tells: in units of a gradient's noise, and beyond it.
+Where one layer has none the other's direction and noise are fitted by both, the better the farther apart they are. Of
+18 panes before half a sky (training photographs) all lie within 1.8 degrees where without it one was off by 2.8, and
+no wrong index gains more than 3.1 (10.9); before 50 pairs of these photographs the incidence is off by 0.15 to 0.20
+degrees, root mean square (0.22). 6 and 15 do as well."""
 # Directions over half a turn, of which each pair is tried. Set by hand.
 _DIRECTIONS = 36
 # Least squared sine between two directions (0.6 degrees), which is divided by. Set by hand.
@@ -74,7 +80,8 @@ class GradientWindows:
         pooled = block_mean(np.stack([*products, known]).astype(np.float32), _WINDOW).reshape(4, -1)
         pooled = pooled[:, pooled[3] > 0].astype(np.float64)
         self._moments: Values = pooled[:3] / pooled[3]
-        self._count: Values = 2 * len(seen) * _WINDOW**2 * pooled[3]
+        shown = self._moments[0] + self._moments[2] - 2
+        self._count: Values = 2 * len(seen) * _WINDOW**2 * pooled[3] * (shown > _LEAST_SHOWN)
         # Where hardly anything is seen no window tells anything: all directions cost the same.
         self._total = float(self._count.sum()) or 1.0
         (xx, xy, yy) = self._moments @ self._count / self._total
