@@ -26,6 +26,7 @@ from polaropt.estimation.flat.estimate import (
 )
 from polaropt.estimation.flat.ghosts import cross_spectra, is_of_two_faces
 from polaropt.estimation.flat.gradients import incidence_by_gradients
+from polaropt.estimation.flat.lone_edges import with_mirrored_edges
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
 from polaropt.estimation.flat.samples.tiles import REACH_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
@@ -316,6 +317,10 @@ def _of_photographs(
         estimate = with_ghosts_by_tiles(estimate, stokes, flat, is_flat=is_flat)
     if climbs and is_flat and estimate.polarized and not capture.low_passed:
         estimate = with_shift_checked(estimate, stokes, asked)
+    lone = ""
+    is_open = asked.incidence_deg is None and thickness_px is None and not asked.stacked and not asked.absorption
+    if is_open and is_flat and estimate.polarized and not (capture.low_passed or stokes.aliased):
+        estimate, lone = with_mirrored_edges(estimate, plate_frame(stokes, estimate.scene.values()[1]))
     seconds = time.perf_counter() - began
     unpolarized = not estimate.polarized and asked.incidence_deg is None
     if unpolarized or model == "none":
@@ -326,8 +331,8 @@ def _of_photographs(
     open_window = open_ghosts or None in (asked.n_panes, asked.absorption)
     # The low pass of a mosaic's cells, and what aliases there, passes for a second pane.
     open_window &= thickness_px is None and not stokes.aliased
-    # What was filled in, too.
-    open_window &= climbs
+    # What was filled in, too; and of one layer's edges alone nothing tells several panes.
+    open_window &= climbs and not lone
     # Beyond the angles that are searched any number of panes is a mirror.
     open_window &= estimate.scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]
     if shifted or (open_window and with_images and is_flat):
@@ -337,13 +342,15 @@ def _of_photographs(
         open_gap = not asked.gap_shift if asked.n_panes is None else asked.stacked and asked.gap_shift is None
         if open_gap and climbs and with_images:
             estimate = with_window_of_mosaic(estimate, mosaic, asked, edges)
-    remark = window_remark(estimate.scene) if asked.n_panes is None and not estimate.scene.has_ghosts else ""
+    alike = asked.n_panes is None and not estimate.scene.has_ghosts
+    remark = lone or (window_remark(estimate.scene) if alike else "")
     window = {name: getattr(estimate.scene, name) for name in ("n_panes", "gap_shift", "gap_azimuth_deg", "absorption")}
     of_window = asked.replace(**window)
     evidence = Evidence(capture, noise, stokes, blocks, of_window, estimate, misfit, model, mosaic)
-    found = _climbed(evidence, seconds, remark, climbs=climbs)
+    # One layer's edges tell nothing of polarized light either.
+    found = _climbed(evidence, seconds, remark, climbs=climbs and not lone)
     # Of a mosaic's cells the samples tell it; a thickness ties it to the ghosts.
-    if not (stokes.aliased or thickness_px is not None or asked.incidence_deg is not None):
+    if not (stokes.aliased or lone or thickness_px is not None or asked.incidence_deg is not None):
         found = _with_all_told(found, stokes, asked)
     return _with_errors_of_gains(found, evidence), evidence
 

@@ -24,6 +24,7 @@ from polaropt.estimation.flat.estimate import LEAST_NOISE, estimate_scene
 from polaropt.estimation.flat.ghost_overlap import LayerOverlap
 from polaropt.estimation.flat.ghosts import cross_spectra
 from polaropt.estimation.flat.gradients import PaneGradients
+from polaropt.estimation.flat.lone_edges import mirrored_incidences
 from polaropt.estimation.flat.overlap import noise_of_mirrored
 from polaropt.estimation.flat.window import judged_pane, judged_window
 from polaropt.estimation.flat.windows.axis import HARDLY_PX
@@ -272,6 +273,9 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
         return None
     stokes = stokes_images(capture, max(noise, LEAST_NOISE))
     frame = plate_frame(stokes, scene.values()[1])
+    if scene.single_and_clear and not stokes.aliased and mirrored_incidences(frame, scene):
+        # One layer's edges tell no index.
+        return None
     measured = scene.single_and_clear and scene.index != GLASS_INDEX
     # What aliases in a mosaic's cells looks like gradients of both layers.
     if scene.single_and_clear and not stokes.aliased:

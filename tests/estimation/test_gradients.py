@@ -13,7 +13,7 @@ from polaropt import SceneParameters
 from polaropt.capture import Capture, plate_frame, stokes_images
 from polaropt.estimation import find_scene
 from polaropt.estimation.flat.ghost_overlap import images_with_ghosts_in_place, without_borders
-from polaropt.estimation.flat.gradients import GradientWindows, PaneGradients, incidence_by_gradients
+from polaropt.estimation.flat.gradients import LEAST_SHOWN, GradientWindows, PaneGradients, incidence_by_gradients
 from polaropt.numerics import block_mean
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
@@ -60,7 +60,7 @@ def test_where_one_layer_is_smooth_noise_does_not_drive_the_directions_apart(con
     first, second = math.radians(53), math.radians(73)
     mixing = np.array([[math.cos(angle), math.sin(angle)] for angle in (first, second)]).T
     seen = np.einsum("il,lchw->ichw", mixing, layers) + rng.standard_normal((2, 3, n, n))
-    windows = GradientWindows(seen.astype(np.float32), np.ones((3, n, n), dtype=bool))
+    windows = GradientWindows(seen.astype(np.float32), np.ones((3, n, n), dtype=bool), LEAST_SHOWN)
     others = windows.cost(first, np.radians(np.arange(60.0, 95.0)))
     assert windows.certainty * (float(windows.cost(first, second)[0]) - float(others.min())) < 3
 

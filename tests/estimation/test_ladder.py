@@ -18,6 +18,7 @@ from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.samples.ghosts import SampledPane
 from polaropt.estimation.flat.samples.light import PolarizedPane
 from polaropt.estimation.rung import Evidence, Rung, RungFit, noise_misfit
+from polaropt.estimation.wide.blocks import SCATTERS
 from polaropt.estimation.wide.fits import PerspectiveFit
 from polaropt.optics import Rival, SceneErrors
 
@@ -246,6 +247,23 @@ def test_ghosts_are_looked_for_where_incidence_varies_and_they_are_open(
     else:
         assert after.scene.ghost_shift == expected
         assert after.remark == "Before. Its double images lie 5.0 px apart."
+
+
+@pytest.mark.parametrize(("behind", "turned"), [(2.0, True), (0.2, False), (-2.0, False)])
+def test_an_azimuth_that_is_told_is_turned_where_the_other_side_suits_the_light_clearly_better(
+    behind: float, turned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = evidence(wanted="perspective", asked=BLIND.replace(azimuth_deg=20.0, focal_px=90.0))
+
+    def fitted(stokes: object, incidence: object, azimuth: float, focal: float) -> PerspectiveFit:
+        # Twice what it may scatter by chance, or less.
+        more = behind * SCATTERS * given.scatter
+        return replace(WELL, misfit=3.0 + (more if azimuth == 20.0 else 0.0))
+
+    monkeypatch.setattr(rungs, "fit_told_perspective", fitted)
+    found = rungs._told_perspective(replace(given, capture=SimpleNamespace(focal_px=None)))
+    assert found.scene.azimuth_deg == (200.0 if turned else 20.0)
+    assert ("leans to the other side" in found.remark) == turned
 
 
 WELL = PerspectiveFit(54.0, 21.0, 80.0, 0.5, 1.0, 3.0, ALL, 800, True)
@@ -689,6 +707,27 @@ def test_tiles_of_a_mosaic_tell_ghosts_which_samples_make_exact_and_the_incidenc
     told = weighted_incidence((55.0, np.hypot(0.3, 0.6)), BY_TILES) if counts else (55.0, 0.3)
     assert (found.scene.incidence_deg, found.errors.incidence_deg) == pytest.approx(told)
     assert found.scene.ghost_shift == shift
+
+
+@pytest.mark.parametrize("incidence_deg", [None, 55.0])
+def test_tiles_of_a_mosaic_tell_tint_which_then_is_no_polarized_light(
+    incidence_deg: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def tint(scene: SceneParameters, *, incidence_open: bool) -> tuple[float, float]:
+        assert (scene.ghost_shift, incidence_open) == (14.0, incidence_deg is None)
+        return 0.4, 0.05
+
+    tiles = SimpleNamespace(ghosts=lambda *_: (12.0, 0.3), incidence=lambda scene: None, tint=tint)
+    monkeypatch.setattr(ladder, "sampled_shift", lambda *_: (14.0, 0.2))
+    monkeypatch.setattr(ladder, "PaneOfTiles", lambda *_: tiles)
+    light = Rival(PLAIN.replace(transmission_polarization=(0.5, 10.0)), 0.2)
+    estimate = replace(ESTIMATE, scene=PLAIN, errors=SceneErrors(incidence_deg=0.3), rivals=(OTHER, light))
+    capture = SimpleNamespace(scale=2, cells=SimpleNamespace(samples="samples"), angles_deg=())
+    asked = OPEN.replace(absorption=None, incidence_deg=incidence_deg)
+    of_cells = ladder.LadderResult(PLAIN, estimate, ())
+    found = ladder.in_full(of_cells, capture, asked, 0.005, mosaic=SimpleNamespace(period=4))
+    assert (found.scene.absorption, found.errors.absorption) == (0.4, 0.05)
+    assert [rival.chance for rival in found.estimate.rivals] == [OTHER.chance]
 
 
 def test_a_scene_that_was_given_is_that_of_the_mosaic_too() -> None:

@@ -36,14 +36,14 @@ FREEDOM = 4.0
 _WHOLE = 0.999
 # Share of the blocks below which those with clipped pixels must do, too. Set by hand.
 _LEAST_SEEN = 0.05
-# Side of a window in blocks. Set by hand.
-_WINDOW = 3
-_LEAST_SHOWN = 10.0
-"""Power of a window's gradients, both coordinates together, that tells: in units of a gradient's noise, and beyond it.
-Where one layer has none the other's direction and noise are fitted by both, the better the farther apart they are. Of
-18 panes before half a sky (training photographs) all lie within 1.8 degrees where without it one was off by 2.8, and
-no wrong index gains more than 3.1 (10.9); before 50 pairs of these photographs the incidence is off by 0.15 to 0.20
-degrees, root mean square (0.22). 6 and 15 do as well."""
+WINDOW = 3
+"""Side of a window in blocks. Set by hand."""
+LEAST_SHOWN = 10.0
+"""Power of a window's gradients, both coordinates together and beyond the noise, in units of a gradient's noise, from
+which on it tells a pane's incidence. Where one layer has none, two directions fit the other's and the noise the better
+the farther apart they are. Of 18 panes before half a sky (training photographs) all lie within 1.8 degrees where
+without it one was off by 2.8, and no wrong index gains more than 3.1 (10.9); before 50 pairs of these photographs the
+incidence is off by 0.15 to 0.20 degrees, root mean square (0.22). 6 and 15 do as well."""
 # Directions over half a turn, of which each pair is tried. Set by hand.
 _DIRECTIONS = 36
 # Least squared sine between two directions (0.6 degrees), which is divided by. Set by hand.
@@ -69,19 +69,20 @@ class GradientWindows:
     coordinates : ndarray of float32, shape (2, channel, h, w)
         Block means with noise of unit variance.
     seen : ndarray of bool, shape (channel, h, w)
+    least_shown : float
+        Power of a window's gradients, both coordinates together and beyond the noise, in units of a gradient's, from
+        which on it tells something. Default: all do.
     """
 
-    def __init__(self, coordinates: Images, seen: NDArray[np.bool_]) -> None:
-        corner = coordinates[..., :-1, :-1]
-        x, y = np.stack([coordinates[..., 1:, :-1] - corner, coordinates[..., :-1, 1:] - corner], axis=1)
-        known = (seen[..., :-1, :-1] & seen[..., 1:, :-1] & seen[..., :-1, 1:]).all(axis=0)
+    def __init__(self, coordinates: Images, seen: NDArray[np.bool_], least_shown: float = -math.inf) -> None:
+        (x, y), known = gradients_of(coordinates), seen_gradients(seen)
         # A gradient's noise has twice the variance of a pixel's.
         products = [0.5 * known * np.mean(a * b, axis=(0, 1)) for a, b in ((x, x), (x, y), (y, y))]
-        pooled = block_mean(np.stack([*products, known]).astype(np.float32), _WINDOW).reshape(4, -1)
+        pooled = block_mean(np.stack([*products, known]).astype(np.float32), WINDOW).reshape(4, -1)
         pooled = pooled[:, pooled[3] > 0].astype(np.float64)
         self._moments: Values = pooled[:3] / pooled[3]
         shown = self._moments[0] + self._moments[2] - 2
-        self._count: Values = 2 * len(seen) * _WINDOW**2 * pooled[3] * (shown > _LEAST_SHOWN)
+        self._count: Values = 2 * len(seen) * WINDOW**2 * pooled[3] * (shown > least_shown)
         # Where hardly anything is seen no window tells anything: all directions cost the same.
         self._total = float(self._count.sum()) or 1.0
         (xx, xy, yy) = self._moments @ self._count / self._total
@@ -171,6 +172,46 @@ _ROUNDS, _AT_REST_DEG = 3, 0.05
 """In which ghosts are brought into place as they are at the last incidence, and the change that ends them. By hand."""
 
 
+def whitened_means(frame: PlateFrame, scene: SceneParameters) -> tuple[Values, Images, NDArray[np.bool_]]:
+    """Block means of what is seen along and across the plane of incidence, as coordinates with noise of unit variance.
+
+    Parameters
+    ----------
+    frame : PlateFrame
+        At the azimuth of the scene.
+    scene : SceneParameters
+        Complete. Its ghosts are brought into place.
+
+    Returns
+    -------
+    whitening : ndarray, shape (2, 2)
+        Makes coordinates of what is seen.
+    means : ndarray of float32, shape (2, channel, h, w)
+    seen : ndarray of bool, shape (channel, h, w)
+    """
+    part = (..., *middle_part(frame.images.shape, SIDE))
+    # Of a frame with ghosts the images are half as large.
+    half = HALF if scene.has_ghosts else 1
+    images = images_with_ghosts_in_place(frame, scene) if scene.has_ghosts else np.asarray(frame.images[part])
+    shares = without_borders(block_shares(frame.valid[part], HALF)) if scene.has_ghosts else frame.valid[part]
+    size = max(1, math.ceil(max(images.shape[-2:]) / MOST_BLOCKS))
+    whitening = np.linalg.inv(np.linalg.cholesky(frame.covariance)) * (size * half)
+    means = np.einsum("ij,jchw->ichw", whitening, block_mean(images, size)).astype(np.float32)
+    return whitening, means, seen_blocks(block_mean(shares.astype(np.float32), size))
+
+
+def gradients_of(coordinates: Images) -> tuple[Images, Images]:
+    """Gradients (2, channel, h - 1, w - 1), down and along the rows, of each of two coordinates."""
+    corner = coordinates[..., :-1, :-1]
+    x, y = np.stack([coordinates[..., 1:, :-1] - corner, coordinates[..., :-1, 1:] - corner], axis=1)
+    return x, y
+
+
+def seen_gradients(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where gradients of all channels are seen, (h - 1, w - 1)."""
+    return np.asarray((seen[..., :-1, :-1] & seen[..., 1:, :-1] & seen[..., :-1, 1:]).all(axis=0))
+
+
 class PaneGradients:
     """How likely incidences of a flat pane are, given the gradients of what is seen in small windows.
 
@@ -183,16 +224,8 @@ class PaneGradients:
     """
 
     def __init__(self, frame: PlateFrame, scene: SceneParameters) -> None:
-        part = (..., *middle_part(frame.images.shape, SIDE))
-        # Of a frame with ghosts the images are half as large.
-        half = HALF if scene.has_ghosts else 1
-        images = images_with_ghosts_in_place(frame, scene) if scene.has_ghosts else np.asarray(frame.images[part])
-        shares = without_borders(block_shares(frame.valid[part], HALF)) if scene.has_ghosts else frame.valid[part]
-        size = max(1, math.ceil(max(images.shape[-2:]) / MOST_BLOCKS))
-        self._whitening = np.linalg.inv(np.linalg.cholesky(frame.covariance)) * (size * half)
-        means = np.einsum("ij,jchw->ichw", self._whitening, block_mean(images, size))
-        seen = seen_blocks(block_mean(shares.astype(np.float32), size))
-        self._windows, self._scene = GradientWindows(means.astype(np.float32), seen), scene
+        self._whitening, means, seen = whitened_means(frame, scene)
+        self._windows, self._scene = GradientWindows(means, seen, LEAST_SHOWN), scene
 
     def cost(self, incidence_deg: float, refractive_index: float | None = None) -> float:
         """Minus log likelihood of an incidence and an index, of gradients that tell for themselves; less a constant."""
