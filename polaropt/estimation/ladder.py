@@ -318,8 +318,10 @@ def _of_photographs(
     if climbs and is_flat and estimate.polarized and not capture.low_passed:
         estimate = with_shift_checked(estimate, stokes, asked)
     lone = ""
-    is_open = asked.incidence_deg is None and thickness_px is None and not asked.stacked and not asked.absorption
-    if is_open and is_flat and estimate.polarized and not (capture.low_passed or stokes.aliased):
+    # Of a mosaic's cells the samples tell it; a thickness ties it to the ghosts.
+    told_by_edges = asked.incidence_deg is None and thickness_px is None and not stokes.aliased
+    may_be_one = not (asked.stacked or asked.absorption or capture.low_passed)
+    if told_by_edges and may_be_one and is_flat and estimate.polarized:
         estimate, lone = with_mirrored_edges(estimate, plate_frame(stokes, estimate.scene.values()[1]))
     seconds = time.perf_counter() - began
     unpolarized = not estimate.polarized and asked.incidence_deg is None
@@ -349,8 +351,7 @@ def _of_photographs(
     evidence = Evidence(capture, noise, stokes, blocks, of_window, estimate, misfit, model, mosaic)
     # One layer's edges tell nothing of polarized light either.
     found = _climbed(evidence, seconds, remark, climbs=climbs and not lone)
-    # Of a mosaic's cells the samples tell it; a thickness ties it to the ghosts.
-    if not (stokes.aliased or lone or thickness_px is not None or asked.incidence_deg is not None):
+    if told_by_edges and not lone:
         found = _with_all_told(found, stokes, asked)
     return _with_errors_of_gains(found, evidence), evidence
 

@@ -8,7 +8,6 @@ import pytest
 import polaropt.solving.solution
 from polaropt import separate
 from polaropt.capture.noise import measured_noise
-from polaropt.judging import loss
 from polaropt.judging.loss import _chance, scene_loss
 from polaropt.judging.uncertainty import doubts, scene_variance
 from polaropt.optics.rivals import Rival, widened
@@ -123,11 +122,11 @@ def test_the_loss_that_is_expected_is_that_of_a_scene_off_by_its_error(incidence
     moved = [example.scene.replace(incidence_deg=incidence_deg + sign * error) for sign in (-1, 1)]
     true = 10 * np.log10(np.mean([mean_square(scene) for scene in moved], axis=0) / known)
     noise, growth = measured_noise(example.capture)
-    expected = scene_loss(example.capture, noise, example.scene, SceneErrors(incidence_deg=error), known, growth)
-    assert expected is not None
-    assert (expected.number, expected.error) == ("incidence_deg", error)
-    assert expected.transmission_db == pytest.approx(true[0], rel=0.35, abs=1)
-    assert expected.reflection_db == pytest.approx(true[1], rel=0.35, abs=1)
+    loss = scene_loss(example.capture, noise, example.scene, SceneErrors(incidence_deg=error), known, growth)
+    assert loss is not None
+    assert (loss.number, loss.error) == ("incidence_deg", error)
+    assert loss.transmission_db == pytest.approx(true[0], rel=0.35, abs=1)
+    assert loss.reflection_db == pytest.approx(true[1], rel=0.35, abs=1)
 
 
 def test_the_loss_is_that_of_the_middle_of_the_frame_about_its_own_middle(monkeypatch):
@@ -137,8 +136,8 @@ def test_the_loss_is_that_of_the_middle_of_the_frame_about_its_own_middle(monkey
         middles.append((part.shape[-2:], center))
         return scene_variance(part, noise, doubtful, center, growth)
 
-    monkeypatch.setattr(loss, "_SIDE", 64)
-    monkeypatch.setattr(loss, "scene_variance", seen)
+    monkeypatch.setattr("polaropt.judging.loss._SIDE", 64)
+    monkeypatch.setattr("polaropt.judging.loss.scene_variance", seen)
     example = blend(60, 192, ghost_shift=0.0, focal_px=200.0)
     scene_loss(example.capture, 0.005, example.scene, SceneErrors(incidence_deg=1.0), np.full(2, 1e-4))
     # A part of 64 px in the middle of 192 begins at 64; the frame's middle is its pixel 95.5.

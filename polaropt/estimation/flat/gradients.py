@@ -75,7 +75,7 @@ class GradientWindows:
     """
 
     def __init__(self, coordinates: Images, seen: NDArray[np.bool_], least_shown: float = -math.inf) -> None:
-        (x, y), known = gradients_of(coordinates), seen_gradients(seen)
+        x, y, known = gradients_of(coordinates, seen)
         # A gradient's noise has twice the variance of a pixel's.
         products = [0.5 * known * np.mean(a * b, axis=(0, 1)) for a, b in ((x, x), (x, y), (y, y))]
         pooled = block_mean(np.stack([*products, known]).astype(np.float32), WINDOW).reshape(4, -1)
@@ -200,16 +200,11 @@ def whitened_means(frame: PlateFrame, scene: SceneParameters) -> tuple[Values, I
     return whitening, means, seen_blocks(block_mean(shares.astype(np.float32), size))
 
 
-def gradients_of(coordinates: Images) -> tuple[Images, Images]:
-    """Gradients (2, channel, h - 1, w - 1), down and along the rows, of each of two coordinates."""
+def gradients_of(coordinates: Images, seen: NDArray[np.bool_]) -> tuple[Images, Images, NDArray[np.bool_]]:
+    """Gradients (2, channel, h - 1, w - 1), down and along the rows, of either coordinate, and where all are seen."""
     corner = coordinates[..., :-1, :-1]
     x, y = np.stack([coordinates[..., 1:, :-1] - corner, coordinates[..., :-1, 1:] - corner], axis=1)
-    return x, y
-
-
-def seen_gradients(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where gradients of all channels are seen, (h - 1, w - 1)."""
-    return np.asarray((seen[..., :-1, :-1] & seen[..., 1:, :-1] & seen[..., :-1, 1:]).all(axis=0))
+    return x, y, np.asarray((seen[..., :-1, :-1] & seen[..., 1:, :-1] & seen[..., :-1, 1:]).all(axis=0))
 
 
 class PaneGradients:

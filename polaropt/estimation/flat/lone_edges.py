@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import PlateFrame
 from polaropt.estimation.flat.estimate import SceneEstimate
-from polaropt.estimation.flat.gradients import WINDOW, gradients_of, seen_gradients, whitened_means
+from polaropt.estimation.flat.gradients import WINDOW, gradients_of, whitened_means
 from polaropt.numerics import block_mean
 from polaropt.optics import INCIDENCE_SEARCH_DEG, Rival, SceneParameters, in_place_weights
 
@@ -81,7 +81,7 @@ def mirrored_incidences(frame: PlateFrame, scene: SceneParameters) -> list[Mirro
         Complete, of one clear pane.
     """
     whitening, means, seen = whitened_means(frame, scene)
-    moments = _moments_about_slopes(*gradients_of(means), seen_gradients(seen))
+    moments = _moments_about_slopes(*gradients_of(means, seen))
     n = moments.shape[1]
     if n < _LEAST_WINDOWS:
         return []
@@ -139,10 +139,10 @@ def _incidences(
         # Near Brewster's angle the error reaches to where polarization has turned by it.
         reach = np.cumsum(np.abs(turn[place:]) * _STEP_DEG) > error
         error_deg = _STEP_DEG * (int(np.argmax(reach)) if reach.any() else len(reach))
-        layers = np.linalg.solve(entries[:, :, place].T, np.linalg.solve(whitening, means.reshape(2, -1)))
-        noise = np.sqrt(np.square(np.linalg.inv(coordinates[:, :, place].T)).sum(axis=1))
-        likely = _likely(layers, noise) / max(slope, _LEAST_SLOPE)
-        found.append(MirroredIncidence(incidence, math.hypot(error_deg, _LEAST_ERROR_DEG), likely))
+        unmixing = np.linalg.inv(coordinates[:, :, place].T)
+        likely = _likely(unmixing @ means.reshape(2, -1), np.sqrt(np.square(unmixing).sum(axis=1)))
+        weight = likely / max(slope, _LEAST_SLOPE)
+        found.append(MirroredIncidence(incidence, math.hypot(error_deg, _LEAST_ERROR_DEG), weight))
     found.sort(key=lambda one: -one.weight)
     return found if found[0].error_deg <= _WORST_ERROR_DEG else []
 
@@ -167,14 +167,16 @@ def with_mirrored_edges(estimate: SceneEstimate, frame: PlateFrame) -> tuple[Sce
     found = mirrored_incidences(frame, estimate.scene)
     if not found:
         return estimate, ""
-    if estimate.scene.has_ghosts:
-        # How bright double images are had a say in the estimate.
-        nearest = min(found, key=lambda one: abs(one.incidence_deg - estimate.scene.values()[0]))
-        found = [dataclasses.replace(one, weight=one.weight * (_BY_GHOSTS if one is nearest else 1.0)) for one in found]
-    best, *others = sorted(found, key=lambda one: -one.weight)
-    weight = sum(one.weight for one in found)
-    scene = estimate.scene.replace(incidence_deg=best.incidence_deg)
-    rivals = tuple(Rival(scene.replace(incidence_deg=one.incidence_deg), one.weight / weight) for one in others)
+    nearest = min(found, key=lambda one: abs(one.incidence_deg - estimate.scene.values()[0]))
+    # How bright double images are had a say in the estimate.
+    by_ghosts = _BY_GHOSTS if estimate.scene.has_ghosts else 1.0
+
+    def weight(one: MirroredIncidence) -> float:
+        return one.weight * (by_ghosts if one is nearest else 1.0)
+
+    best, *others = sorted(found, key=weight, reverse=True)
+    scene, all_weights = estimate.scene.replace(incidence_deg=best.incidence_deg), sum(map(weight, found))
+    rivals = tuple(Rival(scene.replace(incidence_deg=one.incidence_deg), weight(one) / all_weights) for one in others)
     errors = dataclasses.replace(estimate.errors, incidence_deg=best.error_deg)
     remark = "All edges are mirrored ones: what is behind the glass shows none."
     if others:
