@@ -96,6 +96,14 @@ def test_results_of_code_that_is_no_commit_are_refused(tmp_path: Path) -> None:
         keep([changed], tmp_path / "results")
 
 
+def test_what_is_kept_is_no_run_to_keep(out: Path, tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    keep([out], results)
+    with pytest.raises(SystemExit, match="results holds what is kept"):
+        keep([tmp_path / "out" / ".." / "results"], results)
+    assert (results / "peers" / "peers.md").read_text().strip() == TABLE
+
+
 def test_the_page_says_which_code_its_results_come_from(out: Path, tmp_path: Path) -> None:
     results, text = tmp_path / "results", "<!-- code state -->\n<!-- end -->\n"
     keep([out], results)
