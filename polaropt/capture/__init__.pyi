@@ -44,6 +44,7 @@ __all__ = [
     "check_angles",
     "check_capture",
     "closure_share",
+    "colour_blocks",
     "correlated_noise",
     "encode_srgb",
     "exchanged_order",
@@ -185,6 +186,7 @@ from .noise_spectrum import NoiseSpectrum as NoiseSpectrum
 from .noise_spectrum import correlated_noise as correlated_noise
 from .pair_gain import PLAUSIBLE_GAIN as PLAUSIBLE_GAIN
 from .pair_gain import closure_share as closure_share
+from .pair_gain import colour_blocks as colour_blocks
 from .pair_gain import orthogonal_pairs as orthogonal_pairs
 from .pair_gain import pair_gain_of as pair_gain_of
 from .pair_gain import pair_signs as pair_signs

@@ -59,6 +59,13 @@ def trusted_blocks(intensities: Floats, valid: AnyMask, block: int = BLOCK, chan
 
     `change`, if any, is made of the photographs before. Some rows at a time: photographs are much memory.
     """
+    return np.concatenate(colour_blocks(intensities, valid, block, change), axis=1)
+
+
+def colour_blocks(
+    intensities: Floats, valid: AnyMask, block: int = BLOCK, change: Change | None = None
+) -> list[Floats]:
+    """`trusted_blocks` of each colour, in their order."""
     of_means, of_whole = [], []
     height = intensities.shape[-2]
     for rows in strips(height, intensities.size // height, block):
@@ -67,10 +74,14 @@ def trusted_blocks(intensities: Floats, valid: AnyMask, block: int = BLOCK, chan
         of_whole.append(whole_blocks(np.asarray(valid[..., rows, :].all(axis=0)), block))
     means, whole = np.concatenate(of_means, axis=-2), np.concatenate(of_whole, axis=-2)
     bright = means.mean(axis=0)
-    if not bright.size:
-        return means.reshape(len(means), 0)
-    bright_enough = bright > _DARK * np.quantile(bright, 0.99)
-    return means[:, whole & bright_enough & (means.min(axis=0) > 0)]
+    trusted = whole & (means.min(axis=0) > 0)
+    if bright.size:
+        trusted &= bright > _DARK * np.quantile(bright, 0.99)
+    blocks_of = means.shape[-2:]
+    planes = zip(
+        np.moveaxis(means.reshape(len(means), -1, *blocks_of), 1, 0), trusted.reshape(-1, *blocks_of), strict=True
+    )
+    return [plane[:, where] for plane, where in planes]
 
 
 def redundancy_residual(intensities: Any, angles_deg: Sequence[float]) -> Any:

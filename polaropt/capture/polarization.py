@@ -126,6 +126,11 @@ class StokesImages:
         """Shares of measured pixels in these blocks, (channel, h // size, w // size)."""
         return block_shares(self.valid, size)
 
+    def of_channel(self, channel: int) -> StokesImages:
+        """Those of one colour."""
+        only = slice(channel, channel + 1)
+        return replace(self, images=self.images[..., :, :][:, only], valid=self.valid[only])
+
     def reversed(self) -> StokesImages:
         """The same of photographs whose angles count the other way."""
         mirror = np.diag([1.0, 1.0, -1.0])

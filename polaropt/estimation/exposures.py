@@ -1,4 +1,4 @@
-"""How unlike photographs were exposed, as they tell themselves, and their layers: by a per cent or so mostly.
+"""How unlike photographs were exposed, as they tell themselves, and their layers: by some per cent, of each colour.
 
 A shutter, a lamp's light and a filter that is turned by hand are not the same each time. Photographs whose exposures
 differ do not add up, and behind a flat pane leave light polarized across its plane of incidence, both in proportion to
@@ -6,6 +6,9 @@ all light: that tells two of three ratios, whatever the angles are off by. The t
 plane and across, makes the pane look as if it polarized more or less, and costs a layer 5 to 10 dB. No pixel tells it,
 but how the pane mixes both layers does: tiles of the frame, which tell the incidence, tell both together, as far as
 the other two ratios make expect any.
+
+Where cameras balance white in each photograph anew, colours have ratios of their own. The third ones of these differ
+by what makes all colours mix the layers alike.
 """
 
 from __future__ import annotations
@@ -13,6 +16,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +25,14 @@ from numpy.typing import NDArray
 from polaropt.capture import (
     Capture,
     Matching,
+    Mistakes,
     StokesImages,
+    colour_blocks,
     measured_noise,
     orthogonal_pairs,
     pair_signs,
     plate_frame,
     stokes_images,
-    trusted_blocks,
 )
 from polaropt.estimation.flat.errors import errors_of_gains, polarized_share
 from polaropt.estimation.flat.pane_by_tiles import LEAST_TILES
@@ -102,8 +108,8 @@ class Exposures:
 
     Attributes
     ----------
-    relative : tuple of float
-        Their product is 1.
+    relative : tuple of tuple of float
+        Of each photograph for each colour, or for all alike. The product of a colour's is 1.
     incidence_error_deg : float
         Standard error of the incidence that follows from what is not known of them.
     azimuth_error_deg : float
@@ -113,15 +119,15 @@ class Exposures:
         of another pane.
     """
 
-    relative: tuple[float, ...]
+    relative: tuple[tuple[float, ...], ...]
     incidence_error_deg: float = 0.0
     azimuth_error_deg: float = 0.0
     swamp_pane: bool = False
 
     def divided_out(self, capture: Capture) -> Capture:
         """Photographs as if all had been exposed alike."""
-        relative = np.array(self.relative, np.float32).reshape(-1, *[1] * (capture.intensities.ndim - 1))
-        return capture.replace(intensities=capture.intensities / relative)
+        relative = np.array(self.relative, np.float32)[..., None, None]
+        return capture.replace(intensities=capture.intensities / (relative if capture.color else relative[:, 0]))
 
     def with_errors(self, found: LadderResult) -> LadderResult:
         """What was found of photographs that they were divided out of, with its errors by what stays open of them.
@@ -137,14 +143,25 @@ class Exposures:
         return replace(found, estimate=replace(estimate, errors=errors))
 
     def undone(self, still: StillPhotographs, matching: Matching) -> tuple[StillPhotographs, Matching]:
-        """Photographs that were made to agree, and what stands still of them, as if all had been exposed alike."""
+        """Photographs that were made to agree, and what stands still of them, as if all had been exposed alike.
+
+        Nothing else is wrong with them then.
+        """
         capture = self.divided_out(matching.capture)
         of_scene = capture if matching.of_scene is matching.capture else self.divided_out(matching.of_scene)
         alike = still.seen(capture)
         noise, growth = measured_noise(alike)
-        still = replace(still, capture=alike, noise=noise, growth=growth)
+        still = replace(still, capture=alike, noise=noise, growth=growth, mistakes=Mistakes())
         still = still if matching.noise is None else still.with_noise(matching.noise)
-        return still, replace(matching, capture=capture, of_scene=of_scene, exposures=self.relative)
+        of_all, balances = self._by_photograph()
+        return still, replace(matching, capture=capture, of_scene=of_scene, exposures=of_all, white_balances=balances)
+
+    def _by_photograph(self) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
+        """What all colours of a photograph share, and what is left of each; the latter empty where there is none."""
+        logarithms = np.log(self.relative)
+        shared = logarithms.mean(axis=1, keepdims=True)
+        balances = np.exp(logarithms - shared) if logarithms.shape[1] > 1 else np.zeros((0, 0))
+        return tuple(np.exp(shared[:, 0]).tolist()), _rows(balances)
 
 
 def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, model: str = "auto") -> Exposures | None:
@@ -165,21 +182,42 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     if seen is None:
         return None
     middle = capture.part(*middle_part(capture.shape, _LOOKED_AT_PX))
-    divided = Exposures(seen.relative).divided_out(middle)
-    stokes = stokes_images(divided, noise)
-    before, after = (_left_across(of, seen.azimuth_deg) for of in (stokes_images(middle, noise), stokes))
-    scene = None if after > max(0.0, _MOST_LEFT * before) else find_scene(divided, asked, noise, model).scene
+    looked = _Look.at(middle, seen.relative, noise)
+    before, after = (_left_across(of, seen.azimuth_deg) for of in (stokes_images(middle, noise), looked.stokes))
+    scene = None if after > max(0.0, _MOST_LEFT * before) else find_scene(looked.capture, asked, noise, model).scene
     if scene is None or scene.rung not in ("pixelwise", "ghosts") or not scene.signal:
         return None
-    share = polarized_share(stokes.means(_BLOCK_PX))
-    untold, turned = errors_of_gains(seen.spread / math.sqrt(2), share, scene)
-    swamp = seen.spread > share
-    along = None if swamp else _along(stokes, scene, asked, seen)
+    if seen.of_colours:
+        # Colours that mix the layers each in its own way tell the ratio of all worse.
+        looked = _Look.at(middle, seen.relative * _along_of_colours(looked, scene, seen), noise)
+    relative = looked.relative
+    share = polarized_share(looked.stokes.means(_BLOCK_PX))
+    untold, turned = errors_of_gains(seen.spread_of_pane / math.sqrt(2), share, scene)
+    swamp = seen.spread_of_pane > share
+    along = None if swamp else _along(looked.stokes, scene, asked, seen)
     if along is None:
-        return Exposures(seen.relative, untold, _LEAST_ERROR * turned, swamp)
+        return Exposures(_rows(relative), untold, _LEAST_ERROR * turned, swamp)
     ratio, error_deg = along
-    relative = np.array(seen.relative) * _exposed(capture.angles_deg, scene.values()[1], along=ratio)
-    return Exposures(tuple(relative.tolist()), max(error_deg, _LEAST_ERROR * untold), _LEAST_ERROR * turned)
+    relative = relative * _exposed(capture.angles_deg, scene.values()[1], along=ratio)
+    return Exposures(_rows(relative), max(error_deg, _LEAST_ERROR * untold), _LEAST_ERROR * turned)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Photographs that exposures (photograph, colour) were divided out of."""
+
+    relative: Values
+    capture: Capture
+    stokes: StokesImages
+
+    @classmethod
+    def at(cls, capture: Capture, relative: Values, noise: float) -> _Look:
+        divided = Exposures(_rows(relative)).divided_out(capture)
+        return cls(relative, divided, stokes_images(divided, noise))
+
+
+def _rows(relative: Values) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(each) for each in relative.tolist())
 
 
 def _is_of_flat_pane(asked: SceneParameters, model: str) -> bool:
@@ -194,16 +232,30 @@ class _Seen:
 
     Attributes
     ----------
-    relative : tuple of float
+    relative : ndarray, shape (photograph, colour)
+        Or (photograph, 1) where all colours have the same.
     azimuth_deg : float
         Modulo 90, along which or across which light is polarized.
     spread : float
-        Standard deviation that they make expect of the ratio that pixels do not tell.
+        Standard deviation that they make expect of the ratio that pixels do not tell, for all colours.
+    spread_of_colours : float
+        That of how much the ratio of a colour differs from it.
     """
 
-    relative: tuple[float, ...]
+    relative: Values
     azimuth_deg: float
     spread: float
+    spread_of_colours: float = 0.0
+
+    @property
+    def of_colours(self) -> bool:
+        """Whether colours differ in them."""
+        return bool(self.relative.shape[1] > 1)
+
+    @property
+    def spread_of_pane(self) -> float:
+        """Standard deviation of the mean ratio of all colours, by which the pane seems to polarize more or less."""
+        return math.hypot(self.spread, self.spread_of_colours / math.sqrt(self.relative.shape[1]))
 
 
 def _seen(capture: Capture) -> _Seen | None:
@@ -216,26 +268,85 @@ def _seen(capture: Capture) -> _Seen | None:
     apart_deg = turn_between(angles[pairs[0][0]], angles[pairs[1][0]], _QUARTER_TURN_DEG)
     if abs(abs(apart_deg) - _QUARTER_TURN_DEG / 2) > _TOLERANCE_DEG:
         return None
-    signs = pair_signs(pairs)
-    blocks = trusted_blocks(capture.intensities, capture.mask).astype(np.float64)
-    if blocks.shape[1] < _FEWEST_BLOCKS:
+    colours = [blocks.astype(np.float64) for blocks in colour_blocks(capture.intensities, capture.mask)]
+    together = np.concatenate(colours, axis=1)
+    if together.shape[1] < _FEWEST_BLOCKS:
         return None
-    relative, azimuth, total, across = np.ones(len(angles)), 0.0, 0.0, 0.0
+    signs = pair_signs(pairs).astype(np.float64)
+    common = _ratios([together], angles, signs)
+    alike = [blocks / common.relative for blocks in colours]
+    several = len(colours) > 1 and min(blocks.shape[1] for blocks in colours) >= _FEWEST_BLOCKS
+    own = _ratios(alike, angles, signs) if several else _NO_RATIOS
+    if not (common.told or own.told) or not (common.of_exposures and own.of_exposures):
+        return None
+    if not own.told:
+        return _Seen(common.relative, common.azimuth_deg, common.spread)
+    relative = common.relative * own.relative
+    return _Seen(relative, own.azimuth_deg, common.spread, own.spread)
+
+
+@dataclass(frozen=True)
+class _Ratios:
+    """What does not add up of colours, and what is polarized across, as shares of their light.
+
+    Attributes
+    ----------
+    relative : ndarray, shape (photograph, colour)
+        Exposures that explain both.
+    apart, across : ndarray, shape (colour,)
+    azimuth_deg : float
+        As of `_Seen`.
+    """
+
+    relative: Values
+    apart: Values
+    across: Values
+    azimuth_deg: float = 0.0
+
+    @property
+    def told(self) -> bool:
+        """Whether there are any."""
+        return bool(self.apart.any())
+
+    @property
+    def of_exposures(self) -> bool:
+        """Whether nothing else is the reason for them."""
+        apart, across = (math.sqrt(float(np.mean(ratio**2))) for ratio in (self.apart, self.across))
+        small = max(np.abs(self.apart).max(), np.abs(self.across).max()) <= _MOST
+        return bool(small) and across <= max(_MOST_ACROSS * apart, _LITTLE_ACROSS)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation that they make expect of the third ratio."""
+        # A ratio of sums has twice the variance of one of differences.
+        return math.sqrt(_EXPECTED * float(np.mean(self.apart**2 + 2 * self.across**2)) / 4)
+
+
+_NO_RATIOS = _Ratios(np.ones((1, 1)), np.zeros(1), np.zeros(1))
+
+
+def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Values) -> _Ratios:
+    """Of the blocks (photograph, n) of each colour."""
+    n = len(colours)
+    ratios = _Ratios(np.ones((len(angles_deg), n)), np.zeros(n), np.zeros(n))
     for _ in range(_ROUNDS):
-        alike = blocks / relative[:, None]
-        light, polarized, between, azimuth = _polarized(alike, angles)
-        ratio, error = _in_proportion(signs @ alike, light, polarized)
-        seen = abs(ratio) > _SEEN * error
-        if not (total or _tell(ratio, error) or (seen and _tell(*_in_proportion(between, light, polarized)))):
-            return None
-        total += ratio
-        across += float(between @ light / (light @ light))
-        relative = np.exp(signs * total / 2) * _exposed(angles, azimuth, across=across)
-    if max(abs(total), abs(across)) > _MOST or abs(across) > max(_MOST_ACROSS * abs(total), _LITTLE_ACROSS):
-        return None
-    # A ratio of sums has twice the variance of one of differences.
-    square = (total**2 + 2 * across**2) / 4
-    return _Seen(tuple(relative.tolist()), azimuth, math.sqrt(_EXPECTED * square))
+        alike = [blocks / relative[:, None] for blocks, relative in zip(colours, ratios.relative.T, strict=True)]
+        lights, azimuth = _polarized(alike, angles_deg)
+        apart = [_in_proportion(signs @ blocks, *light[:2]) for blocks, light in zip(alike, lights, strict=True)]
+        between = [_in_proportion(light.between, *light[:2]) for light in lights]
+        if not (ratios.told or any(starmap(_show, zip(apart, between, strict=True)))):
+            return ratios
+        totals = ratios.apart + [ratio for ratio, _ in apart]
+        across = ratios.across + [float(light.between @ light.total / (light.total @ light.total)) for light in lights]
+        relative = np.exp(np.outer(signs, totals) / 2) * _exposed(angles_deg, azimuth, across=across)
+        ratios = _Ratios(relative, totals, across, azimuth)
+    return ratios
+
+
+def _show(apart: tuple[float, float], across: tuple[float, float]) -> bool:
+    """Whether both ratios of a colour, each with its error, surely are those of exposures, and do harm."""
+    ratio, error = apart
+    return _tell(ratio, error) or (abs(ratio) > _SEEN * error and _tell(*across))
 
 
 def _tell(ratio: float, error: float) -> bool:
@@ -243,18 +354,28 @@ def _tell(ratio: float, error: float) -> bool:
     return abs(ratio) > max(_LEAST, _SURE * error)
 
 
-def _polarized(blocks: Values, angles_deg: Sequence[float]) -> tuple[Values, Values, Values, float]:
-    """All light, what is polarized along an azimuth, or across, and between, and that azimuth, modulo 90 degrees.
+class _Light(NamedTuple):
+    """Light of the blocks of a colour: all, what is polarized along an azimuth, or across, and between, each (n,).
 
     Between lies what is in proportion to the light alone.
     """
-    light, *components = np.linalg.pinv(analyzer_matrix(angles_deg)) @ blocks
-    varies = [component - component @ light / (light @ light) * light for component in components]
-    moment = np.array([[one @ other for other in varies] for one in varies])
+
+    total: Values
+    along: Values
+    between: Values
+
+
+def _polarized(colours: Sequence[Values], angles_deg: Sequence[float]) -> tuple[list[_Light], float]:
+    """Light of the blocks (photograph, n) of each colour, and the azimuth of all, modulo 90 degrees."""
+    inverse = np.linalg.pinv(analyzer_matrix(angles_deg))
+    moment, stokes = np.zeros((2, 2)), [inverse @ blocks for blocks in colours]
+    for light, *components in stokes:
+        varies = np.array([component - component @ light / (light @ light) * light for component in components])
+        moment += varies @ varies.T
     double = math.atan2(2 * moment[0, 1], moment[0, 0] - moment[1, 1]) / 2
-    s1, s2 = components
-    along, between = s1 * math.cos(double) + s2 * math.sin(double), s2 * math.cos(double) - s1 * math.sin(double)
-    return light, along, between, math.degrees(double) / 2
+    cosine, sine = math.cos(double), math.sin(double)
+    lights = [_Light(light, s1 * cosine + s2 * sine, s2 * cosine - s1 * sine) for light, s1, s2 in stokes]
+    return lights, math.degrees(double) / 2
 
 
 def _in_proportion(values: Values, light: Values, polarized: Values) -> tuple[float, float]:
@@ -273,10 +394,19 @@ def _in_proportion(values: Values, light: Values, polarized: Values) -> tuple[fl
     return share, jackknife_error(shares(left_out(normal), left_out(moments)))
 
 
-def _exposed(angles_deg: Sequence[float], azimuth_deg: float, *, along: float = 0.0, across: float = 0.0) -> Values:
-    """Exposures that make unpolarized light look polarized along an azimuth, and 45 degrees beside it, by shares."""
+def _exposed(
+    angles_deg: Sequence[float],
+    azimuth_deg: float,
+    *,
+    along: float | Values | Sequence[float] = 0.0,
+    across: float | Values | Sequence[float] = 0.0,
+) -> Values:
+    """Exposures that make unpolarized light look polarized along an azimuth, and 45 degrees beside it, by shares.
+
+    These are of each colour, or of all, (colour,); so are the exposures, (photograph, colour).
+    """
     twice = 2 * np.radians(np.asarray(angles_deg) - azimuth_deg)
-    return np.asarray(np.exp(along * np.cos(twice) + across * np.sin(twice)))
+    return np.asarray(np.exp(np.outer(np.cos(twice), along) + np.outer(np.sin(twice), across)))
 
 
 def _left_across(stokes: StokesImages, azimuth_deg: float) -> float:
@@ -301,8 +431,8 @@ def _along(
     if asked.incidence_deg is not None:
         fit = tiles.nearest(window, index, free)
         (error,) = tiles.errors(fit, free)
-        ratio = fit.window.exposed_along / (1 + _NATS * error**2 / seen.spread**2)
-        return (ratio, 0.0) if abs(ratio) < _MOST_BY_TOLD * seen.spread else None
+        ratio = fit.window.exposed_along / (1 + _NATS * error**2 / seen.spread_of_pane**2)
+        return (ratio, 0.0) if abs(ratio) < _MOST_BY_TOLD * seen.spread_of_pane else None
     if plain.window.incidence_deg > _STEEPEST_DEG:
         return None
     here = tiles.nearest(plain.window, index, free)
@@ -312,12 +442,29 @@ def _along(
     if not np.all(np.isfinite(numbers)):
         return None
     angles, ratios, gains = _between(np.array(numbers).T)
-    odds = gains / _NATS - np.square(ratios / seen.spread) / 2
+    odds = gains / _NATS - np.square(ratios / seen.spread_of_pane) / 2
     chances = np.exp(odds - odds.max())
     chances /= chances.sum()
     ratio, angle = float(chances @ ratios), float(chances @ angles)
     error = math.sqrt(float(chances @ np.square(angles - angle)))
-    return None if abs(ratio) > _MOST_ALONG * seen.spread else (ratio, _WIDER * error)
+    return None if abs(ratio) > _MOST_ALONG * seen.spread_of_pane else (ratio, _WIDER * error)
+
+
+def _along_of_colours(looked: _Look, scene: SceneParameters, seen: _Seen) -> Values:
+    """Exposures (photograph, colour) by which colours were exposed along the azimuth more or less than all together."""
+    n = looked.relative.shape[1]
+    azimuth, free = scene.values()[1], ("exposed_along",)
+    ratios, precisions = np.zeros(n), np.zeros(n)
+    for colour in range(n):
+        tiles = TileLikelihood(plate_frame(looked.stokes.of_channel(colour), azimuth)).some(_MOST_TILES)
+        fit = tiles.nearest(window_of(scene, azimuth), scene.index, free) if tiles.n_tiles >= LEAST_TILES else None
+        (error,) = (math.inf,) if fit is None else tiles.errors(fit, free)
+        if fit is not None and math.isfinite(error):
+            ratios[colour], precisions[colour] = fit.window.exposed_along, 1 / (_NATS * error**2)
+    differences = ratios - precisions @ ratios / max(precisions.sum(), np.finfo(float).tiny)
+    told = precisions / (precisions + 1 / seen.spread_of_colours**2)
+    along = np.where(np.abs(differences) < _MOST_ALONG * seen.spread_of_colours, told * differences, 0.0)
+    return _exposed(looked.capture.angles_deg, azimuth, along=along)
 
 
 def _between(numbers: Values) -> Values:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -116,7 +116,8 @@ def matching_report(matching: Matching) -> dict[str, Any]:
     """How far each photograph, or each layer in it, lay beside the first, and how much less sharp it was, in pixels.
 
     Turns (degrees, clockwise as seen) and scales are about the middle of the frame; null where there are none. And how
-    long each was exposed, in units of the first one's exposure; null where that was not looked for, or alike.
+    long each was exposed, in units of the first one's exposure, and with which white balance: red and blue in units of
+    green and of the first one's; null where that was not looked for, or alike.
     """
     transfer, motions, exposures = matching.transfer, matching.motions, matching.exposures
     layers = transfer.layers
@@ -128,7 +129,13 @@ def matching_report(matching: Matching) -> dict[str, Any]:
         "layer_shifts_px": None if layers is None else dict(zip(LAYERS, json_values(layers.shifts_px), strict=True)),
         "blurs_px": json_values(transfer.blurs_px),
         "exposures": [round(each / exposures[0], _EXPOSURE_DIGITS) for each in exposures] or None,
+        "white_balances": _beside_green(matching.white_balances) or None,
     }
+
+
+def _beside_green(balances: Sequence[tuple[float, ...]]) -> list[list[float]]:
+    beside = [(red / green, blue / green) for red, green, blue in balances]
+    return [[round(each / first, _EXPOSURE_DIGITS) for each, first in zip(of, beside[0], strict=True)] for of in beside]
 
 
 def unglazed_share(unglazed: NDArray[np.bool_] | None) -> float:

@@ -637,6 +637,9 @@ def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
         told.append(
             f"brought to one exposure, of which they had {', '.join(exposures)} and {last} times the first one's"
         )
+    if matching["white_balances"]:
+        largest = max(abs(100 * (ratio - 1)) for of in matching["white_balances"] for ratio in of)
+        told.append(f"brought to one white balance, by up to {largest:.2g} % of red or blue beside green")
     return [f"The photographs were {' and '.join(told)}."] if told else []
 
 

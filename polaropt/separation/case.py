@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import Capture, Matching, Mistakes, may_lie_apart, registered_noise
+from polaropt.capture import Capture, Matching, Mistakes, find_mistakes, may_lie_apart, registered_noise
 from polaropt.estimation import (
     Exposures,
     IndexFit,
@@ -240,7 +240,11 @@ def _exposures_of(
     still: StillPhotographs, matching: Matching | None, asked: SceneParameters, settings: Settings
 ) -> Exposures | None:
     """What photographs, as they were made to agree, tell of their exposures; None where something else is wrong."""
-    if still.mistakes != Mistakes() or settings.thickness_px is not None:
+    if settings.thickness_px is not None:
         return None
     of_scene = still.capture if matching is None else still.seen(matching.of_scene)
-    return uneven_exposures(of_scene, asked, max(still.noise, _LEAST_NOISE_OF_SCENE), settings.model)
+    found = uneven_exposures(of_scene, asked, max(still.noise, _LEAST_NOISE_OF_SCENE), settings.model)
+    if found is None or still.mistakes == Mistakes():
+        return found
+    # Exposures may pass for a wrong order or an encoding, and no less the other way round.
+    return found if find_mistakes(found.divided_out(of_scene)) == Mistakes() else None

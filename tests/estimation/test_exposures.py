@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polaropt import Capture, SceneParameters, Separation, SeparationWarning, separate, simulate
+from polaropt.capture import Mistakes, find_mistakes
 from polaropt.estimation import uneven_exposures
 from polaropt.estimation.exposures import _seen
 from polaropt.reporting import matching_report, matching_sentences
@@ -44,6 +45,21 @@ def taken(
 @cache
 def separated(exposures: tuple[float, ...], match: bool = True) -> Separation:
     return separate(taken(exposures), match_photographs=match)
+
+
+WHITE_BALANCES = np.array([[1.03, 1.0, 0.98], [0.99, 1.0, 1.015], [1.01, 1.0, 0.985], [0.98, 1.0, 1.01]])
+
+
+@cache
+def balanced_anew(strength: float = 1.0) -> Capture:
+    """Photographs of unlike exposures whose colours are in proportions of their own."""
+    alike = taken((1.0,) * 4, SceneParameters(55.0, 25.0, 5.0))
+    return Capture.of_planes(balanced(strength)[:, :, None, None] * alike.intensities, ANGLES)
+
+
+def balanced(strength: float) -> np.ndarray:
+    """Factors of photographs and colours."""
+    return np.asarray((np.array(EXPOSURES)[:, None] * WHITE_BALANCES) ** strength, np.float32)
 
 
 def relative(exposures: tuple[float, ...]) -> np.ndarray:
@@ -102,7 +118,7 @@ def test_a_scene_that_is_told_whole_is_taken_as_it_is_told() -> None:
 def test_an_incidence_that_is_told_tells_them_the_better() -> None:
     found = uneven_exposures(taken(), SceneParameters(40.0, None, None), NOISE)
     assert found is not None
-    np.testing.assert_allclose(found.relative, relative(EXPOSURES), atol=1.5e-3)
+    np.testing.assert_allclose(found.relative, relative(EXPOSURES)[:, None], atol=1.5e-3)
 
 
 def test_an_incidence_that_is_told_wrongly_is_no_exposure() -> None:
@@ -111,7 +127,7 @@ def test_an_incidence_that_is_told_wrongly_is_no_exposure() -> None:
     assert right is not None
     # What does not add up stays.
     apart = np.array([1, -1, 1, -1])
-    assert apart @ np.log(found.relative) == pytest.approx(apart @ np.log(right.relative), abs=1e-4)
+    assert (apart @ np.log(found.relative)).item() == pytest.approx((apart @ np.log(right.relative)).item(), abs=1e-4)
     assert np.std(np.log(found.relative)) < 0.02
 
 
@@ -125,7 +141,7 @@ def test_little_light_across_is_of_exposures_where_photographs_do_not_add_up() -
     exposures = exposed_across(8e-4, 0.004)
     found = uneven_exposures(taken(exposures), BLIND, NOISE)
     assert found is not None
-    np.testing.assert_allclose(found.relative, relative(exposures), atol=3e-3)
+    np.testing.assert_allclose(found.relative, relative(exposures)[:, None], atol=3e-3)
     assert SeparationWarning.POLARIZED_SOURCE not in separated(exposures).diagnostics.warnings
 
 
@@ -137,6 +153,48 @@ def test_light_across_that_they_hardly_explain_is_left_to_its_rung(apart: float,
 def test_light_that_is_polarized_beside_them_is_left_to_its_rung() -> None:
     lit = PANE.replace(reflection_polarization=(0.6, 10.0))
     assert uneven_exposures(taken(EXPOSURES, lit), BLIND, NOISE) is None
+
+
+def test_white_balances_that_differ_are_found_divided_out_and_told() -> None:
+    found = uneven_exposures(balanced_anew(), BLIND, NOISE)
+    assert found is not None
+    logarithms = np.log(balanced(1.0))
+    left = np.log(found.relative) - (logarithms - logarithms.mean(axis=0))
+    np.testing.assert_allclose(left, 0, atol=0.01)
+    # What does not add up of each colour is seen exactly, and by how much colours differ nearly so.
+    np.testing.assert_allclose(np.array([1, -1, 1, -1]) @ left, 0, atol=2e-3)
+    np.testing.assert_allclose(left - left.mean(axis=1, keepdims=True), 0, atol=4e-3)
+
+
+def test_layers_gain_where_white_balances_are_divided_out() -> None:
+    result, left = separate(balanced_anew()), separate(balanced_anew(), match_photographs=False)
+    for gained, before in zip(quality(result), quality(left), strict=True):
+        assert gained > before + 2
+    assert SeparationWarning.MODEL_DOES_NOT_EXPLAIN in left.diagnostics.warnings
+    assert not result.diagnostics.warnings
+    assert result.matching is not None
+    told = matching_report(result.matching)
+    beside_green = WHITE_BALANCES[:, [0, 2]] / WHITE_BALANCES[:, [1]]
+    np.testing.assert_allclose(told["white_balances"], beside_green / beside_green[0], atol=2e-3)
+    (sentence,) = matching_sentences(told)
+    assert sentence.endswith("brought to one white balance, by up to 4.8 % of red or blue beside green.")
+
+
+def test_colours_that_were_exposed_alike_have_one_white_balance() -> None:
+    result = separated(EXPOSURES)
+    assert result.matching is not None
+    assert result.matching.white_balances == ()
+    assert matching_report(result.matching)["white_balances"] is None
+
+
+def test_white_balances_that_pass_for_another_mistake_are_found_all_the_same() -> None:
+    capture = balanced_anew(2.0)
+    assert find_mistakes(capture) != Mistakes()
+    result = separate(capture)
+    assert result.matching is not None
+    assert result.matching.white_balances
+    assert not {SeparationWarning.ANGLES_SWAPPED, SeparationWarning.GAMMA_ENCODED} & set(result.diagnostics.warnings)
+    assert abs(result.scene.incidence_deg - 55) < 2 * result.errors.incidence_deg
 
 
 @settings(max_examples=25, deadline=None)
@@ -152,6 +210,6 @@ def test_two_ratios_are_seen_whatever_the_azimuth(azimuth_deg: float, ratios: tu
     if abs(apart) < 2e-3 or abs(across) > 2.8 * abs(apart):
         return
     assert found is not None
-    left = np.log(found.relative) - logarithms
+    left = np.log(found.relative[:, 0]) - logarithms
     axes = np.array([[1, -1, 1, -1], 2 * np.sin(twice)]) / 2
     np.testing.assert_allclose(axes @ left / 2, 0, atol=1e-3)

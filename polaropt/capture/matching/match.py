@@ -83,6 +83,9 @@ class Matching:
         made of each other say less of it than there is. None where they tell it themselves.
     exposures : tuple of float
         How long each was exposed, relative to their geometric mean, which was divided out; empty where nothing was.
+    white_balances : tuple of tuple of float
+        How much longer each colour of each photograph was exposed than its colours together, as a factor, which was
+        divided out, too; empty where all had the same.
     motions : Motions or None
         What was undone before all else, from the middle of the frame: turns, scales, and shifts of more than 24 pixels;
         None where there were none.
@@ -93,6 +96,7 @@ class Matching:
     of_scene: Capture
     noise: float | None = None
     exposures: tuple[float, ...] = ()
+    white_balances: tuple[tuple[float, ...], ...] = ()
     motions: Motions | None = None
 
     @classmethod
