@@ -167,13 +167,18 @@ def keep(outs: Sequence[Path], results: Path = RESULTS) -> list[str]:
     Raises
     ------
     SystemExit
-        A folder is `results` itself, or a result comes from code that is no commit; nothing is changed.
+        A folder is `results` itself, a run has not come to its end, or it comes from code that is no commit; nothing
+        is changed.
     """
     if any(out.resolve() == results.resolve() for out in outs):
         raise SystemExit(f"nothing was kept: {results.name} holds what is kept; name folders of runs, or none")
     runs = {study.name: out for study in STUDIES for out in outs if _document(out, study.name).is_file()}
     if changed := [name for name, out in runs.items() if read_metadata(_document(out, name))["modified"]]:
         raise SystemExit(f"nothing was kept: the code was changed without a commit ({', '.join(changed)})")
+    if unfinished := [name for name, out in runs.items() if not any((out / name).glob("*.md"))]:
+        raise SystemExit(
+            f"nothing was kept: without its tables, a run has not come to its end ({', '.join(unfinished)})"
+        )
     for name, out in runs.items():
         target = results / name
         shutil.rmtree(target, ignore_errors=True)

@@ -96,6 +96,16 @@ def test_results_of_code_that_is_no_commit_are_refused(tmp_path: Path) -> None:
         keep([changed], tmp_path / "results")
 
 
+def test_a_run_that_has_not_come_to_its_end_is_refused(out: Path, tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    keep([out], results)
+    begun = write_run(tmp_path / "begun", "peers")
+    (begun / "peers" / "peers.md").unlink()
+    with pytest.raises(SystemExit, match="has not come to its end"):
+        keep([begun], results)
+    assert (results / "peers" / "peers.md").is_file()
+
+
 def test_what_is_kept_is_no_run_to_keep(out: Path, tmp_path: Path) -> None:
     results = tmp_path / "results"
     keep([out], results)
