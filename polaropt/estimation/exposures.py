@@ -81,6 +81,8 @@ hand."""
 _STEEPEST_DEG = 78.0
 """Incidence beyond which tiles are not asked: a pane across with its layers exchanged is then nearly the same. Of four
 such random windows to fit on (even seeds from 900000) three lose by what tiles tell, up to 3 dB, one gains 2."""
+_FREE = ("exposed_along",)
+"""Number of a window that is the third ratio."""
 _MOST_TILES = 800
 """Tiles and colours that are asked. Set by hand, for the time it takes."""
 _NATS = 8.0
@@ -102,14 +104,14 @@ _WIDER = 1.5
 """What the standard error of the third ratio is multiplied by afterwards: two in three of those lie within it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Exposures:
     """How long each photograph was exposed.
 
     Attributes
     ----------
-    relative : tuple of tuple of float
-        Of each photograph for each colour, or for all alike. The product of a colour's is 1.
+    relative : ndarray, shape (photograph, colour)
+        Or (photograph, 1) where all colours have the same. The product of a colour's is 1.
     incidence_error_deg : float
         Standard error of the incidence that follows from what is not known of them.
     azimuth_error_deg : float
@@ -119,14 +121,14 @@ class Exposures:
         of another pane.
     """
 
-    relative: tuple[tuple[float, ...], ...]
+    relative: Values
     incidence_error_deg: float = 0.0
     azimuth_error_deg: float = 0.0
     swamp_pane: bool = False
 
     def divided_out(self, capture: Capture) -> Capture:
         """Photographs as if all had been exposed alike."""
-        relative = np.array(self.relative, np.float32)[..., None, None]
+        relative = self.relative.astype(np.float32)[..., None, None]
         return capture.replace(intensities=capture.intensities / (relative if capture.color else relative[:, 0]))
 
     def with_errors(self, found: LadderResult) -> LadderResult:
@@ -161,7 +163,7 @@ class Exposures:
         logarithms = np.log(self.relative)
         shared = logarithms.mean(axis=1, keepdims=True)
         balances = np.exp(logarithms - shared) if logarithms.shape[1] > 1 else np.zeros((0, 0))
-        return tuple(np.exp(shared[:, 0]).tolist()), _rows(balances)
+        return tuple(np.exp(shared[:, 0]).tolist()), tuple(tuple(each) for each in balances.tolist())
 
 
 def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, model: str = "auto") -> Exposures | None:
@@ -196,10 +198,10 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     swamp = seen.spread_of_pane > share
     along = None if swamp else _along(looked.stokes, scene, asked, seen)
     if along is None:
-        return Exposures(_rows(relative), untold, _LEAST_ERROR * turned, swamp)
+        return Exposures(relative, untold, _LEAST_ERROR * turned, swamp)
     ratio, error_deg = along
     relative = relative * _exposed(capture.angles_deg, scene.values()[1], along=ratio)
-    return Exposures(_rows(relative), max(error_deg, _LEAST_ERROR * untold), _LEAST_ERROR * turned)
+    return Exposures(relative, max(error_deg, _LEAST_ERROR * untold), _LEAST_ERROR * turned)
 
 
 @dataclass(frozen=True)
@@ -212,12 +214,8 @@ class _Look:
 
     @classmethod
     def at(cls, capture: Capture, relative: Values, noise: float) -> _Look:
-        divided = Exposures(_rows(relative)).divided_out(capture)
+        divided = Exposures(relative).divided_out(capture)
         return cls(relative, divided, stokes_images(divided, noise))
-
-
-def _rows(relative: Values) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(each) for each in relative.tolist())
 
 
 def _is_of_flat_pane(asked: SceneParameters, model: str) -> bool:
@@ -333,8 +331,7 @@ def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Value
         alike = [blocks / relative[:, None] for blocks, relative in zip(colours, ratios.relative.T, strict=True)]
         lights, azimuth = _polarized(alike, angles_deg)
         apart = [_in_proportion(signs @ blocks, *light[:2]) for blocks, light in zip(alike, lights, strict=True)]
-        between = [_in_proportion(light.between, *light[:2]) for light in lights]
-        if not (ratios.told or any(starmap(_show, zip(apart, between, strict=True)))):
+        if not (ratios.told or any(starmap(_show, zip(apart, lights, strict=True)))):
             return ratios
         totals = ratios.apart + [ratio for ratio, _ in apart]
         across = ratios.across + [float(light.between @ light.total / (light.total @ light.total)) for light in lights]
@@ -343,10 +340,10 @@ def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Value
     return ratios
 
 
-def _show(apart: tuple[float, float], across: tuple[float, float]) -> bool:
-    """Whether both ratios of a colour, each with its error, surely are those of exposures, and do harm."""
+def _show(apart: tuple[float, float], light: _Light) -> bool:
+    """Whether what of a colour does not add up, with its error, or what is across beside it, surely does harm."""
     ratio, error = apart
-    return _tell(ratio, error) or (abs(ratio) > _SEEN * error and _tell(*across))
+    return _tell(ratio, error) or (abs(ratio) > _SEEN * error and _tell(*_in_proportion(light.between, *light[:2])))
 
 
 def _tell(ratio: float, error: float) -> bool:
@@ -422,20 +419,18 @@ def _along(
 
     The first as a share, the second in degrees; None where tiles do not tell.
     """
-    azimuth = scene.values()[1]
-    tiles, index = TileLikelihood(plate_frame(stokes, azimuth)).some(_MOST_TILES), scene.index
+    azimuth, index = scene.values()[1], scene.index
+    tiles = TileLikelihood(plate_frame(stokes, azimuth)).some(_MOST_TILES)
     if tiles.n_tiles < LEAST_TILES:
         return None
-    window, free = window_of(scene, azimuth), ("exposed_along",)
-    plain = tiles.nearest(window, index, () if asked.incidence_deg is not None else ("incidence_deg",))
     if asked.incidence_deg is not None:
-        fit = tiles.nearest(window, index, free)
-        (error,) = tiles.errors(fit, free)
-        ratio = fit.window.exposed_along / (1 + _NATS * error**2 / seen.spread_of_pane**2)
+        ratio, variance = _at_incidence(tiles, scene)
+        ratio /= 1 + variance / seen.spread_of_pane**2
         return (ratio, 0.0) if abs(ratio) < _MOST_BY_TOLD * seen.spread_of_pane else None
+    plain = tiles.nearest(window_of(scene, azimuth), index)
     if plain.window.incidence_deg > _STEEPEST_DEG:
         return None
-    here = tiles.nearest(plain.window, index, free)
+    here = tiles.nearest(plain.window, index, _FREE)
     below, above = (_onwards(tiles, here, step) for step in (-_STEP_DEG, _STEP_DEG))
     fits = [*below[::-1], here, *above]
     numbers = [(fit.window.incidence_deg, fit.window.exposed_along, plain.misfit - fit.misfit) for fit in fits]
@@ -450,17 +445,23 @@ def _along(
     return None if abs(ratio) > _MOST_ALONG * seen.spread_of_pane else (ratio, _WIDER * error)
 
 
+def _at_incidence(tiles: TileLikelihood, scene: SceneParameters) -> tuple[float, float]:
+    """The ratio of a scene's incidence, and its variance; infinite where tiles do not tell it."""
+    fit = tiles.nearest(window_of(scene, scene.values()[1]), scene.index, _FREE)
+    (error,) = tiles.errors(fit, _FREE)
+    return fit.window.exposed_along, _NATS * error**2
+
+
 def _along_of_colours(looked: _Look, scene: SceneParameters, seen: _Seen) -> Values:
     """Exposures (photograph, colour) by which colours were exposed along the azimuth more or less than all together."""
     n = looked.relative.shape[1]
-    azimuth, free = scene.values()[1], ("exposed_along",)
+    azimuth = scene.values()[1]
     ratios, precisions = np.zeros(n), np.zeros(n)
     for colour in range(n):
         tiles = TileLikelihood(plate_frame(looked.stokes.of_channel(colour), azimuth)).some(_MOST_TILES)
-        fit = tiles.nearest(window_of(scene, azimuth), scene.index, free) if tiles.n_tiles >= LEAST_TILES else None
-        (error,) = (math.inf,) if fit is None else tiles.errors(fit, free)
-        if fit is not None and math.isfinite(error):
-            ratios[colour], precisions[colour] = fit.window.exposed_along, 1 / (_NATS * error**2)
+        if tiles.n_tiles >= LEAST_TILES:
+            ratios[colour], variance = _at_incidence(tiles, scene)
+            precisions[colour] = 1 / variance
     differences = ratios - precisions @ ratios / max(precisions.sum(), np.finfo(float).tiny)
     told = precisions / (precisions + 1 / seen.spread_of_colours**2)
     along = np.where(np.abs(differences) < _MOST_ALONG * seen.spread_of_colours, told * differences, 0.0)
@@ -484,5 +485,5 @@ def _onwards(tiles: TileLikelihood, here: TileFit, step_deg: float) -> list[Tile
         angle = window.incidence_deg + step_deg
         if not low < angle < high:
             break
-        fits.append(tiles.nearest(replace(window, incidence_deg=angle), here.refractive_index, ("exposed_along",)))
+        fits.append(tiles.nearest(replace(window, incidence_deg=angle), here.refractive_index, _FREE))
     return fits
