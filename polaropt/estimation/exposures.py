@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +69,9 @@ _SEEN = 3.0
 _MOST_ACROSS = 3.0
 """Light polarized across, in units of what does not add up, up to which exposures are the reason, by chance in 85 of
 100; with more the light mostly arrives polarized. So it is where the rung for that is tried."""
+_SEEN_IF_TOLD, _MOST_ACROSS_IF_TOLD = 0.0, 10.0
+"""The same where the scene is told: that nothing arrives polarized is known then, unless it was told wrongly. By chance
+95 of 100 have less across."""
 _LITTLE_ACROSS = 0.005
 """Share of light polarized across up to which exposures are the reason anyway: a screen, or the sky, leaves so little
 only where its light stands within a degree or two of the plane of incidence, or across. Set by hand."""
@@ -94,7 +96,7 @@ roughly. This and the last by trial on 120 captures of training photographs (25 
 1.2 or 0.8 % then, is afterwards off by 0.6 or 0.5 % root mean square, by 0.3 % less in 45 or 32 of 100 and by as much
 more in 2. Half of the first number gains 2 more of 100, and harms 4. Leaving tiles out in turn tells its error worse,
 and so does how sure tiles are of it."""
-_MOST_ALONG, _MOST_BY_TOLD = 5.0, 2.0
+_MOST_ALONG, _MOST_BY_TOLD = 5.0, 3.0
 """In units of what is expected, beyond which a third ratio that tiles find has another reason, and where an incidence
 was told, which may be wrong. Set by hand."""
 _LEAST_ERROR = 0.3
@@ -174,13 +176,14 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     capture : Capture
         Four photographs in two orthogonal pairs at 45 degrees; of mosaics and of others None is told.
     asked : SceneParameters
-        What is known of the scene, as for `find_scene`. Where it is told whole nothing is found, exposures neither.
+        What is known of the scene, as for `find_scene`. Where it is told whole, what is polarized across is more
+        readily taken for exposures.
     noise : float
         Standard deviation of one photograph's noise.
     model : str
         Rung of the scene, as for `find_scene`.
     """
-    seen = _seen(capture) if _is_of_flat_pane(asked, model) else None
+    seen = _seen(capture, told=asked.complete) if _is_of_flat_pane(asked, model) else None
     if seen is None:
         return None
     middle = capture.part(*middle_part(capture.shape, _LOOKED_AT_PX))
@@ -195,7 +198,7 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     relative = looked.relative
     share = polarized_share(looked.stokes.means(_BLOCK_PX))
     untold, turned = errors_of_gains(seen.spread_of_pane / math.sqrt(2), share, scene)
-    swamp = seen.spread_of_pane > share
+    swamp = asked.incidence_deg is None and seen.spread_of_pane > share
     along = None if swamp else _along(looked.stokes, scene, asked, seen)
     if along is None:
         return Exposures(relative, untold, _LEAST_ERROR * turned, swamp)
@@ -219,9 +222,8 @@ class _Look:
 
 
 def _is_of_flat_pane(asked: SceneParameters, model: str) -> bool:
-    """Whether something is to be found, and nothing that was asked for polarizes light in other ways."""
-    open_scene = not asked.complete and model in _MODELS
-    return open_scene and not asked.polarized and asked.focal_px is None and not asked.bent
+    """Whether nothing that was asked for polarizes light in other ways."""
+    return model in _MODELS and not asked.polarized and asked.focal_px is None and not asked.bent
 
 
 @dataclass(frozen=True)
@@ -256,12 +258,15 @@ class _Seen:
         return math.hypot(self.spread, self.spread_of_colours / math.sqrt(self.relative.shape[1]))
 
 
-def _seen(capture: Capture) -> _Seen | None:
-    """What does not add up, and what is polarized across; None where photographs add up, or something else is wrong."""
+def _seen(capture: Capture, *, told: bool) -> _Seen | None:
+    """What does not add up, and what is polarized across; None where photographs add up, or something else is wrong.
+
+    A scene that is told says that no light arrives polarized.
+    """
     angles = capture.angles_deg
     pairs = orthogonal_pairs(angles)
-    told = capture.origin is not None and capture.origin.exposures_given
-    if pairs is None or capture.of_mosaic or told:
+    given = capture.origin is not None and capture.origin.exposures_given
+    if pairs is None or capture.of_mosaic or given:
         return None
     apart_deg = turn_between(angles[pairs[0][0]], angles[pairs[1][0]], _QUARTER_TURN_DEG)
     if abs(abs(apart_deg) - _QUARTER_TURN_DEG / 2) > _TOLERANCE_DEG:
@@ -271,11 +276,12 @@ def _seen(capture: Capture) -> _Seen | None:
     if together.shape[1] < _FEWEST_BLOCKS:
         return None
     signs = pair_signs(pairs).astype(np.float64)
-    common = _ratios([together], angles, signs)
+    sure, most = (_SEEN_IF_TOLD, _MOST_ACROSS_IF_TOLD) if told else (_SEEN, _MOST_ACROSS)
+    common = _ratios([together], angles, signs, sure)
     alike = [blocks / common.relative for blocks in colours]
     several = len(colours) > 1 and min(blocks.shape[1] for blocks in colours) >= _FEWEST_BLOCKS
-    own = _ratios(alike, angles, signs) if several else _NO_RATIOS
-    if not (common.told or own.told) or not (common.of_exposures and own.of_exposures):
+    own = _ratios(alike, angles, signs, sure) if several else _NO_RATIOS
+    if not (common.told or own.told) or not (common.of_exposures(most) and own.of_exposures(most)):
         return None
     if not own.told:
         return _Seen(common.relative, common.azimuth_deg, common.spread)
@@ -306,12 +312,11 @@ class _Ratios:
         """Whether there are any."""
         return bool(self.apart.any())
 
-    @property
-    def of_exposures(self) -> bool:
-        """Whether nothing else is the reason for them."""
+    def of_exposures(self, most_across: float) -> bool:
+        """Whether nothing else is the reason for them: so much is across, at most, in units of what does not add up."""
         apart, across = (math.sqrt(float(np.mean(ratio**2))) for ratio in (self.apart, self.across))
         small = max(np.abs(self.apart).max(), np.abs(self.across).max()) <= _MOST
-        return bool(small) and across <= max(_MOST_ACROSS * apart, _LITTLE_ACROSS)
+        return bool(small) and across <= max(most_across * apart, _LITTLE_ACROSS)
 
     @property
     def spread(self) -> float:
@@ -323,15 +328,18 @@ class _Ratios:
 _NO_RATIOS = _Ratios(np.ones((1, 1)), np.zeros(1), np.zeros(1))
 
 
-def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Values) -> _Ratios:
-    """Of the blocks (photograph, n) of each colour."""
+def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Values, seen_apart: float) -> _Ratios:
+    """Of the blocks (photograph, n) of each colour, where these surely tell any.
+
+    What is polarized across counts where they do not add up by so many standard errors.
+    """
     n = len(colours)
     ratios = _Ratios(np.ones((len(angles_deg), n)), np.zeros(n), np.zeros(n))
     for _ in range(_ROUNDS):
         alike = [blocks / relative[:, None] for blocks, relative in zip(colours, ratios.relative.T, strict=True)]
         lights, azimuth = _polarized(alike, angles_deg)
         apart = [_in_proportion(signs @ blocks, *light[:2]) for blocks, light in zip(alike, lights, strict=True)]
-        if not (ratios.told or any(starmap(_show, zip(apart, lights, strict=True)))):
+        if not (ratios.told or any(_show(*of_colour, seen_apart) for of_colour in zip(apart, lights, strict=True))):
             return ratios
         totals = ratios.apart + [ratio for ratio, _ in apart]
         across = ratios.across + [float(light.between @ light.total / (light.total @ light.total)) for light in lights]
@@ -340,10 +348,10 @@ def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Value
     return ratios
 
 
-def _show(apart: tuple[float, float], light: _Light) -> bool:
-    """Whether what of a colour does not add up, with its error, or what is across beside it, surely does harm."""
+def _show(apart: tuple[float, float], light: _Light, seen: float) -> bool:
+    """Whether what of a colour does not add up, with its error, or what is across where that is seen, does harm."""
     ratio, error = apart
-    return _tell(ratio, error) or (abs(ratio) > _SEEN * error and _tell(*_in_proportion(light.between, *light[:2])))
+    return _tell(ratio, error) or (abs(ratio) > seen * error and _tell(*_in_proportion(light.between, *light[:2])))
 
 
 def _tell(ratio: float, error: float) -> bool:

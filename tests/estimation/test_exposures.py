@@ -111,8 +111,27 @@ def test_none_are_found_where_photographs_add_up_or_cannot_tell(capture) -> None
     assert uneven_exposures(capture(), BLIND, NOISE) is None
 
 
-def test_a_scene_that_is_told_whole_is_taken_as_it_is_told() -> None:
-    assert separate(taken(), PANE).matching is None
+def test_a_scene_that_is_told_whole_tells_them_best_and_stays_as_it_is_told() -> None:
+    result, left = separate(taken(), PANE), separate(taken(), PANE, match_photographs=False)
+    assert result.scene == PANE
+    assert result.matching is not None
+    np.testing.assert_allclose(result.matching.exposures, relative(EXPOSURES), atol=1e-3)
+    (transmission, reflection), before = quality(result), quality(left)
+    assert transmission > before[0]
+    assert reflection > before[1] + 5
+
+
+@pytest.mark.parametrize(("apart", "across"), [(0.0, 0.004), (8e-4, 0.006), (0.01, -0.04)])
+def test_light_across_is_sooner_of_exposures_where_the_scene_is_told_whole(apart: float, across: float) -> None:
+    exposures = exposed_across(apart, across)
+    found = uneven_exposures(taken(exposures), PANE, NOISE)
+    assert found is not None
+    np.testing.assert_allclose(found.relative, relative(exposures)[:, None], atol=2e-3)
+
+
+@pytest.mark.parametrize("lit", [(0.0, 0.0), (0.4, 70.0)], ids=["alike", "told as unpolarized"])
+def test_none_are_found_beside_a_scene_that_is_told_whole_where_photographs_add_up(lit) -> None:
+    assert uneven_exposures(taken((1.0,) * 4, PANE.replace(transmission_polarization=lit)), PANE, NOISE) is None
 
 
 def test_an_incidence_that_is_told_tells_them_the_better() -> None:
@@ -206,7 +225,7 @@ def test_two_ratios_are_seen_whatever_the_azimuth(azimuth_deg: float, ratios: tu
     light, polarized = np.random.default_rng(0).uniform(0.2, 0.8, (2, 96, 96))
     seen = (light + 0.2 * (polarized - 0.5) * np.cos(twice)[:, None, None]) / 2
     capture = Capture.of_planes(seen * np.exp(logarithms)[:, None, None], ANGLES)
-    found = _seen(capture)
+    found = _seen(capture, told=False)
     if abs(apart) < 2e-3 or abs(across) > 2.8 * abs(apart):
         return
     assert found is not None
