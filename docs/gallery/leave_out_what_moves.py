@@ -3,7 +3,7 @@ Leave out what moves between the photographs
 ============================================
 
 At a still pixel ``I0 + I90 = I45 + I135``, whatever the scene. Where that fails something moved. It is left out
-when the pane is estimated, and the layers show there what one photograph saw.
+when the pane is estimated, and from the layers where the photographs that did not see it tell both of them.
 """
 
 import matplotlib.pyplot as plt

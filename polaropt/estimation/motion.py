@@ -337,12 +337,13 @@ def _gains(capture: Capture, still: Mask) -> Floats:
     if blocks.shape[1] < _FEWEST_VALUES:
         return gains
     for gain, residual in zip(gains, residuals, strict=True):
-        weights = np.ones_like(residual)
+        # From none on: behind a flat pane what moves in one photograph alone is all that is polarized across, and in
+        # proportion to what does not add up.
         for _ in range(_FIT_ROUNDS):
-            gain[:], *_ = np.linalg.lstsq(stokes.T * weights[:, None], residual * weights, rcond=1e-6)
             off = residual - gain @ stokes
             spread = 2 * MAD_TO_SIGMA * float(np.median(np.abs(off))) + np.finfo(np.float32).tiny
             weights = 1 / (1 + np.square(off / spread))
+            gain[:], *_ = np.linalg.lstsq(stokes.T * weights[:, None], residual * weights, rcond=1e-6)
     return gains
 
 

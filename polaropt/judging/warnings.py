@@ -158,8 +158,9 @@ class SeparationWarning(Enum):
         "as told may be the reason."
     )
     MOVING = (
-        "Something moved between the photographs: it was left out of the estimation, and the layers show there what "
-        "one of them saw, the reflection as it is around. moving.png shows where."
+        "Something moved between the photographs: it was left out of the estimation. The layers show what is behind it "
+        "where but one photograph saw it, else what one of them saw, the reflection as it is around. moving.png shows "
+        "where."
     )
     SOLVER_FAILED = "The solver met values that are not finite; the best point before is returned."
     INDEX_DOUBTFUL = (

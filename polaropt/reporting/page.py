@@ -123,7 +123,7 @@ def page_pictures(
 
 def _marked(result: Separation, capture: Capture) -> list[PagePicture]:
     """Where something moves, and where no glass is seen."""
-    of_motion = "the estimation, and shown as one photograph saw it."
+    of_motion = "the estimation, and of the layers where but one photograph saw it; else shown as one saw it."
     of_light = "estimation and solve; the transmission is what is seen there."
     moves, unglazed = "What moves between the photographs, in red.", "Where the picture shows no glass, in red."
     marks = (

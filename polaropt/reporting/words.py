@@ -388,7 +388,7 @@ def motion_attention(share: float) -> list[str]:
     if not share:
         return []
     moved = f"something moves between the photographs, in {100 * share:.2g} % of the picture"
-    return [f"{moved}: it is left out, and separated as one of them saw it."]
+    return [f"{moved}: it is left out where but one of them saw it, else separated as one of them saw it."]
 
 
 def alignment_sentence(capture: Capture) -> str:

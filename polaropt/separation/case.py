@@ -75,7 +75,7 @@ class Case:
         """
         capture, moving = self.capture, self.still.moving
         if moving is not None:
-            capture = inpainted(capture, moving, self.found.scene, self.still.noise)
+            capture = inpainted(capture, moving, self.found.scene, self.still.noise, self.still.growth)
         return capture if self.unglazed is None or capture.samples is not None else capture.left_out(self.unglazed)
 
     @property

@@ -257,9 +257,9 @@ def test_results_carry_on_what_the_camera_tells(tmp_path: Path) -> None:
 
 
 def test_every_picture_of_a_result_says_what_it_is_and_what_made_it(tmp_path: Path) -> None:
-    # A negative of a part of one photograph: no pane explains it.
+    # In a part two orthogonal photographs are exchanged: all add up, and no pane explains it.
     pixels = photographs()
-    pixels[1, 20:40, 20:60] = 255 - pixels[1, 20:40, 20:60]
+    pixels[[1, 3], 20:40, 20:60] = pixels[[3, 1], 20:40, 20:60]
     files = written(tmp_path, pixels)
     out = tmp_path / "out"
     assert main(["separate", *files, *KNOWN, "--model", "ghosts", "-o", str(out), *QUICK]) == 0

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, binary_erosion
 
 from polaropt import Capture, SceneParameters, separate
 from polaropt.capture import align, measured_noise
@@ -23,11 +23,22 @@ from tests.shifted import shifted_blend
 SIZE = 128
 ANGLES = (0.0, 45.0, 90.0, 135.0)
 BLIND = SceneParameters(None, None, None)
+JUMP, LARGE = 40, 240
+"""How far a thing goes from one photograph to the next where it never is in the same place, and sides that hold it."""
 
 
 @lru_cache(maxsize=8)
 def still(noise: float = 0.005, **how) -> Blend:
     return blend(size=SIZE, noise=noise, **how)
+
+
+@lru_cache(maxsize=8)
+def large(**how) -> Blend:
+    return blend(size=LARGE, **how)
+
+
+def middle(margin: int) -> np.ndarray:
+    return np.pad(np.ones((LARGE - 2 * margin,) * 2, bool), margin)
 
 
 def moving_in(capture: Capture) -> np.ndarray | None:
@@ -125,6 +136,43 @@ def test_the_transmission_shows_what_moves_once():
     # The azimuth is 25 degrees: the photograph at 45 is nearest.
     assert int(np.argmax(likeness)) == 1
     assert likeness[1] > 0.95
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 22.5, 25.0], ids=lambda azimuth: f"azimuth {azimuth:g}")
+def test_who_is_elsewhere_in_each_photograph_vanishes(azimuth_deg):
+    """Also where two photographs differ in the same way by what moves: along an azimuth of 0 or 22.5 degrees."""
+    scene = large(azimuth_deg=azimuth_deg)
+    moving, undisturbed = walked_by(scene, JUMP), separate(scene.capture, scene.scene)
+    result = separate(moving.capture, BLIND)
+    assert result.moving is not None
+    assert result.moving[moving.where].mean() > 0.97
+    for layer, alone, truth in zip(result.layers, undisturbed.layers, scene.layers, strict=True):
+        inside = moving.where & middle(16)
+        assert psnr_db(layer[..., inside], truth[..., inside]) > psnr_db(alone[..., inside], truth[..., inside]) - 5
+
+
+@pytest.mark.parametrize("scene", [{}, {"focal_px": 150.0}, {"angles_deg": (0.0, 36.0, 72.0, 108.0, 144.0)}], ids=str)
+def test_only_the_photograph_that_saw_what_moves_is_left_out(scene):
+    scene = large(**scene)
+    moving = walked_by(scene, JUMP)
+    kept = inpainted(moving.capture, binary_dilation(moving.where, iterations=6), scene.scene, 0.005)
+    left_out = ~kept.valid.all(axis=1)
+    inside = np.array([binary_erosion(place, iterations=3) for place in moving.seen_by])
+    assert left_out[inside].mean() > 0.98
+    assert not left_out[~np.array([binary_dilation(place, iterations=8) for place in moving.seen_by])].any()
+    # It holds what it would have seen.
+    off = np.abs(kept.planes - scene.capture.planes).mean(axis=1)
+    assert off[inside].mean() < 0.01
+
+
+def test_where_two_places_of_a_thing_meet_the_other_photographs_tell_the_layers():
+    scene = large(azimuth_deg=10.0)
+    moving = walked_by(scene, SIDE - 6)
+    kept = inpainted(moving.capture, binary_dilation(moving.where, iterations=6), scene.scene, 0.005)
+    both = np.array([binary_erosion(moving.seen_by[k] & moving.seen_by[k + 1]) for k in range(3)])
+    left_out = ~kept.valid.all(axis=1)
+    for k, where in enumerate(both):
+        np.testing.assert_array_equal(left_out[:, where].mean(axis=1) > 0.5, np.isin(np.arange(4), (k, k + 1)))
 
 
 def test_before_a_wide_lens_what_moves_is_as_one_photograph_saw_it():
