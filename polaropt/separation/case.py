@@ -69,7 +69,7 @@ class Case:
         return not self.found.scene.signal
 
     def of_pane(self) -> Capture:
-        """The capture as it is solved: what moves is filled, and what shows no glass left out.
+        """The capture as it is solved: what moves is left out or filled, and what shows no glass left out.
 
         Not of a mosaic, whose closed form loses more by what is filled in than by what is there: up to 6 dB.
         """

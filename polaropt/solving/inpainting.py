@@ -9,7 +9,8 @@ of pixels, and what they put there reaches the pixels around.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -52,8 +53,14 @@ thing. Set by hand."""
 _SHARE_BESIDE, _AROUND_PX, _EDGES_IN_PAIRS = 0.1, 12, 2.0
 """How much of a region's rim a photograph saw otherwise that did so within, how far around is still, and how much
 stronger edges may be where but two photographs tell the layers. Set by hand."""
+_LOOKED_AT, _BRIGHTEST, _USUAL = 100_000, 0.999, 0.99
+"""Pixels by which it is known how bright layers are, the quantile of these that none exceeds, and that of how far
+layers are beyond by noise. Set by hand."""
+_LEAST_BEYOND, _TIMES_USUAL = 0.02, 2.0
+"""How far layers may be beyond at least, in units of the brightest, and in units of what is usual. Set by hand."""
 _LEAST_TOLD = 1e-3
-"""Share of a photograph that the others must leave open for it to be judged. Set by hand."""
+"""Share of a photograph that the others must leave open for it to be judged, and of the reflection in one that the
+transmission must leave open for both to be told. Set by hand."""
 
 
 def inpainted(
@@ -135,7 +142,8 @@ class _Unexplained:
         first, second = self.shares
         first = first / np.sqrt((first * first).sum(axis=0))
         second = second - (first * second).sum(axis=0) * first
-        return first, second / np.sqrt((second * second).sum(axis=0))
+        # Seen frontally both layers are in the same shares.
+        return first, second / np.maximum(np.sqrt((second * second).sum(axis=0)), np.finfo(np.float32).tiny)
 
     @cached_property
     def residuals(self) -> Images:
@@ -161,7 +169,9 @@ class _Unexplained:
         """
         t, r = self.shares
         tt, tr, rr = (t * t).sum(axis=0), (t * r).sum(axis=0), (r * r).sum(axis=0)
-        moves = np.stack([rr * t - tr * r, tt * r - tr * t]) / (tt * rr - tr * tr)
+        # Photographs that hold both in the same shares tell neither.
+        determinant = np.maximum(tt * rr - tr * tr, np.float32(_LEAST_TOLD**2) * tt * rr)
+        moves = np.stack([rr * t - tr * r, tt * r - tr * t]) / determinant
         return np.asarray((moves * self.photographs).sum(axis=1)), moves
 
 
@@ -177,19 +187,20 @@ def _odd_and_several(
     k, height = len(photographs), photographs.shape[-2]
     odd, several = np.zeros((k, *moving.shape), bool), np.zeros(moving.shape, bool)
     margin, stray = _SMOOTH_PX + max(_WINDOWS_PX), _STRAY_SHARE * float(photographs.mean())
+    possible = _Possible.of(photographs, shares, ~moving)
     for rows in strips(height, photographs.size // height):
         if not moving[rows].any():
             continue
         around = slice(max(0, rows.start - margin), min(height, rows.stop + margin))
         inner = slice(rows.start - around.start, rows.stop - around.start)
         unexplained = _Unexplained(photographs[..., around, :], shares[..., around, :])
-        off, agree, which = (part[inner] for part in _judged(unexplained, growth, stray))
+        off, agree, which = (part[inner] for part in _judged(unexplained, growth, stray, possible))
         off &= moving[rows]
         several[rows] = off & ~agree
         odd[:, rows] = (off & agree) & (which == np.arange(k)[:, None, None])
     # Single pixels are told by chance.
     odd = np.stack([_grown(binary_opening(photograph, _disk(1)), _RIM_PX) for photograph in odd])
-    several = _not_in_pairs(photographs, shares, odd, several)
+    several = _not_in_pairs(photographs, shares, odd, several, possible)
     things, _ = label(odd.any(axis=0) | several)
     core = binary_opening(several, _disk(_CORE_PX))
     several |= odd[shown] & np.isin(things, np.unique(things[core]))
@@ -197,24 +208,31 @@ def _odd_and_several(
     return odd & (moving & ~several), several
 
 
-def _not_in_pairs(photographs: Images, shares: Images, odd: Mask, several: Mask) -> Mask:
+def _not_in_pairs(photographs: Images, shares: Images, odd: Mask, several: Mask, possible: _Possible) -> Mask:
     """Leave out both of two photographs, (k, h, w), where only they saw something else; the rest of several, (h, w).
 
-    So it is where a thing as one photograph saw it meets the same as another one did: the other two tell both layers,
-    whose edges are then no stronger than around.
+    What is thin beside one photograph's thing is its rim. Two are left out where a thing as one saw it meets the same
+    as another one did: the other two tell both layers, whose edges are then no stronger than around.
     """
-    from scipy.ndimage import find_objects, label
+    from scipy.ndimage import binary_opening, find_objects, label
 
+    core = _disk(_CORE_PX)
     regions, _ = label(several)
     left, things = np.zeros_like(several), odd.any(axis=0) | several
     for i, box in enumerate(find_objects(regions), 1):
         down, across = (slice(max(0, side.start - _AROUND_PX), side.stop + _AROUND_PX) for side in box)
         region = regions[down, across] == i
         beside = odd[:, down, across][:, _grown(region, _CORE_PX) & ~region].mean(axis=1) > _SHARE_BESIDE
-        if np.count_nonzero(beside) == 2 and np.count_nonzero(~beside) >= 2:
+        n = np.count_nonzero(beside)
+        if n == 1 and not binary_opening(region, core).any():
+            odd[beside, down, across] |= region
+            continue
+        if n == 2:
             others = _Unexplained(photographs[~beside][..., down, across], shares[:, ~beside][..., down, across])
-            edges, still = _edges(others.layers()[0]), ~_grown(things[down, across], _RIM_PX)
-            if still.any() and edges[region].mean() < _EDGES_IN_PAIRS * edges[still].mean():
+            layers, still = others.layers()[0], ~_grown(things[down, across], _RIM_PX)
+            edges, beyond = _edges(layers), possible.beyond(layers)
+            natural = still.any() and edges[region].mean() < _EDGES_IN_PAIRS * edges[still].mean()
+            if natural and beyond[region].mean() <= max(possible.allowed, _TIMES_USUAL * float(beyond[still].mean())):
                 odd[beside, down, across] |= _grown(region, _RIM_PX)
                 continue
         left[down, across] |= region
@@ -234,8 +252,46 @@ def _disk(radius_px: int) -> Mask:
     return np.asarray(iterate_structure(generate_binary_structure(2, 1), radius_px))
 
 
-def _judged(unexplained: _Unexplained, growth: NoiseModel, stray: float) -> tuple[Mask, Mask, NDArray[np.intp]]:
-    """Where something moved, where all but one photograph agree, and which one that is, (h, w) each."""
+@dataclass(frozen=True)
+class _Possible:
+    """What layers can be: neither below no light, nor brighter than what stands still, but for noise.
+
+    Attributes
+    ----------
+    brightest : ndarray, shape (2, 1, 1, 1)
+        Of each layer.
+    allowed : float
+        How far they may be beyond in the mean of a window, in units of these.
+    """
+
+    brightest: Images
+    allowed: float
+
+    @classmethod
+    def of(cls, photographs: Images, shares: Images, still: Mask) -> _Possible:
+        """As those that stand still are, of which a few rows and columns are looked at."""
+        step = max(1, math.isqrt(still.size // _LOOKED_AT))
+        layers = _Unexplained(photographs[..., ::step, ::step], shares[..., ::step, ::step]).layers()[0]
+        still = still[::step, ::step]
+        brightest = np.quantile(layers[..., still], _BRIGHTEST, axis=(1, 2)).astype(np.float32)
+        possible = cls(np.maximum(brightest, np.float32(_LEAST_SHARE)).reshape(2, 1, 1, 1), 0.0)
+        usual = np.quantile(_around(possible.beyond(layers), _WINDOWS_PX[0])[still], _USUAL)
+        return replace(possible, allowed=max(_LEAST_BEYOND, _TIMES_USUAL * float(usual)))
+
+    def beyond(self, layers: Images) -> Images:
+        """How far layers (2, channel, h, w) are beyond it, (h, w)."""
+        relative = layers / self.brightest
+        return np.asarray((np.maximum(-relative, 0) + np.maximum(relative - 1, 0)).mean(axis=1).sum(axis=0))
+
+
+def _judged(
+    unexplained: _Unexplained, growth: NoiseModel, stray: float, possible: _Possible
+) -> tuple[Mask, Mask, NDArray[np.intp]]:
+    """Where something moved, where all but one photograph agree, and which one that is, (h, w) each.
+
+    Two photographs that differ in nearly the same way by what moves agree with the others when both saw it, too, on
+    layers that are none.
+    """
     photographs, residuals, open_shares = unexplained.photographs, unexplained.residuals, unexplained.open_shares
     variance = _tolerated(photographs.mean(axis=0), growth, stray)
     total = (residuals**2).sum(axis=0)
@@ -250,14 +306,15 @@ def _judged(unexplained: _Unexplained, growth: NoiseModel, stray: float) -> tupl
     off = np.logical_and.reduce(
         [_around(unexplained_of_noise, side) > least for side, least in zip(_WINDOWS_PX, _OFF, strict=True)]
     )
-    edges = _edges_without(unexplained)
+    edges, beyond = _edges_without(unexplained, possible)
     agree, which = np.zeros(off.shape, bool), np.zeros(off.shape, np.intp)
     for side in _WINDOWS_PX:
         here = _around(left, side)
         as_good = here <= np.maximum(_LEFT_BY_NOISE, _AS_WELL * here.min(axis=0))
         best = np.where(as_good, edges, np.inf).argmin(axis=0)
         which = np.where(agree, which, best)
-        agree |= np.take_along_axis(here, best[None], axis=0)[0] <= _AGREE
+        told, impossible = (np.take_along_axis(images, best[None], axis=0)[0] for images in (here, beyond))
+        agree |= (told <= _AGREE) & (impossible <= possible.allowed)
     return off, agree, which
 
 
@@ -268,17 +325,19 @@ def _tolerated(light: Images, growth: NoiseModel, stray: float) -> Images:
     return np.asarray(growth.variance(light) + of_light + np.float32(_BESIDE_PX**2) * (down**2 + across**2))
 
 
-def _edges_without(unexplained: _Unexplained) -> Images:
-    """Edges of both layers without each photograph, (k, h, w), in windows.
+def _edges_without(unexplained: _Unexplained, possible: _Possible) -> tuple[Images, Images]:
+    """Edges of both layers without each photograph, and how far these are beyond what is possible, in windows.
 
-    A photograph that saw nothing else leaves the thing in the layers, brighter or darker than it can be.
+    Both are (k, h, w). Without a photograph that saw nothing else the thing stays in the layers, brighter or darker
+    than it can be.
     """
     (transmission, reflection), moves = unexplained.layers()
-    edges = []
-    for beyond, of_transmission, of_reflection in zip(unexplained.beyond_others, *moves, strict=True):
-        layers = np.stack([transmission - of_transmission * beyond, reflection - of_reflection * beyond])
+    edges, beyond = [], []
+    for more, of_transmission, of_reflection in zip(unexplained.beyond_others, *moves, strict=True):
+        layers = np.stack([transmission - of_transmission * more, reflection - of_reflection * more])
         edges.append(_edges(layers))
-    return _around(np.stack(edges), _SMOOTH_PX)
+        beyond.append(possible.beyond(layers))
+    return _around(np.stack(edges), _SMOOTH_PX), _around(np.stack(beyond), _WINDOWS_PX[0])
 
 
 def _edges(layers: Images) -> Images:
