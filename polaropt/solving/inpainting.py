@@ -95,7 +95,8 @@ def inpainted(
     shares = parts(np.ones((2, 1, height, width), np.float32))
     brightest = shares[0] / np.maximum(shares[1], np.float32(_LEAST_SHARE))
     shown = int(np.argmax(brightest[:, 0, moving].mean(axis=-1)))
-    if len(capture.angles_deg) > 3:
+    odd = np.zeros((len(capture.angles_deg), height, width), bool)
+    if len(odd) > 3:
         growth = NoiseModel(noise) if growth is None else growth
         odd, moving = _odd_and_several(capture.planes, shares, moving, growth, shown)
         capture = _left_out(capture, shares, odd)
@@ -104,7 +105,7 @@ def inpainted(
     photographs = capture.planes
     valid = capture.valid.reshape(photographs.shape)
     layers = layers_in_place(photographs, shares[0], shares[1], noise)
-    known = valid.any(axis=0) & ~moving
+    known = (valid | odd[:, None]).all(axis=0) & ~moving
     layers[1] = np.where(moving, np.maximum(smoothly_filled(layers[1], known), 0), layers[1])
     of_shown = np.maximum(shares[0, shown], np.float32(_LEAST_SHARE))
     layers[0] = np.where(moving, (photographs[shown] - shares[1, shown] * layers[1]) / of_shown, layers[0])
