@@ -303,10 +303,8 @@ def _judged(
             for each, share in zip(residuals, open_shares, strict=True)
         ]
     )
-    unexplained_of_noise = np.mean(total / variance, axis=0) / (k - 2)
-    off = np.logical_and.reduce(
-        [_around(unexplained_of_noise, side) > least for side, least in zip(_WINDOWS_PX, _OFF, strict=True)]
-    )
+    misfit = np.mean(total / variance, axis=0) / (k - 2)
+    off = np.logical_and.reduce([_around(misfit, side) > least for side, least in zip(_WINDOWS_PX, _OFF, strict=True)])
     edges, beyond = _edges_without(unexplained, possible)
     agree, which = np.zeros(off.shape, bool), np.zeros(off.shape, np.intp)
     for side in _WINDOWS_PX:
