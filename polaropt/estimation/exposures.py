@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -69,7 +70,7 @@ _SEEN = 3.0
 _MOST_ACROSS = 3.0
 """Light polarized across, in units of what does not add up, up to which exposures are the reason, by chance in 85 of
 100; with more the light mostly arrives polarized. So it is where the rung for that is tried."""
-_SEEN_IF_TOLD, _MOST_ACROSS_IF_TOLD = 0.0, 10.0
+_MOST_ACROSS_IF_TOLD = 10.0
 """The same where the scene is told: that nothing arrives polarized is known then, unless it was told wrongly. By chance
 95 of 100 have less across."""
 _LITTLE_ACROSS = 0.005
@@ -276,11 +277,11 @@ def _seen(capture: Capture, *, told: bool) -> _Seen | None:
     if together.shape[1] < _FEWEST_BLOCKS:
         return None
     signs = pair_signs(pairs).astype(np.float64)
-    sure, most = (_SEEN_IF_TOLD, _MOST_ACROSS_IF_TOLD) if told else (_SEEN, _MOST_ACROSS)
-    common = _ratios([together], angles, signs, sure)
+    most = _MOST_ACROSS_IF_TOLD if told else _MOST_ACROSS
+    common = _ratios([together], angles, signs)
     alike = [blocks / common.relative for blocks in colours]
     several = len(colours) > 1 and min(blocks.shape[1] for blocks in colours) >= _FEWEST_BLOCKS
-    own = _ratios(alike, angles, signs, sure) if several else _NO_RATIOS
+    own = _ratios(alike, angles, signs) if several else _NO_RATIOS
     if not (common.told or own.told) or not (common.of_exposures(most) and own.of_exposures(most)):
         return None
     if not own.told:
@@ -328,18 +329,15 @@ class _Ratios:
 _NO_RATIOS = _Ratios(np.ones((1, 1)), np.zeros(1), np.zeros(1))
 
 
-def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Values, seen_apart: float) -> _Ratios:
-    """Of the blocks (photograph, n) of each colour, where these surely tell any.
-
-    What is polarized across counts where they do not add up by so many standard errors.
-    """
+def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Values) -> _Ratios:
+    """Of the blocks (photograph, n) of each colour, where these surely tell any."""
     n = len(colours)
     ratios = _Ratios(np.ones((len(angles_deg), n)), np.zeros(n), np.zeros(n))
     for _ in range(_ROUNDS):
         alike = [blocks / relative[:, None] for blocks, relative in zip(colours, ratios.relative.T, strict=True)]
         lights, azimuth = _polarized(alike, angles_deg)
         apart = [_in_proportion(signs @ blocks, *light[:2]) for blocks, light in zip(alike, lights, strict=True)]
-        if not (ratios.told or any(_show(*of_colour, seen_apart) for of_colour in zip(apart, lights, strict=True))):
+        if not (ratios.told or any(starmap(_show, zip(apart, lights, strict=True)))):
             return ratios
         totals = ratios.apart + [ratio for ratio, _ in apart]
         across = ratios.across + [float(light.between @ light.total / (light.total @ light.total)) for light in lights]
@@ -348,10 +346,10 @@ def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Value
     return ratios
 
 
-def _show(apart: tuple[float, float], light: _Light, seen: float) -> bool:
-    """Whether what of a colour does not add up, with its error, or what is across where that is seen, does harm."""
+def _show(apart: tuple[float, float], light: _Light) -> bool:
+    """Whether what of a colour does not add up, with its error, or what is across beside it, surely does harm."""
     ratio, error = apart
-    return _tell(ratio, error) or (abs(ratio) > seen * error and _tell(*_in_proportion(light.between, *light[:2])))
+    return _tell(ratio, error) or (abs(ratio) > _SEEN * error and _tell(*_in_proportion(light.between, *light[:2])))
 
 
 def _tell(ratio: float, error: float) -> bool:

@@ -121,7 +121,7 @@ def test_a_scene_that_is_told_whole_tells_them_best_and_stays_as_it_is_told() ->
     assert reflection > before[1] + 5
 
 
-@pytest.mark.parametrize(("apart", "across"), [(0.0, 0.004), (8e-4, 0.006), (0.01, -0.04)])
+@pytest.mark.parametrize(("apart", "across"), [(8e-4, 0.006), (0.01, -0.04)])
 def test_light_across_is_sooner_of_exposures_where_the_scene_is_told_whole(apart: float, across: float) -> None:
     exposures = exposed_across(apart, across)
     found = uneven_exposures(taken(exposures), PANE, NOISE)
