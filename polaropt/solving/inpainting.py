@@ -200,10 +200,10 @@ def _odd_and_several(
         several[rows] = off & ~agree
         odd[:, rows] = (off & agree) & (which == np.arange(k)[:, None, None])
     # Single pixels are told by chance.
-    odd = np.stack([_grown(binary_opening(photograph, _disk(1)), _RIM_PX) for photograph in odd])
+    odd = np.stack([_grown(binary_opening(photograph, _diamond(1)), _RIM_PX) for photograph in odd])
     several = _not_in_pairs(photographs, shares, odd, several, possible)
     things, _ = label(odd.any(axis=0) | several)
-    core = binary_opening(several, _disk(_CORE_PX))
+    core = binary_opening(several, _diamond(_CORE_PX))
     several |= odd[shown] & np.isin(things, np.unique(things[core]))
     several = _grown(several, _RIM_PX) & moving
     return odd & (moving & ~several), several
@@ -217,7 +217,7 @@ def _not_in_pairs(photographs: Images, shares: Images, odd: Mask, several: Mask,
     """
     from scipy.ndimage import binary_opening, find_objects, label
 
-    core = _disk(_CORE_PX)
+    core = _diamond(_CORE_PX)
     regions, _ = label(several)
     left, things = np.zeros_like(several), odd.any(axis=0) | several
     for i, box in enumerate(find_objects(regions), 1):
@@ -243,10 +243,10 @@ def _not_in_pairs(photographs: Images, shares: Images, odd: Mask, several: Mask,
 def _grown(pixels: Mask, radius_px: int) -> Mask:
     from scipy.ndimage import binary_dilation
 
-    return np.asarray(binary_dilation(pixels, _disk(radius_px))) if pixels.any() else pixels
+    return np.asarray(binary_dilation(pixels, _diamond(radius_px))) if pixels.any() else pixels
 
 
-def _disk(radius_px: int) -> Mask:
+def _diamond(radius_px: int) -> Mask:
     """Pixels no farther from the middle than that, along rows and columns together."""
     from scipy.ndimage import generate_binary_structure, iterate_structure
 
