@@ -221,7 +221,7 @@ def _refined(
 def _shift_error(spectra: CrossSpectra, pane: SceneParameters, incidence_deg: float) -> float:
     """Standard error of the likeliest shift in pixels by the jackknife: each part is free to prefer any other shift."""
     shifts = []
-    for part in spectra.left_out():
+    for part in spectra.left_out:
         misfit = ShiftLikelihood(part, pane).misfit(incidence_deg, _SHIFTS, rounds=_ROUNDS)
         shifts.append(grid_minimum(_SHIFTS, misfit))
     return jackknife_error(np.array(shifts))

@@ -70,6 +70,8 @@ Weights = NDArray[np.float64]
 
 # Images on a side of the square of orders that is looked at, and the most; light in the outer half that may fold back.
 _SIDE, _LARGEST_SIDE, _FOLDED = 16, 256, 1e-9
+_FACES_OF_A_PANE = 2
+_FACES_OF_A_PANE = 2
 
 
 def image_weights(rho: Any, tau: Any, n_faces: int, passed_twice: float, side: int | None = None) -> Weights:
@@ -95,10 +97,14 @@ def image_weights(rho: Any, tau: Any, n_faces: int, passed_twice: float, side: i
     while True:
         z = np.exp(-2j * np.pi * np.arange(trial) / trial)[:, None]
         system = faces(rho, tau, passages(n_faces, passed_twice * z[:, None], z))
-        values = np.stack([np.broadcast_to(part, (trial, trial, len(rho))) for part in system])
-        weights: Weights = np.fft.ifft2(values, axes=(1, 2)).real
+        # A single pane has no gap.
+        of_gaps = trial if n_faces > _FACES_OF_A_PANE else 1
+        values = np.stack([np.broadcast_to(part, (trial, of_gaps, len(rho))) for part in system])
+        weights: Weights = np.zeros((2, trial, trial, len(rho)))
+        weights[:, :, :of_gaps] = np.fft.ifft2(values, axes=(1, 2)).real
+        if side or trial >= _LARGEST_SIDE:
+            return weights
         half = trial // 2
-        beyond = max(np.abs(weights[:, half:]).sum(), np.abs(weights[:, :, half:]).sum())
-        if side or beyond < _FOLDED or trial >= _LARGEST_SIDE:
+        if max(np.abs(weights[:, half:]).sum(), np.abs(weights[:, :, half:]).sum()) < _FOLDED:
             return weights
         trial *= 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -26,7 +27,7 @@ from polaropt.estimation.flat.window import (
 )
 from polaropt.estimation.flat.windows.axis import Evidence, tells_of_tint
 from polaropt.estimation.flat.windows.gaps import GapMap
-from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
+from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood, images_of, lags_of
 from polaropt.estimation.flat.windows.search import (
     LikelyWindow,
     WindowSearch,
@@ -149,6 +150,29 @@ def test_a_map_of_gaps_holds_the_true_one(gap: tuple[float, float]) -> None:
     gaps = GapMap(cross_spectra(plate_frame(stokes_images(capture, NOISE), 25.0)), 1.5, 24.0)
     likely = gaps.likely(Window(64.0, 2.0, n_panes=2), 4)
     assert min(np.hypot(along - gap[0], across - gap[1]) for along, across in likely) <= 1
+
+
+@given(
+    incidence_deg=st.floats(0, 85),
+    n_panes=st.integers(1, 3),
+    absorption=st.floats(0, 1.5),
+    phases=st.tuples(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi)),
+)
+def test_lags_make_the_spectra_that_their_images_make(
+    incidence_deg: float, n_panes: int, absorption: float, phases: tuple[float, float]
+) -> None:
+    """Each image turns a frequency by its shifts; what two have in common goes by the difference of these."""
+    window = Window(incidence_deg, 1.0, 1.0, n_panes=n_panes, absorption=absorption)
+    places, images = images_of(window, 1.5)
+    # Of either polarization the faintest images count only where they are seen.
+    images = np.where(np.abs(images) > 2e-3, images, 0)
+    par, perp = np.moveaxis(images, -1, 0) @ np.exp(-1j * (places @ phases))
+    cross = par * perp.conj()
+    (orders, _), weights = lags_of(window, 1.5)
+    cosines, sines = np.cos(orders @ phases), np.sin(orders @ phases)
+    expected = np.abs(par) ** 2, np.abs(perp) ** 2, cross.real, -cross.imag
+    for k, (values, waves) in enumerate(zip(expected, (cosines, cosines, cosines, sines), strict=True)):
+        np.testing.assert_allclose(weights[..., k] @ waves, values, atol=1e-3)
 
 
 @pytest.mark.parametrize(("number", "n_panes"), [(184, 3), (216, 2), (664, 2), (408, 3)])

@@ -317,6 +317,6 @@ def _likelier(panes: tuple[AxisCandidate, AxisCandidate], scene: SceneParameters
 
     first, second = panes
     gain = misfit(second, second.evidence.spectra) - misfit(first, first.evidence.spectra)
-    parts = zip(first.evidence.spectra.left_out(), second.evidence.spectra.left_out(), strict=True)
+    parts = zip(first.evidence.spectra.left_out, second.evidence.spectra.left_out, strict=True)
     gains = np.array([misfit(second, b) - misfit(first, a) for a, b in parts])
     return gain, jackknife_error(gains) if gains.size else 0.0

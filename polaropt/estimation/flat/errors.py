@@ -152,7 +152,7 @@ def spectral_incidence(spectra: CrossSpectra, scene: SceneParameters) -> tuple[f
     best = local_minimum(likelihood.at, start, bounds, _COARSE_DEG, _TOLERANCE_DEG)
     step = min(_COARSE_DEG, best / 2, (INCIDENCE_LIMITS_DEG[1] - best) / 2)
     around = best + step * np.arange(-1.0, 2.0)
-    rest = [IncidenceLikelihood(part, scene, shift).misfit(around) for part in spectra.left_out()]
+    rest = [IncidenceLikelihood(part, scene, shift).misfit(around) for part in spectra.left_out]
     if not rest:
         return None
     before, here, after = np.array(rest).T
@@ -232,7 +232,7 @@ def shift_errors(spectra: CrossSpectra, scene: SceneParameters, rivals: Sequence
     """
     incidence, _, shift = scene.values()
     own = scene.transmission_ghost_shift
-    likelihoods = [ShiftLikelihood(part, scene) for part in spectra.left_out()]
+    likelihoods = [ShiftLikelihood(part, scene) for part in spectra.left_out]
     around = _STEP_PX * np.arange(-1.0, 2.0)
 
     def misfits(shifts: Values, of_transmission: Values | None) -> Values:

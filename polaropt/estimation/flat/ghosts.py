@@ -130,6 +130,7 @@ class CrossSpectra:
             None if self.bands is None else self.bands.across(),
         )
 
+    @cached_property
     def left_out(self) -> list[CrossSpectra]:
         """The same without each of the bands."""
         if self.bands is None or len(self.bands.counts) == 1:
@@ -149,8 +150,15 @@ class CrossSpectra:
         return squared_blur(self.par + self.perp, noise, radius, self.multiplicity)
 
     def shapes(self, n_radii: int, n_directions: int) -> Images:
-        """What the layers' power is made of, see `spectral_shapes`: (level, frequency)."""
-        return spectral_shapes(self.along, self.across_azimuth, n_radii, n_directions, self.blur_px2)
+        """What the layers' power is made of, see `spectral_shapes`: (level, frequency); not to be written to."""
+        detail = n_radii, n_directions
+        if detail not in self._known_shapes:
+            self._known_shapes[detail] = spectral_shapes(self.along, self.across_azimuth, *detail, self.blur_px2)
+        return self._known_shapes[detail]
+
+    @cached_property
+    def _known_shapes(self) -> dict[tuple[int, int], Images]:
+        return {}
 
     @property
     def along_ghosts(self) -> Matrix:

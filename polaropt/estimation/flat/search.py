@@ -222,7 +222,7 @@ class SceneSearch:
         incidence, spectra = trial.incidence_deg, self._seen.spectra
         misfits = [
             IncidenceLikelihood(part, self._scene, trial.ghost_shift).at(incidence)
-            for part in (spectra, *spectra.left_out())
+            for part in (spectra, *spectra.left_out)
         ]
         overlap = self._best_scales(trial, self._seen.fine)
         score = misfits[0] + _FAR_WEIGHT * math.log(overlap.joint(incidence))
@@ -258,7 +258,7 @@ class SceneSearch:
         if abs(abs(best) - abs(shift)) <= _OTHER_PX:
             return False
         given = [shift, -shift, best]
-        parts = [ShiftLikelihood(part, self._scene).misfit(told.incidence_deg, given) for part in spectra.left_out()]
+        parts = [ShiftLikelihood(part, self._scene).misfit(told.incidence_deg, given) for part in spectra.left_out]
         whole = self._likelihood.misfit(told.incidence_deg, given)
         side = int(np.argmin(whole[:2]))
         lost, of_parts = whole[side] - whole[2], np.array([part[side] - part[2] for part in parts])

@@ -47,9 +47,9 @@ _TURNED_DEG, HARDLY_PX = 3.0, 1.0
 images tell: as far as ghosts may lie beside the azimuth without a warning (`polaropt.estimation.angles`); by hand."""
 _BESIDE_PX, _TURNED_INCIDENCES_DEG = np.arange(-2.0, 2.5, 0.5), np.arange(10.0, INCIDENCE_SEARCH_DEG[1], 3.0)
 """Shifts beside the gap, and incidences, at which that pane is looked at; by hand."""
-_MOST_LIKELIEST, MOST_CANDIDATES = 2, 4
+_MOST_LIKELIEST, _MOST_CANDIDATES = 2, 4
 """How many windows of a scan are looked at closely: the likeliest, and those with the best scores, as patterns make
-many a wrong window likelier than the true one; and how many tinted ones across."""
+many a wrong window likelier than the true one."""
 _TURNS_DEG = (-10.0, -5.0, 5.0, 10.0)
 """Turns from the azimuth at which the ghosts of a clear pane are looked for before it is taken for a tinted one; set by
 hand."""
@@ -163,7 +163,7 @@ class WindowAxis:
     def __init__(self, frame: PlateFrame, asked: SceneParameters, spectra: CrossSpectra | None = None) -> None:
         self.frame, self._asked = frame, asked
         self._spectra = spectra = cross_spectra(frame) if spectra is None else spectra
-        self.parts = [WindowLikelihood(part, asked.index) for part in spectra.left_out()]
+        self.parts = [WindowLikelihood(part, asked.index) for part in spectra.left_out]
         self.likelihood = WindowLikelihood(spectra, asked.index)
         most = largest_search_shift(min(frame.images.shape[-2:]))
         gaps = GapMap(spectra, asked.index, most)
@@ -221,7 +221,7 @@ class WindowAxis:
         near = [self.search.refined(start.window, 1) for start in scan.starts]
         near.sort(key=lambda found: found.misfit)
         best = sorted(near, key=lambda found: found.misfit + self._edges(found.window))
-        kept = dict.fromkeys(found.window for found in (*near[:_MOST_LIKELIEST], *best[:MOST_CANDIDATES]))
+        kept = dict.fromkeys(found.window for found in (*near[:_MOST_LIKELIEST], *best[:_MOST_CANDIDATES]))
         found = [self.search.refined(window, ROUGH_SWEEPS) for window in kept]
         return [*found, *(self._by_edges(one.window) for one in found[:1] if is_close(one.window))]
 
@@ -333,7 +333,7 @@ class WindowAxis:
         incidences = _TURNED_INCIDENCES_DEG if told is None else np.array([told])
         misfits = misfit(self._spectra, incidences, shifts)
         i, k = np.unravel_index(np.argmin(misfits), misfits.shape)
-        rest = [misfit(part, incidences[[i]], shifts[[k]]).item() for part in self._spectra.left_out()]
+        rest = [misfit(part, incidences[[i]], shifts[[k]]).item() for part in self._spectra.left_out]
         error = jackknife_error(np.array(rest) - found.parts[0])
         tiles = self.tiles if direction is None else self.tiles.with_ghosts_along(direction)
         turned = self.nearest_by_tiles(Window(float(incidences[i]), float(shifts[k])), _OF_SHIFT, tiles)

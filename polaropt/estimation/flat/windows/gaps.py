@@ -34,8 +34,6 @@ _ROUNDS = 12
 """In which the layers' spectra are fitted."""
 _LEAST_DETERMINANT = np.float32(1e-6)
 """Of a covariance, as a share of the product of its diagonal: float32 tells no less."""
-_LEAST_CURVATURE = np.float32(1e-30)
-"""That is divided by: a pane that mirrors nothing has none."""
 
 
 class GapMap:
@@ -131,25 +129,31 @@ class GapMap:
 
         Its product with a change of the covariance, see `_dot`, is the change of the misfit.
         """
+        from polaropt.estimation.flat.windows.kernels import fitted_misfits
+
         (par, cross), (_, perp) = self._spectra.covariance
         noise = np.array([[par], [perp], [cross], [0.0]], np.float32)
-        levels = np.full((2, len(self._shapes)), FIRST_LEVEL, np.float32)
-        weighted, freedom = self._spectra.multiplicity * self._shapes, DEGREES_OF_FREEDOM
-        for last in (False,) * _ROUNDS + (True,):
-            powers = levels @ self._shapes
-            model = (powers[:, None] * layers).sum(axis=0) + noise
-            product = model[0] * model[1]
-            determinant = np.maximum(product - model[2] ** 2 - model[3] ** 2, _LEAST_DETERMINANT * product)
-            distance = _dot(model, self._data) / determinant
-            surprise = (freedom + 2) / (freedom + distance)
-            if last:
-                break
-            for level, layer in zip(levels, layers, strict=True):
-                near = _dot(layer, model)
-                gain = weighted @ ((distance * near - _dot(layer, self._data)) * surprise / determinant)
-                curvature = np.maximum(weighted @ (near / determinant), _LEAST_CURVATURE)
-                level *= np.maximum(gain / curvature, LEAST_FACTOR)
-        return powers, (model * (1 - surprise * distance) + surprise * self._data) / determinant
+        data, shapes, freedom = self._data, self._shapes, DEGREES_OF_FREEDOM
+        # As the kernel has them: reflection first.
+        first = layers[::-1]
+        squares = [np.maximum(_dot(of, of), 2 * _LEAST_DETERMINANT * of[0] * of[1]) for of in first]
+        of_rest = [_dot(of, other) for other in (noise, data) for of in first]
+        products = np.empty((1, 9, shapes.shape[1]), np.float32)
+        for i, product in enumerate(
+            (*squares, np.maximum(_dot(*first), 0), *of_rest, _dot(noise, noise), _dot(noise, data))
+        ):
+            products[0, i] = product
+        levels = np.full((1, 2, len(shapes)), FIRST_LEVEL, np.float32)
+        settings = (freedom, np.float32(LEAST_FACTOR), _ROUNDS)
+        fitted_misfits(products, shapes, self._spectra.multiplicity, *settings, levels, np.empty(1), 0, 1)
+        # A pane that mirrors nothing tells no level.
+        powers = np.nan_to_num(levels[0, ::-1]) @ shapes
+        model = (powers[:, None] * layers).sum(axis=0) + noise
+        product = model[0] * model[1]
+        determinant = np.maximum(product - model[2] ** 2 - model[3] ** 2, _LEAST_DETERMINANT * product)
+        distance = _dot(model, data) / determinant
+        surprise = (freedom + 2) / (freedom + distance)
+        return powers, (model * (1 - surprise * distance) + surprise * data) / determinant
 
 
 def _response(weights: Floats, cosine: Floats, sine: Floats) -> Floats:

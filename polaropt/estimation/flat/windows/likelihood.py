@@ -189,16 +189,28 @@ def _lags(
     """Orders (2, lag, 2) and weights (2, lag, 4) of a kind of window, as `kernels.Lags`."""
     images = _images(incidence_deg, n_panes, absorption, refractive_index)
     images = np.where(np.abs(images) > _LEAST_WEIGHT, images, 0)
-    side = 2 * _ORDERS
-    spectra = np.fft.fft2(images, (side, side), axes=(1, 2))
-    pairs = [spectra[..., a] * spectra[..., b].conj() for a, b in ((0, 0), (1, 1), (0, 1))]
-    par, perp, cross = (np.fft.ifft2(pair, axes=(1, 2)).real for pair in pairs)
-    back = np.roll(cross[:, ::-1, ::-1], (1, 1), axis=(1, 2))
-    twice = np.full((side, side), 2.0)
-    twice[0, 0] = 1.0
-    weights = np.stack([par * twice, perp * twice, (cross + back) * twice / 2, cross - back], axis=-1)
+    places = np.argwhere(images.any(axis=(0, -1)))
+    par, perp = np.moveaxis(images[:, places[:, 0], places[:, 1]], -1, 0)
+    apart = ((places[:, None] - places) @ [_LAGS_ACROSS, 1] + _NO_LAG).ravel()
+
+    def by_lag(one: Values, other: Values) -> Values:
+        """Products of every two images of each layer, (2, image), added up by their lag."""
+        products = (one[:, :, None] * other[:, None]).reshape(2, -1)
+        return np.stack([np.bincount(apart, of_layer, 2 * _NO_LAG + 1) for of_layer in products])
+
+    of_par, of_perp, cross = by_lag(par, par), by_lag(perp, perp), by_lag(par, perp)
     # One of each pair of opposite lags; the other is its mirror image.
-    i, j = np.meshgrid(*(2 * [np.fft.fftfreq(side, 1 / side).round().astype(np.int64)]), indexing="ij")
-    used = ((i > 0) | ((i == 0) & (j >= 0))) & (np.abs(weights).max(axis=(0, -1)) > _LEAST_WEIGHT**2)
-    orders = np.stack([i[used], j[used]], axis=-1)
+    forth, back = cross[:, _NO_LAG:], cross[:, _NO_LAG::-1]
+    weights = np.stack([of_par[:, _NO_LAG:], of_perp[:, _NO_LAG:], (forth + back) / 2, forth - back], axis=-1)
+    weights[:, 1:, :3] *= 2
+    used = np.abs(weights).max(axis=(0, -1)) > _LEAST_WEIGHT**2
+    orders = _LAG_ORDERS[used]
     return np.stack([orders, orders]), weights[:, used].astype(np.float32)
+
+
+_LAGS_ACROSS = 2 * _ORDERS - 1
+"""Lags, to both sides, between images that a gap has shifted; all lags are counted in one row, in the middle of it
+none."""
+_NO_LAG = (_ORDERS - 1) * (_LAGS_ACROSS + 1)
+_LAG_ORDERS = np.stack(np.divmod(np.arange(_NO_LAG + 1) + _ORDERS - 1, _LAGS_ACROSS), axis=-1) - [0, _ORDERS - 1]
+"""Shifts of a pane and of a gap of the lags from the middle of the row on."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -124,9 +125,9 @@ class WindowSearch:
             LikelyWindow(trials[int(i)], float(misfit[i]), float(misfit[i])) for i in minima[np.argsort(misfit[minima])]
         ]
 
-    def tinted(self, incidence_deg: float) -> list[LikelyWindow]:
-        """Likely tinted panes, begun from an incidence."""
-        starts = self.single((incidence_deg,), _TRIAL_ABSORPTION)[:MOST_STARTS]
+    def tinted(self, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
+        """Likely tinted panes, begun from the likeliest of some incidences."""
+        starts = self.single(incidences_deg, _TRIAL_ABSORPTION)[:MOST_STARTS]
         found = [self.refined(start.window, ROUGH_SWEEPS) for start in starts]
         # At the end of what is searched there is no minimum.
         return [near for near in found if abs(near.window.pane_shift) <= self._grid[-1] - STEP_PX]
@@ -240,6 +241,7 @@ def equivalent_single(incidence_deg: float, n_panes: int, refractive_index: floa
     return float(angles[int(np.argmin(np.abs(rising - asked)))])
 
 
+@lru_cache(maxsize=4096)
 def _reflected(incidence_deg: float, n_panes: int, refractive_index: float) -> tuple[float, float]:
     """How much more panes in place mirror across the plane of incidence than along, and how much across."""
     par, perp = in_place_reflectance(incidence_deg, refractive_index, False, n_panes)

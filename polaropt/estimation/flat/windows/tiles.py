@@ -237,14 +237,16 @@ class TileLikelihood:
         across = orders[:, 1] * window.gap_across
         right = along * math.cos(azimuth) + across * math.sin(azimuth)
         down = across * math.cos(azimuth) - along * math.sin(azimuth)
-        one, other, common = images_in_common(right, down, self._columns, self._rows, self._side)
-        (par, perp), (other_par, other_perp) = (images[:, which].transpose(2, 0, 1) for which in (one, other))
-        forth, back = par * other_perp, perp * other_par
+        moved = bilinear_transfer(right, down, self._columns, self._rows)
+        within = hann_autocorrelation(np.subtract.outer(right, right) / self._side)
+        within *= hann_autocorrelation(np.subtract.outer(down, down) / self._side)
+        # Of both layers, along and across: every image, and all that the others have in common with it.
+        alone = np.ascontiguousarray(images.swapaxes(1, 2))[..., None] * moved
+        common = (within @ alone.view(np.float64)).view(np.complex128)
+        cross = (alone[:, 1].conj() * common[:, 0]).sum(axis=1)
         response = np.empty((2, 4, self._columns.size), np.float32)
-        response[:, 0] = 2 * par * other_par @ common.real
-        response[:, 1] = 2 * perp * other_perp @ common.real
-        response[:, 2] = (forth + back) @ common.real
-        response[:, 3] = (forth - back) @ common.imag
+        response[:, :2] = (alone.real * common.real + alone.imag * common.imag).sum(axis=2)
+        response[:, 2], response[:, 3] = cross.real, cross.imag
         return response
 
 
