@@ -2,12 +2,12 @@
 
 A shutter, a lamp's light and a filter that is turned by hand are not the same each time. Photographs whose exposures
 differ do not add up, and behind a flat pane leave light polarized across its plane of incidence, both in proportion to
-all light: that tells two of three ratios, whatever the angles are off by. The third, of light polarized along that
-plane and across, makes the pane look as if it polarized more or less, and costs a layer 5 to 10 dB. No pixel tells it,
-but how the pane mixes both layers does: tiles of the frame, which tell the incidence, tell both together, as far as
-the other two ratios make expect any.
+all light: that tells all ratios but one, two of the three of four photographs, whatever the angles are off by. The last
+one, of light polarized along that plane and across, makes the pane look as if it polarized more or less, and costs a
+layer 5 to 10 dB. No pixel tells it, but how the pane mixes both layers does: tiles of the frame, which tell the
+incidence, tell both together, as far as the other ratios make expect any.
 
-Where cameras balance white in each photograph anew, colours have ratios of their own. The third ones of these differ
+Where cameras balance white in each photograph anew, colours have ratios of their own. The last ones of these differ
 by what makes all colours mix the layers alike.
 """
 
@@ -29,9 +29,8 @@ from polaropt.capture import (
     StokesImages,
     colour_blocks,
     measured_noise,
-    orthogonal_pairs,
-    pair_signs,
     plate_frame,
+    redundancy_residual,
     stokes_images,
 )
 from polaropt.estimation.flat.errors import errors_of_gains, polarized_share
@@ -42,22 +41,22 @@ from polaropt.estimation.ladder import LadderResult, find_scene
 from polaropt.estimation.motion import StillPhotographs
 from polaropt.estimation.rung import noise_misfit
 from polaropt.estimation.wide.blocks import PolarizedBlocks
-from polaropt.numerics import jackknife_error, left_out, middle_part, turn_between
+from polaropt.numerics import jackknife_error, left_out, middle_part
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, analyzer_matrix
 
 Values = NDArray[np.float64]
 
 _MODELS = ("auto", "pixelwise", "ghosts")
 """Models of panes that leave no light polarized between along and across."""
-_QUARTER_TURN_DEG, _TOLERANCE_DEG = 90.0, 0.5
-"""Between orthogonal angles, and by which the angle between two pairs may be off from half of that, as for
-`orthogonal_pairs`."""
+_MOST_UNEVEN, _MOST_UNEVEN_OF_FOUR = 0.25, 0.02
+"""Part of the angles that may lie to one side of the circle, or of a quarter of it: none does of equally spaced ones.
+Set by hand; of four none that was tried lies off such by more than half a degree."""
 _FEWEST_BLOCKS = 100
 """Blocks of 8x8 pixels that tell a ratio. Set by hand."""
 _BLOCK_PX = 8
 """Side of blocks over whose noise the share of the polarized light is told. Set by hand."""
 _LOOKED_AT_PX = 1024
-"""Side of the middle of a frame by which pane and third ratio are looked for. Set by hand, for time and memory."""
+"""Side of the middle of a frame by which pane and last ratio are looked for. Set by hand, for time and memory."""
 _ROUNDS = 2
 """In which ratios are found: products of two of them are small. Set by hand."""
 _PARTS = 12
@@ -85,26 +84,26 @@ _STEEPEST_DEG = 78.0
 """Incidence beyond which tiles are not asked: a pane across with its layers exchanged is then nearly the same. Of four
 such random windows to fit on (even seeds from 900000) three lose by what tiles tell, up to 3 dB, one gains 2."""
 _FREE = ("exposed_along",)
-"""Number of a window that is the third ratio."""
+"""Number of a window that is the last ratio."""
 _MOST_TILES = 800
 """Tiles and colours that are asked. Set by hand, for the time it takes."""
 _NATS = 8.0
 """Log likelihood of overlapping tiles that counts as one."""
-_EXPECTED = 2.0
-"""What the mean square of the two ratios that are seen is multiplied by for the third, of which they tell the scale
-roughly. This and the last by trial on 120 captures of training photographs (25 to 78 degrees, shifts up to 15 px, noise
-0.5 %, exposures off by 1 or 1.5 %, half of them with angles off by 1 degree; an engine of its own): the third ratio,
-1.2 or 0.8 % then, is afterwards off by 0.6 or 0.5 % root mean square, by 0.3 % less in 45 or 32 of 100 and by as much
-more in 2. Half of the first number gains 2 more of 100, and harms 4. Leaving tiles out in turn tells its error worse,
-and so does how sure tiles are of it."""
+_NOT_KNOWN = 2.0
+"""What the scale of the last ratio, as so many others tell it, is not known by: their mean square is multiplied by one
+and this, divided by their number. It and the last by trial on 120 captures of training photographs (25 to 78 degrees,
+shifts up to 15 px, noise 0.5 %, four photographs whose exposures are off by 1 or 1.5 %, half of them with angles off by
+1 degree; an engine of its own), where the factor is 2: the last ratio, 1.2 or 0.8 % then, is afterwards off by 0.6 or
+0.5 % root mean square, by 0.3 % less in 45 or 32 of 100 and by as much more in 2. Half of it gains 2 more of 100, and
+harms 4. Leaving tiles out in turn tells its error worse, and so does how sure tiles are of it."""
 _MOST_ALONG, _MOST_BY_TOLD = 5.0, 3.0
-"""In units of what is expected, beyond which a third ratio that tiles find has another reason, and where an incidence
+"""In units of what is expected, beyond which a last ratio that tiles find has another reason, and where an incidence
 was told, which may be wrong. Set by hand."""
 _LEAST_ERROR = 0.3
 """Standard errors in units of those by exposures of which the other two ratios alone tell: the least of the incidence,
 and that of the azimuth. By trial."""
 _WIDER = 1.5
-"""What the standard error of the third ratio is multiplied by afterwards: two in three of those lie within it."""
+"""What the standard error of the last ratio is multiplied by afterwards: two in three of those lie within it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +174,8 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     Parameters
     ----------
     capture : Capture
-        Four photographs in two orthogonal pairs at 45 degrees; of mosaics and of others None is told.
+        Four photographs in two orthogonal pairs at 45 degrees, or more at angles that are spread about evenly; of
+        mosaics and of others None is told.
     asked : SceneParameters
         What is known of the scene, as for `find_scene`. Where it is told whole, what is polarized across is more
         readily taken for exposures.
@@ -265,29 +265,32 @@ def _seen(capture: Capture, *, told: bool) -> _Seen | None:
     A scene that is told says that no light arrives polarized.
     """
     angles = capture.angles_deg
-    pairs = orthogonal_pairs(angles)
     given = capture.origin is not None and capture.origin.exposures_given
-    if pairs is None or capture.of_mosaic or given:
-        return None
-    apart_deg = turn_between(angles[pairs[0][0]], angles[pairs[1][0]], _QUARTER_TURN_DEG)
-    if abs(abs(apart_deg) - _QUARTER_TURN_DEG / 2) > _TOLERANCE_DEG:
+    if capture.of_mosaic or given or not _spread_evenly(angles):
         return None
     colours = [blocks.astype(np.float64) for blocks in colour_blocks(capture.intensities, capture.mask)]
     together = np.concatenate(colours, axis=1)
     if together.shape[1] < _FEWEST_BLOCKS:
         return None
-    signs = pair_signs(pairs).astype(np.float64)
     most = _MOST_ACROSS_IF_TOLD if told else _MOST_ACROSS
-    common = _ratios([together], angles, signs)
+    common = _ratios([together], angles)
     alike = [blocks / common.relative for blocks in colours]
     several = len(colours) > 1 and min(blocks.shape[1] for blocks in colours) >= _FEWEST_BLOCKS
-    own = _ratios(alike, angles, signs) if several else _NO_RATIOS
+    own = _ratios(alike, angles) if several else _NO_RATIOS
     if not (common.told or own.told) or not (common.of_exposures(most) and own.of_exposures(most)):
         return None
     if not own.told:
         return _Seen(common.relative, common.azimuth_deg, common.spread)
     relative = common.relative * own.relative
     return _Seen(relative, own.azimuth_deg, common.spread, own.spread)
+
+
+def _spread_evenly(angles_deg: Sequence[float]) -> bool:
+    """Whether more angles than three are spread so evenly that ratios of exposures tell nothing of each other."""
+    turns = np.exp(2j * np.radians(angles_deg))
+    uneven = max(abs(turns.mean()), abs((turns**2).mean()))
+    most = _MOST_UNEVEN_OF_FOUR if len(turns) == 4 else _MOST_UNEVEN
+    return len(turns) > 3 and bool(uneven <= most)
 
 
 @dataclass(frozen=True)
@@ -298,7 +301,9 @@ class _Ratios:
     ----------
     relative : ndarray, shape (photograph, colour)
         Exposures that explain both.
-    apart, across : ndarray, shape (colour,)
+    apart : ndarray, shape (colour, photograph - 3)
+        In units of the standard deviation of exposures that are off by chance.
+    across : ndarray, shape (colour,)
     azimuth_deg : float
         As of `_Seen`.
     """
@@ -315,41 +320,50 @@ class _Ratios:
 
     def of_exposures(self, most_across: float) -> bool:
         """Whether nothing else is the reason for them: so much is across, at most, in units of what does not add up."""
-        apart, across = (math.sqrt(float(np.mean(ratio**2))) for ratio in (self.apart, self.across))
-        small = max(np.abs(self.apart).max(), np.abs(self.across).max()) <= _MOST
+        apart, across = (math.sqrt(float(np.sum(ratio**2)) / max(1, ratio.size)) for ratio in (self.apart, self.across))
+        small = max(np.abs(self.apart).max(initial=0.0), np.abs(self.across).max()) <= _MOST
         return bool(small) and across <= max(most_across * apart, _LITTLE_ACROSS)
 
     @property
     def spread(self) -> float:
-        """Standard deviation that they make expect of the third ratio."""
-        # A ratio of sums has twice the variance of one of differences.
-        return math.sqrt(_EXPECTED * float(np.mean(self.apart**2 + 2 * self.across**2)) / 4)
+        """Standard deviation that they make expect of the last ratio."""
+        # A ratio of what is polarized has all photographs to tell it.
+        half, n = len(self.relative) / 2, len(self.relative) - 2
+        variance = float(np.mean(np.sum(self.apart**2, axis=1) + half * self.across**2)) / n
+        return math.sqrt((1 + _NOT_KNOWN / n) * variance / half)
 
 
-_NO_RATIOS = _Ratios(np.ones((1, 1)), np.zeros(1), np.zeros(1))
+_NO_RATIOS = _Ratios(np.ones((1, 1)), np.zeros((1, 0)), np.zeros(1))
 
 
-def _ratios(colours: Sequence[Values], angles_deg: Sequence[float], signs: Values) -> _Ratios:
+def _ratios(colours: Sequence[Values], angles_deg: Sequence[float]) -> _Ratios:
     """Of the blocks (photograph, n) of each colour, where these surely tell any."""
-    n = len(colours)
-    ratios = _Ratios(np.ones((len(angles_deg), n)), np.zeros(n), np.zeros(n))
+    n, k = len(colours), len(angles_deg)
+    ratios = _Ratios(np.ones((k, n)), np.zeros((n, k - 3)), np.zeros(n))
+    # A photograph holds half of the light, and so does what it is exposed longer.
+    unlike = 2 * redundancy_residual(np.eye(k), angles_deg)
     for _ in range(_ROUNDS):
         alike = [blocks / relative[:, None] for blocks, relative in zip(colours, ratios.relative.T, strict=True)]
         lights, azimuth = _polarized(alike, angles_deg)
-        apart = [_in_proportion(signs @ blocks, *light[:2]) for blocks, light in zip(alike, lights, strict=True)]
+        apart = [
+            [_in_proportion(each, *light[:2]) for each in unlike @ blocks]
+            for blocks, light in zip(alike, lights, strict=True)
+        ]
         if not (ratios.told or any(starmap(_show, zip(apart, lights, strict=True)))):
             return ratios
-        totals = ratios.apart + [ratio for ratio, _ in apart]
+        totals = ratios.apart + np.array(apart)[..., 0]
         across = ratios.across + [float(light.between @ light.total / (light.total @ light.total)) for light in lights]
-        relative = np.exp(np.outer(signs, totals) / 2) * _exposed(angles_deg, azimuth, across=across)
+        relative = np.exp(unlike.T @ totals.T / 2) * _exposed(angles_deg, azimuth, across=across)
         ratios = _Ratios(relative, totals, across, azimuth)
     return ratios
 
 
-def _show(apart: tuple[float, float], light: _Light) -> bool:
-    """Whether what of a colour does not add up, with its error, or what is across beside it, surely does harm."""
-    ratio, error = apart
-    return _tell(ratio, error) or (abs(ratio) > _SEEN * error and _tell(*_in_proportion(light.between, *light[:2])))
+def _show(apart: Sequence[tuple[float, float]], light: _Light) -> bool:
+    """Whether what of a colour does not add up, with its errors, or what is across beside it, surely does harm."""
+    if any(starmap(_tell, apart)):
+        return True
+    seen = any(abs(ratio) > _SEEN * error for ratio, error in apart)
+    return seen and _tell(*_in_proportion(light.between, *light[:2]))
 
 
 def _tell(ratio: float, error: float) -> bool:

@@ -35,11 +35,12 @@ def pictures() -> tuple[np.ndarray, np.ndarray]:
 def taken(
     exposures: tuple[float, ...] = EXPOSURES, scene: SceneParameters = PANE, angles: tuple[float, ...] = ANGLES
 ) -> Capture:
-    """Photographs with noise, behind a filter at some angles that are told to be those of the exposures' number."""
+    """Photographs with noise, behind a filter at some angles; up to four are told to be the usual ones."""
     clean = simulate(*pictures(), scene, angles_deg=angles, bits=None, noise=0.0)
     seen = 0.8 * np.array(exposures, np.float32)[:, None, None, None] * clean.intensities
     noise = np.random.default_rng(3).normal(0, NOISE, seen.shape)
-    return Capture.of_planes((seen + noise).astype(np.float32), ANGLES[: len(angles)])
+    told = ANGLES[: len(angles)] if len(angles) <= len(ANGLES) else angles
+    return Capture.of_planes((seen + noise).astype(np.float32), told)
 
 
 @cache
@@ -109,6 +110,33 @@ def test_layers_and_pane_gain_by_it() -> None:
 )
 def test_none_are_found_where_photographs_add_up_or_cannot_tell(capture) -> None:
     assert uneven_exposures(capture(), BLIND, NOISE) is None
+
+
+@pytest.mark.parametrize(
+    ("angles", "asked", "within"),
+    [
+        ((0.0, 36.0, 72.0, 108.0, 144.0), PANE, 1e-3),
+        ((0.0, 20.0, 45.0, 75.0, 100.0, 125.0, 160.0), PANE, 1e-3),
+        (tuple(range(0, 180, 15)), PANE, 1e-3),
+        (tuple(range(0, 180, 30)), BLIND, 6e-3),
+    ],
+    ids=["five", "seven, unevenly", "twelve", "six, blind"],
+)
+def test_those_of_more_photographs_are_found(angles: tuple[float, ...], asked: SceneParameters, within: float) -> None:
+    """Each tells one ratio more, by what does not add up; the one that no pixel tells stays one."""
+    exposures = tuple(np.random.default_rng(len(angles)).uniform(0.98, 1.02, len(angles)).tolist())
+    found = uneven_exposures(taken(exposures, angles=angles), asked, NOISE)
+    assert found is not None
+    left = np.log(found.relative[:, 0] / relative(exposures))
+    along = np.cos(2 * np.radians(np.array(angles) - PANE.values()[1]))
+    share = left @ along / (along @ along)
+    assert abs(share) < within
+    np.testing.assert_allclose(left - share * along, 0, atol=1e-3)
+
+
+def test_of_angles_that_lie_close_together_none_are_found() -> None:
+    angles = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)
+    assert uneven_exposures(taken((1.02, 1.0, 0.99, 1.0, 1.01, 0.98), angles=angles), BLIND, NOISE) is None
 
 
 def test_a_scene_that_is_told_whole_tells_them_best_and_stays_as_it_is_told() -> None:
