@@ -201,7 +201,7 @@ def _odd_and_several(
         odd[:, rows] = (off & agree) & (which == np.arange(k)[:, None, None])
     # Single pixels are told by chance.
     odd = np.stack([_grown(binary_opening(photograph, _diamond(1)), _RIM_PX) for photograph in odd])
-    several = _not_in_pairs(photographs, shares, odd, several, possible)
+    odd, several = _with_pairs(photographs, shares, odd, several, possible)
     things, _ = label(odd.any(axis=0) | several)
     core = binary_opening(several, _diamond(_CORE_PX))
     several |= odd[shown] & np.isin(things, np.unique(things[core]))
@@ -209,8 +209,10 @@ def _odd_and_several(
     return odd & (moving & ~several), several
 
 
-def _not_in_pairs(photographs: Images, shares: Images, odd: Mask, several: Mask, possible: _Possible) -> Mask:
-    """Leave out both of two photographs, (k, h, w), where only they saw something else; the rest of several, (h, w).
+def _with_pairs(
+    photographs: Images, shares: Images, odd: Mask, several: Mask, possible: _Possible
+) -> tuple[Mask, Mask]:
+    """Both of two photographs left out, (k, h, w), where only they saw something else; the rest of several, (h, w).
 
     What is thin beside one photograph's thing is its rim. Two are left out where a thing as one saw it meets the same
     as another one did: the other two tell both layers, whose edges are then no stronger than around.
@@ -219,7 +221,7 @@ def _not_in_pairs(photographs: Images, shares: Images, odd: Mask, several: Mask,
 
     core = _diamond(_CORE_PX)
     regions, _ = label(several)
-    left, things = np.zeros_like(several), odd.any(axis=0) | several
+    odd, left, things = odd.copy(), np.zeros_like(several), odd.any(axis=0) | several
     for i, box in enumerate(find_objects(regions), 1):
         down, across = (slice(max(0, side.start - _AROUND_PX), side.stop + _AROUND_PX) for side in box)
         region = regions[down, across] == i
@@ -237,7 +239,7 @@ def _not_in_pairs(photographs: Images, shares: Images, odd: Mask, several: Mask,
                 odd[beside, down, across] |= _grown(region, _RIM_PX)
                 continue
         left[down, across] |= region
-    return left
+    return odd, left
 
 
 def _grown(pixels: Mask, radius_px: int) -> Mask:
