@@ -23,9 +23,10 @@ from polaropt.estimation.flat.window import (
     _may_be_several,
     _shows_across,
     _tinted_or,
+    _with_panes,
     with_window,
 )
-from polaropt.estimation.flat.windows.axis import Evidence, tells_of_tint
+from polaropt.estimation.flat.windows.axis import Evidence, Scan, tells_of_tint
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood, images_of, lags_of
 from polaropt.estimation.flat.windows.search import (
@@ -240,6 +241,26 @@ def test_clear_glass_is_not_tinted(tiles: float, spectra: float, edges: float, t
     )
     windows = {"plain": Window(57.0, 2.0), "clear": Window(60.0, 6.0), "tinted": fit.window}
     assert _tinted_or(axis, [], judged(windows["plain"])).window == windows[found]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("lacks", "taken"), [(0.02, True), (0.04, False)])
+def test_a_single_pane_across_is_looked_for_where_several_are_no_likelier(lacks: float, taken: bool) -> None:
+    """A steep pane with double images far apart stayed across, both layers exchanged, where no more was asked."""
+
+    def pane(window: Window, misfit: float) -> LikelyWindow:
+        return LikelyWindow(window, misfit, misfit, (np.zeros(3), np.zeros(3)))
+
+    def axis(misfit: float, **more: object) -> SimpleNamespace:
+        scanned = [pane(Window(60.0, 0.0, 5.0, n_panes=2), misfit)]
+        search = SimpleNamespace(single=lambda angles: [pane(Window(80.0, 15.0), 0.1)], panes=lambda angles: [])
+        return SimpleNamespace(search=search, scan=lambda n_panes, *begun: Scan(n_panes, scanned, 0.0), **more)
+
+    plain, single = pane(Window(75.0, 0.0), 0.0), pane(Window(82.0, 19.0), -0.1)
+    first = axis(0.0, glimpses=lambda windows, window: False)
+    across = axis(lacks, best=lambda panes: single, evidence=lambda *windows: Evidence(5.0, 0.0))
+    axes = [(first, (75.0,)), (across, (80.0,))]
+    at, found, rival = _with_panes(axes, plain, plain)  # type: ignore[arg-type]
+    assert (at, found, rival) == ((across, single, None) if taken else (first, plain, None))
 
 
 FAR, CLOSE = Window(45.0, -0.3, -6.0, n_panes=2), Window(45.0, 0.5, 1.5, n_panes=2)

@@ -86,11 +86,11 @@ MOST_FOUND = 3
 _DOUBTFUL_MARGIN, ACROSS_FROM_DEG = 0.2, 55.0
 """Margin of the azimuth's axis up to which the one across is looked at, too, as the single pane that it is of may be
 wrong, and incidence of that pane from which on it always is: several panes polarize as a steeper one does across."""
-_NEARLY_AS_LIKELY, _TINT_NEARLY_AS_LIKELY, _WORTH_A_THIRD = 0.01, 0.003, 0.06
-"""Log likelihood that a scan across, and tinted panes there, may lack of the single pane's to be worth a closer look,
-and that one of two panes may lack for three to be scanned. Of 190 random windows (`studies.random_windows`, training
-photographs, even seeds from 1100000 and 1200000) ten of several panes that lie across lack 0.003 at most, and 0.035
-with two, and tinted panes that are taken there 0.0002; of those of one pane 84, 45 and 69 % lack more."""
+_NEARLY_AS_LIKELY, _SINGLE_NEARLY_AS_LIKELY, _TINT_NEARLY_AS_LIKELY = 0.01, 0.03, 0.003
+"""Log likelihood that a scan across may lack of the single pane's for several panes, and a single one, to be looked for
+closely there; and the same of tinted panes. Of 190 random windows (`studies.random_windows`, training photographs, even
+seeds from 1100000 and 1200000) ten of several panes that lie across lack 0.003 at most, and tinted panes that are taken
+there 0.0002; of those of one pane 84 and 69 % lack more."""
 _FAR_LESS_LIKELY, _HOPELESS, _LEAST_SEEN = 0.4, 2.0, 0.005
 """What a single pane across may lack of the log likelihood of the one found to be that itself; the same for windows
 across to be scanned (two steep ones whose images lie 8 and 18 px apart lacked 0.41 and 1.7); and what a scan of two
@@ -172,12 +172,9 @@ def _with_panes(
         if across:
             steep = axis.search.single((_STEEPEST_DEG,))
             begun = [near for near in (singles, steep) if near[0].misfit <= plain.misfit + _HOPELESS]
-        twos = [(near, axis.scan(2, near, *told)) for near in begun]
+        scans = [(axis.scan(2, near, *told), axis.scan(MOST_FOUND, near, *told)) for near in begun]
         if across:
-            twos = [(near, two) for near, two in twos if two.misfit <= plain.misfit + _WORTH_A_THIRD]
-        scans = [(two, axis.scan(MOST_FOUND, near, *told)) for near, two in twos]
-        if across:
-            scans = [pair for pair in scans if min(scan.misfit for scan in pair) <= plain.misfit + _NEARLY_AS_LIKELY]
+            scans = _as_likely(scans, plain, _SINGLE_NEARLY_AS_LIKELY)
         if not scans:
             continue
         # A gap that the spectra show shows in a scan as well; where a pane's ghosts are seen, it may not.
@@ -190,6 +187,7 @@ def _with_panes(
             may_be = singles[0].misfit <= plain.misfit + _FAR_LESS_LIKELY and single_across.score < found.score
             if may_be and _shows_across(axis, single_across, first, plain):
                 taken, found = axis, single_across
+            scans = _as_likely(scans, plain, _NEARLY_AS_LIKELY)
         if told_of := [windows for pair in scans if (windows := _several(axis, pair, plain))]:
             likely.append((axis, min(told_of, key=lambda windows: windows[0].score)))
     likely.sort(key=lambda one: one[1][0].score)
@@ -209,6 +207,11 @@ def _with_panes(
         if axis is first and (better or axis.tells(single, plain)):
             return axis, single, rival
     return taken, found, rival if taken is first else None
+
+
+def _as_likely(scans: list[tuple[Scan, Scan]], plain: LikelyWindow, least: float) -> list[tuple[Scan, Scan]]:
+    """Scans of two panes and of three that found windows whose log likelihood lacks no more of the single pane's."""
+    return [pair for pair in scans if min(scan.misfit for scan in pair) <= plain.misfit + least]
 
 
 def _may_be_several(axis: WindowAxis, window: LikelyWindow, single: LikelyWindow) -> bool:
