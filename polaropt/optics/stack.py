@@ -71,7 +71,6 @@ Weights = NDArray[np.float64]
 # Images on a side of the square of orders that is looked at, and the most; light in the outer half that may fold back.
 _SIDE, _LARGEST_SIDE, _FOLDED = 16, 256, 1e-9
 _FACES_OF_A_PANE = 2
-_FACES_OF_A_PANE = 2
 
 
 def image_weights(rho: Any, tau: Any, n_faces: int, passed_twice: float, side: int | None = None) -> Weights:

@@ -209,9 +209,9 @@ def _with_panes(
     return taken, found, rival if taken is first else None
 
 
-def _as_likely(scans: list[tuple[Scan, Scan]], plain: LikelyWindow, least: float) -> list[tuple[Scan, Scan]]:
-    """Scans of two panes and of three that found windows whose log likelihood lacks no more of the single pane's."""
-    return [pair for pair in scans if min(scan.misfit for scan in pair) <= plain.misfit + least]
+def _as_likely(scans: list[tuple[Scan, Scan]], plain: LikelyWindow, most: float) -> list[tuple[Scan, Scan]]:
+    """Scans of two panes and of three that found one that lacks so much log likelihood of the single pane's at most."""
+    return [pair for pair in scans if min(scan.misfit for scan in pair) <= plain.misfit + most]
 
 
 def _may_be_several(axis: WindowAxis, window: LikelyWindow, single: LikelyWindow) -> bool:
