@@ -100,7 +100,7 @@ _MOST_ALONG, _MOST_BY_TOLD = 5.0, 3.0
 """In units of what is expected, beyond which a last ratio that tiles find has another reason, and where an incidence
 was told, which may be wrong. Set by hand."""
 _LEAST_ERROR = 0.3
-"""Standard errors in units of those by exposures of which the other two ratios alone tell: the least of the incidence,
+"""Standard errors in units of those by exposures of which the other ratios alone tell: the least of the incidence,
 and that of the azimuth. By trial."""
 _WIDER = 1.5
 """What the standard error of the last ratio is multiplied by afterwards: two in three of those lie within it."""
@@ -320,8 +320,8 @@ class _Ratios:
 
     def of_exposures(self, most_across: float) -> bool:
         """Whether nothing else is the reason for them: so much is across, at most, in units of what does not add up."""
-        apart, across = (math.sqrt(float(np.sum(ratio**2)) / max(1, ratio.size)) for ratio in (self.apart, self.across))
-        small = max(np.abs(self.apart).max(initial=0.0), np.abs(self.across).max()) <= _MOST
+        apart, across = (math.sqrt(float(np.mean(ratio**2))) for ratio in (self.apart, self.across))
+        small = max(np.abs(self.apart).max(), np.abs(self.across).max()) <= _MOST
         return bool(small) and across <= max(most_across * apart, _LITTLE_ACROSS)
 
     @property
@@ -333,7 +333,7 @@ class _Ratios:
         return math.sqrt((1 + _NOT_KNOWN / n) * variance / half)
 
 
-_NO_RATIOS = _Ratios(np.ones((1, 1)), np.zeros((1, 0)), np.zeros(1))
+_NO_RATIOS = _Ratios(np.ones((1, 1)), np.zeros((1, 1)), np.zeros(1))
 
 
 def _ratios(colours: Sequence[Values], angles_deg: Sequence[float]) -> _Ratios:
