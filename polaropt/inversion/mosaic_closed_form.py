@@ -178,10 +178,15 @@ class _Mixture:
         p_t, p_r = power
         v_t = np.maximum(p_t - p_t * told[:, 0, 0].real * p_t, LEAST_LEFT_OPEN * p_t)
         v_r = np.maximum(p_r - p_r * told[:, 1, 1].real * p_r, LEAST_LEFT_OPEN * p_r)
-        v_x = p_t * np.abs(told[:, 0, 1]) * p_r
+        # Where powers differ by many orders rounding leaves nothing of the smaller ones.
+        v_x = np.minimum(p_t * np.abs(told[:, 0, 1]) * p_r, np.sqrt(v_t * v_r))
         determinant = np.maximum(v_t * v_r - v_x**2, LEAST_LEFT_OPEN * v_t * v_r)
-        of_both = [np.maximum(v_r / determinant - 1 / p_t, 0), np.maximum(v_t / determinant - 1 / p_r, 0)]
-        cross = np.minimum(np.square(v_x / determinant), of_both[0] * of_both[1])
+        # As no sample has more than all light of a layer, none tells more than its noise leaves.
+        of_both = [
+            np.clip(v_r / determinant - 1 / p_t, 0, 1 / noise_power),
+            np.clip(v_t / determinant - 1 / p_r, 0, 1 / noise_power),
+        ]
+        cross = np.square(np.minimum(v_x / determinant, np.sqrt(of_both[0] * of_both[1])))
         n_colors = prior.shape[1]
         return np.stack(of_both).reshape(2, n_colors, -1), cross.reshape(n_colors, -1)
 
