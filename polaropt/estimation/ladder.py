@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, reduce
 from typing import Literal
@@ -28,9 +27,10 @@ from polaropt.estimation.flat.ghosts import cross_spectra, is_of_two_faces
 from polaropt.estimation.flat.gradients import incidence_by_gradients
 from polaropt.estimation.flat.lone_edges import with_mirrored_edges
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
+from polaropt.estimation.flat.samples.edges import LayerEdges, WindowEdges
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
 from polaropt.estimation.flat.samples.tiles import REACH_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
-from polaropt.estimation.flat.samples.window import fewer_edges, with_window_of_mosaic
+from polaropt.estimation.flat.samples.window import with_window_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.polarized_things import PolarizedThings, polarized_things
 from polaropt.estimation.refractive_index import IndexFit, with_index
@@ -179,7 +179,7 @@ def find_scene(
     thickness_px: float | None = None,
     thickness_kind: Literal["paper", "plate"] = "paper",
     mosaic: SampledTiles | None = None,
-    edges: Callable[[SceneParameters], float] | None = None,
+    edges: LayerEdges | None = None,
 ) -> LadderResult:
     """Complete a scene on the lowest rung that explains the capture, or on the one asked for.
 
@@ -195,8 +195,8 @@ def find_scene(
         One of `model_names`.
     thickness_px, thickness_kind, mosaic
         As for `estimate_scene`; of a mosaic itself its tiles are asked here.
-    edges : callable, optional
-        Logarithm of the edges that the layers behind a complete scene have, in pixels of the capture. Default: of a
+    edges : LayerEdges, optional
+        Logarithms of the edges that both layers behind a complete scene have, in pixels of the capture. Default: of a
         mosaic's cells no several panes are looked for.
     """
     if asked.ghost_shift is not None and thickness_px is not None:
@@ -225,7 +225,7 @@ def _completed(
     thickness_px: float | None,
     thickness_kind: Literal["paper", "plate"],
     mosaic: SampledTiles | None = None,
-    edges: Callable[[SceneParameters], float] | None = None,
+    edges: LayerEdges | None = None,
 ) -> LadderResult:
     """The same where the index is known."""
     if asked.index < LEAST_INDEX:
@@ -283,7 +283,7 @@ def _of_photographs(
     thickness_px: float | None,
     thickness_kind: Literal["paper", "plate"],
     mosaic: SampledTiles | None = None,
-    edges: Callable[[SceneParameters], float] | None = None,
+    edges: LayerEdges | None = None,
     climbs: bool = True,
 ) -> tuple[LadderResult, Evidence | None]:
     """The scene of photographs, or of a mosaic's cells, and what it was found by; on the lowest rungs, or on all."""
@@ -431,7 +431,7 @@ def in_full(
     *,
     mosaic: SampledTiles | None = None,
     sense_only: bool = False,
-    edges: Callable[[SceneParameters], float] | None = None,
+    edges: LayerEdges | None = None,
 ) -> LadderResult:
     """What was found from a mosaic's cells, in pixels of the capture, with ghosts and incidence as its samples tell.
 
@@ -445,9 +445,9 @@ def in_full(
         Tiles of the capture, where there are enough.
     sense_only : bool
         Whether the distance of the ghosts is given, and only their side is to be told.
-    edges : callable, optional
-        Logarithm of the edges that the layers behind a complete scene have, in pixels of the capture: close ghosts must
-        lie where these are fewer. Default: what tiles tell is believed.
+    edges : LayerEdges, optional
+        Of scenes in pixels of the capture: close ghosts must lie where the layers have fewer. Default: what tiles tell
+        is believed.
     """
     whole = found.scaled(capture.scale)
     if found.things is not None:
@@ -494,7 +494,7 @@ def _told_by_tiles(
     mosaic: SampledTiles,
     asked: SceneParameters,
     noise: float,
-    edges: Callable[[SceneParameters], float] | None,
+    edges: LayerEdges | None,
 ) -> LadderResult:
     """What was found from a mosaic's cells, in pixels of the sensor, with ghosts, tint and incidence as its tiles tell.
 
@@ -506,8 +506,8 @@ def _told_by_tiles(
     scene, errors = found.scene, estimate.errors
     incidence, azimuth, _ = scene.values()
     known = asked.replace(refractive_index=scene.index, azimuth_deg=azimuth)
-    fewer = None if edges is None else partial(fewer_edges, known, edges, capture.scale / mosaic.period)
-    tiles = PaneOfTiles(mosaic, azimuth, fewer)
+    of_windows = None if edges is None else WindowEdges(known, edges, capture.scale / mosaic.period)
+    tiles = PaneOfTiles(mosaic, azimuth, of_windows)
     if asked.ghost_shift is None:
         shift, error = tiles.ghosts(known, incidence)
         if shift:

@@ -189,7 +189,10 @@ def case_of(
     stages.advance(_INDEX_CHECKED)
     # Edges of things that are polarized by themselves tell no side; the scene found beside them has it by spectra.
     if asked.ghost_shift is None and of_cells.things is None:
-        of_source_edges = partial(edges_of_layers, source, noise=of_source, growth=still.growth)
+
+        def of_source_edges(seen: SceneParameters) -> float:
+            return sum(edges_of_layers(source, seen, of_source, still.growth))
+
         may_be_none = settings.model == "auto" and thickness_px is None and asked.n_panes in (None, 1)
 
         def in_place() -> LadderResult:

@@ -19,8 +19,10 @@ _LEAST_VARIATION = 1e-12
 """Of a layer without any edges. Set by hand."""
 
 
-def edges_of_layers(capture: Capture, scene: SceneParameters, noise: float, growth: NoiseModel | None = None) -> float:
-    """Sum of the logarithms of both layers' total variations, in the middle of the frame.
+def edges_of_layers(
+    capture: Capture, scene: SceneParameters, noise: float, growth: NoiseModel | None = None
+) -> tuple[float, float]:
+    """Logarithms of the total variations of transmission and reflection, in the middle of the frame.
 
     Minus log likelihood for each difference of neighbours, where these follow a Laplace distribution whose width is not
     known.
@@ -38,7 +40,8 @@ def edges_of_layers(capture: Capture, scene: SceneParameters, noise: float, grow
     middle = capture.part(*middle_part(capture.shape, MIDDLE_PX))
     problem = Problem(middle, scene, noise, Weights(), growth=growth)
     layers = problem.canvas.crop(problem.closed_form().layers)
-    return sum(math.log(_total_variation(layer) + _LEAST_VARIATION) for layer in layers)
+    behind, mirrored = (math.log(_total_variation(layer) + _LEAST_VARIATION) for layer in layers)
+    return behind, mirrored
 
 
 def _total_variation(layer: NDArray[np.float32]) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import pytest
 
@@ -17,7 +16,7 @@ NOISE = 0.005
 
 
 def edges(example):
-    return partial(edges_of_layers, example.capture, noise=NOISE)
+    return lambda scene: sum(edges_of_layers(example.capture, scene, noise=NOISE))
 
 
 def estimate_of(example, scene: SceneParameters, **changes) -> LadderResult:

@@ -12,8 +12,9 @@ import pytest
 from polaropt import Capture, SceneParameters, estimate
 from polaropt.estimation import LadderResult
 from polaropt.estimation.flat.samples import panes
+from polaropt.estimation.flat.samples.edges import WindowEdges
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTileLikelihood, tiles_of_mosaic
-from polaropt.estimation.flat.samples.window import fewer_edges
+from polaropt.estimation.flat.samples.window import with_window_of_mosaic
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.numerics import turn_between
@@ -28,6 +29,7 @@ TWO = SceneParameters(60.0, AZIMUTH, 2.0, n_panes=2, gap_shift=9.0)
 TWO_BESIDE = SceneParameters(48.0, AZIMUTH, 1.0, n_panes=2, gap_shift=6.0, gap_azimuth_deg=AZIMUTH + 20)
 THREE = SceneParameters(45.0, AZIMUTH, 0.0, n_panes=3, gap_shift=7.0)
 TWO_PANES = Window(60.0, 2.0, 9.0, n_panes=2)
+STEEP = SceneParameters(76.0, AZIMUTH, -15.0, n_panes=2, gap_shift=9.0)
 ONE, FAR = SceneParameters(60.0, AZIMUTH, 6.0), SceneParameters(70.0, AZIMUTH, 12.0)
 
 
@@ -74,8 +76,9 @@ def test_a_ghost_that_was_missed_makes_no_second_pane() -> None:
     likelihood = SampledTileLikelihood(tiles, AZIMUTH)
     in_place = likelihood.nearest(Window(72.0, 0.0), 1.5)
     two = panes.likeliest_window(likelihood, in_place, 2)
-    assert two.surer_than(in_place) > max(panes._SURE)
-    assert panes.several_panes(likelihood, in_place, lambda _: 1.0) is None
+    edges = edges_of(fewer=1.0, more_behind=-0.1)
+    assert panes._judged(two, (in_place,), edges, across=False).is_told
+    assert panes.several_panes(likelihood, in_place, edges) is None
 
 
 @pytest.mark.parametrize("asked", [OPEN, ALONG.replace(n_panes=2)], ids=["open", "told"])
@@ -99,68 +102,112 @@ def fit(n_tiles: int, sure: float = 0.0) -> TileFit:
     return TileFit(TWO_PANES, 1.5, -(sure > 0) - spread * np.resize([1.0, -1.0], n_tiles))
 
 
+def edges_of(fewer: float, more_behind: float) -> WindowEdges:
+    """Of layers that have so many fewer than with all images on the other side, and more behind than a single pane."""
+
+    class Edges(WindowEdges):
+        def fewer(self, window: Window) -> float:
+            return fewer
+
+        def more_behind(self, window: Window, other: Window) -> float:
+            return more_behind
+
+    return Edges(OPEN, lambda _: (0.0, 0.0), 1.0)
+
+
+def told_of(found: TileFit, singles: list[TileFit], edges: WindowEdges, *, across: bool) -> bool:
+    return panes._judged(found, singles, edges, across=across).is_told
+
+
 @pytest.mark.parametrize(
-    ("sure", "fewer", "n_tiles", "across", "told"),
+    ("sure", "fewer", "more_behind", "n_tiles", "along", "across"),
     [
-        (3.6, 0.013, 48, False, True),
-        (3.6, 0.011, 48, False, False),
-        (3.4, 0.013, 48, False, False),
-        (2.9, 0.11, 48, False, True),
-        (2.7, 0.2, 48, False, False),
-        (3.6, 0.013, 48, True, False),
-        (3.8, 0.013, 48, True, True),
-        (5.0, 0.05, 120, False, False),
-        (5.0, 0.07, 120, False, True),
-        (5.7, 0.05, 120, False, True),
-        (5.7, 0.2, 120, True, True),
-        (5.7, 0.05, 120, True, False),
-        (3.8, 0.2, 120, True, False),
-        (6.0, 0.05, 120, True, True),
+        (4.0, 0.05, 0.0, 120, True, False),
+        (3.5, 0.005, 0.0, 120, False, False),
+        (4.0, 0.005, -0.1, 120, True, False),
+        (4.0, 0.05, 0.15, 120, False, False),
+        (8.0, 0.05, 0.0, 120, True, True),
+        (8.0, 0.05, 0.2, 120, True, False),
+        (8.0, -0.01, 0.0, 120, True, False),
+        (8.0, -0.01, 0.0, 242, False, False),
+        (2.4, 0.5, -0.2, 120, False, False),
     ],
 )
 def test_edges_and_tiles_together_tell_several_panes(
-    sure: float, fewer: float, n_tiles: int, across: bool, told: bool
+    sure: float, fewer: float, more_behind: float, n_tiles: int, along: bool, across: bool
 ) -> None:
     """Many tiles must be surer, as what layers are not as they are taken to be shows in all of them alike."""
-    found, single = fit(n_tiles, sure), fit(n_tiles)
+    found, single, edges = fit(n_tiles, sure), fit(n_tiles), edges_of(fewer, more_behind)
     assert found.surer_than(single) == pytest.approx(sure)
-    assert panes._is_told(found, [single], lambda _: fewer, across=across) is told
-    assert not panes._is_told(found, [single, found], lambda _: fewer, across=across)
-    frontal = replace(found, window=replace(TWO_PANES, incidence_deg=11.0))
-    assert not panes._is_told(frontal, [single], lambda _: fewer, across=across)
-    # Only steep ones look like another pane across with the layers exchanged.
-    oblique = replace(found, window=replace(TWO_PANES, incidence_deg=54.0))
-    assert panes._is_told(oblique, [single], lambda _: fewer, across=across) is (told and not across)
+    frontal, oblique = (replace(found, window=replace(TWO_PANES, incidence_deg=angle)) for angle in (11.0, 54.0))
+    for is_across, told in ((False, along), (True, across)):
+        assert told_of(found, [single], edges, across=is_across) is told
+        assert not told_of(found, [single, found], edges, across=is_across)
+        assert not told_of(frontal, [single], edges, across=is_across)
+        # Only steep ones look like another pane across with the layers exchanged.
+        assert told_of(oblique, [single], edges, across=is_across) is (told and not is_across)
 
 
-@pytest.mark.parametrize(
-    ("pane_shift", "gap_across", "sure", "told"),
-    [
-        (-3.0, 0.0, 4.4, False),
-        (-3.0, 0.0, 4.6, True),
-        (-1.0, 0.0, 4.4, True),
-        (2.0, 9.5, 4.4, False),
-        (2.0, -9.5, 4.6, True),
-        (2.0, 8.5, 4.4, True),
-    ],
-)
-def test_panes_far_from_parallel_must_be_surer(pane_shift: float, gap_across: float, sure: float, told: bool) -> None:
-    found = replace(fit(48, sure), window=replace(TWO_PANES, pane_shift=pane_shift, gap_across=gap_across))
-    assert panes._is_told(found, [fit(48)], lambda _: 0.05, across=False) is told
+@pytest.mark.parametrize(("odds", "n_panes", "others"), [(0.2, 2, [1]), (1.0, 2, []), (-0.2, 1, [2]), (-1.0, 1, [])])
+def test_what_is_not_taken_is_a_rival_where_it_may_be_true(
+    odds: float, n_panes: int, others: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(panes, "_log_odds", lambda *_: odds)
+    tiles, estimated = tiles_of_mosaic(mosaic(TWO), NOISE), found_of(TWO, ALONG, False).estimate
+    assert tiles is not None
+    assert estimated is not None
+    single = replace(estimated, scene=SceneParameters(72.0, AZIMUTH, 0.0), rivals=())
+    found = with_window_of_mosaic(single, tiles, ALONG, lambda _: (0.0, 0.0))
+    assert found.scene.n_panes == n_panes
+    assert [rival.scene.n_panes for rival in found.rivals] == others
+    assert [rival.chance for rival in found.rivals] == [pytest.approx(1 / (1 + math.exp(abs(odds)))) for _ in others]
+
+
+@pytest.mark.parametrize(("pane_shift", "gap_along"), [(-17.0, 8.0), (-9.0, 11.0), (12.0, -7.0)])
+def test_a_window_whose_panes_and_gaps_are_exchanged_has_images_in_the_same_places(
+    pane_shift: float, gap_along: float
+) -> None:
+    """Two faces each: light that one, two... of the four faces mirror comes from as far off."""
+
+    def places(window: Window) -> list[float]:
+        pane, gap = window.pane_shift, window.gap_along
+        return sorted([0.0, pane, pane + gap, 2 * pane + gap])
+
+    window = Window(60.0, pane_shift, gap_along, 1.0, 2)
+    other = panes._exchanged(window)
+    assert places(other) == pytest.approx(places(window))
+    assert other != window
+    assert panes._exchanged(other) == window
+
+
+def test_steep_windows_whose_images_lie_apart_are_found() -> None:
+    """They look like no single pane: that of the likeliest one is no guide to them."""
+    tiles = tiles_of_mosaic(mosaic(STEEP), NOISE)
+    assert tiles is not None
+    likelihood = SampledTileLikelihood(tiles, AZIMUTH)
+    single = likelihood.nearest(Window(75.0, 2.0), 1.5)
+    found = panes.likeliest_window(likelihood, single, 2)
+    true = likelihood.nearest(Window(76.0, -15.0, 9.0, n_panes=2), 1.5, panes.free_numbers())
+    assert found.misfit < true.misfit + 1
+    assert found.window.incidence_deg == pytest.approx(76, abs=1.5)
 
 
 def test_edges_are_compared_with_those_of_all_images_on_the_other_side() -> None:
     window, seen = Window(60.0, 2.0, 3.0, 4.0, 2), []
 
-    def edges(scene: SceneParameters) -> float:
+    def edges(scene: SceneParameters) -> tuple[float, float]:
         seen.append(scene)
-        return math.copysign(0.01, -scene.values()[2])
+        return math.copysign(0.01, -scene.values()[2]), 0.2
 
-    assert fewer_edges(OPEN.replace(azimuth_deg=AZIMUTH), edges, 0.5, window) == pytest.approx(0.02)
+    of_windows = WindowEdges(OPEN.replace(azimuth_deg=AZIMUTH), edges, 0.5)
+    assert of_windows.fewer(window) == pytest.approx(0.02)
     across, here = seen
     assert (here.ghost_shift, here.gap_shift, here.n_panes) == (1.0, 2.5, 2)
     assert here.gap_azimuth_deg == pytest.approx((AZIMUTH - math.degrees(math.atan2(4, 3))) % 360)
     assert across == here.opposite()
+    # Each is asked for once.
+    assert of_windows.more_behind(window, replace(window, pane_shift=-2.0)) == pytest.approx(-0.02)
+    assert len(seen) == 3
 
 
 def test_without_edges_nobody_asks_for_several_panes() -> None:

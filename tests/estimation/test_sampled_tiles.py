@@ -132,7 +132,7 @@ def test_ghosts_of_tiles_must_lie_on_a_side(
 @pytest.mark.parametrize(("sure", "believed"), [(2.5, True), (1.5, False)])
 def test_where_no_edges_are_asked_tiles_must_be_sure_of_ghosts(sure: float, believed: bool) -> None:
     ghosts = SimpleNamespace(surer_than=lambda place: sure, window=Window(60.0, 4.0))
-    assert PaneOfTiles._are_believed(SimpleNamespace(fewer_edges=None), None, ghosts, OPEN) is believed
+    assert PaneOfTiles._are_believed(SimpleNamespace(edges=None), None, ghosts, OPEN) is believed
 
 
 CLEAR = SceneParameters(78.0, 60.0, 8.0)

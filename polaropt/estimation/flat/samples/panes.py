@@ -8,63 +8,93 @@ which so many panes in place mirror as the single one does that was found.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import cache, partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
+from polaropt.estimation.flat.samples.edges import WindowEdges
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.search import ANOTHER_DEG, NAMES, equivalent_incidences, likeliest_apart
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.optics import INCIDENCE_SEARCH_DEG
 
-_STEP_PX, _ALONG_PX, _ACROSS_PX = 2.0, 12.0, 4.0
-"""Spacing of the gaps that are looked at, and how far they reach along the azimuth and to its sides, in pixels of the
-sensor. Set by hand: those found are followed farther."""
-_MOST_TILES = 25
-"""Tiles that are looked at first. Set by hand."""
+_ALONG_PX, _ACROSS_PX = 20.0, 8.0
+_GAPS_ALONG_PX, _GAPS_ACROSS_PX = (
+    np.arange(-reach, reach + step / 2, step).tolist() for reach, step in ((_ALONG_PX, 2.5), (_ACROSS_PX, 4.0))
+)
+"""Gaps that are looked at, along the azimuth and to its sides, in pixels of the sensor: those found are followed
+farther."""
+_WORTH_MORE, _NEAR_PX = 1.0, 1.5
+"""Standard errors by which the best window must be likelier than a single pane for another scan, with panes where it
+has images; and pixels within which panes were asked before. Set by hand."""
+_STEEP_DEG, _STEEP_FROM_DEG = (76.0, 84.0), 50.0
+"""Incidences of steep windows, and that of a single pane from which on these are looked at, too. With all of this the
+true window, or one as likely, is found of 27 of 34 random windows of several panes beyond 22 degrees
+(`studies.random_windows --sensor mono`, fit seeds from 9850000); with gaps up to 12 px, one scan and no steep ones it
+was of half."""
+_MOST_TILES = 16
+"""Tiles that are looked at first. Set by hand: 25 find no more."""
 _CANDIDATES, _APART_PX, _APART_DEG = 3, 2.5, 4.0
 """Likely windows that are looked at closely, and how far apart they are. Set by hand."""
 _FREE, _SHIFTS = NAMES[:4], NAMES[1:4]
-_SURE, _FEWER = (3.5, 2.8), (0.012, 0.1)
-"""Standard errors by which tiles must find several panes likelier than one, and share of edges by which the layers must
-have fewer with all images on their side than on the other: one or the other pair. On mosaics of 256x256 of photographs
-that no figure is taken of (30 to 72 degrees, noise 0.2 to 1 %, mono and color) 2 of 90 single panes pass, and half of
-the windows of two or three."""
-_USUAL_TILES, _CLEARLY_FEWER = 49, 0.06
-"""Tiles of a mosaic of 256x256, and share of edges up to which no more are believed: what layers are not as the
-likelihood takes them to be makes all tiles of larger ones likelier. Of 384x384 (`studies.random_windows --sensor mono`,
-fit seeds from 200000) 7 of 74 single panes pass without this, with shares of 0.04 at most but for two across."""
-_SURE_ACROSS, _FEWER_ACROSS, _LEAST_ACROSS_DEG = (3.7, 2.5), (0.0, 0.06), 55.0
-"""Standard errors, as of so few tiles, and shares of edges, one or the other pair, that are needed where other axes are
-asked, too, with which layers would be exchanged, and the least incidence: only steep panes look like another one across
-with the layers exchanged. Of 37 random windows of single panes at 60 to 85 degrees (`studies.random_windows --sensor
-mono`, even seeds from 180000 and 190000) none has 1.6 and 0.02; of 24 of several (from 170000) 8 lie across, 6 with 2.5
-and 0.06 or more. Windows at 31 and 50 degrees passed for single panes at 84 (an engine of its own)."""
-_SURE_OF_UNUSUAL, _RESOLVED_PX = 4.5, 2.0
-"""The same where panes that shift images by so many pixels, and gaps, shift them to opposite sides, or gaps shift them
-rather to the side than along the azimuth, farther than is looked, as of panes that are far from parallel: ghosts of
-single panes that lie far off, and patterns, pass for such. Of the mosaics of 384x384 single ones have 4.4 at most (6 of
-some 220), of 4 such windows 3 have 4.7 and more."""
+_DOUBT, _OF_SURE, _OF_FEWER, _FEW_EDGES, _OF_MORE, _MORE = 3.0, 0.53, 0.49, 0.005, 9.0, (-0.2, 0.4)
+"""Log odds of several panes that tiles find: by the standard errors by which they are likelier than any single pane; by
+the share of edges by which the layers have fewer with all images on their side than on the other, whose inverse
+hyperbolic sine counts, in units of a few; and less by the share of edges by which the transmission has more than behind
+the single pane, as far as it counts: what a wrong pane leaves of the reflection there is edges. Fitted to 154 random
+windows (`studies.random_windows --sensor mono`, fit seeds from 9840000), of which 70 have several panes. Of 30 others
+(from 9860000) 3 came within 3 dB of the scene known by tiles and edges on either side alone, and lost 8.5 dB on
+average; by these odds it is 10 and 4.8 dB."""
+_DOUBT_ACROSS, _LEAST_SURE = 1.5, 2.5
+"""By how much log odds are less where single panes of other axes are asked, too, with which layers would be exchanged;
+and the least standard errors. Of those windows 22 of 25 of several panes beyond 55 degrees have log odds above 1.5, and
+of 84 single panes none but one, whose noise is strong."""
+_EVEN, NOTABLE_CHANCE = 0.5, 0.4
+"""Chance from which on they are taken, and from which on what is not taken may be true all the same."""
+_USUAL_TILES = 121
+"""Tiles of a mosaic of 384x384, of which these were found: what layers are not as the likelihood takes them to be makes
+all tiles of larger ones likelier."""
+_LEAST_ACROSS_DEG = 55.0
+"""Least incidence of windows across: only steep panes look like another one across with the layers exchanged. Windows
+at 31 and 50 degrees passed for single panes at 84 (an engine of its own)."""
 _LEAST_DEG = 12.0
 """Incidence beyond which they are told, as those of photographs in noise are: nearer to the normal, where hardly any
 light is polarized, chance windows suit detail best. Set by hand."""
-_WORTH_ANOTHER, _SURE_OF_ANOTHER = 2.0, 2.0
-"""Standard errors by which two must be likelier than one for a third to be looked for, and a third than two. On those
-mosaics 14 of 26 windows of three panes have more, and of 54 of two 7, most of them at less than 40 degrees."""
+_WORTH_ANOTHER, _SURE_OF_ANOTHER = 2.0, 1.0
+"""Standard errors by which two must be likelier than one for a third to be looked for, and a third than two. Of 56 of
+those windows 8 are taken for the other number, with 2.0 for the third it would be 12."""
+
+
+@dataclass(frozen=True)
+class LikelyPanes:
+    """A window of several panes, and the chance that it, and no single one, is the true one.
+
+    Attributes
+    ----------
+    fit : TileFit
+    chance : float
+    """
+
+    fit: TileFit
+    chance: float
+
+    @property
+    def is_told(self) -> bool:
+        """Whether it is to be taken."""
+        return self.chance > _EVEN
 
 
 def several_panes(
     likelihood: TileLikelihood,
     single: TileFit,
-    fewer_edges: Callable[[Window], float],
+    edges: WindowEdges,
     *,
     beside: Sequence[TileFit] = (),
     incidence_open: bool = True,
-) -> TileFit | None:
-    """The window of two or three panes that is surely likelier than a single one; None without.
+) -> LikelyPanes | None:
+    """The window of two or three panes that may be likelier than a single one; None where none may be.
 
     Parameters
     ----------
@@ -72,33 +102,37 @@ def several_panes(
         Of a mosaic.
     single : TileFit
         The likeliest single pane.
-    fewer_edges : callable
-        Share of edges by which the layers have fewer behind a window than behind it with all images on the other side.
+    edges : WindowEdges
     beside : sequence of TileFit
         Single panes of other axes, than which it must be surely likelier, too.
     incidence_open : bool
         Whether the incidence is to be found; else it is that of the single pane.
     """
 
-    # Each is two closed forms.
-    fewer_edges = cache(fewer_edges)
+    def judged(found: TileFit) -> LikelyPanes:
+        # Two thin panes look much like the faces of a single one, whose ghosts may have been missed.
+        ghosts = _with_ghosts_of(likelihood, found.window, single, incidence_open)
+        return _judged(found, (single, ghosts, *beside), edges, across=bool(beside))
 
-    across, others = bool(beside), (single, *beside)
-    found = two = likeliest_window(likelihood, single, 2, incidence_open=incidence_open)
-    if min(map(two.surer_than, others)) > _WORTH_ANOTHER:
+    two = likeliest_window(likelihood, single, 2, incidence_open=incidence_open)
+    # More panes that look alike are seen at less.
+    if two.window.incidence_deg <= _least_deg(across=bool(beside)):
+        return None
+    likely: tuple[TileFit, ...] = (two,)
+    if min(map(two.surer_than, (single, *beside))) > _WORTH_ANOTHER:
         three = likeliest_window(likelihood, single, 3, incidence_open=incidence_open)
         two, three = (
             min((own, *_begun_from(likelihood, other, own, incidence_open)), key=lambda fit: fit.misfit)
             for own, other in ((two, three), (three, two))
         )
-        found = two
-        if three.surer_than(two) > _SURE_OF_ANOTHER and _is_told(three, others, fewer_edges, across=across):
-            found = three
-    if not _is_told(found, others, fewer_edges, across=across):
-        return None
-    # Two thin panes look much like the faces of a single one, whose ghosts may have been missed.
-    ghosts = _with_ghosts_of(likelihood, found.window, single, incidence_open)
-    return found if _is_told(found, (ghosts,), fewer_edges, across=across) else None
+        likely = (three, two) if three.surer_than(two) > _SURE_OF_ANOTHER else (two,)
+    panes: list[LikelyPanes] = []
+    for fit in likely:
+        panes.append(judged(fit))
+        if panes[-1].is_told:
+            return panes[-1]
+    best = max(panes, key=lambda one: one.chance)
+    return best if best.chance > NOTABLE_CHANCE else None
 
 
 def _with_ghosts_of(likelihood: TileLikelihood, window: Window, single: TileFit, incidence_open: bool) -> TileFit:
@@ -110,33 +144,28 @@ def _with_ghosts_of(likelihood: TileLikelihood, window: Window, single: TileFit,
     return min((single, *others), key=lambda fit: fit.misfit)
 
 
-def _is_told(
-    found: TileFit, others: Sequence[TileFit], fewer_edges: Callable[[Window], float], *, across: bool
-) -> bool:
-    """Whether a window of several panes is believed beside single ones, if one of these lies across or if none does."""
-    sure, believed = (
-        min(how(other) for other in others)
-        for how in (found.surer_than, partial(found.believed_over, usual=_USUAL_TILES))
-    )
+def _judged(found: TileFit, singles: Sequence[TileFit], edges: WindowEdges, *, across: bool) -> LikelyPanes:
+    """How likely a window of several panes is beside single ones: its own, and others.
+
+    These are of its axis, or lie across as well.
+    """
     window = found.window
-    if window.incidence_deg <= _LEAST_DEG or sure <= min(_SURE):
-        return False
-    opposed = abs(window.pane_shift) > _RESOLVED_PX and window.pane_shift * window.gap_along < 0
-    # Small gaps may have changed places with panes, whose ghosts lie along.
-    aside = abs(window.gap_across) > max(abs(window.gap_along), _ACROSS_PX)
-    unusual = opposed or aside
-    if (across and window.incidence_deg < _LEAST_ACROSS_DEG) or (unusual and believed <= _SURE_OF_UNUSUAL):
-        return False
-    fewer = fewer_edges(window)
-    if across and not _passes(believed, fewer, _SURE_ACROSS, _FEWER_ACROSS):
-        return False
-    sure = sure if fewer > _CLEARLY_FEWER else believed
-    return _passes(sure, fewer, _SURE, _FEWER)
+    sure = min(found.believed_over(other, _USUAL_TILES) for other in singles)
+    if window.incidence_deg <= _least_deg(across=across) or sure <= _LEAST_SURE:
+        return LikelyPanes(found, 0.0)
+    odds = _log_odds(sure, edges.fewer(window), edges.more_behind(window, singles[0].window))
+    return LikelyPanes(found, 1 / (1 + math.exp((_DOUBT_ACROSS if across else 0) - odds)))
 
 
-def _passes(sure: float, fewer: float, least: tuple[float, float], shares: tuple[float, float]) -> bool:
-    """Whether standard errors and a share of fewer edges are more than one or the other pair."""
-    return any(sure > first and fewer > second for first, second in zip(least, shares, strict=True))
+def _least_deg(*, across: bool) -> float:
+    return _LEAST_ACROSS_DEG if across else _LEAST_DEG
+
+
+def _log_odds(sure: float, fewer_edges: float, more_behind: float) -> float:
+    """Of several panes, by standard errors and shares of edges: fewer than on the other side, more than of a single."""
+    low, high = _MORE
+    by_edges = _OF_FEWER * math.asinh(fewer_edges / _FEW_EDGES) - _OF_MORE * min(max(more_behind, low), high)
+    return _OF_SURE * sure + by_edges - _DOUBT
 
 
 def likeliest_window(
@@ -150,17 +179,63 @@ def likeliest_window(
         As of `several_panes`.
     n_panes : int
     """
-    index, angle = single.refractive_index, single.window.incidence_deg
-    angles = equivalent_incidences(angle, n_panes, index) if incidence_open else [angle]
-    glance = likelihood.some(_MOST_TILES)
-    powers = glance.powers(single)
-    along, across = (np.arange(-reach, reach + _STEP_PX / 2, _STEP_PX).tolist() for reach in (_ALONG_PX, _ACROSS_PX))
-    panes = dict.fromkeys((0.0, single.window.pane_shift))
-    windows = [Window(at, pane, x, y, n_panes) for at, pane, x, y in product(angles, panes, along, across)]
-    misfits = [glance.glanced(window, index, powers) for window in windows]
-    free = free_numbers(incidence_open=incidence_open)
-    kept = likeliest_apart(windows, misfits, _CANDIDATES, _are_apart)
-    return min((likelihood.nearest(windows[i], index, free) for i in kept), key=lambda fit: fit.misfit)
+    scan = _Scan(likelihood, single, n_panes, incidence_open=incidence_open)
+    asked = list(dict.fromkeys((0.0, single.window.pane_shift)))
+    best = scan.likeliest(asked)
+    if best.surer_than(single) < _WORTH_MORE:
+        return best
+    # What passes for the ghost of a gap may be that of a pane, for which other gaps are likely.
+    window = best.window
+    images = dict.fromkeys((window.gap_along, window.pane_shift + window.gap_along, window.pane_shift))
+    others = [px for px in images if abs(px) <= _ALONG_PX and all(abs(px - one) > _NEAR_PX for one in asked)]
+    return min(best, scan.likeliest(others), key=lambda fit: fit.misfit) if others else best
+
+
+class _Scan:
+    """Windows of so many panes with all gaps, for some shifts of the panes."""
+
+    def __init__(self, likelihood: TileLikelihood, single: TileFit, n_panes: int, *, incidence_open: bool) -> None:
+        self._likelihood, self._single, self._n_panes = likelihood, single, n_panes
+        self._glance = likelihood.some(_MOST_TILES)
+        self._powers = self._glance.powers(single)
+        self._free = free_numbers(incidence_open=incidence_open)
+        angle = single.window.incidence_deg
+        self._angles = _incidences(angle, n_panes, single.refractive_index) if incidence_open else [angle]
+
+    def likeliest(self, panes: Sequence[float]) -> TileFit:
+        """The likeliest window near the best of those whose panes shift images so far."""
+        index = self._single.refractive_index
+        windows = [
+            Window(angle, pane, along, across, self._n_panes)
+            for angle, pane, along, across in product(self._angles, panes, _GAPS_ALONG_PX, _GAPS_ACROSS_PX)
+        ]
+        misfits = [self._glance.glanced(window, index, self._powers) for window in windows]
+        kept = likeliest_apart(windows, misfits, _CANDIDATES, _are_apart)
+        best = min((self._nearest(windows[i]) for i in kept), key=lambda fit: fit.misfit)
+        return min(best, self._nearest(_exchanged(best.window)), key=lambda fit: fit.misfit)
+
+    def _nearest(self, window: Window) -> TileFit:
+        return self._likelihood.nearest(window, self._single.refractive_index, self._free)
+
+
+def _incidences(single_deg: float, n_panes: int, refractive_index: float) -> list[float]:
+    """Incidences at which so many panes may look like a single one.
+
+    In place they look like a steeper one; steep ones whose images lie apart look like no single one.
+    """
+    alike = equivalent_incidences(single_deg, n_panes, refractive_index)
+    steep = _STEEP_DEG if single_deg > _STEEP_FROM_DEG else ()
+    return [*alike, *(angle for angle in steep if angle > max(alike) + _APART_DEG)]
+
+
+def _exchanged(window: Window) -> Window:
+    """The window whose gaps and panes change places: its images lie where those of the other do."""
+    return replace(
+        window,
+        pane_shift=window.pane_shift + window.gap_along,
+        gap_along=-window.gap_along,
+        gap_across=-window.gap_across,
+    )
 
 
 def free_numbers(*, incidence_open: bool = True) -> tuple[str, ...]:

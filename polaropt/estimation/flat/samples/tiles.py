@@ -18,7 +18,7 @@ D. B. Rubin, D. T. Thayer, EM algorithms for ML factor analysis, Psychometrika, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 
 from polaropt.capture import Capture, RawSamples
 from polaropt.estimation.flat.ghosts import TILE_PX, tile_corners, usable_frequencies
+from polaropt.estimation.flat.samples.edges import WindowEdges
 from polaropt.estimation.flat.samples.ghosts import off_level
-from polaropt.estimation.flat.samples.panes import free_numbers, likeliest_window, several_panes
+from polaropt.estimation.flat.samples.panes import LikelyPanes, free_numbers, likeliest_window, several_panes
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood, frequency_cells, natural_power
 from polaropt.numerics import hann_spectra, hann_tile, jackknife_error
@@ -341,14 +342,13 @@ class PaneOfTiles:
     tiles : SampledTiles
     azimuth_deg : float
         Of the window.
-    fewer_edges : callable, optional
-        Share of edges by which the layers have fewer behind a window than behind it with all images on the other side.
-        Default: tiles are believed, and not asked for several panes.
+    edges : WindowEdges, optional
+        Of windows of this azimuth. Default: tiles are believed, and not asked for several panes.
     """
 
     tiles: SampledTiles
     azimuth_deg: float
-    fewer_edges: Callable[[Window], float] | None = None
+    edges: WindowEdges | None = None
 
     @cached_property
     def _likelihood(self) -> SampledTileLikelihood:
@@ -364,11 +364,11 @@ class PaneOfTiles:
     def _are_believed(self, place: TileFit, ghosts: TileFit, asked: SceneParameters) -> bool:
         """Whether ghosts are any, that are likelier than images in place."""
         sure, shift = ghosts.surer_than(place), ghosts.window.pane_shift
-        if self.fewer_edges is None:
+        if self.edges is None:
             return sure >= _SURE
         free = ("incidence_deg",) if asked.incidence_deg is None else ()
         sure_of_side = self._likelihood.surer_of_side(ghosts, free)
-        return _are_likely(sure, sure_of_side, self.fewer_edges(ghosts.window), shift)
+        return _are_likely(sure, sure_of_side, self.edges.fewer(ghosts.window), shift)
 
     def single(self, asked: SceneParameters, incidences_deg: Sequence[float]) -> TileFit:
         """The likeliest single pane near the likeliest of some incidences."""
@@ -379,12 +379,12 @@ class PaneOfTiles:
         )
         return likeliest_panes(self._likelihood, asked, place.window.incidence_deg)[1]
 
-    def several(self, asked: SceneParameters, single: TileFit, *beside: TileFit) -> TileFit | None:
-        """The window of several panes that is surely likelier than a single one, and than others; None without."""
-        if self.fewer_edges is None:
+    def several(self, asked: SceneParameters, single: TileFit, *beside: TileFit) -> LikelyPanes | None:
+        """The window of several panes that may be likelier than a single one, and than others; None without."""
+        if self.edges is None:
             return None
         is_open = asked.incidence_deg is None
-        return several_panes(self._likelihood, single, self.fewer_edges, beside=beside, incidence_open=is_open)
+        return several_panes(self._likelihood, single, self.edges, beside=beside, incidence_open=is_open)
 
     def of_panes(self, asked: SceneParameters, near: Window, incidences_deg: Sequence[float]) -> TileFit:
         """The likeliest window of as many panes as one has, near it or what mirrors as single panes do."""

@@ -4,44 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from polaropt.estimation.flat.estimate import SceneEstimate
+from polaropt.estimation.flat.samples.edges import LayerEdges, WindowEdges
+from polaropt.estimation.flat.samples.panes import NOTABLE_CHANCE
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles
 from polaropt.estimation.flat.window import ACROSS_FROM_DEG, TRIAL_DEG
 from polaropt.estimation.flat.windows.axis import scene_of, window_of
 from polaropt.estimation.flat.windows.likelihood import Window
-from polaropt.optics import SceneErrors, SceneParameters
-
-
-def fewer_edges(
-    known: SceneParameters, edges: Callable[[SceneParameters], float], to_capture: float, window: Window
-) -> float:
-    """Share of edges by which layers have fewer behind a window than behind it with its images on the other side.
-
-    Parameters
-    ----------
-    known : SceneParameters
-        With the azimuth of the window.
-    edges : callable
-        Logarithm of the edges that the layers behind a complete scene have, in pixels of some capture.
-    to_capture : float
-        Of such pixels in one of the sensor's, which the window is in.
-    window : Window
-    """
-    scene = scene_of(window, known.azimuth_deg or 0.0, known.replace(gap_shift=None)).scaled(to_capture)
-    return edges(scene.opposite()) - edges(scene)
+from polaropt.optics import Rival, SceneErrors, SceneParameters
 
 
 def with_window_of_mosaic(
     estimate: SceneEstimate,
     mosaic: SampledTiles,
     asked: SceneParameters,
-    edges: Callable[[SceneParameters], float],
+    edges: LayerEdges,
 ) -> SceneEstimate:
     """An estimate from a mosaic's cells with the window of several panes that tiles find, if that is surely likelier.
+
+    Where it may be, it is a rival of the single pane, and the single pane one of it.
 
     Parameters
     ----------
@@ -50,34 +33,49 @@ def with_window_of_mosaic(
     mosaic : SampledTiles
     asked : SceneParameters
         Fields that are None are to be found. If the number of panes is told, the likeliest window of so many is taken.
-    edges : callable
-        Logarithm of the edges that the layers behind a complete scene have, in pixels of the cells.
+    edges : LayerEdges
+        Of scenes in pixels of the cells.
     """
     scene, to_cells = estimate.scene.scaled(mosaic.period), 1 / mosaic.period
     incidence, azimuth, _ = scene.values()
     known = asked.replace(refractive_index=scene.index)
 
     def of_axis(azimuth_deg: float) -> PaneOfTiles:
-        fewer = partial(fewer_edges, known.replace(azimuth_deg=azimuth_deg), edges, to_cells)
-        return PaneOfTiles(mosaic, azimuth_deg, fewer)
+        of_windows = WindowEdges(known.replace(azimuth_deg=azimuth_deg), edges, to_cells)
+        return PaneOfTiles(mosaic, azimuth_deg, of_windows)
 
-    first, told = of_axis(azimuth), asked.incidence_deg
+    first, rivals = of_axis(azimuth), tuple[Rival, ...]()
     if asked.n_panes is not None:
-        tiles, fit = first, first.of_panes(known, window_of(scene, azimuth), TRIAL_DEG if told is None else (told,))
+        incidences = TRIAL_DEG if asked.incidence_deg is None else (asked.incidence_deg,)
+        tiles, fit = first, first.of_panes(known, window_of(scene, azimuth), incidences)
     else:
         single = first.single(known, (incidence,))
-        likely = [(first, first.several(known, single))]
+        asked_of = [(first, first.several(known, single))]
         if asked.azimuth_deg is None and incidence > ACROSS_FROM_DEG:
             across = of_axis(azimuth + 90)
-            likely.append((across, across.several(known, across.single(known, TRIAL_DEG), single)))
-        found = [(tiles, fit) for tiles, fit in likely if fit is not None]
-        if not found:
+            asked_of.append((across, across.several(known, across.single(known, TRIAL_DEG), single)))
+        likely = [(tiles, panes) for tiles, panes in asked_of if panes is not None]
+        if not likely:
             return estimate
-        tiles, fit = min(found, key=lambda one: one[1].misfit)
+        told = [one for one in likely if one[1].is_told]
+        if not told:
+            tiles, panes = max(likely, key=lambda one: one[1].chance)
+            rival = Rival(_scene(panes.fit.window, tiles, scene, to_cells), panes.chance)
+            return dataclasses.replace(estimate, rivals=(*estimate.rivals, rival))
+        tiles, panes = min(told, key=lambda one: one[1].fit.misfit)
+        fit, wrong = panes.fit, 1 - panes.chance
+        rivals = (Rival(estimate.scene, wrong),) if wrong > NOTABLE_CHANCE else ()
     names = {"pane_shift": "ghost_shift", "gap_along": "gap_shift"}
-    if told is None:
+    if asked.incidence_deg is None:
         names = {"incidence_deg": "incidence_deg", **names}
     of_fit: dict[str, Any] = dict(zip(names.values(), tiles.errors(fit, tuple(names)), strict=True))
     errors = dataclasses.replace(SceneErrors(**of_fit).scaled(to_cells), azimuth_deg=estimate.errors.azimuth_deg)
-    scene = scene_of(fit.window, tiles.azimuth_deg, scene.replace(gap_shift=None)).scaled(to_cells)
-    return dataclasses.replace(estimate, scene=scene, errors=errors, axis_chance=0.0, axis_gain_db=math.inf, rivals=())
+    scene = _scene(fit.window, tiles, scene, to_cells)
+    return dataclasses.replace(
+        estimate, scene=scene, errors=errors, axis_chance=0.0, axis_gain_db=math.inf, rivals=rivals
+    )
+
+
+def _scene(window: Window, tiles: PaneOfTiles, scene: SceneParameters, to_cells: float) -> SceneParameters:
+    """The scene of a window that tiles tell, in pixels of the cells; what else it has is that of another one."""
+    return scene_of(window, tiles.azimuth_deg, scene.replace(gap_shift=None)).scaled(to_cells)
