@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghosts import TILE_PX, tile_corners, usable_frequencies
-from polaropt.estimation.flat.windows.tiles import FREEDOM, HIGHEST_TILE_FREQUENCY, frequency_cells, images_in_common
+from polaropt.estimation.flat.windows.tiles import FREEDOM, HIGHEST_TILE_FREQUENCY, frequency_cells
 from polaropt.estimation.polarized.light import (
     AZIMUTH,
     HIGHEST_DEG,
@@ -38,11 +38,7 @@ from polaropt.estimation.polarized.light import (
     pane_light,
     point_of,
 )
-from polaropt.numerics import (
-    Box,
-    hann_spectra,
-    opponent_basis,
-)
+from polaropt.numerics import Box, bilinear_transfer, hann_autocorrelation, hann_spectra, opponent_basis
 from polaropt.optics import SceneParameters, frame_matrix
 from solvers.kernels import in_blocks
 
@@ -262,11 +258,23 @@ class StokesTiles:
 def _ghosts_in_common(
     columns: Values, rows: Values, side: int, azimuth_deg: float, shift: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Values, Values]:
-    """What the images of a layer have in common, as of `images_in_common`, real and imaginary; not to be written to."""
+    """What every two images of a layer, each of them interpolated, have in common in a tile; not to be written to.
+
+    Returns
+    -------
+    one, other : ndarray of int, shape (pair,)
+        The images of each pair.
+    real, imaginary : ndarray, shape (pair, n)
+        Cross spectra of images of a layer of power 1; half of it for an image and itself, as each pair stands for two.
+    """
     azimuth = math.radians(azimuth_deg)
-    right, up = shift * math.cos(azimuth), shift * math.sin(azimuth)
     steps = np.arange(_N_IMAGES if shift else 1)
-    one, other, common = images_in_common(steps * right, -steps * up, columns, rows, side)
+    right, down = steps * (shift * math.cos(azimuth)), -steps * (shift * math.sin(azimuth))
+    moved = bilinear_transfer(right, down, columns, rows)
+    one, other = np.tril_indices(steps.size)
+    within = hann_autocorrelation((right[one] - right[other]) / side)
+    within *= hann_autocorrelation((down[one] - down[other]) / side)
+    common = np.where(one == other, 0.5, within)[:, None] * moved[one] * moved[other].conj()
     found = one, other, np.ascontiguousarray(common.real), np.ascontiguousarray(common.imag)
     for part in found:
         part.flags.writeable = False

@@ -19,7 +19,6 @@ import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -277,46 +276,6 @@ def _numbers(window: Window, free: tuple[str, ...]) -> tuple[Values, Box]:
 def _moved(window: Window, free: tuple[str, ...], x: Values) -> Window:
     """A window with other numbers."""
     return replace(window, **dict(zip(free, x.tolist(), strict=True)))
-
-
-def images_in_common(
-    right: NDArray[np.floating],
-    down: NDArray[np.floating],
-    columns: Values,
-    rows: Values,
-    side: int,
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.complex128]]:
-    """What every two images of a layer have in common in a tile, each of them interpolated.
-
-    Parameters
-    ----------
-    right, down : ndarray, shape (image,)
-        How far they are moved, in pixels.
-    columns, rows : ndarray, shape (n,)
-        Angular frequencies per pixel.
-    side : int
-        Of the tile, in pixels.
-
-    Returns
-    -------
-    one, other : ndarray of int, shape (pair,)
-        The images of each pair.
-    common : ndarray of complex, shape (pair, n)
-        Cross spectra of images of a layer of power 1; half of it for an image and itself, as each pair stands for two.
-    """
-    moved = bilinear_transfer(right, down, columns, rows)
-    one, other = _pairs(len(right))
-    within = hann_autocorrelation((right[one] - right[other]) / side)
-    within *= hann_autocorrelation((down[one] - down[other]) / side)
-    return one, other, np.where(one == other, 0.5, within)[:, None] * moved[one] * moved[other].conj()
-
-
-@lru_cache(maxsize=64)
-def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Every two of n images, each with itself, too; asked of every window, and not to be written to."""
-    one, other = np.tril_indices(n)
-    one.flags.writeable = other.flags.writeable = False
-    return one, other
 
 
 def _products(
