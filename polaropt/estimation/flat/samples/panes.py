@@ -46,7 +46,7 @@ hyperbolic sine counts, in units of a few; and less by the share of edges by whi
 the single pane, as far as it counts: what a wrong pane leaves of the reflection there is edges. Fitted to 154 random
 windows (`studies.random_windows --sensor mono`, fit seeds from 9840000), of which 70 have several panes. Of 30 others
 (from 9860000) 3 came within 3 dB of the scene known by tiles and edges on either side alone, and lost 8.5 dB on
-average; by these odds it is 10 and 4.8 dB."""
+average; by these odds it is 9 and 4.8 dB."""
 _DOUBT_ACROSS, _LEAST_SURE = 1.5, 2.5
 """By how much log odds are less where single panes of other axes are asked, too, with which layers would be exchanged;
 and the least standard errors. Of those windows 22 of 25 of several panes beyond 55 degrees have log odds above 1.5, and
