@@ -13,7 +13,7 @@ from polaropt import Capture, SceneParameters, estimate
 from polaropt.estimation import LadderResult
 from polaropt.estimation.flat.samples import panes
 from polaropt.estimation.flat.samples.edges import WindowEdges
-from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTileLikelihood, tiles_of_mosaic
+from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTileLikelihood, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.samples.window import with_window_of_mosaic
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit
@@ -50,6 +50,12 @@ def _mosaic(scene: SceneParameters, color: bool) -> Capture:
     return simulated_mosaic(raw, color)
 
 
+def tiles_of(scene: SceneParameters) -> SampledTiles:
+    tiles = tiles_of_mosaic(mosaic(scene), NOISE)
+    assert tiles is not None
+    return tiles
+
+
 @pytest.mark.parametrize(
     ("scene", "asked", "color"),
     [(TWO, OPEN, False), (TWO, ALONG, True), (TWO_BESIDE, ALONG, False), (THREE, OPEN, False)],
@@ -71,9 +77,7 @@ def test_a_single_pane_stays_one() -> None:
 
 def test_a_ghost_that_was_missed_makes_no_second_pane() -> None:
     """The faces of a pane that lie far apart look much like two thin panes, where the single one is taken in place."""
-    tiles = tiles_of_mosaic(mosaic(FAR), NOISE)
-    assert tiles is not None
-    likelihood = SampledTileLikelihood(tiles, AZIMUTH)
+    likelihood = SampledTileLikelihood(tiles_of(FAR), AZIMUTH)
     in_place = likelihood.nearest(Window(72.0, 0.0), 1.5)
     two = panes.likeliest_window(likelihood, in_place, 2)
     edges = edges_of(fewer=1.0, more_behind=-0.1)
@@ -153,11 +157,10 @@ def test_what_is_not_taken_is_a_rival_where_it_may_be_true(
     odds: float, n_panes: int, others: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(panes, "_log_odds", lambda *_: odds)
-    tiles, estimated = tiles_of_mosaic(mosaic(TWO), NOISE), found_of(TWO, ALONG, False).estimate
-    assert tiles is not None
+    estimated = found_of(TWO, ALONG, False).estimate
     assert estimated is not None
     single = replace(estimated, scene=SceneParameters(72.0, AZIMUTH, 0.0), rivals=())
-    found = with_window_of_mosaic(single, tiles, ALONG, lambda _: (0.0, 0.0))
+    found = with_window_of_mosaic(single, tiles_of(TWO), ALONG, lambda _: (0.0, 0.0))
     assert found.scene.n_panes == n_panes
     assert [rival.scene.n_panes for rival in found.rivals] == others
     assert [rival.chance for rival in found.rivals] == [pytest.approx(1 / (1 + math.exp(abs(odds)))) for _ in others]
@@ -182,9 +185,7 @@ def test_a_window_whose_panes_and_gaps_are_exchanged_has_images_in_the_same_plac
 
 def test_steep_windows_whose_images_lie_apart_are_found() -> None:
     """They look like no single pane: that of the likeliest one is no guide to them."""
-    tiles = tiles_of_mosaic(mosaic(STEEP), NOISE)
-    assert tiles is not None
-    likelihood = SampledTileLikelihood(tiles, AZIMUTH)
+    likelihood = SampledTileLikelihood(tiles_of(STEEP), AZIMUTH)
     single = likelihood.nearest(Window(75.0, 2.0), 1.5)
     found = panes.likeliest_window(likelihood, single, 2)
     true = likelihood.nearest(Window(76.0, -15.0, 9.0, n_panes=2), 1.5, panes.free_numbers())
@@ -211,7 +212,5 @@ def test_edges_are_compared_with_those_of_all_images_on_the_other_side() -> None
 
 
 def test_without_edges_nobody_asks_for_several_panes() -> None:
-    tiles = tiles_of_mosaic(mosaic(ONE), NOISE)
-    assert tiles is not None
-    pane = PaneOfTiles(tiles, AZIMUTH)
+    pane = PaneOfTiles(tiles_of(ONE), AZIMUTH)
     assert pane.several(OPEN, pane.single(OPEN, (60.0,))) is None

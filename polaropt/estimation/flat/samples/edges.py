@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache, cached_property
 
 from polaropt.estimation.flat.windows.axis import scene_of
 from polaropt.estimation.flat.windows.likelihood import Window
@@ -30,7 +31,6 @@ class WindowEdges:
     known: SceneParameters
     of_layers: LayerEdges
     to_capture: float
-    _told: dict[SceneParameters, tuple[float, float]] = field(default_factory=dict, init=False, repr=False)
 
     def fewer(self, window: Window) -> float:
         """Share by which the layers have fewer behind a window than behind it with its images on the other side."""
@@ -45,7 +45,7 @@ class WindowEdges:
         scene = scene_of(window, self.known.azimuth_deg or 0.0, self.known.replace(gap_shift=None))
         return scene.scaled(self.to_capture)
 
-    def _edges(self, scene: SceneParameters) -> tuple[float, float]:
-        if scene not in self._told:
-            self._told[scene] = self.of_layers(scene)
-        return self._told[scene]
+    @cached_property
+    def _edges(self) -> LayerEdges:
+        """Those of the layers, each scene asked for once."""
+        return cache(self.of_layers)

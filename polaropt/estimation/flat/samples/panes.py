@@ -112,14 +112,15 @@ def several_panes(
     def judged(found: TileFit) -> LikelyPanes:
         # Two thin panes look much like the faces of a single one, whose ghosts may have been missed.
         ghosts = _with_ghosts_of(likelihood, found.window, single, incidence_open)
-        return _judged(found, (single, ghosts, *beside), edges, across=bool(beside))
+        return _judged(found, (*singles, ghosts), edges, across=bool(beside))
 
+    singles = (single, *beside)
     two = likeliest_window(likelihood, single, 2, incidence_open=incidence_open)
     # More panes that look alike are seen at less.
     if two.window.incidence_deg <= _least_deg(across=bool(beside)):
         return None
     likely: tuple[TileFit, ...] = (two,)
-    if min(map(two.surer_than, (single, *beside))) > _WORTH_ANOTHER:
+    if min(map(two.surer_than, singles)) > _WORTH_ANOTHER:
         three = likeliest_window(likelihood, single, 3, incidence_open=incidence_open)
         two, three = (
             min((own, *_begun_from(likelihood, other, own, incidence_open)), key=lambda fit: fit.misfit)
@@ -128,11 +129,14 @@ def several_panes(
         likely = (three, two) if three.surer_than(two) > _SURE_OF_ANOTHER else (two,)
     panes: list[LikelyPanes] = []
     for fit in likely:
+        # Neither ghosts nor edges make it any surer.
+        if _surer_than_all(fit, singles) <= _LEAST_SURE:
+            continue
         panes.append(judged(fit))
         if panes[-1].is_told:
             return panes[-1]
-    best = max(panes, key=lambda one: one.chance)
-    return best if best.chance > NOTABLE_CHANCE else None
+    notable = (one for one in panes if one.chance > NOTABLE_CHANCE)
+    return max(notable, key=lambda one: one.chance, default=None)
 
 
 def _with_ghosts_of(likelihood: TileLikelihood, window: Window, single: TileFit, incidence_open: bool) -> TileFit:
@@ -150,11 +154,16 @@ def _judged(found: TileFit, singles: Sequence[TileFit], edges: WindowEdges, *, a
     These are of its axis, or lie across as well.
     """
     window = found.window
-    sure = min(found.believed_over(other, _USUAL_TILES) for other in singles)
+    sure = _surer_than_all(found, singles)
     if window.incidence_deg <= _least_deg(across=across) or sure <= _LEAST_SURE:
         return LikelyPanes(found, 0.0)
     odds = _log_odds(sure, edges.fewer(window), edges.more_behind(window, singles[0].window))
     return LikelyPanes(found, 1 / (1 + math.exp((_DOUBT_ACROSS if across else 0) - odds)))
+
+
+def _surer_than_all(found: TileFit, singles: Sequence[TileFit]) -> float:
+    """Standard errors by which a window is likelier than each of some single panes, as of usual mosaics."""
+    return min(found.believed_over(other, _USUAL_TILES) for other in singles)
 
 
 def _least_deg(*, across: bool) -> float:
