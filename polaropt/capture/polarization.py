@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture.capture import Capture
-from polaropt.numerics import GAP_STRIP, block_mean, block_shares, fill_gaps, gap_values, strips
+from polaropt.numerics import GAP_STRIP, block_mean, block_shares, fill_gaps, gap_values, kept_while_alive, strips
 from polaropt.optics import analyzer_matrix, frame_matrix
 
 Images = NDArray[np.float32]
@@ -183,6 +183,7 @@ class PlateFrame:
         return PlateFrame(images, self.covariance[::-1, ::-1], self.valid, self.azimuth_deg + 90)
 
 
+@kept_while_alive
 def stokes_images(capture: Capture, noise: float) -> StokesImages:
     """Stokes images of a capture whose photographs have noise of standard deviation `noise`."""
     analyzer = analyzer_matrix(capture.angles_deg)
@@ -209,6 +210,7 @@ def _known_by(capture: Capture, n: int) -> Mask:
     return known.reshape(-1, *known.shape[-2:])
 
 
+@kept_while_alive
 def plate_frame(stokes: StokesImages, azimuth_deg: float) -> PlateFrame:
     """Turn Stokes images into the frame of a pane at `azimuth_deg`."""
     rotation = frame_matrix(azimuth_deg)[:2]

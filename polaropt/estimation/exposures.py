@@ -36,7 +36,7 @@ from polaropt.capture import (
 from polaropt.estimation.flat.errors import errors_of_gains, polarized_share
 from polaropt.estimation.flat.pane_by_tiles import LEAST_TILES
 from polaropt.estimation.flat.windows.axis import window_of
-from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
+from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood, tile_likelihood
 from polaropt.estimation.ladder import LadderResult, find_scene
 from polaropt.estimation.motion import StillPhotographs
 from polaropt.estimation.rung import noise_misfit
@@ -440,7 +440,7 @@ def _along(
     The first as a share, the second in degrees; None where tiles do not tell.
     """
     azimuth, index = scene.values()[1], scene.index
-    tiles = TileLikelihood(plate_frame(stokes, azimuth)).some(_MOST_TILES)
+    tiles = tile_likelihood(plate_frame(stokes, azimuth)).some(_MOST_TILES)
     if tiles.n_tiles < LEAST_TILES:
         return None
     if asked.incidence_deg is not None:
@@ -478,7 +478,7 @@ def _along_of_colours(looked: _Look, scene: SceneParameters, seen: _Seen) -> Val
     azimuth = scene.values()[1]
     ratios, precisions = np.zeros(n), np.zeros(n)
     for colour in range(n):
-        tiles = TileLikelihood(plate_frame(looked.stokes.of_channel(colour), azimuth)).some(_MOST_TILES)
+        tiles = tile_likelihood(plate_frame(looked.stokes.of_channel(colour), azimuth)).some(_MOST_TILES)
         if tiles.n_tiles >= LEAST_TILES:
             ratios[colour], variance = _at_incidence(tiles, scene)
             precisions[colour] = 1 / variance

@@ -22,7 +22,7 @@ from polaropt.estimation.flat.ghosts import is_of_two_faces
 from polaropt.estimation.flat.pane_by_tiles import LEAST_TILES
 from polaropt.estimation.flat.windows.axis import window_of
 from polaropt.estimation.flat.windows.likelihood import Window
-from polaropt.estimation.flat.windows.tiles import TileLikelihood
+from polaropt.estimation.flat.windows.tiles import tile_likelihood
 from polaropt.estimation.ladder import LadderResult
 from polaropt.optics import Rival, SceneParameters
 
@@ -133,7 +133,7 @@ def _told_by_tiles(capture: Capture, scene: SceneParameters, noise: float) -> _T
     if not is_of_two_faces(scene) or scene.polarized:
         return _TilesTell()
     azimuth, index = scene.values()[1], scene.index
-    tiles = TileLikelihood(plate_frame(stokes_images(capture, noise), azimuth))
+    tiles = tile_likelihood(plate_frame(stokes_images(capture, noise), azimuth))
     window = window_of(scene, azimuth)
     here, across = (tiles.fitted(one, index) for one in (window, window_of(scene.opposite(), azimuth)))
     of_side = here.surer_than(across)

@@ -29,7 +29,7 @@ from polaropt.estimation.flat.overlap import noise_of_mirrored
 from polaropt.estimation.flat.window import judged_pane, judged_window
 from polaropt.estimation.flat.windows.axis import HARDLY_PX
 from polaropt.estimation.flat.windows.search import LikelyWindow, equivalent_single
-from polaropt.estimation.flat.windows.tiles import TileLikelihood
+from polaropt.estimation.flat.windows.tiles import tile_likelihood
 from polaropt.estimation.index_by_tiles import (
     INDEX_SEARCH,
     LikelierIndex,
@@ -282,10 +282,10 @@ def likelier_index(capture: Capture, scene: SceneParameters, noise: float) -> Li
         told = _told_by_gradients(frame, scene, _SURE_GAIN_BY_GRADIENTS if measured else _LEAST_GAIN_BY_GRADIENTS)
         # Where double images lie apart tiles are the surer.
         if told is not None or tiles_tell(frame, scene):
-            return told or told_by_tiles(TileLikelihood(frame), scene, frame.azimuth_deg)
+            return told or told_by_tiles(tile_likelihood(frame), scene, frame.azimuth_deg)
     single = None if stokes.aliased else _single_pane_of(scene)
     if single is not None:
-        told = told_by_tiles(TileLikelihood(frame), single, frame.azimuth_deg, beside=scene)
+        told = told_by_tiles(tile_likelihood(frame), single, frame.azimuth_deg, beside=scene)
         if told is not None:
             return told
     told = _told_by_spectra(frame, scene)

@@ -36,6 +36,7 @@ __all__ = [
     "hann_tile",
     "in_color",
     "jackknife_error",
+    "kept_while_alive",
     "left_out",
     "local_minima",
     "local_minimum",
@@ -96,6 +97,7 @@ from .jackknife import minimum_error as minimum_error
 from .memory import MUCH_VALUES as MUCH_VALUES
 from .memory import arrays_apart as arrays_apart
 from .memory import give_back_freed as give_back_freed
+from .memory import kept_while_alive as kept_while_alive
 from .minima import Box as Box
 from .minima import grid_minimum as grid_minimum
 from .minima import local_minima as local_minima

@@ -47,6 +47,7 @@ __all__ = [
     "interface",
     "largest_search_shift",
     "largest_turn",
+    "orders_of_windows",
     "pixel_grid",
     "plane_normal",
     "plate_at",
@@ -95,6 +96,7 @@ from .plate import ghosts_that_matter as ghosts_that_matter
 from .plate import in_place_correction as in_place_correction
 from .plate import in_place_reflectance as in_place_reflectance
 from .plate import in_place_weights as in_place_weights
+from .plate import orders_of_windows as orders_of_windows
 from .plate import plate_at as plate_at
 from .plate import plate_of as plate_of
 from .plate import window_orders as window_orders

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from polaropt.optics.fresnel import interface, interface_images
 from polaropt.optics.scene import SceneParameters
-from polaropt.optics.stack import before_in_place, faces, image_weights, passages
+from polaropt.optics.stack import FACES_OF_A_PANE, before_in_place, faces, image_weights, passages
 
 Entries = NDArray[Any]
 Weights = NDArray[np.float64]
@@ -107,7 +107,7 @@ class Plate:
     @property
     def n_faces(self) -> int:
         """As `SceneParameters.n_faces`."""
-        return 1 if self.single_surface else 2 * self.n_panes
+        return 1 if self.single_surface else FACES_OF_A_PANE * self.n_panes
 
     def at(self, z: Any, gap: Any = 1.0) -> tuple[Any, Any]:
         """``h_t(z)`` and ``h_r(z)``; z a number, or an array that goes with the entries, and the same from gaps."""
@@ -361,6 +361,33 @@ def window_orders(scene: SceneParameters, incidence_deg: float, side: int | None
     weights = image_weights(plate.rho, plate.tau, plate.n_faces, plate.passed_twice, side)
     weights[1, ..., 2] *= -1
     return weights
+
+
+def orders_of_windows(
+    incidences_deg: NDArray[np.float64],
+    absorptions: NDArray[np.float64],
+    n_panes: int,
+    refractive_index: float,
+    side: int,
+) -> Weights:
+    """Weights as of `window_orders` of many windows of as many panes, polarized along and across the azimuth.
+
+    Parameters
+    ----------
+    incidences_deg, absorptions : ndarray, shape (window,)
+    n_panes : int
+    refractive_index : float
+    side : int
+        Orders of either kind.
+
+    Returns
+    -------
+    ndarray, shape (2, i, j, 2, window)
+    """
+    entries = interface_images(np.cos(np.radians(incidences_deg)), refractive_index)
+    rho, tau = (part[:2].ravel() for part in entries)
+    weights = image_weights(rho, tau, FACES_OF_A_PANE * n_panes, np.tile(np.exp(-2 * absorptions), 2), side)
+    return weights.reshape(*weights.shape[:3], 2, -1)
 
 
 def _distinct_places(

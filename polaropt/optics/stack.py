@@ -70,10 +70,10 @@ Weights = NDArray[np.float64]
 
 # Images on a side of the square of orders that is looked at, and the most; light in the outer half that may fold back.
 _SIDE, _LARGEST_SIDE, _FOLDED = 16, 256, 1e-9
-_FACES_OF_A_PANE = 2
+FACES_OF_A_PANE = 2
 
 
-def image_weights(rho: Any, tau: Any, n_faces: int, passed_twice: float, side: int | None = None) -> Weights:
+def image_weights(rho: Any, tau: Any, n_faces: int, passed_twice: Any, side: int | None = None) -> Weights:
     """How bright each image is that lies i shifts of a pane and j shifts of a gap from the direct one.
 
     The coefficients of a power series in both passages, from its values on the unit circles.
@@ -82,7 +82,7 @@ def image_weights(rho: Any, tau: Any, n_faces: int, passed_twice: float, side: i
     ----------
     rho, tau : ndarray, shape (entries,)
     n_faces : int
-    passed_twice : float
+    passed_twice : float or ndarray, shape (entries,)
         What of the light is left after a pane there and back.
     side : int, optional
         Orders of either kind. Default: as many as carry light.
@@ -97,7 +97,7 @@ def image_weights(rho: Any, tau: Any, n_faces: int, passed_twice: float, side: i
         z = np.exp(-2j * np.pi * np.arange(trial) / trial)[:, None]
         system = faces(rho, tau, passages(n_faces, passed_twice * z[:, None], z))
         # A single pane has no gap.
-        of_gaps = trial if n_faces > _FACES_OF_A_PANE else 1
+        of_gaps = trial if n_faces > FACES_OF_A_PANE else 1
         values = np.stack([np.broadcast_to(part, (trial, of_gaps, len(rho))) for part in system])
         weights: Weights = np.zeros((2, trial, trial, len(rho)))
         weights[:, :, :of_gaps] = np.fft.ifft2(values, axes=(1, 2)).real

@@ -29,7 +29,7 @@ from polaropt.estimation.flat.samples.tiles import (
 )
 from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
 from polaropt.estimation.flat.windows.likelihood import Window
-from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
+from polaropt.estimation.flat.windows.tiles import TileFit, tile_likelihood
 from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_LIMITS_DEG, Rival, SceneErrors, SceneParameters
 
 _POLARIZED_SNR = 10.0
@@ -302,7 +302,7 @@ def _windows(search: SceneSearch, trial: Trial, scene: SceneParameters) -> list[
 def _tile_fit(frame: PlateFrame, windows: Sequence[Window], scene: SceneParameters) -> TileFit:
     """How likely tiles are under the likeliest of some panes, at the best incidence near it where that is open."""
     free = ("incidence_deg",) if scene.incidence_deg is None else ()
-    tiles = TileLikelihood(frame)
+    tiles = tile_likelihood(frame)
     glance = tiles.luminance()
     likeliest = min(windows, key=lambda window: glance.nearest(window, scene.index, free).misfit)
     return tiles.nearest(likeliest, scene.index, free)

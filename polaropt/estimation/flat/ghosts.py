@@ -28,6 +28,7 @@ from polaropt.numerics import (
     hann_autocorrelation,
     hann_spectra,
     hann_tile,
+    kept_while_alive,
     sharpened,
     squared_blur,
 )
@@ -180,6 +181,7 @@ def is_of_two_faces(scene: SceneParameters) -> bool:
     return not scene.single_surface and scene.n_bounces != 0 and scene.transmission_ghost_shift is None
 
 
+@kept_while_alive
 def cross_spectra(frame: PlateFrame) -> CrossSpectra:
     """Welch's mean periodograms over half-overlapping Hann tiles, a bounded number of them."""
     seen = _mean_spectra(frame, 0.0)

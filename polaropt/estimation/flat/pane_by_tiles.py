@@ -24,7 +24,7 @@ from polaropt.estimation.flat.ghost_overlap import refined_incidence
 from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX, LIKE_BLUR_PX, is_of_two_faces
 from polaropt.estimation.flat.windows.axis import window_of
 from polaropt.estimation.flat.windows.likelihood import Window
-from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
+from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood, tile_likelihood
 from polaropt.numerics import left_out, minimum_error
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneErrors, SceneParameters
 
@@ -83,7 +83,7 @@ def with_ghosts_by_tiles(
     if not (shift or searched):
         return estimate
     frame = plate_frame(stokes, azimuth)
-    tiles, index = TileLikelihood(frame), estimate.scene.index
+    tiles, index = tile_likelihood(frame), estimate.scene.index
     place = tiles.nearest(Window(incidence, 0.0), index, free)
     if len(place.misfits) < LEAST_TILES:
         return estimate
@@ -108,7 +108,7 @@ def _without_shift_of_one_layer(estimate: SceneEstimate, stokes: StokesImages, f
         return estimate
     incidence, azimuth, shift = estimate.scene.values()
     frame = plate_frame(stokes, azimuth)
-    tiles, index = TileLikelihood(frame), estimate.scene.index
+    tiles, index = tile_likelihood(frame), estimate.scene.index
     place, found = (tiles.nearest(Window(incidence, px), index, free) for px in (0.0, shift))
     if len(place.misfits) < LEAST_TILES or place.surer_than(found) <= _SURE_OF_NONE:
         return estimate
@@ -214,7 +214,7 @@ def with_tiles(
     least = 0.0 if scene.has_ghosts else _IN_PLACE_DEG
     if not is_of_two_faces(scene) or not least <= scene.values()[0] <= INCIDENCE_SEARCH_DEG[1]:
         return scene, errors
-    window, tiles = window_of(scene, frame.azimuth_deg), TileLikelihood(frame)
+    window, tiles = window_of(scene, frame.azimuth_deg), tile_likelihood(frame)
     tells_shift = scene.has_ghosts and scene.single_and_clear
     # Gaps of several panes, and what a tint dims, come out no better than from mean spectra.
     asks = {"incidence_deg": asked.incidence_deg is None, "pane_shift": asked.ghost_shift is None and tells_shift}

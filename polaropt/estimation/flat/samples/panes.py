@@ -216,7 +216,7 @@ class _Scan:
         index = self._single.refractive_index
         windows = [
             Window(angle, pane, along, across, self._n_panes)
-            for angle, pane, along, across in product(self._angles, panes, _GAPS_ALONG_PX, _GAPS_ACROSS_PX)
+            for pane, along, across, angle in product(panes, _GAPS_ALONG_PX, _GAPS_ACROSS_PX, self._angles)
         ]
         misfits = [self._glance.glanced(window, index, self._powers) for window in windows]
         kept = likeliest_apart(windows, misfits, _CANDIDATES, _are_apart)

@@ -33,7 +33,7 @@ from polaropt.estimation.flat.windows.search import (
     WindowSearch,
     apart,
 )
-from polaropt.estimation.flat.windows.tiles import MOST_ABSORPTION, TileFit, TileLikelihood
+from polaropt.estimation.flat.windows.tiles import MOST_ABSORPTION, TileFit, TileLikelihood, tile_likelihood
 from polaropt.numerics import jackknife_error, left_out, minimum_error, vertex
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneErrors, SceneParameters, largest_search_shift
 
@@ -272,7 +272,7 @@ class WindowAxis:
     @cached_property
     def tiles(self) -> TileLikelihood:
         """How likely the frame's tiles are under windows."""
-        return TileLikelihood(self.frame)
+        return tile_likelihood(self.frame)
 
     def surer(self, window: Window, other: Window) -> float:
         """Standard errors by which tiles are likelier under one window than under another, each at its incidence."""

@@ -100,7 +100,7 @@ class GapMap:
 
     def _gradient(self, window: Window) -> list[tuple[Floats, Floats]]:
         """What cosines and sines of 1, 2, ... gaps change the misfit by, each (frequency,)."""
-        (orders, _), weights = lags_of(window, self._index)
+        orders, weights = lags_of(window, self._index)
         azimuth = math.radians(self._spectra.azimuth_deg)
         pane = window.pane_shift * orders[:, 0]
         common = [hann_autocorrelation(pane * f(azimuth) / self._spectra.tile) for f in (math.cos, math.sin)]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,8 +20,8 @@ from polaropt.estimation.flat.ghosts import (
     LEAST_FACTOR,
     CrossSpectra,
 )
+from polaropt.estimation.flat.windows.images import Kind, KindLags, SeenImages, kind_lags, seen_images
 from polaropt.numerics import hann_autocorrelation
-from polaropt.optics import SceneParameters, window_orders
 from solvers.kernels import in_blocks
 
 if TYPE_CHECKING:
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 
 Values = NDArray[np.float64]
 
-# Orders of images that are looked at, and the weight of those that count. By trial.
-_ORDERS, _LEAST_WEIGHT = 10, 2e-3
 DETAIL = (5, 4)
 """Radii and directions into which the layers' spectra are split: with fewer, edges pass for further panes. By trial."""
 _ROUNDS = 8
@@ -91,14 +88,14 @@ class WindowLikelihood:
         """Minus log likelihood per frequency of trial windows, up to a constant, (window,)."""
         from polaropt.estimation.flat.windows.kernels import Lags, window_misfits
 
-        glass = [_kind(window) for window in windows]
+        glass = [_kind(window, self._index) for window in windows]
         different = list(dict.fromkeys(glass))
-        tables = [_lags(*of, self._index) for of in different]
-        longest = max(len(orders[0]) for orders, _ in tables)
+        tables = kind_lags(different)
+        longest = max(len(of_lags.orders) for of_lags in tables)
         orders = np.zeros((len(tables), 2, longest, 2), np.int64)
         weights = np.zeros((len(tables), 2, longest, 4), np.float32)
         for k, (own, of_lags) in enumerate(tables):
-            orders[k, :, : own.shape[1]], weights[k, :, : own.shape[1]] = own, of_lags
+            orders[k, :, : len(own)], weights[k, :, : len(own)] = own, of_lags
         kinds = np.array([different.index(of) for of in glass])
         shifts = np.array([(w.pane_shift, w.gap_along, w.gap_across) for w in windows])
         common = common_light(orders[kinds], shifts, self._spectra.azimuth_deg, self._spectra.tile)
@@ -133,22 +130,19 @@ def common_light(orders: NDArray[np.int64], shifts: Values, azimuth_deg: float, 
     return (hann_autocorrelation(columns / tile) * hann_autocorrelation(rows / tile)).astype(np.float32)
 
 
-def lags_of(window: Window, refractive_index: float) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Orders (2, lag, 2) and weights (2, lag, 4) of a window's kind, as `kernels.Lags`."""
-    return _lags(*_kind(window), refractive_index)
+def lags_of(window: Window, refractive_index: float) -> KindLags:
+    """How far images of a layer lie from each other, see `KindLags`."""
+    return kind_lags([_kind(window, refractive_index)])[0]
 
 
-def images_of(window: Window, refractive_index: float) -> tuple[NDArray[np.int64], Values]:
-    """Images of a window's kind: how many shifts of a pane and of a gap they are off, (image, 2), and weights.
-
-    Weights (2, image, 2) are those of both layers, transmission first, polarized along and across the azimuth.
-    """
-    return _seen_images(*_kind(window), refractive_index)
+def images_of(window: Window, refractive_index: float) -> SeenImages:
+    """Images of a window that count."""
+    return seen_images([_kind(window, refractive_index)])[0]
 
 
-def _kind(window: Window) -> tuple[float, int, float]:
-    """What the weights of a window's images follow from: incidence, panes and absorption."""
-    return round(window.incidence_deg, _DIGITS), window.n_panes, round(window.absorption, _DIGITS)
+def _kind(window: Window, refractive_index: float) -> Kind:
+    incidence, absorption = round(window.incidence_deg, _DIGITS), round(window.absorption, _DIGITS)
+    return Kind(incidence, window.n_panes, absorption, refractive_index)
 
 
 def _seen(spectra: CrossSpectra) -> Seen:
@@ -159,58 +153,3 @@ def _seen(spectra: CrossSpectra) -> Seen:
     parts = (spectra.along, spectra.across_azimuth, spectra.multiplicity)
     arrays = (*parts, spectra.shapes(*DETAIL), data, np.array([par, perp, cross]))
     return Seen(*(np.ascontiguousarray(part, dtype=np.float32) for part in arrays))
-
-
-@lru_cache(maxsize=4096)
-def _seen_images(
-    incidence_deg: float, n_panes: int, absorption: float, refractive_index: float
-) -> tuple[NDArray[np.int64], Values]:
-    """Those of `images_of`, which are asked for at every step of a search; not to be written to."""
-    images = _images(incidence_deg, n_panes, absorption, refractive_index)
-    seen = np.abs(images).max(axis=(0, -1)) > _LEAST_WEIGHT
-    return np.argwhere(seen), images[:, seen]
-
-
-@lru_cache(maxsize=4096)
-def _images(incidence_deg: float, n_panes: int, absorption: float, refractive_index: float) -> Values:
-    """Weights (2, pane shifts, gap shifts, 2) of the images of a kind of window; not to be written to."""
-    scene = SceneParameters(
-        incidence_deg, 0.0, 1.0, refractive_index, n_panes=n_panes, gap_shift=1.0, absorption=absorption
-    )
-    images = window_orders(scene, incidence_deg, 2 * _ORDERS)[:, :_ORDERS, :_ORDERS, :2]
-    images.flags.writeable = False
-    return images
-
-
-@lru_cache(maxsize=4096)
-def _lags(
-    incidence_deg: float, n_panes: int, absorption: float, refractive_index: float
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Orders (2, lag, 2) and weights (2, lag, 4) of a kind of window, as `kernels.Lags`."""
-    images = _images(incidence_deg, n_panes, absorption, refractive_index)
-    images = np.where(np.abs(images) > _LEAST_WEIGHT, images, 0)
-    places = np.argwhere(images.any(axis=(0, -1)))
-    par, perp = np.moveaxis(images[:, places[:, 0], places[:, 1]], -1, 0)
-    apart = ((places[:, None] - places) @ [_LAGS_ACROSS, 1] + _NO_LAG).ravel()
-
-    def by_lag(one: Values, other: Values) -> Values:
-        """Products of every two images of each layer, (2, image), added up by their lag."""
-        products = (one[:, :, None] * other[:, None]).reshape(2, -1)
-        return np.stack([np.bincount(apart, of_layer, 2 * _NO_LAG + 1) for of_layer in products])
-
-    of_par, of_perp, cross = by_lag(par, par), by_lag(perp, perp), by_lag(par, perp)
-    # One of each pair of opposite lags; the other is its mirror image.
-    forth, back = cross[:, _NO_LAG:], cross[:, _NO_LAG::-1]
-    weights = np.stack([of_par[:, _NO_LAG:], of_perp[:, _NO_LAG:], (forth + back) / 2, forth - back], axis=-1)
-    weights[:, 1:, :3] *= 2
-    used = np.abs(weights).max(axis=(0, -1)) > _LEAST_WEIGHT**2
-    orders = _LAG_ORDERS[used]
-    return np.stack([orders, orders]), weights[:, used].astype(np.float32)
-
-
-_LAGS_ACROSS = 2 * _ORDERS - 1
-"""Lags, to both sides, between images that a gap has shifted; all lags are counted in one row, in the middle of it
-none."""
-_NO_LAG = (_ORDERS - 1) * (_LAGS_ACROSS + 1)
-_LAG_ORDERS = np.stack(np.divmod(np.arange(_NO_LAG + 1) + _ORDERS - 1, _LAGS_ACROSS), axis=-1) - [0, _ORDERS - 1]
-"""Shifts of a pane and of a gap of the lags from the middle of the row on."""

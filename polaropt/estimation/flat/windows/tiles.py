@@ -32,7 +32,15 @@ from polaropt.estimation.flat.ghosts import (
     usable_frequencies,
 )
 from polaropt.estimation.flat.windows.likelihood import Window, images_of
-from polaropt.numerics import Box, bilinear_transfer, blurred_power, frequencies, hann_autocorrelation, squared_blur
+from polaropt.numerics import (
+    Box,
+    bilinear_transfer,
+    blurred_power,
+    frequencies,
+    hann_autocorrelation,
+    kept_while_alive,
+    squared_blur,
+)
 from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_SEARCH_DEG
 from solvers.kernels import in_blocks
 
@@ -57,6 +65,8 @@ _TILES_OF_A_THREAD = 48
 """Set by hand: what vectorizes, and is worth a thread."""
 _LEAST_FACTOR = np.float32(0.02)
 """By which a power shrinks in a round at most. Set by hand."""
+_MOST_PLACES = 32
+"""Of a window's images, whose transfer functions are kept: 0.1 MB each. Set by hand."""
 USUAL_TILES = 147
 """Tiles and colours of a frame of 256x256, up to which what is needed of them was found. Of 46 single clear panes at 36
 to 84 degrees, with free wallpapers of 640x640, 7 were taken for tinted glass by all tiles, 2 are by these, and of 61 at
@@ -126,6 +136,7 @@ class TileLikelihood:
         self._natural = natural_power(self._columns, self._rows, blur_px2)
         self._data = data if blur_px2 == 0 else _products(frame, side, (use, order), blur_px2)[0]
         self._n_colours = frame.images.shape[1]
+        self._places: dict[bytes, tuple[NDArray[np.complex128], Values]] = {}
         noise = np.array([n_par, n_perp, n_cross], np.float32)
         self._noise = np.broadcast_to(noise[:, None, None], (3, self._cells.size - 1, self._data.shape[-1])).copy()
 
@@ -236,9 +247,7 @@ class TileLikelihood:
         across = orders[:, 1] * window.gap_across
         right = along * math.cos(azimuth) + across * math.sin(azimuth)
         down = across * math.cos(azimuth) - along * math.sin(azimuth)
-        moved = bilinear_transfer(right, down, self._columns, self._rows)
-        within = hann_autocorrelation(np.subtract.outer(right, right) / self._side)
-        within *= hann_autocorrelation(np.subtract.outer(down, down) / self._side)
+        moved, within = self._placed(right, down)
         # Of both layers, along and across: every image, and all that the others have in common with it.
         alone = np.ascontiguousarray(images.swapaxes(1, 2))[..., None] * moved
         common = (within @ alone.view(np.float64)).view(np.complex128)
@@ -247,6 +256,28 @@ class TileLikelihood:
         response[:, :2] = (alone.real * common.real + alone.imag * common.imag).sum(axis=2)
         response[:, 2], response[:, 3] = cross.real, cross.imag
         return response
+
+    def _placed(self, right: Values, down: Values) -> tuple[NDArray[np.complex128], Values]:
+        """Transfer functions of images so many pixels off (image, n), and what their tiles have in common.
+
+        Of a search's windows many have their images in the same places, and differ in brightness alone.
+        """
+        places = right.tobytes() + down.tobytes()
+        found = self._places.get(places)
+        if found is None:
+            within = hann_autocorrelation(np.subtract.outer(right, right) / self._side)
+            within *= hann_autocorrelation(np.subtract.outer(down, down) / self._side)
+            found = bilinear_transfer(right, down, self._columns, self._rows), within
+            if len(self._places) >= _MOST_PLACES:
+                self._places.clear()
+            self._places[places] = found
+        return found
+
+
+@kept_while_alive
+def tile_likelihood(frame: PlateFrame) -> TileLikelihood:
+    """Likelihood of windows given the tiles of a frame, which one step after another asks for."""
+    return TileLikelihood(frame)
 
 
 _MOST_DEGREE = 0.95
