@@ -106,7 +106,8 @@ def test_stokes_images_of_large_photographs_are_those_of_small_ones(
     kept = stokes_images(part, 0.005)
     monkeypatch.setattr(blocks, "_STRIP_VALUES", 2**17)
     monkeypatch.setattr(polarization, "_LARGE", 2**17)
-    read = stokes_images(part, 0.005)
+    # Of the same capture they would be those that were kept.
+    read = stokes_images(part.replace(), 0.005)
     assert isinstance(read.images, polarization.MixedImages)
     np.testing.assert_array_equal(read.images[..., 100:300, 7:90], kept.images[..., 100:300, 7:90])
     np.testing.assert_array_equal(read.means(8), kept.means(8))

@@ -77,7 +77,7 @@ class Tiles:
 def test_the_limit_of_ghosts_that_tiles_do_not_show(
     shift: float, sure: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", type("", (Tiles,), {"sure": sure}))
+    monkeypatch.setattr(pane_by_tiles, "tile_likelihood", type("", (Tiles,), {"sure": sure}))
     monkeypatch.setattr(pane_by_tiles, "refined_incidence", lambda frame, scene: (scene.incidence_deg, 0.2))
     stokes = stokes_images(taken(PLAIN, 0, 0.005), 0.005)
     near = replace(ESTIMATE, scene=PLAIN.replace(ghost_shift=shift))
@@ -93,7 +93,7 @@ def test_close_ghosts_that_lie_on_either_side_are_none(
     shift: float, sure: float, of_side: float, found: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where tiles alone show them, and where only mean spectra do."""
-    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", type("", (Tiles,), {"sure": sure, "of_side": of_side}))
+    monkeypatch.setattr(pane_by_tiles, "tile_likelihood", type("", (Tiles,), {"sure": sure, "of_side": of_side}))
     monkeypatch.setattr(pane_by_tiles, "refined_incidence", lambda frame, scene: (scene.incidence_deg, 0.2))
     stokes = stokes_images(taken(PLAIN, 0, 0.005), 0.005)
     near = replace(ESTIMATE, scene=SceneParameters(50.0, 20.0, shift))

@@ -73,7 +73,7 @@ def test_double_images_of_one_layer_are_dropped_where_tiles_surely_find_none(
             spread = np.sqrt(1 - sure**2 / 16) * np.resize([1.0, -1.0], 16)
             return TileFit(window, refractive_index, sure / 4 + spread if window.pane_shift else np.zeros(16))
 
-    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", Tiles)
+    monkeypatch.setattr(pane_by_tiles, "tile_likelihood", Tiles)
     monkeypatch.setattr(pane_by_tiles, "plate_frame", lambda stokes, azimuth_deg: None)
     own = SceneParameters(40.0, 20.0, 5.5, transmission_ghost_shift=0.1)
     errors = SceneErrors(ghost_shift=0.1, transmission_ghost_shift=0.1)

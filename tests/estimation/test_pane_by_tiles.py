@@ -78,7 +78,7 @@ def test_tiles_are_asked_of_two_faces_that_mirror_enough(
     changes: dict[str, float | bool], asked: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = FOUND.replace(**changes)
-    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", Unasked)
+    monkeypatch.setattr(pane_by_tiles, "tile_likelihood", Unasked)
     if asked:
         with pytest.raises(LookupError):
             with_tiles(FRAME, scene, ERRORS, OPEN)  # type: ignore[arg-type]
@@ -125,14 +125,14 @@ def test_means_are_weighted_by_the_standard_errors(
     shift: tuple[float, float],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", type("", (Tiles,), {"told": told}))
+    monkeypatch.setattr(pane_by_tiles, "tile_likelihood", type("", (Tiles,), {"told": told}))
     scene, errors = with_tiles(FRAME, FOUND, before, OPEN)  # type: ignore[arg-type]
     assert (scene.incidence_deg, errors.incidence_deg) == pytest.approx(incidence)
     assert (scene.ghost_shift, errors.ghost_shift) == pytest.approx(shift)
 
 
 def test_few_tiles_tell_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pane_by_tiles, "TileLikelihood", type("", (Tiles,), {"n_tiles": 8}))
+    monkeypatch.setattr(pane_by_tiles, "tile_likelihood", type("", (Tiles,), {"n_tiles": 8}))
     assert with_tiles(FRAME, FOUND, ERRORS, OPEN) == (FOUND, ERRORS)  # type: ignore[arg-type]
 
 

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from polaropt.estimation.flat.windows.images import Kind, kind_lags, seen_images
+from polaropt.estimation.flat.windows.images import Kind, kind_lags
 from polaropt.optics import SceneParameters, orders_of_windows, window_orders
 
 
@@ -18,23 +18,6 @@ def test_many_windows_at_once_have_the_images_of_each(n_panes: int) -> None:
     for k, (incidence, absorption) in enumerate(zip(incidences.tolist(), absorptions.tolist(), strict=True)):
         scene = SceneParameters(incidence, 0.0, 1.0, 1.52, n_panes=n_panes, gap_shift=1.0, absorption=absorption)
         np.testing.assert_allclose(found[..., k], window_orders(scene, incidence, 20)[..., :2], atol=1e-12)
-
-
-@pytest.mark.parametrize(("n_panes", "incidence_deg"), list(product([1, 2, 3], [20.0, 60.0, 80.0])))
-def test_lags_are_the_products_of_every_two_images(n_panes: int, incidence_deg: float) -> None:
-    kind = Kind(incidence_deg, n_panes, 0.1, 1.5)
-    (images,), (lags,) = seen_images([kind]), kind_lags([kind])
-    # Few directions of frequencies, by the images themselves, and by what they have in common.
-    for pane, gap in ((0.3, 0.8), (1.7, -0.4), (-2.1, 2.9)):
-        moved = images.weights * np.exp(-1j * (images.orders @ [pane, gap]))[:, None]
-        par, perp = np.moveaxis(moved.sum(axis=1), -1, 0)
-        cross = par * perp.conj()
-        phase = lags.orders @ [pane, gap]
-        of_cosine = (lags.weights[..., :3] * np.cos(phase)[:, None]).sum(axis=1)
-        of_sine = (lags.weights[..., 3] * np.sin(phase)).sum(axis=1)
-        expected = np.stack([np.abs(par) ** 2, np.abs(perp) ** 2, cross.real], axis=-1)
-        np.testing.assert_allclose(of_cosine, expected, atol=6e-3)
-        np.testing.assert_allclose(-of_sine, cross.imag, atol=6e-3)
 
 
 def test_kinds_come_out_the_same_alone_and_beside_others() -> None:
