@@ -125,11 +125,7 @@ def _lags(kinds: list[Kind]) -> list[KindLags]:
 kind_lags = _OfKinds(_lags)
 """The lags between images of kinds of windows that count."""
 
-_ACROSS = 2 * _ORDERS - 1
-"""Lags, to both sides, between images that a gap has shifted; all lags are counted in one row, in the middle of it
-none."""
-_LAG_ORDERS = np.stack(np.divmod(np.arange((_ORDERS - 1) * (_ACROSS + 1) + 1) + _ORDERS - 1, _ACROSS), axis=-1) - [
-    0,
-    _ORDERS - 1,
-]
-"""Shifts of a pane and of a gap of the lags from the middle of the row on."""
+_LAG_ORDERS = np.array(
+    [(pane, gap) for pane in range(_ORDERS) for gap in range(1 - _ORDERS, _ORDERS) if (pane, gap) >= (0, 0)]
+)
+"""Shifts of a pane and of a gap of one of each pair of opposite lags, none at all first."""
