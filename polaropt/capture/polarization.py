@@ -137,37 +137,46 @@ class StokesImages:
         images = _mixed_again(mirror, self.images)
         return StokesImages(images, mirror @ self.covariance @ mirror, self.valid)
 
+    def noise_of_neighbours(self, size: int) -> Matrix:
+        """Covariance (2, 2) of what differs in the polarized light of blocks beside each other, by second differences.
+
+        What aliases differs from block to block, and more in one component than in the other where edges lie alike; a
+        pane's polarized light differs far less.
+        """
+        polarized = self.means(size)[1:].astype(np.float64)
+        seconds = (
+            polarized[..., 1:-1] - (polarized[..., :-2] + polarized[..., 2:]) / 2,
+            polarized[..., 1:-1, :] - (polarized[..., :-2, :] + polarized[..., 2:, :]) / 2,
+        )
+        told = [np.einsum("ichw,jchw->ij", part, part) / part[0].size for part in seconds if part.size]
+        return np.mean(told, axis=0) / _SECOND_DIFFERENCE if told else np.zeros((2, 2))
+
     def block_noise(self, size: int) -> float:
         """Standard deviation of means over blocks, in units of what white noise of the covariance would leave.
 
-        What aliases differs from block to block, a pane's polarized light far less: it is measured on second
-        differences of neighbours, in the light polarized across the frame's axis.
+        Of a mosaic it is measured in the light polarized across the frame's axis, see `noise_of_neighbours`.
         """
         if not self.aliased:
             return 1.0
         white = math.sqrt(float(np.trace(self.covariance[1:, 1:])) / 2) / size
         polarized = self.means(size)[1:]
         _, axes = np.linalg.eigh(np.einsum("ichw,jchw->ij", polarized, polarized, dtype=np.float64))
-        across = np.tensordot(axes[:, 0], polarized, axes=1)
-        squares = [
-            np.square(second).mean(dtype=np.float64) / _SECOND_DIFFERENCE
-            for second in (
-                across[..., 1:-1] - (across[..., :-2] + across[..., 2:]) / 2,
-                across[..., 1:-1, :] - (across[..., :-2, :] + across[..., 2:, :]) / 2,
-            )
-            if second.size
-        ]
-        return max(1.0, math.sqrt(float(np.mean(squares))) / white) if squares else 1.0
+        across = axes[:, 0]
+        return max(1.0, math.sqrt(float(across @ self.noise_of_neighbours(size) @ across)) / white)
 
 
 @dataclass(frozen=True)
 class PlateFrame:
-    """(I_par, I_perp) of the pane at one azimuth: images (2, channel, h, w), noise covariance (2, 2), valid pixels."""
+    """(I_par, I_perp) of the pane at one azimuth: images (2, channel, h, w), noise covariance (2, 2), valid pixels.
+
+    `aliased` as of `StokesImages`.
+    """
 
     images: AnyImages
     covariance: Matrix
     valid: Mask
     azimuth_deg: float
+    aliased: bool = False
 
     def means(self, size: int) -> Images:
         """Means over blocks of a side in pixels, (2, channel, h // size, w // size)."""
@@ -180,7 +189,7 @@ class PlateFrame:
     def across(self) -> PlateFrame:
         """The frame of a pane whose plane of incidence lies across: the two polarizations are exchanged."""
         images = self.images.exchanged() if isinstance(self.images, MixedImages) else self.images[::-1]
-        return PlateFrame(images, self.covariance[::-1, ::-1], self.valid, self.azimuth_deg + 90)
+        return replace(self, images=images, covariance=self.covariance[::-1, ::-1], azimuth_deg=self.azimuth_deg + 90)
 
 
 @kept_while_alive
@@ -215,7 +224,7 @@ def plate_frame(stokes: StokesImages, azimuth_deg: float) -> PlateFrame:
     """Turn Stokes images into the frame of a pane at `azimuth_deg`."""
     rotation = frame_matrix(azimuth_deg)[:2]
     images = _mixed_again(rotation, stokes.images)
-    return PlateFrame(images, rotation @ stokes.covariance @ rotation.T, stokes.valid, azimuth_deg)
+    return PlateFrame(images, rotation @ stokes.covariance @ rotation.T, stokes.valid, azimuth_deg, stokes.aliased)
 
 
 def least_squares_entries(capture: Capture, mixing: Matrix) -> Images:

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
-from polaropt.estimation.flat.errors import weighted_mean
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood
 from polaropt.estimation.flat.search import Evidence, Trial
 from polaropt.estimation.flat.windows.tiles import TileFit
-from polaropt.numerics import jackknife_error, turn_between
+from polaropt.numerics import jackknife_error
 from polaropt.optics import INCIDENCE_LIMITS_DEG, SceneParameters, in_place_correction, in_place_reflectance
 
 Images = NDArray[np.float32]
@@ -35,6 +34,11 @@ _ROUNDS = 6
 """In which the signal's level is fitted."""
 _LEAST = 1e-14
 """Power that is divided by where there is none."""
+_BLOCK_OF_CELLS, _LEAST_BLOCKS_OF_CELLS = 12, 8
+"""Side in pixels of the blocks of a mosaic's cells, and how many there are a side at least. Of 200 mosaics of panes at
+10 to 40 degrees (`studies.random_windows`, photographs that no figure is taken of, even seeds from 9940000, mono and
+color) the azimuth is off by 0.17 and 0.22 degrees so, the median; where all frequencies and their noise alone counted,
+and tiles of the samples beside them, it was by 0.32 and 0.53, and one in ten by more than 5 and 18."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +70,17 @@ def principal_axis(stokes: StokesImages) -> PrincipalAxis:
     Notes
     -----
     Each frequency counts as far as it stands out of the noise: s1' of natural layers has the power ``A / |omega|^2``.
-    The cosine transform has no seam at the borders, and white noise stays white in it.
+    The cosine transform has no seam at the borders, and white noise stays white in it. So is what aliases in a mosaic's
+    cells, far stronger than noise and mostly of one component, as edges lie; large blocks tell how much it is of each.
     """
     from scipy.fft import dctn
 
     size = _thinning(max(stokes.images.shape[-2:]))
     noise_covariance = stokes.covariance[1:, 1:] / size**2
+    if stokes.aliased:
+        size = max(size, min(_BLOCK_OF_CELLS, min(stokes.images.shape[-2:]) // _LEAST_BLOCKS_OF_CELLS))
+        of_white = stokes.covariance[1:, 1:] / size**2
+        noise_covariance = max(stokes.noise_of_neighbours(size), of_white, key=np.trace)
     coefficients = dctn(stokes.means(size)[1:], axes=(-2, -1), norm="ortho", overwrite_x=size > 1)
     radius2 = _squared_frequency(*coefficients.shape[-2:])
     noise = float(np.trace(noise_covariance))
@@ -90,26 +99,6 @@ def principal_axis(stokes: StokesImages) -> PrincipalAxis:
     across = math.sqrt(4 * of_noise**2 + 2 * noise * along)
     error_deg = math.degrees(math.atan2(across, max(signal, _LEAST))) / 4
     return PrincipalAxis(math.degrees(twice) / 4 % 90, error_deg, signal / of_noise)
-
-
-_QUARTER_TURN_DEG = 90.0
-_ALIASES_WIDER, _LEAST_DEG = 3.0, 0.05
-"""What the error of a mosaic's cells by their noise is multiplied by, as fine detail aliases in them, and the least
-that is believed. On 320 mosaics of photographs that no figure is taken of, at 30 and 40 degrees, the azimuth is then
-off by half of what the cells' is, root mean square (color 5.8 and 2.2 degrees, mono 3.9 and 1.5), at 75 as theirs."""
-_CONTRADICTS = 2.5
-"""Standard errors of both beyond which detail has misled the cells, and tiles alone are believed."""
-
-
-def weighed_axis(of_cells: PrincipalAxis, of_tiles: tuple[float, float]) -> PrincipalAxis:
-    """The axis of a mosaic's cells with what tiles of its samples tell: azimuth and standard error, in degrees."""
-    azimuth, error = of_tiles
-    cells_error = max(_ALIASES_WIDER * of_cells.error_deg, _LEAST_DEG)
-    apart = turn_between(azimuth, of_cells.azimuth_deg, _QUARTER_TURN_DEG)
-    if abs(apart) > _CONTRADICTS * math.hypot(cells_error, error):
-        return replace(of_cells, azimuth_deg=azimuth % 90, error_deg=error)
-    turned, mean_error = weighted_mean((0.0, cells_error), (apart, error), _LEAST_DEG)
-    return replace(of_cells, azimuth_deg=(of_cells.azimuth_deg + turned) % 90, error_deg=mean_error)
 
 
 def _thinning(side: int) -> int:

@@ -17,7 +17,7 @@ import numpy as np
 
 from polaropt.capture import Capture, PlateFrame, StokesImages, noise_level, plate_frame, stokes_images
 from polaropt.errors import InputError
-from polaropt.estimation.flat.azimuth import AxisCandidate, AxisChoice, choose_axis, principal_axis, weighed_axis
+from polaropt.estimation.flat.azimuth import AxisCandidate, AxisChoice, choose_axis, principal_axis
 from polaropt.estimation.flat.errors import ShiftErrors, widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
 from polaropt.estimation.flat.samples.tiles import (
@@ -141,7 +141,7 @@ def estimate_scene(
     thickness_kind : {"paper", "plate"}
         Formula of the ghost step, see `ghost_step`.
     mosaic : SampledTiles, optional
-        Tiles of the mosaic whose cells the capture is: they have a say in the azimuth, and which of two it is.
+        Tiles of the mosaic whose cells the capture is: they have a say in which of two azimuths it is.
 
     Returns
     -------
@@ -160,7 +160,6 @@ def estimate_scene(
     noise = max(LEAST_NOISE, noise_level(capture) if noise is None else noise)
     stokes = stokes_images(capture, noise)
     axis = principal_axis(stokes)
-    axis = axis if mosaic is None else weighed_axis(axis, mosaic.axis)
     frame = plate_frame(stokes, axis.azimuth_deg if scene.azimuth_deg is None else scene.azimuth_deg)
     thickness = None if thickness_px is None else Thickness(thickness_px, thickness_kind)
     taken = _choose_axis(frame, scene, thickness, noise, mosaic)

@@ -34,6 +34,10 @@ SIZES = (2, 4, 8, 16, 32)
 least overlap is 12, 6 and 2 degrees off at 2, 4 and 8 pixels (192x192, 12 pairs)."""
 _LEAST_BLOCKS = 8
 """Blocks per side that a scale needs. Set by hand."""
+_LEAST_OF_CELLS, _LEAST_OF_FAINT, _FAINT_DEG = 4, 8, 30.0
+"""Least sides of blocks of a mosaic's cells, and of panes at incidences below which they polarize little: on finer ones
+what aliases passes for edges of the reflection.
+"""
 MOSTLY_VALID = 0.75
 """Share of its pixels that must be valid for a block to count. Set by hand."""
 _FINEST_MEANS = 4
@@ -65,6 +69,8 @@ class BlockImages:
     sizes : tuple of int
         Sides of the blocks in pixels, from finest to coarsest, each twice the one before.
     azimuth_deg : float
+    aliased : bool
+        Whether they are of a mosaic's cells.
     """
 
     means: Images
@@ -74,6 +80,7 @@ class BlockImages:
     spacing: int
     sizes: tuple[int, ...]
     azimuth_deg: float
+    aliased: bool = False
 
     @property
     def side(self) -> int:
@@ -83,15 +90,8 @@ class BlockImages:
 
     def across(self) -> BlockImages:
         """The same for a pane whose plane of incidence lies across: its two polarizations are exchanged."""
-        return BlockImages(
-            self.means[::-1],
-            self.shares,
-            self.covariance[::-1, ::-1],
-            self.length,
-            self.spacing,
-            self.sizes,
-            self.azimuth_deg + 90,
-        )
+        turned = self.covariance[::-1, ::-1], self.azimuth_deg + 90
+        return replace(self, means=self.means[::-1], covariance=turned[0], azimuth_deg=turned[1])
 
     def noisier(self) -> tuple[BlockImages, ...]:
         """The same of captures with as much noise again, drawn once and mirrored two ways."""
@@ -131,20 +131,20 @@ class BlockImages:
 
 def block_images(frame: PlateFrame, most_blocks: int, most_sizes: int = len(SIZES)) -> BlockImages:
     """Running means for the finest of the usual block sizes that leave no more than `most_blocks` a side."""
-    sizes = _usable_sizes(min(frame.images.shape[-2:]), most_blocks)[:most_sizes]
+    sizes = _usable_sizes(min(frame.images.shape[-2:]), most_blocks, aliased=frame.aliased)[:most_sizes]
     spacing = max(1, sizes[0] // _FINEST_MEANS)
     length = sizes[0] // spacing
     means = _running_mean(frame.means(spacing), length)
     shares = None
     if not frame.valid.all():
         shares = _running_mean(frame.shares(spacing), length)
-    return BlockImages(means, shares, frame.covariance, length, spacing, sizes, frame.azimuth_deg)
+    return BlockImages(means, shares, frame.covariance, length, spacing, sizes, frame.azimuth_deg, frame.aliased)
 
 
-def _usable_sizes(side: int, most_blocks: int) -> tuple[int, ...]:
+def _usable_sizes(side: int, most_blocks: int, *, aliased: bool) -> tuple[int, ...]:
     """Block sizes that leave enough blocks, and not needlessly many."""
     enough = [size for size in SIZES if side // size >= _LEAST_BLOCKS] or [1]
-    few = [size for size in enough if side // size <= most_blocks]
+    few = [size for size in enough if side // size <= most_blocks and (size >= _LEAST_OF_CELLS or not aliased)]
     return tuple(few or enough[-1:])
 
 
@@ -251,7 +251,7 @@ class EdgeOverlap:
         self._scene = scene
         # Copies a pixel apart only differ by noise and a derivative; what is left of edges then says little.
         self._in_place = abs(ghost_shift) < _LEAST_SHIFT_PX or scene.single_surface or scene.n_bounces == 0
-        self._covariance = blocks.covariance
+        self._covariance, self._aliased, self._sizes = blocks.covariance, blocks.aliased, blocks.sizes
         copies, valid = blocks.copies(ghost_shift, 1 if self._in_place else 3)
         share = None if valid is None else valid.astype(np.float32)
         step = blocks.step(ghost_shift)
@@ -287,6 +287,9 @@ class EdgeOverlap:
         seen = [part.reflection_seen for part in self.at(incidence_deg)]
         first = seen.index(True) if True in seen else len(seen) - 1
         first = max(0, min(first, len(seen) - _N_SCALES))
+        if self._aliased and incidence_deg < _FAINT_DEG:
+            coarse = [size >= _LEAST_OF_FAINT for size in self._sizes[: len(seen)]]
+            first = max(first, coarse.index(True) if True in coarse else len(seen) - 1)
         chosen = copy.copy(self)
         chosen._scales = self._scales[first : first + _N_SCALES]
         return chosen

@@ -1,10 +1,10 @@
-"""What tiles of a raw mosaic's samples tell of a flat pane: its azimuth, where its ghosts are, and the incidence.
+"""What tiles of a raw mosaic's samples tell of a flat pane: where its ghosts are, and the incidence.
 
 A mosaic of polarizers keeps the polarized light beside two of its carriers, where fine detail of the scene lies, too:
 edges along the rows beside the one, edges along the columns beside the other. On the mean over the frame both pass for
-polarized light, and turn the azimuth of a pane that polarizes little by many degrees. But tile by tile mostly one of
-them is clean. So in every tile each carrier counts as far as the detail beside it leaves it to, and how the pane mixes
-the layers is told from what is left, as `polaropt.estimation.flat.windows.tiles` tells it from photographs.
+polarized light; but tile by tile mostly one of them is clean. So in every tile each carrier counts as far as the detail
+beside it leaves it to, and how the pane mixes the layers is told from what is left, as
+`polaropt.estimation.flat.windows.tiles` tells it from photographs.
 
 Of a color mosaic the luminance is looked at, between the carriers of the colors.
 
@@ -33,7 +33,7 @@ from polaropt.estimation.flat.samples.ghosts import off_level
 from polaropt.estimation.flat.samples.panes import LikelyPanes, free_numbers, likeliest_window, several_panes
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood, frequency_cells, natural_power
-from polaropt.numerics import hann_spectra, hann_tile, jackknife_error
+from polaropt.numerics import hann_spectra, hann_tile
 from polaropt.optics import SceneParameters
 
 Values = NDArray[np.float64]
@@ -51,14 +51,6 @@ power falling with the square of the frequency. Few frequencies of one cell alon
 incidences by tiles come out a third closer. By trial (10 to infinity)."""
 _LEAST_FACTOR = 0.02
 """By which a power shrinks in a round at most. Set by hand."""
-_TRIALS_DEG = (np.arange(0.0, 90.0, 0.5), np.arange(-1.0, 1.01, 0.05))
-"""Azimuths that are tried, and beside the best of them. Set by hand."""
-_PARTS, _PART_DEG = 8, np.arange(-8.0, 8.01, 0.1)
-"""Parts of the tiles that are left out in turn for a standard error, and azimuths that are tried for them. Set by
-hand."""
-_AXIS_WIDER = 1.3
-"""What that error is multiplied by, as parts are few and alike: on 320 mosaics of photographs that no figure is taken
-of azimuths are off by 1.1 to 1.6 jackknife errors, root mean square."""
 FARTHEST_PX = 20.0
 """Farthest ghosts that tiles are asked of, in pixels of the sensor: the mosaic's cells show those that lie farther off.
 Set by hand."""
@@ -156,35 +148,6 @@ class SampledTiles:
         twice = 2 * math.radians(azimuth_deg)
         one, other = self._lines @ np.array([math.cos(twice), math.sin(twice)])
         return float(one), float(other)
-
-    @cached_property
-    def axis(self) -> tuple[float, float]:
-        """Azimuth modulo 90 degrees along which light is polarized, and its standard error, in degrees.
-
-        What is polarized along the azimuth or across goes with the light, as both are of the same layers; what the
-        carriers tell of light polarized between these is fine detail, which goes with the light at random, and alike in
-        a tile. So every tile has one say, and what is far off counts little.
-        """
-        light = self.moments(0, 0).real
-        one, other, both = self.moments(1, 1).real, self.moments(2, 2).real, self.moments(1, 2).real
-        with_one, with_other = self.moments(0, 1).real, self.moments(0, 2).real
-
-        def surprises(azimuths_deg: Values) -> Values:
-            """(azimuth, tile)"""
-            values = np.empty((azimuths_deg.size, len(light)))
-            for value, (a, b) in zip(values, map(self.shares, azimuths_deg), strict=True):
-                between = np.maximum(b * b * one + a * a * other - 2 * a * b * both, _LEAST_POWER)
-                goes_with = ((b * with_one - a * with_other) / between).sum(axis=1)
-                value[:] = np.log1p(goes_with**2 / np.maximum((light / between).sum(axis=1), _LEAST_POWER))
-            return values
-
-        azimuth = 0.0
-        for trials in _TRIALS_DEG:
-            azimuth += float(trials[np.argmin(surprises(azimuth + trials).sum(axis=1))])
-        beside = surprises(azimuth + _PART_DEG)
-        part = np.arange(len(light)) * _PARTS // max(1, len(light))
-        found = [_PART_DEG[np.argmin(beside[:, part != k].sum(axis=1))] for k in range(_PARTS)]
-        return azimuth % 90, _AXIS_WIDER * jackknife_error(np.array(found))
 
 
 def _power_of_detail(rows: Values, columns: Values, carrier: tuple[int, int]) -> Values:
