@@ -28,7 +28,8 @@ _NOISY_DEG = 25.0
 # What moves in proportion to the noise's standard deviation moves by so much less when its variance doubles.
 _EXTRAPOLATED = 1 / (math.sqrt(2) - 1)
 _OF_CELLS = 0.5
-"""The same of a mosaic's cells, which are told twice the noise they have for what aliases, see `registered_noise`."""
+"""Share of what noise then moves that is believed of a mosaic's cells: what aliases in them counts as noise, which is
+told twice, see `registered_noise`."""
 _TOLERANCE_DEG = 0.2
 # Measured on 120 scenes of photographs that no figure is taken of: without these, 85 and 76 % of the true values lie
 # within two errors. Ghosts are told by spectra, whose model is nearly a tenth of a pixel off.

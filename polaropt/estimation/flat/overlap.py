@@ -36,8 +36,9 @@ _LEAST_BLOCKS = 8
 """Blocks per side that a scale needs. Set by hand."""
 _LEAST_OF_CELLS, _LEAST_OF_FAINT, _FAINT_DEG = 4, 8, 30.0
 """Least sides of blocks of a mosaic's cells, and of panes at incidences below which they polarize little: on finer ones
-what aliases passes for edges of the reflection.
-"""
+what aliases passes for edges of the reflection. Of 200 mosaics of panes at 10 to 40 degrees (`studies.random_windows`,
+even seeds from 9940000, mono and color) cells tell incidences 0.9 and 1.2 degrees off so, the median, and 1.6 and 1.8
+by blocks as of photographs."""
 MOSTLY_VALID = 0.75
 """Share of its pixels that must be valid for a block to count. Set by hand."""
 _FINEST_MEANS = 4
