@@ -24,11 +24,13 @@ from polaropt.estimation.wide.fits import (
     fit_tolerant,
 )
 from polaropt.estimation.wide.ghosts import VaryingSpectra
-from polaropt.estimation.wide.pane import LONGEST
+from polaropt.estimation.wide.pane import LONGEST, STEEPEST
 from polaropt.optics import SceneErrors, SceneParameters
 
 # Standard error of its incidence up to which a pane that is not seen from far is known. Set by hand.
 _WORST_ERROR_DEG = 3.0
+# Distance in degrees from the end of a search up to which it ended there. Set by hand.
+_AT_END_DEG = 0.01
 # Share of what the plain pane leaves that a bent one must explain on large blocks to be looked at closely. By trial.
 _LEAST_BENT = 0.4
 # Share of what the plain pane leaves that a pane must explain where only blocks that agree count. By trial.
@@ -179,7 +181,9 @@ def _tolerant(evidence: Evidence) -> RungFit | None:
     """The pane that most of the frame agrees on where part of the scene is polarized itself; None without one."""
     found = fit_tolerant(evidence.stokes, evidence.estimate.scene, evidence.focal_px, _MOSTLY)
     fit, told = found.pane, evidence.focal_px
-    if not (fit.edges_agree and fit.incidence_error_deg <= _WORST_ERROR_DEG and found.explained >= _MOSTLY):
+    # Blocks that count little agree with the steepest pane of all, too: there is no minimum.
+    well = fit.incidence_error_deg <= _WORST_ERROR_DEG and fit.incidence_deg < math.degrees(STEEPEST) - _AT_END_DEG
+    if not (fit.edges_agree and well and found.explained >= _MOSTLY):
         return None
     scene = _plain(evidence).replace(
         incidence_deg=fit.incidence_deg, azimuth_deg=fit.azimuth_deg, focal_px=told or fit.focal_px

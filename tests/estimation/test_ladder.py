@@ -317,7 +317,7 @@ def test_where_a_lens_explains_less_than_half_blocks_that_disagree_may_be_left_o
 
 @pytest.mark.parametrize(("change", "share", "focal_px", "found"), [
     ({}, 0.9, None, True), ({"edges_agree": False}, 0.9, None, False), ({"incidence_error_deg": 3.1}, 0.9, None, False),
-    ({}, 0.79, None, False), ({}, 0.8, 60.0, True),
+    ({}, 0.79, None, False), ({}, 0.8, 60.0, True), ({"incidence_deg": 86.0}, 0.9, None, False),
 ])  # fmt: skip
 def test_most_of_the_frame_agrees_on_a_lens(
     change: dict[str, object], share: float, focal_px: float | None, found: bool, monkeypatch: pytest.MonkeyPatch
