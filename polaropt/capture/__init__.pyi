@@ -69,6 +69,7 @@ __all__ = [
     "noise_classes",
     "noise_level",
     "noise_of_blocks",
+    "noise_of_neighbours",
     "noise_of_rounded_blocks",
     "orthogonal_pairs",
     "pair_gain_of",
@@ -195,6 +196,7 @@ from .pair_gain import trusted_blocks as trusted_blocks
 from .polarization import PlateFrame as PlateFrame
 from .polarization import StokesImages as StokesImages
 from .polarization import least_squares_entries as least_squares_entries
+from .polarization import noise_of_neighbours as noise_of_neighbours
 from .polarization import plate_frame as plate_frame
 from .polarization import stokes_images as stokes_images
 from .read import read_capture as read_capture

@@ -137,20 +137,6 @@ class StokesImages:
         images = _mixed_again(mirror, self.images)
         return StokesImages(images, mirror @ self.covariance @ mirror, self.valid)
 
-    def noise_of_neighbours(self, size: int) -> Matrix:
-        """Covariance (2, 2) of what differs in the polarized light of blocks beside each other, by second differences.
-
-        What aliases differs from block to block, and more in one component than in the other where edges lie alike; a
-        pane's polarized light differs far less.
-        """
-        polarized = self.means(size)[1:].astype(np.float64)
-        seconds = (
-            polarized[..., 1:-1] - (polarized[..., :-2] + polarized[..., 2:]) / 2,
-            polarized[..., 1:-1, :] - (polarized[..., :-2, :] + polarized[..., 2:, :]) / 2,
-        )
-        told = [np.einsum("ichw,jchw->ij", part, part) / part[0].size for part in seconds if part.size]
-        return np.mean(told, axis=0) / _SECOND_DIFFERENCE if told else np.zeros((2, 2))
-
     def block_noise(self, size: int) -> float:
         """Standard deviation of means over blocks, in units of what white noise of the covariance would leave.
 
@@ -162,7 +148,22 @@ class StokesImages:
         polarized = self.means(size)[1:]
         _, axes = np.linalg.eigh(np.einsum("ichw,jchw->ij", polarized, polarized, dtype=np.float64))
         across = axes[:, 0]
-        return max(1.0, math.sqrt(float(across @ self.noise_of_neighbours(size) @ across)) / white)
+        return max(1.0, math.sqrt(float(across @ noise_of_neighbours(polarized) @ across)) / white)
+
+
+def noise_of_neighbours(polarized: Images) -> Matrix:
+    """Covariance (2, 2) of what differs in s1 and s2 (2, channel, h, w) of blocks beside each other.
+
+    What aliases differs from block to block, and more in one component than in the other where edges lie alike; a
+    pane's polarized light differs far less. It is measured on second differences.
+    """
+    values = polarized.astype(np.float64)
+    seconds = (
+        values[..., 1:-1] - (values[..., :-2] + values[..., 2:]) / 2,
+        values[..., 1:-1, :] - (values[..., :-2, :] + values[..., 2:, :]) / 2,
+    )
+    told = [np.einsum("ichw,jchw->ij", part, part) / part[0].size for part in seconds if part.size]
+    return np.mean(told, axis=0) / _SECOND_DIFFERENCE if told else np.zeros((2, 2))
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,7 @@ _TOLD_BY_TILES_DEG = 40.0
 """Incidence from which on tiles of a mosaic's samples tell it beside its cells. Below, the detail beside the carriers
 passes for light that the pane polarizes: of 118 panes at 10 to 40 degrees (`studies.random_windows --sensor mono`, even
 seeds from 9940000 and 9950000) cells alone are off by 0.9 degrees, the median, both together by 1.1, and below 25
-degrees by 2.9, too steep nine times in ten.
-"""
+degrees by 2.9, too steep nine times in ten."""
 _EDGES_WIDER = 1.2
 """What the edges' standard error of a flat pane's incidence is multiplied by: on 137 random windows to fit on
 (`studies.random_windows`, even seeds to 798) it is off by 1.27 errors, root mean square, and a little the same way as

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polaropt.capture import StokesImages
+from polaropt.capture import StokesImages, noise_of_neighbours
 from polaropt.estimation.flat.ghosts import CrossSpectra, ShiftLikelihood
 from polaropt.estimation.flat.search import Evidence, Trial
 from polaropt.estimation.flat.windows.tiles import TileFit
@@ -79,12 +79,12 @@ def principal_axis(stokes: StokesImages) -> PrincipalAxis:
     from scipy.fft import dctn
 
     size = _thinning(max(stokes.images.shape[-2:]))
-    noise_covariance = stokes.covariance[1:, 1:] / size**2
     if stokes.aliased:
         size = max(size, min(_BLOCK_OF_CELLS, min(stokes.images.shape[-2:]) // _LEAST_BLOCKS_OF_CELLS))
-        of_white = stokes.covariance[1:, 1:] / size**2
-        noise_covariance = max(stokes.noise_of_neighbours(size), of_white, key=np.trace)
-    coefficients = dctn(stokes.means(size)[1:], axes=(-2, -1), norm="ortho", overwrite_x=size > 1)
+    polarized, noise_covariance = stokes.means(size)[1:], stokes.covariance[1:, 1:] / size**2
+    if stokes.aliased:
+        noise_covariance = max(noise_of_neighbours(polarized), noise_covariance, key=np.trace)
+    coefficients = dctn(polarized, axes=(-2, -1), norm="ortho", overwrite_x=size > 1)
     radius2 = _squared_frequency(*coefficients.shape[-2:])
     noise = float(np.trace(noise_covariance))
     gains = np.stack(

@@ -91,8 +91,8 @@ class BlockImages:
 
     def across(self) -> BlockImages:
         """The same for a pane whose plane of incidence lies across: its two polarizations are exchanged."""
-        turned = self.covariance[::-1, ::-1], self.azimuth_deg + 90
-        return replace(self, means=self.means[::-1], covariance=turned[0], azimuth_deg=turned[1])
+        covariance = self.covariance[::-1, ::-1]
+        return replace(self, means=self.means[::-1], covariance=covariance, azimuth_deg=self.azimuth_deg + 90)
 
     def noisier(self) -> tuple[BlockImages, ...]:
         """The same of captures with as much noise again, drawn once and mirrored two ways."""
@@ -207,8 +207,9 @@ _LEAST_VARIANCE = 1e-30
 
 @dataclass(frozen=True)
 class _Scale:
-    """Gradients (direction, copy and entry, channel, block) of block means, noise (direction, copies), weights."""
+    """Side of its blocks, gradients (direction, copy and entry, channel, block), noise (direction, copies), weights."""
 
+    size: int
     gradients: Images
     noise: Matrix
     weight: Images | None
@@ -252,7 +253,7 @@ class EdgeOverlap:
         self._scene = scene
         # Copies a pixel apart only differ by noise and a derivative; what is left of edges then says little.
         self._in_place = abs(ghost_shift) < _LEAST_SHIFT_PX or scene.single_surface or scene.n_bounces == 0
-        self._covariance, self._aliased, self._sizes = blocks.covariance, blocks.aliased, blocks.sizes
+        self._covariance, self._aliased = blocks.covariance, blocks.aliased
         copies, valid = blocks.copies(ghost_shift, 1 if self._in_place else 3)
         share = None if valid is None else valid.astype(np.float32)
         step = blocks.step(ghost_shift)
@@ -289,8 +290,8 @@ class EdgeOverlap:
         first = seen.index(True) if True in seen else len(seen) - 1
         first = max(0, min(first, len(seen) - _N_SCALES))
         if self._aliased and incidence_deg < _FAINT_DEG:
-            coarse = [size >= _LEAST_OF_FAINT for size in self._sizes[: len(seen)]]
-            first = max(first, coarse.index(True) if True in coarse else len(seen) - 1)
+            n_finer = sum(scale.size < _LEAST_OF_FAINT for scale in self._scales)
+            first = max(first, min(n_finer, len(seen) - 1))
         chosen = copy.copy(self)
         chosen._scales = self._scales[first : first + _N_SCALES]
         return chosen
@@ -326,7 +327,7 @@ def _scale(copies: Images, share: Images | None, step: Step, size: int) -> _Scal
         good = share.min(axis=0) >= MOSTLY_VALID
         weight = (good[:-1, :-1] & good[:-1, 1:] & good[1:, :-1]).astype(np.float32).ravel()
     flat = gradients.reshape(2, n_copies * n_entries, n_channels, -1)
-    return _Scale(flat, _noise_factors(n_copies, step, size), weight, (height - 1, width - 1))
+    return _Scale(size, flat, _noise_factors(n_copies, step, size), weight, (height - 1, width - 1))
 
 
 def _noise_factors(n_copies: int, step: tuple[float, float], size: int) -> Matrix:
