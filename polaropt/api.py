@@ -200,8 +200,8 @@ def separate(
         of the frame's shorter side (shifts by up to 128 pixels), are moved onto the first one, of four and more both
         layers by themselves where a camera held by hand has moved these by up to eight pixels, and those that are less
         sharp are made as sharp as the sharpest, before anything else; exposures that differ by some per cent, of all
-        colours alike or of each, are found and divided out of four at steps of 45 degrees. `Separation.matching` tells
-        of it.
+        colours alike or of each, are found and divided out of four at steps of 45 degrees. So are gains of a mosaic's
+        analyzers. `Separation.matching` tells of it.
     leave_out_unglazed : bool
         Where the frame shows no glass, as window frames and walls do, it is left out when the scene is estimated and in
         the solve; the transmission is the light there, the reflection nothing. `Separation.unglazed` tells where.

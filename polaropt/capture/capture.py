@@ -161,6 +161,8 @@ class Origin:
         Whether that is not the usual order, which was not asked for and whose orthogonal pairs do not add up.
     left_out_px : (int, int)
         Rows and columns at the far sides of a mosaic that make no whole pattern and were left out.
+    calibrated : bool
+        Whether gains, angles and contrasts of a mosaic's analyzers were measured before, and what they do was undone.
     defects : int
         Samples of a mosaic that stood out by themselves, and what lies around them took their place.
     shifts_px : tuple of pairs of float
@@ -199,6 +201,7 @@ class Origin:
     cell_order: tuple[float, ...] | None = None
     cell_order_found: bool = False
     left_out_px: tuple[int, int] = (0, 0)
+    calibrated: bool = False
     defects: int = 0
     shifts_px: tuple[tuple[float, float], ...] = ()
     shift_error_px: float | None = None
@@ -247,6 +250,16 @@ class RawSamples:
         """The same, of which some (h, w) are not valid."""
         return replace(self, valid=self.valid & ~where)
 
+    def without_gains(self, gains: Sequence[float]) -> RawSamples:
+        """The same less the gain of each photograph's analyzer."""
+        if all(gain == 1 for gain in gains):
+            return self
+        values, period = self.values.copy(), self.sampling.period
+        for photograph, _, row, column in self.sampling.places:
+            if gains[photograph] != 1:
+                values[row::period, column::period] /= np.float32(gains[photograph])
+        return replace(self, values=values)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RegisteredCells:
@@ -260,11 +273,14 @@ class RegisteredCells:
         Standard deviation of their noise in units of a raw sample's.
     make : callable
         Makes `capture` and `samples` when one of them is first asked for: frames of a sequence hardly ever need them.
+    photographs_of : callable
+        Makes the capture's photographs (k, channel, h, w) of samples.
     """
 
     scale: int
     noise_share: float
     make: Callable[[], tuple[Capture, RawSamples]]
+    photographs_of: Callable[[RawSamples], FloatImages]
 
     @cached_property
     def _made(self) -> tuple[Capture, RawSamples]:
@@ -288,6 +304,10 @@ class RegisteredCells:
         """The same without some pixels (h, w) of the capture, the samples in them, and the cells that hold some."""
         return replace(self, make=partial(_cells_left_out, self, where))
 
+    def without_gains(self, gains: Sequence[float]) -> RegisteredCells:
+        """The same less the gain of each photograph's analyzer."""
+        return replace(self, make=partial(_cells_without_gains, self, tuple(gains)))
+
 
 def _changed_cells(cells: RegisteredCells, change: Callable[[Capture], Capture]) -> tuple[Capture, RawSamples]:
     return change(cells.capture), cells.samples
@@ -299,6 +319,12 @@ def _cells_left_out(cells: RegisteredCells, where: NDArray[np.bool_]) -> tuple[C
     shape = cells.samples.values.shape
     of_samples = spread_blocks(where, shape[0] // where.shape[0], shape)
     return cells.capture.left_out(of_cells), cells.samples.left_out(of_samples)
+
+
+def _cells_without_gains(cells: RegisteredCells, gains: tuple[float, ...]) -> tuple[Capture, RawSamples]:
+    photographs = cells.capture.planes / np.asarray(gains, np.float32)[:, None, None, None]
+    capture = cells.capture.replace(intensities=photographs.reshape(cells.capture.intensities.shape))
+    return capture, cells.samples.without_gains(gains)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -473,6 +499,24 @@ class Capture:
             mask=self.mask if valid is None else valid,
             origin=self.origin if origin is None else origin,
             cells=cells,
+        )
+
+    def without_gains(self, gains: Sequence[float]) -> Capture:
+        """The same less what each photograph was exposed more than others, or its analyzer's gain in a mosaic.
+
+        Parameters
+        ----------
+        gains : sequence of k floats
+        """
+        if self.cells is None:
+            planes = self.planes / np.asarray(gains, np.float32)[:, None, None, None]
+            return self._with(intensities=planes.reshape(self.intensities.shape))
+        # What lies between samples is made of them anew: it holds those of other photographs.
+        of_cells = (self.samples or self.cells.samples).without_gains(gains)
+        return self._with(
+            intensities=self.cells.photographs_of(of_cells).reshape(self.intensities.shape),
+            samples=None if self.samples is None else of_cells,
+            cells=self.cells.without_gains(gains),
         )
 
     def without_mosaic(self) -> Capture:

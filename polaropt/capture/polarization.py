@@ -134,8 +134,7 @@ class StokesImages:
     def reversed(self) -> StokesImages:
         """The same of photographs whose angles count the other way."""
         mirror = np.diag([1.0, 1.0, -1.0])
-        images = _mixed_again(mirror, self.images)
-        return StokesImages(images, mirror @ self.covariance @ mirror, self.valid)
+        return replace(self, images=_mixed_again(mirror, self.images), covariance=mirror @ self.covariance @ mirror)
 
     def block_noise(self, size: int) -> float:
         """Standard deviation of means over blocks, in units of what white noise of the covariance would leave.

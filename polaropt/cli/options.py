@@ -258,8 +258,8 @@ class LadderOptions:
         typer.Option(
             metavar="",
             help="Photographs that are shifted (up to 128 pixels), turned or scaled against each other, in which both "
-            "layers have moved by themselves (a camera held by hand), or that are not equally sharp or exposed, are "
-            "made to agree before anything else, and it is said.",
+            "layers have moved by themselves (a camera held by hand), that are not equally sharp or exposed, or whose "
+            "analyzers differ in gain (a mosaic), are made to agree before anything else, and it is said.",
             rich_help_panel=_FILES,
         ),
     ] = True

@@ -9,6 +9,9 @@ incidence, tell both together, as far as the other ratios make expect any.
 
 Where cameras balance white in each photograph anew, colours have ratios of their own. The last ones of these differ
 by what makes all colours mix the layers alike.
+
+A polarization camera takes its photographs at once, but analyzers let through unlike shares of light: their gains are
+exposures. What pixels tell of them is sure; tiles of the cells do not tell the last ratio.
 """
 
 from __future__ import annotations
@@ -39,7 +42,7 @@ from polaropt.estimation.flat.windows.axis import window_of
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood, tile_likelihood
 from polaropt.estimation.ladder import LadderResult, find_scene
 from polaropt.estimation.motion import StillPhotographs
-from polaropt.estimation.rung import noise_misfit
+from polaropt.estimation.rung import MOST_OF_ALIASES, noise_misfit
 from polaropt.estimation.wide.blocks import PolarizedBlocks
 from polaropt.numerics import jackknife_error, left_out, middle_part
 from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, analyzer_matrix
@@ -75,6 +78,8 @@ _MOST_ACROSS_IF_TOLD = 10.0
 _LITTLE_ACROSS = 0.005
 """Share of light polarized across up to which exposures are the reason anyway: a screen, or the sky, leaves so little
 only where its light stands within a degree or two of the plane of incidence, or across. Set by hand."""
+_LITTLE_ACROSS_OF_MOSAIC = 0.02
+"""The same of a mosaic, whose analyzers' gains are 1 to 2 % apart. Set by hand."""
 _MOST_LEFT = 0.15
 """Part of the light polarized across, beyond its noise, that may be left. Set by hand."""
 _STEP_DEG, _REACH_DEG, _FINE_STEP_DEG = 1.0, 12.0, 0.05
@@ -129,9 +134,10 @@ class Exposures:
     swamp_pane: bool = False
 
     def divided_out(self, capture: Capture) -> Capture:
-        """Photographs as if all had been exposed alike."""
-        relative = self.relative.astype(np.float32)[..., None, None]
-        return capture.replace(intensities=capture.intensities / (relative if capture.color else relative[:, 0]))
+        """Photographs as if all had been exposed alike, and all analyzers of a mosaic had one gain."""
+        if self.relative.shape[1] == 1:
+            return capture.without_gains(self.relative[:, 0].tolist())
+        return capture.replace(intensities=capture.intensities / self.relative.astype(np.float32)[..., None, None])
 
     def with_errors(self, found: LadderResult) -> LadderResult:
         """What was found of photographs that they were divided out of, with its errors by what stays open of them.
@@ -175,7 +181,7 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     ----------
     capture : Capture
         Four photographs in two orthogonal pairs at 45 degrees, or more at angles that are spread about evenly; of
-        mosaics and of others None is told.
+        others None is told. Those of a mosaic's cells are exposed as unlike as its analyzers' gains are.
     asked : SceneParameters
         What is known of the scene, as for `find_scene`. Where it is told whole, what is polarized across is more
         readily taken for exposures.
@@ -190,8 +196,12 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     middle = capture.part(*middle_part(capture.shape, _LOOKED_AT_PX))
     looked = _Look.at(middle, seen.relative, noise)
     before, after = (_left_across(of, seen.azimuth_deg) for of in (stokes_images(middle, noise), looked.stokes))
-    scene = None if after > max(0.0, _MOST_LEFT * before) else find_scene(looked.capture, asked, noise, model).scene
-    if scene is None or scene.rung not in ("pixelwise", "ghosts") or not scene.signal:
+    if after > max(0.0, _MOST_LEFT * before):
+        return None
+    # What aliases in a mosaic's cells passes for polarized light: a flat pane that leaves no more is one there.
+    flat = "ghosts" if looked.stokes.aliased and model == "auto" else model
+    scene = find_scene(looked.capture, asked, noise, flat).scene
+    if scene.rung not in ("pixelwise", "ghosts") or not scene.signal:
         return None
     if seen.of_colours:
         # Colours that mix the layers each in its own way tell the ratio of all worse.
@@ -200,7 +210,8 @@ def uneven_exposures(capture: Capture, asked: SceneParameters, noise: float, mod
     share = polarized_share(looked.stokes.means(_BLOCK_PX))
     untold, turned = errors_of_gains(seen.spread_of_pane / math.sqrt(2), share, scene)
     swamp = asked.incidence_deg is None and seen.spread_of_pane > share
-    along = None if swamp else _along(looked.stokes, scene, asked, seen)
+    # In tiles of a mosaic's cells what aliases looks like another pane.
+    along = None if swamp or looked.stokes.aliased else _along(looked.stokes, scene, asked, seen)
     if along is None:
         return Exposures(relative, untold, _LEAST_ERROR * turned, swamp)
     ratio, error_deg = along
@@ -265,19 +276,23 @@ def _seen(capture: Capture, *, told: bool) -> _Seen | None:
     A scene that is told says that no light arrives polarized.
     """
     angles = capture.angles_deg
-    given = capture.origin is not None and capture.origin.exposures_given
-    if capture.of_mosaic or given or not _spread_evenly(angles):
+    origin = capture.origin
+    given = origin is not None and (origin.exposures_given or origin.calibrated)
+    if given or not _spread_evenly(angles):
         return None
     colours = [blocks.astype(np.float64) for blocks in colour_blocks(capture.intensities, capture.mask)]
     together = np.concatenate(colours, axis=1)
     if together.shape[1] < _FEWEST_BLOCKS:
         return None
     most = _MOST_ACROSS_IF_TOLD if told else _MOST_ACROSS
+    little = _LITTLE_ACROSS_OF_MOSAIC if capture.low_passed else _LITTLE_ACROSS
     common = _ratios([together], angles)
     alike = [blocks / common.relative for blocks in colours]
-    several = len(colours) > 1 and min(blocks.shape[1] for blocks in colours) >= _FEWEST_BLOCKS
+    several = (
+        len(colours) > 1 and not capture.low_passed and min(blocks.shape[1] for blocks in colours) >= _FEWEST_BLOCKS
+    )
     own = _ratios(alike, angles) if several else _NO_RATIOS
-    if not (common.told or own.told) or not (common.of_exposures(most) and own.of_exposures(most)):
+    if not (common.told or own.told) or not (common.of_exposures(most, little) and own.of_exposures(most, little)):
         return None
     if not own.told:
         return _Seen(common.relative, common.azimuth_deg, common.spread)
@@ -318,11 +333,14 @@ class _Ratios:
         """Whether there are any."""
         return bool(self.apart.any())
 
-    def of_exposures(self, most_across: float) -> bool:
-        """Whether nothing else is the reason for them: so much is across, at most, in units of what does not add up."""
+    def of_exposures(self, most_across: float, little_across: float) -> bool:
+        """Whether nothing else is the reason for them.
+
+        So much is across, at most, in units of what does not add up, or as a share.
+        """
         apart, across = (math.sqrt(float(np.mean(ratio**2))) for ratio in (self.apart, self.across))
         small = max(np.abs(self.apart).max(), np.abs(self.across).max()) <= _MOST
-        return bool(small) and across <= max(most_across * apart, _LITTLE_ACROSS)
+        return bool(small) and across <= max(most_across * apart, little_across)
 
     @property
     def spread(self) -> float:
@@ -429,7 +447,7 @@ def _exposed(
 def _left_across(stokes: StokesImages, azimuth_deg: float) -> float:
     """Light polarized beside an azimuth beyond what counts as noise, in units of it."""
     blocks = PolarizedBlocks(stokes)
-    return blocks.constant_misfit(azimuth_deg) - noise_misfit(blocks.n)
+    return blocks.constant_misfit(azimuth_deg) - (MOST_OF_ALIASES if stokes.aliased else noise_misfit(blocks.n))
 
 
 def _along(

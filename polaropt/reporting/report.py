@@ -117,9 +117,12 @@ def matching_report(matching: Matching) -> dict[str, Any]:
 
     Turns (degrees, clockwise as seen) and scales are about the middle of the frame; null where there are none. And how
     long each was exposed, in units of the first one's exposure, and with which white balance: red and blue in units of
-    green and of the first one's; null where that was not looked for, or alike.
+    green and of the first one's; null where that was not looked for, or alike. Of a mosaic the gains of its analyzers
+    take the place of exposures.
     """
-    transfer, motions, exposures = matching.transfer, matching.motions, matching.exposures
+    transfer, motions = matching.transfer, matching.motions
+    exposures = [round(each / matching.exposures[0], _EXPOSURE_DIGITS) for each in matching.exposures] or None
+    of_mosaic = matching.capture.cells is not None
     layers = transfer.layers
     turned = motions if motions is not None and motions.turned else None
     return {
@@ -128,7 +131,8 @@ def matching_report(matching: Matching) -> dict[str, Any]:
         "scales": None if turned is None else json_values(turned.scales),
         "layer_shifts_px": None if layers is None else dict(zip(LAYERS, json_values(layers.shifts_px), strict=True)),
         "blurs_px": json_values(transfer.blurs_px),
-        "exposures": [round(each / exposures[0], _EXPOSURE_DIGITS) for each in exposures] or None,
+        "exposures": None if of_mosaic else exposures,
+        "gains": exposures if of_mosaic else None,
         "white_balances": _beside_green(matching.white_balances) or None,
     }
 

@@ -633,14 +633,18 @@ def matching_sentences(matching: Mapping[str, Any] | None) -> list[str]:
     if blurred := _blurred(matching["blurs_px"]):
         told.append(f"made as sharp as the sharpest, which these were not: {blurred}")
     if matching["exposures"]:
-        *exposures, last = (f"{each:.4g}" for each in matching["exposures"])
-        told.append(
-            f"brought to one exposure, of which they had {', '.join(exposures)} and {last} times the first one's"
-        )
+        told.append(f"brought to one exposure, of which they had {_ratios(matching['exposures'])}")
+    if matching["gains"]:
+        told.append(f"brought to one gain, of which their analyzers had {_ratios(matching['gains'])}")
     if matching["white_balances"]:
         largest = max(abs(100 * (ratio - 1)) for of in matching["white_balances"] for ratio in of)
         told.append(f"brought to one white balance, by up to {largest:.2g} % of red or blue beside green")
     return [f"The photographs were {' and '.join(told)}."] if told else []
+
+
+def _ratios(numbers: Iterable[float]) -> str:
+    *others, last = (f"{each:.4g}" for each in numbers)
+    return f"{', '.join(others)} and {last} times the first one's"
 
 
 def _farthest(shifts_px: Iterable[Iterable[float]]) -> float:

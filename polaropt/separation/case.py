@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -61,7 +61,16 @@ class Case:
     found: LadderResult
     given_errors: SceneErrors | None = None
     matching: Matching | None = None
+    exposures: Exposures | None = None
     unglazed: NDArray[np.bool_] | None = None
+
+    def of_next(self, capture: Capture) -> Case:
+        """What is known of another frame of the same camera behind the same pane."""
+        matching = self.matching
+        if self.exposures is not None and matching is not None:
+            capture = self.exposures.divided_out(capture)
+            matching = replace(matching, capture=capture, of_scene=capture)
+        return replace(self, capture=capture, matching=matching)
 
     @property
     def unpolarized(self) -> bool:
@@ -214,6 +223,7 @@ def case_of(
         index,
         found,
         matching=matching,
+        exposures=exposures,
         unglazed=unglazed,
         given_errors=None if found.estimate is not None else scene_errors,
     )
@@ -246,8 +256,9 @@ def _exposures_of(
     if settings.thickness_px is not None:
         return None
     of_scene = still.capture if matching is None else still.seen(matching.of_scene)
-    found = uneven_exposures(of_scene, asked, max(still.noise, _LEAST_NOISE_OF_SCENE), settings.model)
+    registered, noise = of_scene.registered, max(registered_noise(of_scene, still.noise), _LEAST_NOISE_OF_SCENE)
+    found = uneven_exposures(registered, asked.scaled(1 / of_scene.scale), noise, settings.model)
     if found is None or still.mistakes == Mistakes():
         return found
     # Exposures may pass for a wrong order or an encoding, and no less the other way round.
-    return found if find_mistakes(found.divided_out(of_scene)) == Mistakes() else None
+    return found if find_mistakes(found.divided_out(registered)) == Mistakes() else None

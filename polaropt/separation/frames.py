@@ -103,10 +103,10 @@ def _settings_of_frame(settings: Settings) -> Settings:
 
 def _next_case(capture: Capture, before: FrameMemory) -> Case:
     """What is known of a frame behind a pane that is known."""
-    case = before.case
+    case = before.case.of_next(capture)
     if before.noise_known(capture):
-        return replace(case, capture=capture, still=replace(case.still, capture=capture))
-    return replace(case, capture=capture, still=still_photographs(capture))
+        return replace(case, still=replace(case.still, capture=case.capture))
+    return replace(case, still=still_photographs(case.capture))
 
 
 def _as_noisy(case: Case, other: Case) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import shift as spline_shift
@@ -31,6 +33,16 @@ def test_the_frame_across_exchanges_the_polarizations(frame):
     assert_same(frame.across(), across, 1e-5)
     assert_same(block_images(frame, 80).across(), block_images(across, 80), 1e-5)
     assert_same(cross_spectra(frame).across(), cross_spectra(across), 1e-4)
+
+
+@pytest.mark.parametrize("aliased", [False, True])
+def test_angles_that_count_the_other_way_turn_one_component_and_leave_the_rest(aliased: bool) -> None:
+    stokes = replace(stokes_images(blend(60, 160, azimuth_deg=35).capture, 0.005), aliased=aliased)
+    other = stokes.reversed()
+    np.testing.assert_allclose(other.images, stokes.images * np.array([1, 1, -1])[:, None, None, None], atol=1e-6)
+    assert other.aliased == aliased
+    assert other.block_noise(8) == pytest.approx(stokes.block_noise(8), rel=1e-5)
+    assert stokes.block_noise(8) > 1 if aliased else stokes.block_noise(8) == 1
 
 
 @pytest.mark.parametrize("ghost_shift", [5.3, -7.9, 4.0])

@@ -15,7 +15,6 @@ from polaropt.estimation import uneven_exposures
 from polaropt.estimation.exposures import _seen
 from polaropt.reporting import matching_report, matching_sentences
 from polaropt.simulation.metrics import psnr_db
-from tests.captured import mono_capture
 
 ANGLES = (0.0, 45.0, 90.0, 135.0)
 EXPOSURES = (1.025, 1.0, 0.985, 0.992)
@@ -104,9 +103,8 @@ def test_layers_and_pane_gain_by_it() -> None:
         lambda: taken((1.0,) * 4, PANE.replace(focal_px=300.0)),
         lambda: taken((1.02, 0.985, 0.995), angles=(0.0, 60.0, 120.0)),
         lambda: taken().with_origin(exposures=(1.0,) * 4, exposures_given=True),
-        lambda: mono_capture(taken().intensities[:, 1]),
     ],
-    ids=["alike", "angles off", "polarized", "wide lens", "three angles", "told", "mosaic"],
+    ids=["alike", "angles off", "polarized", "wide lens", "three angles", "told"],
 )
 def test_none_are_found_where_photographs_add_up_or_cannot_tell(capture) -> None:
     assert uneven_exposures(capture(), BLIND, NOISE) is None

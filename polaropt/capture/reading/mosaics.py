@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -115,20 +114,36 @@ def next_frame(content: FileContent, levels: Levels, options: ReaderOptions, sen
     intensities, below_white = levels.apply(single_plane(content.pixels))
     good = np.asarray(below_white)
     samples = _whole_patterns(intensities, good, sensor.sampling, options)
-    samples = _without_gains(without_defects(samples, sensor.defects), sensor.gains(options.analyzer))
+    samples = without_defects(samples, sensor.defects).without_gains(sensor.gains(options.analyzer))
     cells = partial(_cells_of, samples, sensor, options)
     color, k = sensor.sampling.n_channels > 1, len(sensor.angles)
-    if samples.valid.all():
-        valid = np.ones((k, sensor.sampling.n_channels, *_patterns(samples)), dtype=bool)
-        values = samples.values
-    else:
-        expected, valid = registered_cells(samples.values, samples.valid, sensor.sampling, k)
-        values = filled_samples(samples.values, samples.valid, sensor.sampling, expected)
+    values, valid = _filled(samples, k)
     full = sensor.cell_filter.photographs(values)
-    registered = RegisteredCells(1, share_of_noise(sensor.sampling), cells)
+    photographs_of = partial(_filtered, k=k, cell_filter=sensor.cell_filter)
+    registered = RegisteredCells(1, share_of_noise(sensor.sampling), cells, photographs_of)
     origin = replace(sensor.origin, raw_noise=sensor.noise, filtered_noise=sensor.cell_filter.error)
     planes = (full, valid) if color else (full[:, 0], valid[:, 0])
     return Capture.of_planes(planes[0], options.counted(sensor.angles), planes[1], origin, None, registered)
+
+
+def _filled(samples: RawSamples, k: int) -> tuple[Images, Mask]:
+    """Values of samples, those that are not valid filled in, and which patterns' photographs are."""
+    if samples.valid.all():
+        return samples.values, np.ones((k, samples.sampling.n_channels, *_patterns(samples)), dtype=bool)
+    expected, valid = registered_cells(samples.values, samples.valid, samples.sampling, k)
+    return filled_samples(samples.values, samples.valid, samples.sampling, expected), valid
+
+
+def _filtered(samples: RawSamples, k: int, cell_filter: CellFilter) -> Images:
+    """Photographs (k, channel, h, w) of one pixel per pattern."""
+    return cell_filter.photographs(_filled(samples, k)[0])
+
+
+def _interpolated(samples: RawSamples, angles: tuple[float, ...], noise: float) -> Images:
+    """Photographs (k, channel, h, w) at the sensor's resolution."""
+    values, valid, sampling = samples.values, samples.valid, samples.sampling
+    cells, _ = registered_cells(values, valid, sampling, len(angles))
+    return wiener_photographs(values, valid, sampling, angles, noise, cells)
 
 
 def _patterns(samples: RawSamples) -> tuple[int, int]:
@@ -161,7 +176,7 @@ def _of_samples(
     samples, origin = without_defects(samples, defects), replace(origin, defects=len(defects))
     if analyzer is not None:
         _check_angles_of(analyzer, angles)
-        samples = _without_gains(samples, analyzer.gains)
+        samples, origin = samples.without_gains(analyzer.gains), replace(origin, calibrated=True)
     photographs, valid = registered_cells(samples.values, samples.valid, samples.sampling, k)
     # A calibration was made with an order that its fields agree with.
     if options.cell_order is None and analyzer is None:
@@ -171,7 +186,7 @@ def _of_samples(
     photographs = divide_out_gain(photographs, angles, gain)
     origin = replace(origin, pair_gain=gain, grey_levels=grey_levels(step, origin))
     sensor = Sensor(origin, angles, sampling, 0.0, None, defects)
-    samples = _without_gains(samples, sensor.gains(None))
+    samples = samples.without_gains(sensor.gains(None))
     cells = _cells_capture(photographs, valid, sensor, options)
     color = sampling.n_channels > 1
     noise_share = share_of_noise(sampling)
@@ -183,6 +198,7 @@ def _of_samples(
         full = wiener_photographs(samples.values, samples.valid, sampling, angles, noise, photographs, rows)
         samples, period = _with_missing(samples, full, angles, analyzer), sampling.period
         of_cells: Any = partial(_both, cells, samples)
+        photographs_of: Any = partial(_interpolated, angles=angles, noise=noise)
         every = np.repeat(np.repeat(valid, period, axis=-2), period, axis=-1)
     else:
         values = filled_samples(samples.values, samples.valid, sampling, photographs)
@@ -190,7 +206,8 @@ def _of_samples(
         full, every, period = cell_filter.photographs(values), valid, 1
         sensor, filtered_noise = replace(sensor, cell_filter=cell_filter), cell_filter.error
         of_cells = partial(_both, cells, samples) if analyzer is None else partial(_cells_of, samples, sensor, options)
-    registered = RegisteredCells(period, noise_share, of_cells)
+        photographs_of = partial(_filtered, k=k, cell_filter=cell_filter)
+    registered = RegisteredCells(period, noise_share, of_cells, photographs_of)
     planes = (full, every) if color else (full[:, 0], every[:, 0])
     capture = Capture.of_planes(
         planes[0],
@@ -258,17 +275,6 @@ def _check_angles_of(analyzer: Analyzer, angles: tuple[float, ...]) -> None:
     if not np.allclose(analyzer.angles_deg, angles):
         listed = ", ".join(f"{angle:g}" for angle in analyzer.angles_deg)
         raise InputError(f"the analyzer's calibration is of angles {listed}; give the cell order that it was made with")
-
-
-def _without_gains(samples: RawSamples, gains: Sequence[float]) -> RawSamples:
-    """Samples less the gain of each photograph's analyzer."""
-    if all(gain == 1 for gain in gains):
-        return samples
-    values, period = samples.values.copy(), samples.sampling.period
-    for photograph, _, row, column in samples.sampling.places:
-        if gains[photograph] != 1:
-            values[row::period, column::period] /= np.float32(gains[photograph])
-    return replace(samples, values=values)
 
 
 def _seen_by(rows: NDArray[np.float64], photographs: Images, analyzer: NDArray[np.float64]) -> Images:
