@@ -11,17 +11,16 @@ import math
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from polaropt.capture import PlateFrame
 from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX
 from polaropt.estimation.flat.overlap import MOST_NOISE, noise_of_mirrored
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples
 from polaropt.estimation.flat.samples.tiles import SampledTileLikelihood, SampledTiles
 from polaropt.estimation.flat.windows.axis import window_of
+from polaropt.estimation.flat.windows.search import TRIAL_INDICES, alike_incidences
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood
 from polaropt.numerics import local_minimum
-from polaropt.optics import INCIDENCE_SEARCH_DEG, SceneParameters, in_place_reflectance, in_place_weights
+from polaropt.optics import SceneParameters
 
 INDEX_SEARCH = (1.3, 2.0)
 """Indices that are searched: from water to the heaviest flint glass, and what coatings make of 1.5. Set by hand."""
@@ -30,9 +29,8 @@ _LEAST_GAIN_OF_TILES, _SURE_OF_TILES, _FAR_OFF = 50.0, 2.5, 2.0
 must be off. Of 40 random windows of single panes whose index was told rightly, among them 22 of photographs that no
 figure is taken of, one lacks more than 33 (73, 1.6 standard errors off); of three that were told wrongly by 0.15 and
 more all gain 62 to 379."""
-_TILE_INDICES, _LEAST_GLANCE = (1.35, 1.5, 1.65, 1.8, 1.95), 20.0
-"""Indices at which tiles are glanced at, and log likelihood of their luminance that one of these must gain for them
-to be looked at closely. By hand."""
+_LEAST_GLANCE = 20.0
+"""Log likelihood of tiles' luminance that another index must gain for them to be looked at closely. By hand."""
 _TILE_STEP, _TILES_WIDER, _LEAST_TILE_ERROR = 0.08, 5.0, 0.03
 """First step from the likeliest of them, and how much wider its error is than the curvature says, at least so much:
 with them all of those 40 lie within two errors."""
@@ -44,10 +42,6 @@ _INDEX_TOLERANCE = 0.01
 _BORNE_OUT = 1.5
 """Standard errors by which tiles of a mosaic must find an index that its cells tell likelier than the one told. By
 trial."""
-_SAME_DEG = 0.5
-"""Incidences less apart are the same. Set by hand."""
-_ALIKE_DEG = np.arange(*INCIDENCE_SEARCH_DEG, 0.5)
-"""Incidences among which those are that make panes alike."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +123,7 @@ def told_by_tiles(
         return None
     starts = [
         (dataclasses.replace(window, incidence_deg=angle), index)
-        for index in _TILE_INDICES
+        for index in TRIAL_INDICES
         for angle in alike_incidences(window.incidence_deg, told, index - told)
     ]
     likeliest = min((glance.nearest(*start) for start in starts), key=lambda fit: fit.misfit)
@@ -173,19 +167,3 @@ def told_by_tiles(
 def _is_beyond(fit: TileFit, by_deg: float) -> bool:
     """Whether a pane lies beyond Brewster's angle by so many degrees and more."""
     return fit.window.incidence_deg > math.degrees(math.atan(fit.refractive_index)) + by_deg
-
-
-def alike_incidences(incidence_deg: float, index: float, more: float) -> list[float]:
-    """Incidences at which a pane of another index keeps the transmission, and the reflection, as free of the other.
-
-    What is mirrored along and across the plane of incidence tells the first by its ratio, on the same side of
-    Brewster's angle, the second by the ratio of what is not mirrored; a single one where both are close.
-    """
-    par, perp = in_place_reflectance(incidence_deg, index, False)
-    _, (pars, perps, _) = in_place_weights(np.cos(np.radians(_ALIKE_DEG)), index + more, False)
-    steep = incidence_deg > math.degrees(math.atan(index))
-    same_side = (math.degrees(math.atan(index + more)) < _ALIKE_DEG) == steep
-    of_transmission = np.where(same_side, np.abs(np.log(perps * par / (pars * perp))), np.inf)
-    of_reflection = np.abs(np.log((1 - perps) * (1 - par) / ((1 - pars) * (1 - perp))))
-    first, second = (float(_ALIKE_DEG[np.argmin(apart)]) for apart in (of_transmission, of_reflection))
-    return [second] if abs(first - second) < _SAME_DEG else [second, first]

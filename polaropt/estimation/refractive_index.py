@@ -28,12 +28,11 @@ from polaropt.estimation.flat.lone_edges import mirrored_incidences
 from polaropt.estimation.flat.overlap import noise_of_mirrored
 from polaropt.estimation.flat.window import judged_pane, judged_window
 from polaropt.estimation.flat.windows.axis import HARDLY_PX
-from polaropt.estimation.flat.windows.search import LikelyWindow, equivalent_single
+from polaropt.estimation.flat.windows.search import LikelyWindow, alike_incidences, equivalent_single
 from polaropt.estimation.flat.windows.tiles import tile_likelihood
 from polaropt.estimation.index_by_tiles import (
     INDEX_SEARCH,
     LikelierIndex,
-    alike_incidences,
     tiles_tell,
     told_by_tiles,
 )

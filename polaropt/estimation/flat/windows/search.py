@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from polaropt.estimation.flat.windows.gaps import GapMap
 from polaropt.estimation.flat.windows.likelihood import Window, WindowLikelihood
 from polaropt.numerics import jackknife_error, local_minima, vertex
-from polaropt.optics import GHOST_SHIFT_SEARCH_PX, INCIDENCE_SEARCH_DEG, in_place_reflectance
+from polaropt.optics import GHOST_SHIFT_SEARCH_PX, INCIDENCE_SEARCH_DEG, in_place_reflectance, in_place_weights
 
 Values = NDArray[np.float64]
 
@@ -45,8 +45,14 @@ NO_ERROR = 1e-9
 """For none at all, of a frame that is all alike."""
 _WEAK_PRIOR = 0.002
 """Of a squared absorption, in log likelihood: dim ghosts hardly tell how dark the glass is. By trial."""
-_TRIAL_ABSORPTION = 0.4
+TRIAL_ABSORPTION = 0.4
 """Of tinted glass: two thirds of the light pass."""
+TRIAL_INDICES = (1.35, 1.5, 1.65, 1.8, 1.95)
+"""Indices at which tiles are glanced at. Set by hand."""
+_SAME_DEG = 0.5
+"""Incidences less apart are the same. Set by hand."""
+_ALIKE_DEG = np.arange(*INCIDENCE_SEARCH_DEG, 0.5)
+"""Incidences among which those are that make panes alike."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +133,7 @@ class WindowSearch:
 
     def tinted(self, incidences_deg: Sequence[float]) -> list[LikelyWindow]:
         """Likely tinted panes, begun from the likeliest of some incidences."""
-        starts = self.single(incidences_deg, _TRIAL_ABSORPTION)[:MOST_STARTS]
+        starts = self.single(incidences_deg, TRIAL_ABSORPTION)[:MOST_STARTS]
         found = [self.refined(start.window, ROUGH_SWEEPS) for start in starts]
         # At the end of what is searched there is no minimum.
         return [near for near in found if abs(near.window.pane_shift) <= self._grid[-1] - STEP_PX]
@@ -239,6 +245,22 @@ def equivalent_single(incidence_deg: float, n_panes: int, refractive_index: floa
     single = np.array([_reflected(float(angle), 1, refractive_index)[0] for angle in angles])
     rising = single[: int(np.argmax(single)) + 1]
     return float(angles[int(np.argmin(np.abs(rising - asked)))])
+
+
+def alike_incidences(incidence_deg: float, index: float, more: float) -> list[float]:
+    """Incidences at which a pane of another index keeps the transmission, and the reflection, as free of the other.
+
+    What is mirrored along and across the plane of incidence tells the first by its ratio, on the same side of
+    Brewster's angle, the second by the ratio of what is not mirrored; a single one where both are close.
+    """
+    par, perp = in_place_reflectance(incidence_deg, index, False)
+    _, (pars, perps, _) = in_place_weights(np.cos(np.radians(_ALIKE_DEG)), index + more, False)
+    steep = incidence_deg > math.degrees(math.atan(index))
+    same_side = (math.degrees(math.atan(index + more)) < _ALIKE_DEG) == steep
+    of_transmission = np.where(same_side, np.abs(np.log(perps * par / (pars * perp))), np.inf)
+    of_reflection = np.abs(np.log((1 - perps) * (1 - par) / ((1 - pars) * (1 - perp))))
+    first, second = (float(_ALIKE_DEG[np.argmin(apart)]) for apart in (of_transmission, of_reflection))
+    return [second] if abs(first - second) < _SAME_DEG else [second, first]
 
 
 @lru_cache(maxsize=4096)
