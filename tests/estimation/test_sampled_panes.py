@@ -31,6 +31,7 @@ THREE = SceneParameters(45.0, AZIMUTH, 0.0, n_panes=3, gap_shift=7.0)
 TWO_PANES = Window(60.0, 2.0, 9.0, n_panes=2)
 STEEP = SceneParameters(76.0, AZIMUTH, -15.0, n_panes=2, gap_shift=9.0)
 ONE, FAR = SceneParameters(60.0, AZIMUTH, 6.0), SceneParameters(70.0, AZIMUTH, 12.0)
+DARK, DENSE = SceneParameters(77.0, AZIMUTH, 12.0, absorption=0.6), FAR.replace(refractive_index=1.8)
 
 
 @cache
@@ -83,6 +84,21 @@ def test_a_ghost_that_was_missed_makes_no_second_pane() -> None:
     edges = edges_of(fewer=1.0, more_behind=-0.1)
     assert panes._judged(two, (in_place,), edges, across=False).is_told
     assert panes.several_panes(likelihood, in_place, edges) is None
+
+
+@pytest.mark.parametrize(("scene", "starts"), [(DARK, (77.0, 82.0)), (DENSE, (70.0, 75.0))], ids=["tinted", "index"])
+def test_glass_unlike_what_was_told_makes_no_second_pane(
+    scene: SceneParameters, starts: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    likelihood = SampledTileLikelihood(tiles_of(scene), AZIMUTH)
+    near = (likelihood.nearest(Window(angle, shift), 1.5) for angle in starts for shift in (scene.values()[2], 0.0))
+    single, edges = min(near, key=lambda fit: fit.misfit), edges_of(fewer=1.0, more_behind=-0.1)
+    assert panes.several_panes(likelihood, single, edges) is None
+    # Clear glass of the index told would not explain as much.
+    monkeypatch.setattr(panes, "_of_other_glass", lambda *_: single)
+    told = panes.several_panes(likelihood, single, edges)
+    assert told is not None
+    assert told.is_told
 
 
 @pytest.mark.parametrize("asked", [OPEN, ALONG.replace(n_panes=2)], ids=["open", "told"])
