@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polaropt import Capture, SceneParameters, Separation, SeparationWarning, separate, separate_sequence
-from polaropt.capture import registered_noise, sampling_of
+from polaropt.capture import SONY_CELL, mosaic_capture, registered_noise, sampling_of
 from polaropt.estimation import uneven_exposures
 from polaropt.numerics import turn_between
 from polaropt.reporting import matching_report, matching_sentences
@@ -108,6 +108,26 @@ def test_other_light_across_is_none_of_theirs(sensor: str, scene: SceneParameter
 
 def test_those_of_a_calibrated_camera_are_known() -> None:
     capture = taken().with_origin(calibrated=True)
+    assert uneven_exposures(capture.registered, BLIND, registered_noise(capture)) is None
+
+
+@pytest.mark.parametrize("gains", [GAINS, (1.0, 1.0225, 1.01, 1.015), (1.02, 1.03, 0.98, 1.03)])
+def test_those_of_pairs_that_were_brought_to_one_gain_are_found_all_the_same(gains: tuple[float, ...]) -> None:
+    raw = raw_of("mono", PANE, gains)
+    capture = mosaic_capture(raw, sensor="mono", cell_order=SONY_CELL, white_level=1.0, gamma=1.0)
+    assert capture.origin is not None
+    pair = np.array([1.0, capture.origin.pair_gain, 1.0, capture.origin.pair_gain])
+    assert abs(pair[1] - 1) > 2e-3
+    found = uneven_exposures(capture.registered, BLIND, registered_noise(capture))
+    assert found is not None
+    np.testing.assert_allclose(left_of(found.relative[:, 0] * relative(tuple(pair)), gains=gains), 0, atol=1e-3)
+
+
+def test_the_usual_gain_of_a_sensors_pair_is_no_reason_to_look_for_others() -> None:
+    raw = raw_of("mono", PANE.replace(transmission_polarization=(0.02, 70.0)), (1.0, 1.0225, 1.0, 1.0225))
+    capture = mosaic_capture(raw, sensor="mono", cell_order=SONY_CELL, white_level=1.0, gamma=1.0)
+    assert capture.origin is not None
+    assert capture.origin.pair_gain == pytest.approx(1.0225, abs=5e-4)
     assert uneven_exposures(capture.registered, BLIND, registered_noise(capture)) is None
 
 
