@@ -1,5 +1,6 @@
 __all__ = [
     "NOTABLE_CHANCE",
+    "NOTABLE_CHANCE_OF_MOSAIC",
     "AngleMistake",
     "Exposures",
     "IndexFit",
@@ -39,6 +40,7 @@ from .angles import find_start_angle as find_start_angle
 from .exposures import Exposures as Exposures
 from .exposures import uneven_exposures as uneven_exposures
 from .flat.azimuth import NOTABLE_CHANCE as NOTABLE_CHANCE
+from .flat.azimuth import NOTABLE_CHANCE_OF_MOSAIC as NOTABLE_CHANCE_OF_MOSAIC
 from .flat.estimate import SceneEstimate as SceneEstimate
 from .flat.estimate import estimate_scene as estimate_scene
 from .flat.samples.tiles import tiles_of_mosaic as tiles_of_mosaic

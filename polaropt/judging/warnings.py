@@ -14,6 +14,7 @@ from polaropt.capture import Capture, Mistakes, NoiseModel, closure_share, find_
 from polaropt.errors import ResultWarning
 from polaropt.estimation import (
     NOTABLE_CHANCE,
+    NOTABLE_CHANCE_OF_MOSAIC,
     AngleMistake,
     LikelierIndex,
     SceneEstimate,
@@ -338,7 +339,7 @@ def diagnose(
         SeparationWarning.INCIDENCE_DOUBTFUL: doubtful_incidence,
         SeparationWarning.SHIFT_DOUBTFUL: _shift_is_doubtful(scene, estimate, capture),
         SeparationWarning.COATED: coated,
-        SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate),
+        SeparationWarning.AXIS_DOUBTFUL: polarized and _may_lie_across(scene, estimate, capture),
         SeparationWarning.POLARIZATION_DOUBTFUL: _loses(loss) and alike,
         SeparationWarning.MODEL_DOES_NOT_EXPLAIN: polarized and not explained,
         SeparationWarning.MOVING: moving is not None,
@@ -422,12 +423,13 @@ def _shift_is_doubtful(scene: SceneParameters | None, estimate: SceneEstimate | 
     return plain and estimate is not None and estimate.doubtful_shift
 
 
-def _may_lie_across(scene: SceneParameters | None, estimate: SceneEstimate | None) -> bool:
+def _may_lie_across(scene: SceneParameters | None, estimate: SceneEstimate | None, capture: Capture) -> bool:
     """Whether one of two flat panes was taken in doubt; a rung above has more that tells them apart."""
     plain = scene is not None and not scene.varies and not scene.polarized
     if estimate is None or not plain:
         return False
-    return estimate.better_left or estimate.axis_chance >= NOTABLE_CHANCE
+    notable = NOTABLE_CHANCE if capture.cells is None else NOTABLE_CHANCE_OF_MOSAIC
+    return estimate.better_left or estimate.axis_chance >= notable
 
 
 def _of_geometry_and_noise(

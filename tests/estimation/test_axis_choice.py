@@ -18,6 +18,7 @@ from polaropt.capture.polarization import plate_frame, stokes_images
 from polaropt.estimation.flat import azimuth
 from polaropt.estimation.flat.azimuth import (
     NOTABLE_CHANCE,
+    NOTABLE_CHANCE_OF_MOSAIC,
     AxisCandidate,
     AxisChoice,
     choose_axis,
@@ -197,10 +198,10 @@ def test_a_wide_lens_tells_the_two_apart() -> None:
 
 
 @pytest.mark.parametrize(("chance", "warned"), [(0.99, False), (1.0, True)])
-def test_of_a_mosaic_the_same_chance_of_the_other_pane_is_notable(chance: float, warned: bool) -> None:
+def test_of_a_mosaic_a_smaller_chance_of_the_other_pane_is_notable(chance: float, warned: bool) -> None:
     photographs = blend(60, 64, color=False)
     raw = sampling_of(color=False)[0].sample(photographs.capture.intensities.reshape(4, 1, 64, 64))
-    doubtful = replace(estimate_scene(photographs.capture), axis_chance=chance * NOTABLE_CHANCE)
+    doubtful = replace(estimate_scene(photographs.capture), axis_chance=chance * NOTABLE_CHANCE_OF_MOSAIC)
     told = diagnose(
         simulated_mosaic(raw, color=False), 0.005, misfit_ratio=1.0, reflection_unknown=0.0, estimate=doubtful,
         scene=doubtful.scene,
