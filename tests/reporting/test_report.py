@@ -102,15 +102,20 @@ def test_the_bounces_kept_are_those_of_the_solve() -> None:
     assert separation_report(result, example.capture, example.scene)["n_bounces_kept"] == kept == 3
 
 
+# Of a capture the report asks whether it is a mosaic's.
+PHOTOGRAPHS = SimpleNamespace(cells=None)
+
+
 def test_how_photographs_were_moved_is_told_with_turns_only_where_they_were_turned() -> None:
     still, lying = np.eye(2), np.array([[0.0, 1.0], [-1.0, 0.0]])
     moved = SimpleNamespace(shifts_px=np.array([[0.0, 0.0], [1.0, 2.0]]), layers=None, blurs_px=np.zeros(2))
     for second, turns, scales in ((still, None, None), (1.5 * lying, [0.0, 90.0], [1.0, 1.5])):
         motions = Motions(np.stack([still, second]), np.array([[0.0, 0.0], [3.0, -1.0]]))
-        told = matching_report(Matching(None, moved, None, motions=motions, exposures=(1.0, 2.0)))
+        told = matching_report(Matching(PHOTOGRAPHS, moved, PHOTOGRAPHS, motions=motions, exposures=(1.0, 2.0)))
         assert told["shifts_px"] == [[0.0, 0.0], [4.0, 1.0]]
         assert (told["rotations_deg"], told["scales"]) == (turns, scales)
-    alone = matching_report(Matching(None, moved, None))
+        assert (told["exposures"], told["gains"]) == ([1.0, 2.0], None)
+    alone = matching_report(Matching(PHOTOGRAPHS, moved, PHOTOGRAPHS))
     assert (alone["shifts_px"], alone["rotations_deg"], alone["exposures"]) == ([[0.0, 0.0], [1.0, 2.0]], None, None)
 
 
