@@ -62,7 +62,7 @@ one of 67 of one pane, whose noise is strong, across from it."""
 _SURER_THAN_GLASS = 2.5
 """Least standard errors by which they must be likelier than a single pane of tinted glass, or of another index than
 was told. Of 100 mosaics of single panes beyond 40 degrees and 30 of several (fit seeds 9941000, 9942000 and 9961000 on)
-10 and 14 would be taken for several: 4 of the former, tinted or told a wrong index, are likelier by less, and none of
+11 and 14 would be taken for several: 4 of the former, tinted or told a wrong index, are likelier by less, and none of
 the latter by less than 3."""
 _EVEN, NOTABLE_CHANCE = 0.5, 0.4
 """Chance from which on they are taken, and from which on what is not taken may be true all the same."""
