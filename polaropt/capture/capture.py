@@ -322,9 +322,7 @@ def _cells_left_out(cells: RegisteredCells, where: NDArray[np.bool_]) -> tuple[C
 
 
 def _cells_without_gains(cells: RegisteredCells, gains: tuple[float, ...]) -> tuple[Capture, RawSamples]:
-    photographs = cells.capture.planes / np.asarray(gains, np.float32)[:, None, None, None]
-    capture = cells.capture.replace(intensities=photographs.reshape(cells.capture.intensities.shape))
-    return capture, cells.samples.without_gains(gains)
+    return cells.capture.without_gains(gains), cells.samples.without_gains(gains)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

@@ -22,6 +22,7 @@ from polaropt.capture.pair_gain import (
 from polaropt.numerics import (
     ROUNDED,
     block_mean,
+    kept_while_alive,
     quantization_step,
     quietest_combination,
     robust_spread,
@@ -109,7 +110,13 @@ def registered_noise(capture: Capture, noise: float | None = None) -> float:
     """
     if capture.cells is None:
         return noise_level(capture) if noise is None else noise
-    return _ALIASES * noise_level(capture.registered)
+    return _noise_of_cells(capture.registered)
+
+
+@kept_while_alive
+def _noise_of_cells(registered: Capture) -> float:
+    """The same of a mosaic's cells: all that looks at them asks for it."""
+    return _ALIASES * noise_level(registered)
 
 
 def noise_of_color_samples(samples: RawSamples) -> float | None:
