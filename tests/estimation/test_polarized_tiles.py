@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ import pytest
 from polaropt import Capture, SceneParameters
 from polaropt.capture import noise_level, stokes_images
 from polaropt.estimation import find_scene
+from polaropt.estimation.polarized.cross_relation import CrossRelation
 from polaropt.estimation.polarized.errors import incidence_reach
 from polaropt.estimation.polarized.ghost_choice import (
     _beyond_brewster,
@@ -238,17 +239,29 @@ class Sure(Unsure):
         return 1e4 * float(point[0] - 63.0) ** 2
 
 
+class Relation(CrossRelation):
+    """A cross relation that is sure of an incidence, or finds every point as likely."""
+
+    def __init__(self, sureness: float = 0.0) -> None:
+        self.sureness = sureness
+
+    def misfit(self, point: np.ndarray) -> float:
+        return self.sureness * float(point[0] - 63.0) ** 2
+
+
 def test_tiles_move_a_pane_to_where_its_ghosts_lie() -> None:
     beside = moved(TRUE, incidence=66.0, shift=5.9)
-    point = likeliest_near(tiles_of(SHOWN), BLIND, beside, Unsure()).point
+    point = likeliest_near(tiles_of(SHOWN), BLIND, beside, Unsure(), Relation()).point
     assert abs(point[0] - 60.0) < 2.5
     assert abs(point[SHIFT] - 6.3) < 0.1
 
 
-def test_before_two_polarized_layers_coarse_light_has_its_say() -> None:
+def test_coarse_light_and_the_cross_relation_have_their_say() -> None:
     both = replace(moved(TRUE, incidence=61.0), reflection=True)
-    assert likeliest_near(tiles_of(SHOWN), BLIND, both, Sure()).point[0] == pytest.approx(63.0, abs=0.2)
-    assert likeliest_near(tiles_of(SHOWN), BLIND, both, Unsure()).point[0] < 62.0
+    likeliest = partial(likeliest_near, tiles_of(SHOWN), BLIND, both)
+    assert likeliest(Sure(), Relation()).point[0] == pytest.approx(63.0, abs=0.2)
+    assert likeliest(Unsure(), Relation(1e3)).point[0] == pytest.approx(63.0, abs=0.2)
+    assert likeliest(Unsure(), Relation()).point[0] < 62.0
 
 
 def test_a_step_along_what_is_shown_follows_a_narrow_valley() -> None:

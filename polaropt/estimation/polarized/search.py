@@ -7,8 +7,8 @@ Q. H. Vuong, Likelihood ratio tests for model selection and non-nested hypothese
 The directions of the two Stokes vectors (`Mixture`) leave a handful of panes that show them in place (`candidates`).
 Single tiles tell whether there are ghosts, and where (`ghosts_told`). Of panes that have them there the one is taken
 that explains the capture best, with the least polarized light that does: by coarse light (`closely`), unless tiles
-refuse it (`settled`), where both together find it likeliest (`likeliest_near`). Without ghosts what is likely of panes
-and light beforehand decides between those that show the same (`panes_alike`).
+refuse it (`settled`), where these and what no two layers make (`CrossRelation`) find it likeliest (`likeliest_near`).
+Without ghosts what is likely of panes and light beforehand decides between those that show the same (`panes_alike`).
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghosts import LIKE_BLUR_PX
 from polaropt.estimation.polarized.alike import panes_alike
+from polaropt.estimation.polarized.cross_relation import CrossRelation
 from polaropt.estimation.polarized.errors import incidence_reach, polarized_errors
 from polaropt.estimation.polarized.ghost_choice import ghosts_told, likeliest_near, likely_starts, settled
 from polaropt.estimation.polarized.light import (
@@ -549,7 +550,7 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
             candidate = closely(search, coarse, choice)
             if fits:
                 candidate = settled(tiles, asked, fits, candidate, search)
-            candidate = likeliest_near(tiles, asked, candidate, search)
+            candidate = likeliest_near(tiles, asked, candidate, search, CrossRelation(stokes, asked))
     elif asked.incidence_deg is None and asked.azimuth_deg is None:
         alike = panes_alike(mixture, likelihood, asked)
         candidate, rivals = (candidate, ()) if alike is None else (alike.candidate, alike.rivals)

@@ -145,7 +145,13 @@ class StokesTiles:
         return TileFit(candidate, self._misfits(candidate.point, self._first_powers())[0])
 
     def nearest(
-        self, candidate: Candidate, free: NDArray[np.intp], turns: int = _TURNS, *, beside: Beside | None = None
+        self,
+        candidate: Candidate,
+        free: NDArray[np.intp],
+        turns: int = _TURNS,
+        *,
+        beside: Beside | None = None,
+        finely: float = 1.0,
     ) -> TileFit:
         """The likeliest candidate near one, as far as some of its point's numbers go.
 
@@ -161,6 +167,8 @@ class StokesTiles:
             Steps at most.
         beside : callable, optional
             From a point to what else speaks against points near it, which is added.
+        finely : float
+            Steps of derivatives, in those that suit tiles alone: what is added may tell much more finely.
         """
         curvature: Values | None = None
         for turn in range(turns if free.size else 0):
@@ -173,9 +181,9 @@ class StokesTiles:
                 tiles = float(self._misfits(point, powers, _ROUNDS)[0].sum())
                 return tiles if also is None else tiles + also(point)
 
-            moved, step, curvature = self._moved(candidate, free, misfit, True, curvature)
+            moved, step, curvature = self._moved(candidate, free, misfit, finely * _SHOWN_STEPS, curvature)
             if not step:
-                moved, step, _ = self._moved(candidate, free, misfit, False)
+                moved, step, _ = self._moved(candidate, free, misfit, finely * _STEPS, by_shown=False)
                 curvature = None
             candidate = moved
             if step < _AT_REST:
@@ -187,10 +195,12 @@ class StokesTiles:
         candidate: Candidate,
         free: NDArray[np.intp],
         misfit: Against,
-        by_shown: bool,
+        all_steps: Values,
         curvature: Values | None = None,
+        *,
+        by_shown: bool = True,
     ) -> tuple[Candidate, float, Values]:
-        """A candidate after a Newton step, its length in usual steps, and the curvature it was made with."""
+        """A candidate after a Newton step, its length in steps of derivatives, and the curvature it was made with."""
         start = coordinates_of(candidate.point, self._asked) if by_shown else candidate.point
 
         def point_at(x: Values) -> Point:
@@ -198,7 +208,6 @@ class StokesTiles:
             numbers[free] = x
             return point_of(numbers, candidate, self._asked) if by_shown else bounded(numbers)
 
-        all_steps = _SHOWN_STEPS if by_shown else _STEPS
         at, steps, low, high = (part[free] for part in (start, all_steps, _LOW, _HIGH))
         box = Box(np.clip(at, low + steps, high - steps), steps, low, high)
         step = box.newton(lambda x: misfit(point_at(x)), curvature)
