@@ -14,8 +14,8 @@ from hypothesis import strategies as some
 from polaropt import SceneParameters
 from polaropt.capture import StokesImages, stokes_images
 from polaropt.estimation.polarized.cross_relation import CrossRelation
-from polaropt.estimation.polarized.light import INCIDENCE, SHIFT, Point, coordinates_of, point_of
-from polaropt.estimation.polarized.search import Candidate, fit_polarized
+from polaropt.estimation.polarized.light import INCIDENCE, SHIFT, Candidate, Point, coordinates_of, point_of
+from polaropt.estimation.polarized.search import fit_polarized
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
 
