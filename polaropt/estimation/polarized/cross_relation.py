@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polaropt.capture import StokesImages
-from polaropt.estimation.polarized.light import AZIMUTH, INCIDENCE, SHIFT, Point, entering_light, pane_light
+from polaropt.estimation.polarized.light import SHIFT, Point, first_images, shown_light, stokes_of_entries
 from polaropt.estimation.polarized.likelihood import ghost_step
 from polaropt.numerics import bilinear_transfer, middle_part, opponent_basis
-from polaropt.optics import SceneParameters, frame_matrix
+from polaropt.optics import SceneParameters
 
 Images = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -110,11 +110,8 @@ class CrossRelation:
 
     def _taps(self, point: Point, n: int) -> Values:
         """Taps of the filters of three whitened components that leave nothing of either layer, (n, 3)."""
-        light = pane_light(float(point[INCIDENCE]), self._asked).copy()
-        light[..., :2] *= entering_light(point)[..., None]
-        ghosts = light[..., 1, None] * light[..., 2, None] ** np.arange(n - 1)
-        mixing = self._whiten @ np.linalg.inv(frame_matrix(float(point[AZIMUTH])))
-        behind, mirrored = (mixing @ np.concatenate([light[..., :1], ghosts], axis=-1)).swapaxes(-2, -1)
+        mixing = self._whiten @ stokes_of_entries(point)
+        behind, mirrored = (mixing @ first_images(shown_light(point, self._asked), n)).swapaxes(-2, -1)
         taps = np.zeros((n, 3))
         for i in range(n):
             taps[i:] += np.cross(behind[i], mirrored[: n - i])

@@ -80,6 +80,24 @@ def entering_light(point: Point) -> Values:
     return np.stack([(1 + along) / 2, (1 - along) / 2, turned * [1, -1]], axis=1)
 
 
+def shown_light(point: Point, scene: SceneParameters) -> Values:
+    """`pane_light` of the light that arrives at a point, (2, 3, 3)."""
+    light = pane_light(float(point[INCIDENCE]), scene).copy()
+    light[..., :2] *= entering_light(point)[..., None]
+    return light
+
+
+def first_images(light: Values, n: int) -> Values:
+    """Direct light and ghosts of `pane_light`, the first n images of each layer and entry, (2, 3, n)."""
+    ghosts = light[..., 1, None] * light[..., 2, None] ** np.arange(n - 1)
+    return np.concatenate([light[..., :1], ghosts], axis=-1)
+
+
+def stokes_of_entries(point: Point) -> Values:
+    """From a point's entries to Stokes components in the camera's frame, (3, 3)."""
+    return np.asarray(np.linalg.inv(frame_matrix(float(point[AZIMUTH]))))
+
+
 def scene_at(point: Point, asked: SceneParameters) -> SceneParameters:
     """The complete scene at a point; what was asked for says the rest."""
     azimuth = float(point[AZIMUTH]) % 180
@@ -202,7 +220,7 @@ def point_showing(place: Place, shown: Values, scene: SceneParameters) -> Point:
 def shown_by(point: Point, scene: SceneParameters) -> Values:
     """Stokes vectors (2, 3) with s0 = 1 that the layers show in place, in the camera's frame."""
     entries = in_place(pane_light(float(point[INCIDENCE]), scene)) * entering_light(point)
-    shown = entries @ np.linalg.inv(frame_matrix(float(point[AZIMUTH]))).T
+    shown = entries @ stokes_of_entries(point).T
     return np.asarray(shown / shown[:, :1])
 
 

@@ -26,7 +26,15 @@ from polaropt.capture import StokesImages
 from polaropt.estimation.flat.ghost_overlap import coarse_overlap, fading
 from polaropt.estimation.flat.ghosts import HIGHEST_FREQUENCY
 from polaropt.estimation.flat.search import OVERLAP_WEIGHT
-from polaropt.estimation.polarized.light import AZIMUTH, INCIDENCE, SHIFT, Point, entering_light, in_place, pane_light
+from polaropt.estimation.polarized.light import (
+    AZIMUTH,
+    INCIDENCE,
+    SHIFT,
+    Point,
+    in_place,
+    shown_light,
+    stokes_of_entries,
+)
 from polaropt.numerics import (
     NATURAL_POWER_LAW,
     block_mean,
@@ -35,7 +43,7 @@ from polaropt.numerics import (
     middle_part,
     opponent_basis,
 )
-from polaropt.optics import SceneParameters, frame_matrix
+from polaropt.optics import SceneParameters
 
 if TYPE_CHECKING:
     from polaropt.estimation.polarized.kernels import WhitenedSpectra
@@ -160,10 +168,8 @@ class PolarizedLikelihood:
 
     def pane(self, point: Point) -> Pane:
         """The pane at a point."""
-        light = pane_light(float(point[INCIDENCE]), self._scene).copy()
-        light[..., :2] *= entering_light(point)[..., None]
-        mixing = self._whiten @ np.linalg.inv(frame_matrix(float(point[AZIMUTH])))
-        return Pane(np.asarray(mixing), light, ghost_step(point, float(point[SHIFT])))
+        mixing = np.asarray(self._whiten @ stokes_of_entries(point))
+        return Pane(mixing, shown_light(point, self._scene), ghost_step(point, float(point[SHIFT])))
 
     def flat(self, shown: Values) -> Pane:
         """A pane whose layers show Stokes vectors (2, 3), its ghosts in place."""

@@ -27,19 +27,19 @@ from polaropt.estimation.flat.windows.tiles import FREEDOM, HIGHEST_TILE_FREQUEN
 from polaropt.estimation.polarized.light import (
     AZIMUTH,
     HIGHEST_DEG,
-    INCIDENCE,
     LOWEST_DEG,
     SHIFT,
     Candidate,
     Point,
     bounded,
     coordinates_of,
-    entering_light,
-    pane_light,
+    first_images,
     point_of,
+    shown_light,
+    stokes_of_entries,
 )
 from polaropt.numerics import Box, bilinear_transfer, hann_autocorrelation, hann_spectra, opponent_basis
-from polaropt.optics import SceneParameters, frame_matrix
+from polaropt.optics import SceneParameters
 from solvers.kernels import in_blocks
 
 Values = NDArray[np.float64]
@@ -181,9 +181,9 @@ class StokesTiles:
                 tiles = float(self._misfits(point, powers, _ROUNDS)[0].sum())
                 return tiles if also is None else tiles + also(point)
 
-            moved, step, curvature = self._moved(candidate, free, misfit, finely * _SHOWN_STEPS, curvature)
+            moved, step, curvature = self._moved(candidate, free, misfit, True, finely, curvature)
             if not step:
-                moved, step, _ = self._moved(candidate, free, misfit, finely * _STEPS, by_shown=False)
+                moved, step, _ = self._moved(candidate, free, misfit, False, finely)
                 curvature = None
             candidate = moved
             if step < _AT_REST:
@@ -195,10 +195,9 @@ class StokesTiles:
         candidate: Candidate,
         free: NDArray[np.intp],
         misfit: Against,
-        all_steps: Values,
+        by_shown: bool,
+        finely: float,
         curvature: Values | None = None,
-        *,
-        by_shown: bool = True,
     ) -> tuple[Candidate, float, Values]:
         """A candidate after a Newton step, its length in steps of derivatives, and the curvature it was made with."""
         start = coordinates_of(candidate.point, self._asked) if by_shown else candidate.point
@@ -208,6 +207,7 @@ class StokesTiles:
             numbers[free] = x
             return point_of(numbers, candidate, self._asked) if by_shown else bounded(numbers)
 
+        all_steps = finely * (_SHOWN_STEPS if by_shown else _STEPS)
         at, steps, low, high = (part[free] for part in (start, all_steps, _LOW, _HIGH))
         box = Box(np.clip(at, low + steps, high - steps), steps, low, high)
         step = box.newton(lambda x: misfit(point_at(x)), curvature)
@@ -245,12 +245,8 @@ class StokesTiles:
 
     def _response(self, point: Point) -> Values:
         """What a pane makes of both layers of power 1, transmission first: Hermitian matrices, (2, 9, n)."""
-        light = pane_light(float(point[INCIDENCE]), self._asked).copy()
-        light[..., :2] *= entering_light(point)[..., None]
-        mixing = self._whiten @ np.linalg.inv(frame_matrix(float(point[AZIMUTH])))
-        shift = float(point[SHIFT])
-        images = light[..., 1, None] * light[..., 2, None] ** np.arange(_N_IMAGES - 1)
-        images = mixing @ np.concatenate([light[..., :1], images], axis=-1)
+        mixing, shift = self._whiten @ stokes_of_entries(point), float(point[SHIFT])
+        images = mixing @ first_images(shown_light(point, self._asked), _N_IMAGES)
         images /= np.linalg.norm(images.sum(axis=-1), axis=-1)[:, None, None]
         images = images if shift else images.sum(axis=-1, keepdims=True)
         one, other, real, imaginary = self._in_common(float(point[AZIMUTH]), shift)
