@@ -13,26 +13,19 @@ from hypothesis import strategies as some
 
 from polaropt import SceneParameters
 from polaropt.capture import StokesImages, stokes_images
+from polaropt.estimation.polarized import light
 from polaropt.estimation.polarized.cross_relation import CrossRelation
-from polaropt.estimation.polarized.light import INCIDENCE, SHIFT, Candidate, Point, coordinates_of, point_of
+from polaropt.estimation.polarized.light import INCIDENCE, SHIFT, Candidate, coordinates_of
 from polaropt.estimation.polarized.search import fit_polarized
 from polaropt.simulation import Camera, photograph_pair
 from studies.photographs import pairs_of
+from tests.points import point_of
 
 BLIND = SceneParameters(None, None, None)
 NOISE = 0.003
 BOTH = SceneParameters(
     74.0, 25.0, 6.3, transmission_polarization=(0.5, 140.0), reflection_polarization=(0.6, 70.0)
 )  # fmt: skip
-
-
-def point_at(scene: SceneParameters) -> Point:
-    """The numbers of a scene."""
-    numbers = list(scene.values())
-    for degree, angle in (scene.transmission_polarization, scene.reflection_polarization):
-        turn = math.radians(2 * (angle - numbers[1]))
-        numbers += [degree * math.cos(turn), degree * math.sin(turn)]
-    return np.array(numbers)
 
 
 @cache
@@ -62,28 +55,28 @@ def test_the_true_pane_leaves_nothing_but_noise(
     scene = SceneParameters(
         incidence, azimuth, shift, transmission_polarization=behind, reflection_polarization=mirrored
     )  # fmt: skip
-    left, n = CrossRelation(stokes_of(scene), BLIND).left(point_at(scene))
+    left, n = CrossRelation(stokes_of(scene), BLIND).left(point_of(scene))
     assert left == pytest.approx(1.0, abs=tolerance(n))
 
 
 def test_nothing_is_assumed_of_the_layers_which_may_be_the_same() -> None:
-    left, n = CrossRelation(stokes_of(BOTH, alike=True), BLIND).left(point_at(BOTH))
+    left, n = CrossRelation(stokes_of(BOTH, alike=True), BLIND).left(point_of(BOTH))
     assert left == pytest.approx(1.0, abs=tolerance(n))
 
 
 @pytest.mark.parametrize("off_deg", [-2.0, -1.0, 1.0, 2.0])
 def test_other_incidences_that_show_the_same_in_place_leave_light(off_deg: float) -> None:
-    true = point_at(BOTH)
+    true = point_of(BOTH)
     coordinates = coordinates_of(true, BLIND)
     coordinates[INCIDENCE] += off_deg
-    other = point_of(coordinates, Candidate(true, True, True), BLIND)
+    other = light.point_of(coordinates, Candidate(true, True, True), BLIND)
     relation = CrossRelation(stokes_of(BOTH), BLIND)
     # Twenty in log likelihood: more than six standard errors.
     assert relation.misfit(other) > relation.misfit(true) + 20
 
 
 def test_ghosts_on_the_other_side_leave_light() -> None:
-    true, relation = point_at(BOTH), CrossRelation(stokes_of(BOTH), BLIND)
+    true, relation = point_of(BOTH), CrossRelation(stokes_of(BOTH), BLIND)
     other = true.copy()
     other[SHIFT] *= -1
     assert relation.left(other)[0] > 2 * relation.left(true)[0]
@@ -94,7 +87,7 @@ def test_pixels_that_were_not_measured_count_nowhere_that_their_ghosts_come_to()
     images, valid = np.array(stokes.images), stokes.valid.copy()
     images[..., 60:70, 50:75] += 0.2
     valid[..., 60:70, 50:75] = False
-    true = point_at(BOTH)
+    true = point_of(BOTH)
     spoilt = CrossRelation(replace(stokes, images=images), BLIND).left(true)
     left, n = CrossRelation(replace(stokes, images=images, valid=valid), BLIND).left(true)
     assert n < spoilt[1]
@@ -104,7 +97,7 @@ def test_pixels_that_were_not_measured_count_nowhere_that_their_ghosts_come_to()
 
 @pytest.mark.parametrize("shift", [40.0, -60.0, 500.0])
 def test_ghosts_too_far_for_the_frame_say_nothing(shift: float) -> None:
-    point = point_at(BOTH)
+    point = point_of(BOTH)
     point[SHIFT] = shift
     relation = CrossRelation(stokes_of(BOTH), BLIND)
     assert relation.left(point) == (1.0, 0.0)
@@ -114,7 +107,7 @@ def test_ghosts_too_far_for_the_frame_say_nothing(shift: float) -> None:
 def test_a_frame_of_few_pixels_says_nothing() -> None:
     stokes = stokes_of(BOTH)
     few = replace(stokes, images=np.array(stokes.images)[..., :12, :12], valid=stokes.valid[..., :12, :12])
-    assert CrossRelation(few, BLIND).left(point_at(BOTH)) == (1.0, 0.0)
+    assert CrossRelation(few, BLIND).left(point_of(BOTH)) == (1.0, 0.0)
 
 
 def test_strong_ghosts_tell_the_incidence_where_both_layers_are_polarized() -> None:

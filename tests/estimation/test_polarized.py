@@ -47,6 +47,7 @@ from studies.camera import take
 from studies.photographs import shipped_pairs
 from studies.scenes import SCENES, protocol
 from tests.blends import Blend, blend
+from tests.points import point_of
 
 BLIND = SceneParameters(None, None, None)
 SCREEN = {"transmission_polarization": (0.6, 140.0)}
@@ -59,15 +60,6 @@ angles = st.floats(0, 180)
 
 def stokes_of(capture: Capture) -> StokesImages:
     return stokes_images(capture, max(1e-4, noise_level(capture)))
-
-
-def point_of(scene: SceneParameters) -> np.ndarray:
-    """The point of a complete scene."""
-    numbers = list(scene.values())
-    for degree, angle in (scene.transmission_polarization, scene.reflection_polarization):
-        double = 2 * math.radians(angle - numbers[1])
-        numbers += [degree * math.cos(double), degree * math.sin(double)]
-    return np.array(numbers)
 
 
 def lively_layers(seed: int, size: int = 128) -> list[np.ndarray]:
