@@ -29,7 +29,8 @@ from polaropt.estimation.flat.lone_edges import with_mirrored_edges
 from polaropt.estimation.flat.pane_by_tiles import with_ghosts_by_tiles, with_tiles
 from polaropt.estimation.flat.samples.edges import LayerEdges, WindowEdges
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples, pane_of_samples, sampled_shift
-from polaropt.estimation.flat.samples.tiles import REACH_PX, PaneOfTiles, SampledTiles, tiles_of_mosaic
+from polaropt.estimation.flat.samples.single import REACH_PX
+from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.samples.window import with_window_of_mosaic
 from polaropt.estimation.flat.window import window_remark, with_window
 from polaropt.estimation.polarized_things import PolarizedThings, polarized_things
@@ -455,8 +456,8 @@ def in_full(
         is believed.
     """
     whole = found.scaled(capture.scale)
-    if found.things is not None:
-        # Samples of these things tell other panes.
+    if found.things is not None or (asked.absorption is None and found.scene.absorption):
+        # Samples of these things tell other panes; what is tinted was told by samples.
         return whole
     open_shift, open_incidence = asked.ghost_shift is None, asked.incidence_deg is None
     estimate = whole.estimate

@@ -13,7 +13,8 @@ from polaropt.capture import Capture, StokesImages, closure_share
 from polaropt.estimation.flat.estimate import SceneEstimate
 from polaropt.estimation.flat.samples.ghosts import is_told_by_samples
 from polaropt.estimation.flat.samples.light import PolarizedPane, polarized_pane
-from polaropt.estimation.flat.samples.tiles import REACH_PX, SampledTiles
+from polaropt.estimation.flat.samples.single import REACH_PX
+from polaropt.estimation.flat.samples.tiles import SampledTiles
 from polaropt.estimation.wide.blocks import SCATTERS, PolarizedBlocks
 from polaropt.optics import Rival, SceneErrors, SceneParameters
 

@@ -156,6 +156,22 @@ def test_tiles_tell_where_all_else_is_alike(panes: tuple[AxisCandidate, AxisCand
     assert taken.chance < 0.5
 
 
+@pytest.mark.parametrize("sides", [(5.0, 0.0), (0.0, 5.0), (2.0, -3.0)])
+def test_ghosts_that_surely_lie_on_a_side_speak_for_the_pane_of_a_mosaic_that_has_them(
+    sides: tuple[float, float], panes: tuple[AxisCandidate, AxisCandidate]
+) -> None:
+    """What passes for ghosts lies on neither side, or on either."""
+    asked = tuple(
+        replace(pane, sure_of_side=lambda _, side=side: side) for pane, side in zip(panes, sides, strict=True)
+    )
+    first, second = (max(side, 0.0) for side in sides)
+    odds, without = (log_odds(some, BLIND, NOISE, aliased=True) for some in (asked, panes))
+    assert odds - without == pytest.approx(0.3 * (first - second))
+    assert log_odds(asked[::-1], BLIND, NOISE, aliased=True) == pytest.approx(-odds)
+    # Spectra of photographs tell it.
+    assert log_odds(asked, BLIND, NOISE) == log_odds(panes, BLIND, NOISE)
+
+
 @pytest.mark.parametrize("single_surface", [False, True])
 @pytest.mark.parametrize("incidence", [15.0, 50.0, 80.0])
 def test_the_correction_takes_each_layer_from_the_intensity(incidence: float, single_surface: bool) -> None:

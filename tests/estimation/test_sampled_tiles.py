@@ -18,6 +18,7 @@ from polaropt.estimation.flat.azimuth import principal_axis
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
 from polaropt.estimation.flat.samples.ghosts import sampled_shift
 from polaropt.estimation.flat.samples.light import polarized_pane
+from polaropt.estimation.flat.samples.single import FARTHEST_PX
 from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.index_by_tiles import LikelierIndex, likelier_index_of_mosaic
@@ -108,7 +109,7 @@ def test_the_pane_is_the_same_at_either_resolution(sensor: str) -> None:
 
 @pytest.mark.parametrize(("incidence", "side"), [(65.0, 256), (80.0, 384)])
 def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells(incidence: float, side: int) -> None:
-    scene = SceneParameters(incidence, 25.0, sampled_tiles.FARTHEST_PX + 4)
+    scene = SceneParameters(incidence, 25.0, FARTHEST_PX + 4)
     found = estimate(mosaic("mono", scene, side=side), OPEN).scene
     assert abs(turn_between(found.values()[1], 25.0, 180.0)) < 1
     assert found.values()[0] == pytest.approx(scene.values()[0], abs=3)

@@ -8,7 +8,7 @@ both rest.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
@@ -20,14 +20,10 @@ from polaropt.errors import InputError
 from polaropt.estimation.flat.azimuth import AxisCandidate, AxisChoice, choose_axis, principal_axis
 from polaropt.estimation.flat.errors import ShiftErrors, widened_incidence
 from polaropt.estimation.flat.ghost_overlap import STRONG_GHOSTS_DEG, refined_incidence
-from polaropt.estimation.flat.samples.tiles import (
-    FARTHEST_PX,
-    REACH_PX,
-    SampledTileLikelihood,
-    SampledTiles,
-    likeliest_panes,
-)
-from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, SceneSearch, Thickness, Trial, evidence
+from polaropt.estimation.flat.ghosts import LEAST_SHIFT_PX
+from polaropt.estimation.flat.samples.single import FARTHEST_PX, REACH_PX, likeliest_panes
+from polaropt.estimation.flat.samples.tiles import SampledTileLikelihood, SampledTiles
+from polaropt.estimation.flat.search import INCIDENCE_GRID_DEG, Curve, Evidence, SceneSearch, Thickness, Trial, evidence
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, tile_likelihood
 from polaropt.optics import FARTHEST_SHIFT_PX, INCIDENCE_LIMITS_DEG, Rival, SceneErrors, SceneParameters
@@ -259,20 +255,25 @@ def _choose_axis(
         trial = searches[best].improved(trials[best])
         return _Taken(frames[best], searches[best], trial, abs(margin), AxisChoice(best))
     trials = [search.improved(trial) for search, trial in zip(searches, trials, strict=True)]
-    panes = [
-        AxisCandidate(
-            part,
-            trial,
-            float(search.shift_curve(trial)[1].min()),
-            partial(_tile_fit, at, _windows(search, trial, scene), scene)
-            if mosaic is None
-            else partial(_sampled_fit, mosaic, at.azimuth_deg, trial, scene),
-        )
-        for at, part, search, trial in zip(frames, seens, searches, trials, strict=True)
-    ]
+    panes = [_candidate(*parts, scene, mosaic) for parts in zip(frames, seens, searches, trials, strict=True)]
     choice = choose_axis((panes[0], panes[1]), scene, noise, _polarized_db(frame), aliased=mosaic is not None)
     best = choice.best
     return _Taken(frames[best], searches[best], trials[best], _margin(trials) * (1 - 2 * best), choice)
+
+
+def _candidate(
+    frame: PlateFrame,
+    seen: Evidence,
+    search: SceneSearch,
+    trial: Trial,
+    scene: SceneParameters,
+    mosaic: SampledTiles | None,
+) -> AxisCandidate:
+    """The best pane of an azimuth, with what is asked where the search leaves the axis open."""
+    least = float(search.shift_curve(trial)[1].min())
+    if mosaic is not None:
+        return AxisCandidate(seen, trial, least, *_asked_of_samples(mosaic, frame.azimuth_deg, trial, scene))
+    return AxisCandidate(seen, trial, least, partial(_tile_fit, frame, _windows(search, trial, scene), scene))
 
 
 def _is_settled(margin: float, best: Trial, *, of_mosaic: bool) -> bool:
@@ -307,19 +308,32 @@ def _tile_fit(frame: PlateFrame, windows: Sequence[Window], scene: SceneParamete
     return tiles.nearest(likeliest, scene.index, free)
 
 
-def _sampled_fit(mosaic: SampledTiles, azimuth_deg: float, trial: Trial, scene: SceneParameters) -> TileFit:
-    """How likely tiles of a mosaic are under the likeliest pane near a trial's, which is in pixels of the cells."""
+def _asked_of_samples(
+    mosaic: SampledTiles, azimuth_deg: float, trial: Trial, scene: SceneParameters
+) -> tuple[Callable[[], TileFit], Callable[[TileFit], float]]:
+    """How likely tiles of a mosaic are under the likeliest pane near a trial's, and how sure of its ghosts' side.
+
+    The trial is in pixels of the cells.
+    """
     likelihood, told = SampledTileLikelihood(mosaic, azimuth_deg), scene.ghost_shift
     free = ("incidence_deg",) if scene.incidence_deg is None else ()
-    if told:
-        return likelihood.nearest(Window(trial.incidence_deg, mosaic.period * told), scene.index, free)
-    ghosts = told is None and not scene.single_surface
-    fits = [likeliest_panes(likelihood, scene, trial.incidence_deg, ghosts=ghosts)[1]]
-    far = mosaic.period * trial.ghost_shift
-    if ghosts and abs(far) > FARTHEST_PX:
-        starts = (Window(trial.incidence_deg, shift) for shift in (far, -far))
-        fits += [likelihood.nearest(start, scene.index, (*free, "pane_shift")) for start in starts]
-    return min(fits, key=lambda fit: fit.misfit)
+
+    def fitted() -> TileFit:
+        if told:
+            return likelihood.nearest(Window(trial.incidence_deg, mosaic.period * told), scene.index, free)
+        ghosts = told is None and not scene.single_surface
+        fits = [likeliest_panes(likelihood, scene, trial.incidence_deg, ghosts=ghosts)[1]]
+        far = mosaic.period * trial.ghost_shift
+        if ghosts and abs(far) > FARTHEST_PX:
+            starts = (Window(trial.incidence_deg, shift) for shift in (far, -far))
+            fits += [likelihood.nearest(start, scene.index, (*free, "pane_shift")) for start in starts]
+        return min(fits, key=lambda fit: fit.misfit)
+
+    def sure_of_side(fit: TileFit) -> float:
+        apart = abs(fit.window.pane_shift) >= LEAST_SHIFT_PX
+        return likelihood.surer_of_side(fit, free) if apart else 0.0
+
+    return fitted, sure_of_side
 
 
 def _margin(trials: list[Trial]) -> float:

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from polaropt.estimation.flat.samples.tiles import SampledTileLikelihood, SampledTiles, likeliest_panes
+from polaropt.estimation.flat.samples.single import likeliest_panes
+from polaropt.estimation.flat.samples.tiles import SampledTileLikelihood, SampledTiles
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.optics import SceneParameters, in_place_reflectance

@@ -15,13 +15,12 @@ from itertools import product
 import numpy as np
 
 from polaropt.estimation.flat.samples.edges import WindowEdges
+from polaropt.estimation.flat.samples.single import USUAL_TILES_OF_MOSAIC, likeliest_of_other_index
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.search import (
     ANOTHER_DEG,
     NAMES,
     TRIAL_ABSORPTION,
-    TRIAL_INDICES,
-    alike_incidences,
     equivalent_incidences,
     likeliest_apart,
 )
@@ -66,9 +65,6 @@ was told. Of 100 mosaics of single panes beyond 40 degrees and 30 of several (fi
 the latter by less than 3."""
 _EVEN, NOTABLE_CHANCE = 0.5, 0.4
 """Chance from which on they are taken, and from which on what is not taken may be true all the same."""
-_USUAL_TILES = 121
-"""Tiles of a mosaic of 384x384, of which these were found: what layers are not as the likelihood takes them to be makes
-all tiles of larger ones likelier."""
 _LEAST_ACROSS_DEG = 55.0
 """Least incidence of windows across: only steep panes look like another one across with the layers exchanged. Windows
 at 31 and 50 degrees passed for single panes at 84 (an engine of its own)."""
@@ -130,7 +126,9 @@ def several_panes(
             return panes
         # So does glass that lets through, or mirrors, unlike what was told.
         other = _of_other_glass(likelihood, ghosts, incidence_open)
-        return panes if found.believed_over(other, _USUAL_TILES) > _SURER_THAN_GLASS else LikelyPanes(found, 0.0)
+        return (
+            panes if found.believed_over(other, USUAL_TILES_OF_MOSAIC) > _SURER_THAN_GLASS else LikelyPanes(found, 0.0)
+        )
 
     singles = (single, *beside)
     two = likeliest_window(likelihood, single, 2, incidence_open=incidence_open)
@@ -174,15 +172,10 @@ def _of_single(incidence_open: bool) -> tuple[str, ...]:
 def _of_other_glass(likelihood: TileLikelihood, single: TileFit, incidence_open: bool) -> TileFit:
     """The likeliest single pane of tinted glass, or of another refractive index, near one."""
     window, told = single.window, single.refractive_index
-    free = _of_single(incidence_open)
-    dark = likelihood.nearest(replace(window, absorption=TRIAL_ABSORPTION), told, (*free, "absorption"))
-    angle = window.incidence_deg
-    others = [
-        likelihood.nearest(replace(window, incidence_deg=alike), index, free)
-        for index in TRIAL_INDICES
-        for alike in (alike_incidences(angle, told, index - told) if incidence_open else [angle])
-    ]
-    return min((dark, *others), key=lambda fit: fit.misfit)
+    free = (*_of_single(incidence_open), "absorption")
+    dark = likelihood.nearest(replace(window, absorption=TRIAL_ABSORPTION), told, free)
+    other = likeliest_of_other_index(likelihood, window, told, incidence_open=incidence_open)
+    return min(dark, other, key=lambda fit: fit.misfit)
 
 
 def _judged(found: TileFit, singles: Sequence[TileFit], edges: WindowEdges, *, across: bool) -> LikelyPanes:
@@ -200,7 +193,7 @@ def _judged(found: TileFit, singles: Sequence[TileFit], edges: WindowEdges, *, a
 
 def _surer_than_all(found: TileFit, singles: Sequence[TileFit]) -> float:
     """Standard errors by which a window is likelier than each of some single panes, as of usual mosaics."""
-    return min(found.believed_over(other, _USUAL_TILES) for other in singles)
+    return min(found.believed_over(other, USUAL_TILES_OF_MOSAIC) for other in singles)
 
 
 def _least_deg(*, across: bool) -> float:

@@ -21,7 +21,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,14 @@ from polaropt.estimation.flat.ghosts import TILE_PX, tile_corners, usable_freque
 from polaropt.estimation.flat.samples.edges import WindowEdges
 from polaropt.estimation.flat.samples.ghosts import off_level
 from polaropt.estimation.flat.samples.panes import LikelyPanes, free_numbers, likeliest_window, several_panes
+from polaropt.estimation.flat.samples.single import (
+    SURER_THAN_OTHERS,
+    USUAL_TILES_OF_MOSAIC,
+    likeliest_of_other_index,
+    likeliest_panes,
+    likeliest_tinted,
+    tells_tint,
+)
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.tiles import TileFit, TileLikelihood, frequency_cells, natural_power
 from polaropt.numerics import hann_spectra, hann_tile
@@ -51,16 +59,6 @@ power falling with the square of the frequency. Few frequencies of one cell alon
 incidences by tiles come out a third closer. By trial (10 to infinity)."""
 _LEAST_FACTOR = 0.02
 """By which a power shrinks in a round at most. Set by hand."""
-FARTHEST_PX = 20.0
-"""Farthest ghosts that tiles are asked of, in pixels of the sensor: the mosaic's cells show those that lie farther off.
-Set by hand."""
-_SCAN_PX, _MOST_TILES = 1.0, 64
-"""Spacing of the shifts that tiles are asked of, in pixels of the sensor, and how many tiles are at first. Set by
-hand."""
-REACH_PX = FARTHEST_PX + _SCAN_PX
-"""How far ghosts may lie that tiles find: beside the farthest that they are asked of are likelier ones."""
-_CANDIDATES = 2
-"""Of the likeliest shifts that are looked at closely."""
 _SURE = 2.0
 """Standard errors by which tiles must find ghosts likelier than none where edges are not asked."""
 _DOUBT, _OF_SURE, _OF_SIDE, _OF_EDGES, _FEW_EDGES, _PER_PX = 4.5, 0.6, 0.8, 0.35, 0.005, 0.18
@@ -78,14 +76,33 @@ _WIDER, _TINT_WIDER = 7.0, 3.5
 layers are not quite what they are taken to be. Of 138 panes before unpolarized light (`studies.random_windows --sensor
 mono`, even seeds 9930000 to 9930598) 82 % of the incidences of tiles and cells together lie within two errors so, 72 %
 with half of it, and the median of them is 0.42 degrees off, not 0.52."""
-_FIRST_ABSORPTIONS, _LEAST_ABSORPTION, _MOST_ABSORPTION = (0.15, 0.6), 0.08, 1.5
-"""Absorptions where a search begins, and from which on and up to which one is told. Set by hand."""
-_LEAST_GAIN_OF_TINT, _SURE_OF_TINT, _LEAST_TINT_ERROR = 1.2, 2.8, 0.09
-"""Log likelihood per tile, and standard errors, by which a tinted pane must be likelier than a clear one with the same
-ghosts, and the least standard error. Of 86 random windows of one clear pane (`studies.random_windows --sensor mono`,
-even seeds from 80000, 160000 and 200000) none gains more than 0.93 by so much absorption, the most with ghosts far off,
-which tiles do not hold whole; of 70 of tinted glass 7 of the 19 do whose ghosts are found, and are 0.09 off, root mean
-square."""
+_LEAST_TINT_ERROR = 0.09
+"""The least standard error of an absorption that is believed: 7 random windows of tinted glass are so far off, root
+mean square (`studies.random_windows --sensor mono`, even seeds from 80000)."""
+_WIDER_BY = {"incidence_deg": (_WIDER, 0.0), "absorption": (_TINT_WIDER, _LEAST_TINT_ERROR)}
+"""By what those of a window's numbers are multiplied, and the least; of all others as of shifts."""
+_FIRST_ABSORPTIONS, _MOST_ABSORPTION = (0.15, 0.6), 1.5
+"""Absorptions where a search begins, and up to which one is told. Set by hand."""
+
+
+_WHOLE_PX = 18.0
+"""Ghost shift in pixels of the sensor up to which tiles hold double images nearly whole. Set by hand."""
+
+
+class _ToldTint(NamedTuple):
+    """Least absorption, and log likelihood per tile and standard errors by which a tinted pane is likelier than a clear
+    one with the same ghosts."""
+
+    least: float
+    gain_per_tile: float
+    sure: float
+
+
+_TOLD_TINT, _TOLD_TINT_OF_FAR = _ToldTint(0.15, 0.12, 1.7), _ToldTint(0.08, 1.2, 2.8)
+"""From which on tint is told. Of 55 random mosaics of clear glass whose ghosts are found (`studies.random_windows
+--sensor mono`, even seeds from 9710000, 9720000 and 9760000) none is told so, of 57 of tinted glass (from 9700000 and
+9750000) 18 are. Ghosts farther off than tiles hold whole are dim beside them: of 86 random windows of one clear pane
+(even seeds from 80000, 160000 and 200000) none gains more than 0.93 by 0.08 and more, the most with such ghosts."""
 _LEAST_TILES = 9
 """Tiles that can tell: fewer say nothing."""
 _LEAST_POWER = 1e-30
@@ -260,37 +277,8 @@ def _detail(found: Values, counts: Values, shape: Values) -> Values:
     return np.asarray((counts * found + _OF_TILE * of_tile) / (counts + _OF_TILE))
 
 
-def likeliest_panes(
-    likelihood: TileLikelihood, scene: SceneParameters, incidence_deg: float, *, ghosts: bool = True
-) -> tuple[TileFit, TileFit]:
-    """The likeliest pane whose images are in place, and the likeliest of all.
-
-    Parameters
-    ----------
-    likelihood : TileLikelihood
-        Of a mosaic.
-    scene : SceneParameters
-        An incidence that is not None is kept.
-    incidence_deg : float
-        Where about it is.
-    ghosts : bool
-        Whether images may lie apart.
-    """
-    index, free = scene.index, ("incidence_deg",) if scene.incidence_deg is None else ()
-    absorption = scene.absorption or 0.0
-    place = likelihood.nearest(Window(incidence_deg, 0.0, absorption=absorption), index, free)
-    if not ghosts:
-        return place, place
-    scan = np.arange(_SCAN_PX, FARTHEST_PX, _SCAN_PX)
-    incidences = dict.fromkeys((place.window.incidence_deg, incidence_deg))
-    windows = [
-        Window(incidence, float(shift), absorption=absorption) for shift in (*scan, *-scan) for incidence in incidences
-    ]
-    glance = likelihood.some(_MOST_TILES)
-    likely = sorted((glance.fitted(window, index) for window in windows), key=lambda fit: fit.misfit)
-    starts = [fit.window for fit in likely[:_CANDIDATES]]
-    fits = [likelihood.nearest(start, index, (*free, "pane_shift")) for start in starts]
-    return place, min((place, *fits), key=lambda fit: fit.misfit)
+def _surer_than_others(found: TileFit, other: TileFit) -> bool:
+    return found.believed_over(other, USUAL_TILES_OF_MOSAIC) > SURER_THAN_OTHERS
 
 
 def _are_likely(sure: float, sure_of_side: float, fewer_edges: float, shift_px: float) -> bool:
@@ -345,6 +333,29 @@ class PaneOfTiles:
         )
         return likeliest_panes(self._likelihood, asked, place.window.incidence_deg)[1]
 
+    def tinted(self, asked: SceneParameters, single: TileFit) -> TileFit | None:
+        """The likeliest single pane of tinted glass whose ghosts lie apart, near one; None where none is possible."""
+        is_open = asked.incidence_deg is None
+        free = ("incidence_deg",) if is_open else ()
+        place = self._likelihood.nearest(replace(single.window, pane_shift=0.0), asked.index, free)
+        return likeliest_tinted(self._likelihood, place, incidence_open=is_open)
+
+    def tells_tint(
+        self, asked: SceneParameters, found: TileFit, own: TileFit, *others: TileFit, across: bool = False
+    ) -> bool:
+        """Whether a tinted pane is surely likelier than the clear one of its axis, others, and what is no tint."""
+        is_open, likelihood = asked.incidence_deg is None, self._likelihood
+        if not tells_tint(likelihood, found, (own, *others), across=across, incidence_open=is_open):
+            return False
+        two = likeliest_window(likelihood, own, 2, incidence_open=is_open)
+        return _surer_than_others(found, two) and self._unlike_other_index(found, incidence_open=is_open)
+
+    def _unlike_other_index(self, found: TileFit, *, incidence_open: bool) -> bool:
+        """Whether a tinted pane is surely likelier than a clear one of another index."""
+        window, told = found.window, found.refractive_index
+        other = likeliest_of_other_index(self._likelihood, window, told, incidence_open=incidence_open)
+        return _surer_than_others(found, other)
+
     def several(self, asked: SceneParameters, single: TileFit, *beside: TileFit) -> LikelyPanes | None:
         """The window of several panes that may be likelier than a single one, and than others; None without."""
         if self.edges is None:
@@ -366,11 +377,9 @@ class PaneOfTiles:
         if not np.all(np.isfinite(of_curvature)):
             # Together they lie in a valley; each alone may be told.
             of_curvature = np.concatenate([self._likelihood.errors(fit, (name,)) for name in free])
+        wider = (_WIDER_BY.get(name, (_SHIFT_WIDER, _LEAST_ERROR_PX)) for name in free)
         return tuple(
-            _WIDER * float(error)
-            if name == "incidence_deg"
-            else math.hypot(_SHIFT_WIDER * float(error), _LEAST_ERROR_PX)
-            for name, error in zip(free, of_curvature, strict=True)
+            math.hypot(times * float(error), least) for (times, least), error in zip(wider, of_curvature, strict=True)
         )
 
     def tint(self, scene: SceneParameters, *, incidence_open: bool = True) -> tuple[float, float] | None:
@@ -389,15 +398,14 @@ class PaneOfTiles:
         starts = (replace(clear.window, absorption=absorption) for absorption in _FIRST_ABSORPTIONS)
         fits = (self._likelihood.nearest(start, scene.index, (*free, "absorption")) for start in starts)
         dark = min(fits, key=lambda fit: fit.misfit)
-        absorption = dark.window.absorption
-        possible = _LEAST_ABSORPTION < absorption < _MOST_ABSORPTION
-        sure = dark.gain_per_tile(clear) >= _LEAST_GAIN_OF_TINT and dark.surer_than(clear) >= _SURE_OF_TINT
-        if not (possible and sure):
+        absorption, told = dark.window.absorption, _TOLD_TINT if abs(shift) <= _WHOLE_PX else _TOLD_TINT_OF_FAR
+        possible = told.least < absorption < _MOST_ABSORPTION
+        sure = dark.believed_over(clear, USUAL_TILES_OF_MOSAIC) >= told.sure
+        sure &= dark.gain_per_tile(clear) >= told.gain_per_tile
+        if not (possible and sure and self._unlike_other_index(dark, incidence_open=incidence_open)):
             return None
-        (error,) = self._likelihood.errors(dark, ("absorption",))
-        return absorption, math.hypot(_TINT_WIDER * float(error), _LEAST_TINT_ERROR) if math.isfinite(
-            error
-        ) else absorption
+        (error,) = self.errors(dark, ("absorption",))
+        return absorption, error if math.isfinite(error) else absorption
 
     def incidence(self, scene: SceneParameters) -> tuple[float, float] | None:
         """The incidence near that of a scene, and its standard error, in degrees; None where none is told."""
