@@ -12,7 +12,7 @@ from functools import partial
 from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.polarized.lens import fit_polarized_perspective
 from polaropt.estimation.polarized.mixing import OBLIQUE_DEG, Mixture, looks_polarized
-from polaropt.estimation.polarized.search import fit_polarized
+from polaropt.estimation.polarized.search import PolarizedFit, fit_polarized
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.blocks import SCATTERS
 from polaropt.estimation.wide.edges import MOST_NEGATIVE, negative_light
@@ -259,7 +259,7 @@ def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -
         # transmission does not need to know.
         oblique = evidence.estimate.scene.values()[0] > OBLIQUE_DEG
         return oblique and first and _edges_look_polarized(evidence)
-    return off[0] <= (Mixture(evidence.stokes).misfit - 1) / (evidence.misfit - 1) < off[1]
+    return off[0] <= (Mixture(evidence.stokes).misfit - 1) / (evidence.most_shown - 1) < off[1]
 
 
 def _edges_look_polarized(evidence: Evidence) -> bool:
@@ -274,12 +274,24 @@ def _polarized(evidence: Evidence) -> RungFit:
     fit = fit_polarized(evidence.stokes, evidence.asked, plain)
     if fit is None:
         return RungFit(plain, evidence.misfit, 1, False, "No polarization of the layers' light explains it.")
+    misfit = _left_by(fit, evidence)
     enough = _LEAST_GAIN if evidence.misfit > _LITTLE else _LEAST_GAIN_OF_EDGES
-    enough = 0.0 if fit.misfit <= noise_misfit(evidence.blocks.n) < evidence.misfit else enough
+    enough = 0.0 if misfit <= noise_misfit(evidence.blocks.n) < evidence.misfit else enough
     known = evidence.wanted == "polarized" or fit.gain > enough
     remark = "" if known else "Polarized light makes it hardly any likelier."
     told = fit.gain > _LEAST_GAIN_OF_EDGES
-    return RungFit(fit.scene, fit.misfit, 5, known, remark, fit.errors, told_by_edges=told, rivals=fit.rivals)
+    return RungFit(fit.scene, misfit, 5, known, remark, fit.errors, told_by_edges=told, rivals=fit.rivals)
+
+
+def _left_by(fit: PolarizedFit, evidence: Evidence) -> float:
+    """Polarized light that a pane before polarized light leaves, as `Evidence.misfit`.
+
+    Spectra know of images that lie apart, but not of what aliases in a mosaic's cells, which blocks count as noise.
+    """
+    if not evidence.stokes.aliased:
+        return fit.misfit
+    of_blocks = evidence.blocks.plane_misfit(fit.shown)
+    return min(of_blocks, fit.misfit / evidence.blocks.aliases**2) if fit.scene.has_ghosts else of_blocks
 
 
 def _may_be_polarized_and_vary(evidence: Evidence) -> bool:

@@ -490,6 +490,8 @@ class PolarizedFit:
     gain : float
         How much more likely the polarized light makes the capture, per frequency and colour, doubt deducted: the plain
         pane's score less this one's.
+    shown : ndarray, shape (2, 3)
+        Stokes vectors that both layers show with all images in place, s0 = 1.
     rivals : tuple of Rival
         Panes that show the same.
     """
@@ -499,6 +501,7 @@ class PolarizedFit:
     n: int
     errors: SceneErrors
     gain: float
+    shown: Values
     rivals: tuple[Rival, ...] = ()
 
 
@@ -555,4 +558,5 @@ def fit_polarized(stokes: StokesImages, asked: SceneParameters, plain: ScenePara
         alike = panes_alike(mixture, likelihood, asked)
         candidate, rivals = (candidate, ()) if alike is None else (alike.candidate, alike.rivals)
     scene, errors = scene_at(candidate.point, asked), search.errors(candidate)
-    return PolarizedFit(scene, *likelihood.leftover(candidate.point), errors, gain, rivals)
+    shown = shown_by(candidate.point, asked)
+    return PolarizedFit(scene, *likelihood.leftover(candidate.point), errors, gain, shown, rivals)

@@ -49,6 +49,8 @@ class PolarizedBlocks:
         Half the longer side of the frame.
     noise : float
         Standard deviation of the noise of a block's s1 and s2.
+    aliases : float
+        The same in units of what white noise would leave there; more than 1 of a mosaic's cells.
     """
 
     def __init__(self, stokes: StokesImages, most: int = _BLOCKS) -> None:
@@ -56,8 +58,8 @@ class PolarizedBlocks:
         size = max(1, math.ceil(max(height, width) / most))
         self._source, self._size, self._frame = stokes, size, (height, width)
         means = stokes.means(size)[1:]
-        self._of_blocks = stokes.block_noise(size)
-        self.noise = self._of_blocks * math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
+        self.aliases = stokes.block_noise(size)
+        self.noise = self.aliases * math.sqrt(float(np.trace(stokes.covariance[1:, 1:])) / 2) / size
         # A clipped pixel is no polarized light.
         self._seen = seen = seen_blocks(stokes.shares(size).min(axis=0).ravel())
         self._s1, self._s2 = (means.astype(np.float64) / self.noise).reshape(2, means.shape[1], -1)[..., seen]
@@ -84,7 +86,7 @@ class PolarizedBlocks:
     @property
     def covariance(self) -> Values:
         """Of the noise of `stokes`, (3, 3)."""
-        return np.asarray(self._source.covariance * (self._of_blocks / (self._size * self.noise)) ** 2)
+        return np.asarray(self._source.covariance * (self.aliases / (self._size * self.noise)) ** 2)
 
     def negative(self, weights: Values) -> float:
         """Share of the blocks where a layer has clearly less than no light.
@@ -122,6 +124,12 @@ class PolarizedBlocks:
     def constant_misfit(self, azimuth_deg: float) -> float:
         """The same for one azimuth all over the frame."""
         return float(np.mean(np.square(self._across_one(azimuth_deg)))) / self._trust
+
+    def plane_misfit(self, shown: Values) -> float:
+        """Mean square of what no two layers make that show some Stokes vectors (2, 3), in units of its noise."""
+        off = np.cross(*shown)
+        left = np.einsum("i,icm->cm", off, self.stokes)
+        return float(np.mean(np.square(left)) / (off @ self.covariance @ off))
 
     def squares_across(self, azimuth_deg: float) -> Values:
         """Mean square over the colours of what is polarized across one azimuth in each block, (m,)."""
