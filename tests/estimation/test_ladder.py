@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import reduce
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,11 +45,22 @@ class Estimated:
     rivals: tuple[Rival, ...] = (OTHER,)
 
 
+@pytest.fixture(autouse=True)
+def _large_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Large blocks of a mosaic's cells show what they are said to."""
+    large = lambda stokes, most: SimpleNamespace(constant_misfit=lambda azimuth: stokes.in_large)  # noqa: E731
+    monkeypatch.setattr(rung, "PolarizedBlocks", large)
+
+
 def evidence(
-    misfit: float = 10.0, wanted: str = "auto", asked: SceneParameters | None = None, aliased: bool = False
+    misfit: float = 10.0,
+    wanted: str = "auto",
+    asked: SceneParameters | None = None,
+    aliased: bool = False,
+    in_large: float = 1.0,
 ) -> Evidence:
     open_scene = SceneParameters(None, None, None)
-    stokes, blocks = SimpleNamespace(aliased=aliased), SimpleNamespace(n=800)
+    stokes, blocks = SimpleNamespace(aliased=aliased, in_large=in_large), SimpleNamespace(n=800)
     return Evidence(None, 0.005, stokes, blocks, asked or open_scene, Estimated(), misfit, wanted)
 
 
@@ -440,6 +452,31 @@ def test_when_polarized_light_is_looked_for(name: str, monkeypatch: pytest.Monke
     monkeypatch.setattr(Evidence, "gains_explain", True)
     told = tuple(rungs._may_be_polarized(given, part) for part in (rungs._ALL_BUT, rungs._MOST_BUT))
     assert told == (expected if wanted == "polarized" else (False, False))
+
+
+@pytest.mark.parametrize(("in_large", "looked_for"), [(2.1, False), (2.3, False), (11.0, True)])
+def test_what_large_blocks_of_a_mosaic_show_may_be_polarized_light(
+    in_large: float, looked_for: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of that as much must lie in the plane of two Stokes vectors, be it nothing in small blocks."""
+    monkeypatch.setattr(rungs, "Mixture", lambda stokes: SimpleNamespace(misfit=1.5))
+    monkeypatch.setattr(rungs, "looks_polarized", lambda stokes, scene: False)
+    monkeypatch.setattr(Evidence, "gains_explain", False)
+    given = evidence(1.2, "auto", OPEN, aliased=True, in_large=in_large)
+    assert given.explained is (in_large < 2.2)
+    assert rungs._may_be_polarized(given) is looked_for
+    # Photographs do not alias.
+    assert evidence(1.1, "auto", OPEN, in_large=in_large).explained
+
+
+@pytest.mark.parametrize(("shift", "left"), [(0.0, 2.9), (6.0, 1.25)])
+def test_what_polarized_light_leaves_in_cells_is_counted_in_units_of_what_aliases(shift: float, left: float) -> None:
+    """Only spectra know of images that lie apart; they take all that aliases for light."""
+    scene = PLAIN.replace(ghost_shift=shift, transmission_polarization=(0.4, 80.0))
+    fit: Any = SimpleNamespace(scene=scene, misfit=5.0, shown=None)
+    blocks = SimpleNamespace(n=800, aliases=2.0, plane_misfit=lambda shown: 2.9)
+    assert rungs._left_by(fit, replace(evidence(3.7, aliased=True), blocks=blocks)) == left
+    assert rungs._left_by(fit, replace(evidence(3.7), blocks=blocks)) == 5.0
 
 
 @pytest.mark.parametrize(("incidence_deg", "seen"), [(55.0, True), (5.0, False)])
