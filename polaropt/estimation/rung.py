@@ -15,6 +15,7 @@ from polaropt.estimation.flat.samples.ghosts import is_told_by_samples
 from polaropt.estimation.flat.samples.light import PolarizedPane, polarized_pane
 from polaropt.estimation.flat.samples.single import REACH_PX
 from polaropt.estimation.flat.samples.tiles import SampledTiles
+from polaropt.estimation.polarized.mixing import OBLIQUE_DEG
 from polaropt.estimation.wide.blocks import SCATTERS, PolarizedBlocks
 from polaropt.optics import Rival, SceneErrors, SceneParameters
 
@@ -102,8 +103,11 @@ class Evidence:
 
     @cached_property
     def _misfit_of_large(self) -> float:
-        """What large blocks of a mosaic's cells show that the plain pane leaves, looked at once; 0 of photographs."""
-        if not self.stokes.aliased:
+        """What large blocks of a mosaic's cells show that the plain pane leaves, looked at once; 0 of photographs.
+
+        So it is of frontal glass, which polarizes so little that other explanations of it tell nothing.
+        """
+        if not self.stokes.aliased or self.estimate.scene.values()[0] <= OBLIQUE_DEG:
             return 0.0
         return PolarizedBlocks(self.stokes, _LARGE_BLOCKS).constant_misfit(self.estimate.scene.values()[1])
 

@@ -287,8 +287,9 @@ def _left_by(fit: PolarizedFit, evidence: Evidence) -> float:
     """Polarized light that a pane before polarized light leaves, as `Evidence.misfit`.
 
     Spectra know of images that lie apart, but not of what aliases in a mosaic's cells, which blocks count as noise.
+    Before frontal glass what aliases would do for polarized light itself.
     """
-    if not evidence.stokes.aliased:
+    if not evidence.stokes.aliased or evidence.estimate.scene.values()[0] <= OBLIQUE_DEG:
         return fit.misfit
     of_blocks = evidence.blocks.plane_misfit(fit.shown)
     return min(of_blocks, fit.misfit / evidence.blocks.aliases**2) if fit.scene.has_ghosts else of_blocks

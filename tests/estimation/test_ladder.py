@@ -465,8 +465,9 @@ def test_what_large_blocks_of_a_mosaic_show_may_be_polarized_light(
     given = evidence(1.2, "auto", OPEN, aliased=True, in_large=in_large)
     assert given.explained is (in_large < 2.2)
     assert rungs._may_be_polarized(given) is looked_for
-    # Photographs do not alias.
+    # Photographs do not alias, and of frontal glass nothing could be told.
     assert evidence(1.1, "auto", OPEN, in_large=in_large).explained
+    assert replace(given, estimate=Estimated(PLAIN.replace(incidence_deg=29.0))).explained
 
 
 @pytest.mark.parametrize(("shift", "left"), [(0.0, 2.9), (6.0, 1.25)])
@@ -477,6 +478,8 @@ def test_what_polarized_light_leaves_in_cells_is_counted_in_units_of_what_aliase
     blocks = SimpleNamespace(n=800, aliases=2.0, plane_misfit=lambda shown: 2.9)
     assert rungs._left_by(fit, replace(evidence(3.7, aliased=True), blocks=blocks)) == left
     assert rungs._left_by(fit, replace(evidence(3.7), blocks=blocks)) == 5.0
+    frontal = Estimated(PLAIN.replace(incidence_deg=29.0))
+    assert rungs._left_by(fit, replace(evidence(3.7, aliased=True), blocks=blocks, estimate=frontal)) == 5.0
 
 
 @pytest.mark.parametrize(("incidence_deg", "seen"), [(55.0, True), (5.0, False)])

@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 from polaropt import Capture, SceneParameters, estimate, read_capture
 from polaropt.capture import StokesImages, registered_noise, stokes_images, write_png
 from polaropt.estimation.flat.azimuth import principal_axis
+from polaropt.estimation.flat.estimate import _asked_of_samples
 from polaropt.estimation.flat.samples import tiles as sampled_tiles
 from polaropt.estimation.flat.samples.ghosts import sampled_shift
 from polaropt.estimation.flat.samples.light import polarized_pane
 from polaropt.estimation.flat.samples.single import FARTHEST_PX
-from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTiles, tiles_of_mosaic
+from polaropt.estimation.flat.samples.tiles import PaneOfTiles, SampledTileLikelihood, SampledTiles, tiles_of_mosaic
+from polaropt.estimation.flat.search import Trial
 from polaropt.estimation.flat.windows.likelihood import Window
+from polaropt.estimation.flat.windows.tiles import TileFit
 from polaropt.estimation.index_by_tiles import LikelierIndex, likelier_index_of_mosaic
 from polaropt.numerics import turn_between
 from polaropt.optics import Sampling
@@ -114,6 +117,22 @@ def test_ghosts_of_a_mosaic_beyond_the_reach_of_tiles_are_those_of_its_cells(inc
     assert abs(turn_between(found.values()[1], 25.0, 180.0)) < 1
     assert found.values()[0] == pytest.approx(scene.values()[0], abs=3)
     assert found.values()[2] == pytest.approx(scene.values()[2], abs=0.5)
+
+
+@pytest.mark.parametrize(("scene", "tells"), [(FAR, True), (PLACE, False)], ids=["far", "place"])
+def test_only_ghosts_that_are_surely_there_speak_by_their_side(scene: SceneParameters, tells: bool) -> None:
+    incidence, azimuth, shift = scene.values()
+    asked = OPEN.replace(refractive_index=1.5)
+    fitted, sure_of_side = _asked_of_samples(tiles("mono", scene), azimuth, Trial(incidence, shift / 2, 0.0), asked)
+    assert (sure_of_side(fitted()) > 2) is tells
+    assert sure_of_side(tiles_at(scene, 3.0)) == 0
+    assert sure_of_side(tiles_at(scene, 0.2)) == 0
+
+
+def tiles_at(scene: SceneParameters, shift: float) -> TileFit:
+    """How likely ghosts are where there are none."""
+    incidence, azimuth, _ = scene.values()
+    return SampledTileLikelihood(tiles("mono", scene), azimuth).fitted(Window(incidence, shift), 1.5)
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

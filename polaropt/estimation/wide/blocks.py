@@ -129,7 +129,9 @@ class PolarizedBlocks:
         """Mean square of what no two layers make that show some Stokes vectors (2, 3), in units of its noise."""
         off = np.cross(*shown)
         left = np.einsum("i,icm->cm", off, self.stokes)
-        return float(np.mean(np.square(left)) / (off @ self.covariance @ off))
+        # All light together hardly aliases.
+        noise = off / [self.aliases, 1.0, 1.0]
+        return float(np.mean(np.square(left)) / (noise @ self.covariance @ noise))
 
     def squares_across(self, azimuth_deg: float) -> Values:
         """Mean square over the colours of what is polarized across one azimuth in each block, (m,)."""
