@@ -68,7 +68,8 @@ def test_two_layers_leave_nothing_beside_the_plane_of_what_they_show(
     twice = 2 * np.radians(angles)
     vectors = np.stack([np.ones(2), degrees * np.cos(twice), degrees * np.sin(twice)], axis=1)
     blocks = PolarizedBlocks(stokes_of(coarse_light(vectors, seed), seed, aliases))
-    assert blocks.plane_misfit(vectors) == pytest.approx(1, abs=0.3)
+    # Strong light that changes from block to block counts among what aliases.
+    assert (0.3 if aliases else 0.7) < blocks.plane_misfit(vectors) < 1.3
     assert blocks.plane_misfit(vectors[::-1] * [[2.0], [0.3]]) == pytest.approx(blocks.plane_misfit(vectors))
     off = np.cross(*vectors)
     first = vectors[0] + 0.2 * off / np.linalg.norm(off)
