@@ -97,6 +97,11 @@ class Evidence:
         return self.misfit <= self.most_unexplained and self._misfit_of_large <= _MOST_IN_LARGE
 
     @property
+    def is_oblique(self) -> bool:
+        """Whether the plain pane is so far from frontal that the directions of both layers' light can be told."""
+        return self.estimate.scene.values()[0] > OBLIQUE_DEG
+
+    @property
     def most_shown(self) -> float:
         """The misfit, or that of large blocks of a mosaic's cells, where these show more."""
         return max(self.misfit, self._misfit_of_large)
@@ -107,7 +112,7 @@ class Evidence:
 
         So it is of frontal glass, which polarizes so little that other explanations of it tell nothing.
         """
-        if not self.stokes.aliased or self.estimate.scene.values()[0] <= OBLIQUE_DEG:
+        if not self.stokes.aliased or not self.is_oblique:
             return 0.0
         return PolarizedBlocks(self.stokes, _LARGE_BLOCKS).constant_misfit(self.estimate.scene.values()[1])
 

@@ -11,7 +11,7 @@ from functools import partial
 
 from polaropt.estimation.flat.errors import weighted_incidence
 from polaropt.estimation.polarized.lens import fit_polarized_perspective
-from polaropt.estimation.polarized.mixing import OBLIQUE_DEG, Mixture, looks_polarized
+from polaropt.estimation.polarized.mixing import Mixture, looks_polarized
 from polaropt.estimation.polarized.search import PolarizedFit, fit_polarized
 from polaropt.estimation.rung import LEAST_EXPLAINED, Evidence, Rung, RungFit, noise_misfit
 from polaropt.estimation.wide.blocks import SCATTERS
@@ -257,8 +257,7 @@ def _may_be_polarized(evidence: Evidence, off: tuple[float, float] = _ALL_BUT) -
     if evidence.explained:
         # Frontal glass polarizes so little that a slight polarization of either layer would do as well, and the
         # transmission does not need to know.
-        oblique = evidence.estimate.scene.values()[0] > OBLIQUE_DEG
-        return oblique and first and _edges_look_polarized(evidence)
+        return evidence.is_oblique and first and _edges_look_polarized(evidence)
     return off[0] <= (Mixture(evidence.stokes).misfit - 1) / (evidence.most_shown - 1) < off[1]
 
 
@@ -289,7 +288,7 @@ def _left_by(fit: PolarizedFit, evidence: Evidence) -> float:
     Spectra know of images that lie apart, but not of what aliases in a mosaic's cells, which blocks count as noise.
     Before frontal glass what aliases would do for polarized light itself.
     """
-    if not evidence.stokes.aliased or evidence.estimate.scene.values()[0] <= OBLIQUE_DEG:
+    if not evidence.stokes.aliased or not evidence.is_oblique:
         return fit.misfit
     of_blocks = evidence.blocks.plane_misfit(fit.shown)
     return min(of_blocks, fit.misfit / evidence.blocks.aliases**2) if fit.scene.has_ghosts else of_blocks

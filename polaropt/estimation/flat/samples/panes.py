@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from polaropt.estimation.flat.samples.edges import WindowEdges
-from polaropt.estimation.flat.samples.single import USUAL_TILES_OF_MOSAIC, likeliest_of_other_index
+from polaropt.estimation.flat.samples.single import USUAL_TILES_OF_MOSAIC, free_of_single, likeliest_of_other_index
 from polaropt.estimation.flat.windows.likelihood import Window
 from polaropt.estimation.flat.windows.search import (
     ANOTHER_DEG,
@@ -158,21 +158,16 @@ def several_panes(
 def _with_ghosts_of(likelihood: TileLikelihood, window: Window, single: TileFit, incidence_open: bool) -> TileFit:
     """The likeliest single pane that has a ghost where one of the images of a window lies, or the one given."""
     shifts = (window.gap_along, window.pane_shift + window.gap_along, window.pane_shift)
-    free = _of_single(incidence_open)
+    free = free_of_single(incidence_open=incidence_open)
     starts = [Window(single.window.incidence_deg, shift) for shift in shifts]
     others = [likelihood.nearest(start, single.refractive_index, free) for start in starts]
     return min((single, *others), key=lambda fit: fit.misfit)
 
 
-def _of_single(incidence_open: bool) -> tuple[str, ...]:
-    """Names of the numbers of a single clear pane that are to be found."""
-    return ("incidence_deg", "pane_shift") if incidence_open else ("pane_shift",)
-
-
 def _of_other_glass(likelihood: TileLikelihood, single: TileFit, incidence_open: bool) -> TileFit:
     """The likeliest single pane of tinted glass, or of another refractive index, near one."""
     window, told = single.window, single.refractive_index
-    free = (*_of_single(incidence_open), "absorption")
+    free = (*free_of_single(incidence_open=incidence_open), "absorption")
     dark = likelihood.nearest(replace(window, absorption=TRIAL_ABSORPTION), told, free)
     other = likeliest_of_other_index(likelihood, window, told, incidence_open=incidence_open)
     return min(dark, other, key=lambda fit: fit.misfit)

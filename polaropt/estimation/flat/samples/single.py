@@ -62,6 +62,11 @@ tinted glass, and surer than others by 1.4 and more; one is clear in strong nois
 and one has two panes, and these are by 0.7 at most."""
 
 
+def free_of_single(*, incidence_open: bool = True) -> tuple[str, ...]:
+    """Names of the numbers of a single clear pane that are to be found."""
+    return ("incidence_deg", "pane_shift") if incidence_open else ("pane_shift",)
+
+
 def likeliest_panes(
     likelihood: TileLikelihood, scene: SceneParameters, incidence_deg: float, *, ghosts: bool = True
 ) -> tuple[TileFit, TileFit]:
@@ -106,7 +111,7 @@ def likeliest_tinted(likelihood: TileLikelihood, place: TileFit, *, incidence_op
     angles = [min(max(about + step, low), high) for step in (_STEPS_DEG if incidence_open else (0.0,))]
     windows, misfits = _ghosts(likelihood, index, angles, TRIAL_ABSORPTION)
     starts = [windows[i] for i in likeliest_apart(windows, misfits, _CANDIDATES_OF_TINT, _are_apart)]
-    free = (*_open(incidence_open), "pane_shift", "absorption")
+    free = (*free_of_single(incidence_open=incidence_open), "absorption")
     found = min((likelihood.nearest(start, index, free) for start in starts), key=_misfit)
     window, (least, most) = found.window, _ABSORPTIONS
     apart = _LEAST_PX < abs(window.pane_shift) <= FARTHEST_PX
@@ -132,7 +137,7 @@ def tells_tint(
         As of `likeliest_tinted`.
     """
     least, of_side = (_SURE_ACROSS, _SIDE_ACROSS) if across else (_SURE_OF_OWN, _SIDE_OF_OWN)
-    free = (*_open(incidence_open), "absorption")
+    free = ("incidence_deg", "absorption") if incidence_open else ("absorption",)
     window, index = found.window, found.refractive_index
     opposite, place = (
         likelihood.nearest(replace(window, pane_shift=shift), index, free) for shift in (-window.pane_shift, 0.0)
@@ -160,7 +165,7 @@ def likeliest_of_other_index(
     incidence_open : bool
         As of `likeliest_tinted`.
     """
-    angle, free = window.incidence_deg, (*_open(incidence_open), "pane_shift")
+    angle, free = window.incidence_deg, free_of_single(incidence_open=incidence_open)
     clear = replace(window, absorption=0.0)
     fits = (
         likelihood.nearest(replace(clear, incidence_deg=alike), index, free)
@@ -188,10 +193,6 @@ def _ghosts(
 def _are_apart(one: Window, other: Window) -> bool:
     """Whether ghosts of two windows are no neighbours of a scan."""
     return abs(one.pane_shift - other.pane_shift) > _APART_PX
-
-
-def _open(incidence_open: bool) -> tuple[str, ...]:
-    return ("incidence_deg",) if incidence_open else ()
 
 
 def _misfit(fit: TileFit) -> float:
